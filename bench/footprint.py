@@ -1,0 +1,121 @@
+"""What comes before the first torque: import, load, compile, and what is installed. Every time is of a fresh process."""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from importlib.metadata import distribution
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+from bench.cases import QUANTITIES, Case
+
+CACHE = "TWISTWRENCH_CACHE_DIR"
+ROUNDS = 9
+
+TORQUE = """
+import twistwrench as tw
+robot = tw.load({path!r}, lock=dict.fromkeys({locked!r}, 0.0), inertia="accept", mimic="independent")
+robot.inverse_dynamics([0.1] * 7, [0.2] * 7, [0.3] * 7)
+"""
+PINOCCHIO_TORQUE = """
+import numpy as np, pinocchio as pin
+model = pin.buildModelFromUrdf({path!r})
+model = pin.buildReducedModel(model, [model.getJointId(name) for name in {locked!r}], pin.neutral(model))
+pin.rnea(model, model.createData(), np.full(7, 0.1), np.full(7, 0.2), np.full(7, 0.3))
+"""
+KERNELS = """
+import json, time
+from bench.cases import CASES, QUANTITIES
+import twistwrench
+case = next(c for c in CASES if c.name == {name!r})
+start = time.perf_counter()
+robot = twistwrench.load(case.path, floating_base=case.floating_base, lock=dict.fromkeys(case.locked, 0.0),
+                         inertia="accept", mimic="independent")
+seconds = {{"load": time.perf_counter() - start}}
+for quantity in QUANTITIES:
+    frame = {{"frame": case.tip, "kind": "body"}} if quantity == "jacobian" else {{}}
+    start = time.perf_counter()
+    robot.kernel(quantity, **frame)
+    seconds[quantity] = time.perf_counter() - start
+print(json.dumps(seconds))
+"""
+
+
+def start_times(case: Case, rounds: int = ROUNDS) -> dict[str, float]:
+    """Seconds from starting Python to its exit, medians of interleaved rounds."""
+    names = {"path": str(case.path), "locked": list(case.locked)}
+    programs = {
+        "python alone": "pass",
+        "import numpy": "import numpy",
+        "import twistwrench": "import twistwrench",
+        "import pinocchio": "import pinocchio",
+        "first torque, no cache": TORQUE.format(**names),
+        "first torque, cache": TORQUE.format(**names),
+        "first torque, Pinocchio": PINOCCHIO_TORQUE.format(**names),
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in programs}
+    with tempfile.TemporaryDirectory() as kept:
+        for code in programs.values():
+            _python(code, kept)  # byte code written, files in the system's cache
+        for _ in range(rounds):
+            for name, code in programs.items():
+                with tempfile.TemporaryDirectory() as fresh:
+                    start = time.perf_counter()
+                    _python(code, fresh if "no cache" in name else kept)
+                    seconds[name].append(time.perf_counter() - start)
+    return {name: statistics.median(each) for name, each in seconds.items()}
+
+
+def kernel_times(case: Case, rounds: int = 3) -> dict[str, dict[str, float]]:
+    """Seconds to load the robot's file and to make each kernel: compiled, and then from the cache."""
+    runs: dict[str, list[dict[str, float]]] = {"compiled": [], "cached": []}
+    code = KERNELS.format(name=case.name)
+    for _ in range(rounds):
+        with tempfile.TemporaryDirectory() as cache:
+            for kind in runs:  # the first run fills the cache that the second one finds
+                runs[kind].append(json.loads(_python(code, cache)))
+    return {
+        kind: {what: statistics.median(run[what] for run in each) for what in ("load", *QUANTITIES)} for kind, each in runs.items()
+    }
+
+
+def _python(code: str, cache: str) -> str:
+    environment = {**os.environ, CACHE: cache}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"a fresh Python failed at\n{code}\n{done.stderr}")
+    return done.stdout
+
+
+def installed_bytes() -> dict[str, int]:
+    """Bytes on disk of a package and all that it requires, byte code left out."""
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    own = sum(f.stat().st_size for f in (Path(__file__).parents[1] / "src").rglob("*.*") if f.suffix != ".pyc" and f.is_file())
+    return {
+        "twistwrench": own + sum(map(_bytes, _closure(project["dependencies"]))),
+        "Pinocchio (`pin`)": sum(map(_bytes, _closure(["pin", "numpy"]))),
+    }
+
+
+def _closure(requirements: list[str]) -> set[str]:
+    """The names of all distributions that these requirements pull in on this machine."""
+    found: set[str] = set()
+    waiting = list(requirements)
+    while waiting:
+        requirement = Requirement(waiting.pop())
+        name = requirement.name.lower().replace("_", "-")
+        if name in found or (requirement.marker and not requirement.marker.evaluate({"extra": ""})):
+            continue
+        found.add(name)
+        waiting += distribution(name).requires or []
+    return found
+
+
+def _bytes(name: str) -> int:
+    return sum(file.size or 0 for file in distribution(name).files or [])

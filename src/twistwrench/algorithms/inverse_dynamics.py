@@ -1,0 +1,109 @@
+"""Newton–Euler inverse dynamics, Modern Robotics section 8.3, on trees.
+
+The laws of Newton and Euler hold in every inertial frame. So each body is watched from the one that at this instant moves
+with the body's own origin: there v = 0, the linear part of dV is the plain acceleration ``a`` of the origin, and
+(8.51)–(8.53) lose a third of their terms. What a body point at r does is then ``a + U r`` with
+
+    U = [dw] + [w]²,      the upper left block of  T⁻¹ T̈ = [dV] + [V]².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies.inertia import SpatialInertia
+from ..lie import se3, so3
+from ..lie.adjoint import Ad
+from ..model.model import BASE, Model
+from .recursion import collect, inward, joint_poses, outward, spread, zeros
+
+Array = NDArray[Any]
+Wrenches = Mapping[str, Array]
+
+__all__ = ["bias_forces", "coriolis_forces", "gravity_forces", "inverse_dynamics", "joint_wrenches"]
+
+
+@dataclass
+class _Motion:
+    """Rotation of a body, in its own frame, and the acceleration of its origin."""
+
+    w: Array
+    dw: Array
+    a: Array
+
+    @property
+    def U(self) -> Array:
+        W = so3.hat(self.w)
+        return so3.hat(self.dw) + W @ W
+
+
+def joint_wrenches(
+    model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None, gravity: bool = True
+) -> list[Array]:
+    """The wrench (6,) that each body receives through its joint, in its own frame.
+
+    ``wrenches`` are applied by the robot, at the frames that name them and expressed in those frames.
+    """
+    T, Adq, Addq = joint_poses(model, q), spread(model, dq), spread(model, ddq)
+    base = _Motion(zeros(3), zeros(3), -model.gravity if gravity else zeros(3))  # the base accelerates upward
+    motion: dict[int, _Motion] = {BASE: base}
+    F: dict[int, Array] = {}
+    for i, p in outward(model):
+        R, r, up = T[i][:3, :3], T[i][:3, 3], motion[p]
+        wJ, vJ, dwJ, dvJ = Adq[i][:3], Adq[i][3:], Addq[i][:3], Addq[i][3:]
+        w = R.T @ up.w + wJ  # (8.51)
+        dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), turning
+        a = R.T @ (up.a + up.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
+        motion[i] = _Motion(w, dw, a)
+        F[i] = _inertial_wrench(model.bodies[i].inertia, motion[i])  # (8.53), the body's own part
+    for name, F_by in (wrenches or {}).items():
+        frame = model.frame(name)
+        if frame.body != BASE:
+            F[frame.body] = F[frame.body] + Ad(se3.inverse(frame.pose)).T @ F_by
+    for i, p in inward(model):
+        if p != BASE:
+            F[p] = F[p] + Ad(se3.inverse(T[i])).T @ F[i]  # (8.53), the children's part
+    return [F[i] for i in range(len(model.bodies))]
+
+
+def _inertial_wrench(G: SpatialInertia, motion: _Motion) -> Array:
+    """G dV - ad(V)' G V for V = (w, 0), dV = (dw, a): Newton and Euler, products of inertia included.
+
+    I dw + w × I w is written with the entries of U, which are there already; without products of inertia its rows are
+    Euler's equations, ``m_x = I_xx dw_x + (I_zz - I_yy) w_y w_z``.
+    """
+    m, h, I = G.mass, G.first_moment, G.moment_about_origin
+    w, dw, a, U = motion.w, motion.dw, motion.a, motion.U
+    f = m * a + U @ h
+    n = so3.cross(h, a)
+    for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        n[x] = n[x] + (
+            I[x, x] * dw[x] + (I[z, z] - I[y, y]) * (w[y] * w[z])
+            - I[x, y] * U[z, x] + I[x, z] * U[y, x] + I[y, z] * (U[y, y] - U[z, z])
+        )  # fmt: skip
+    return np.concatenate([n, f])
+
+
+def inverse_dynamics(model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None) -> Array:
+    """Joint torques τ = M q̈ + h + Σ J'F_by; (nv,). MR eq. 8.54."""
+    return collect(model, joint_wrenches(model, q, dq, ddq, wrenches))
+
+
+def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> Array:
+    """h = c + g; (nv,). MR eq. 8.55."""
+    return inverse_dynamics(model, q, dq, zeros(model.nv), wrenches)
+
+
+def coriolis_forces(model: Model, q: Array, dq: Array) -> Array:
+    """c, the centripetal and Coriolis terms; (nv,)."""
+    return collect(model, joint_wrenches(model, q, dq, zeros(model.nv), gravity=False))
+
+
+def gravity_forces(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
+    """g, with Σ J'F_by where wrenches are given; (nv,)."""
+    return bias_forces(model, q, zeros(model.nv), wrenches)

@@ -1,0 +1,79 @@
+"""The two passes over the tree, and the doors between a robot's coordinates and its bodies'. Nowhere else.
+
+An algorithm is the body of ``for i, p in outward(model)`` and of ``for i, p in inward(model)``; ``p`` is the parent's
+number, ``BASE`` for bodies on the base. Parents come before children, so the passes are a count up and a count down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model.model import BASE, Model
+
+Array = NDArray[Any]
+
+__all__ = ["ancestors", "base_poses", "collect", "inward", "joint_poses", "outward", "spread", "zeros"]
+
+
+def outward(model: Model) -> Iterator[tuple[int, int]]:
+    """(body, parent) from the base to the leaves."""
+    return ((i, body.parent) for i, body in enumerate(model.bodies))
+
+
+def inward(model: Model) -> Iterator[tuple[int, int]]:
+    """(body, parent) from the leaves to the base."""
+    return ((i, model.bodies[i].parent) for i in reversed(range(len(model.bodies))))
+
+
+def ancestors(model: Model, i: int) -> Iterator[int]:
+    """The body itself, its parent, and so on to the base, which is left out."""
+    while i != BASE:
+        yield i
+        i = model.bodies[i].parent
+
+
+def joint_poses(model: Model, q: Array) -> list[Array]:
+    """T[i], pose of body i in its parent's frame; (4, 4) each."""
+    poses = []
+    for body in model.bodies:
+        mine = q[body.q_index : body.q_index + body.joint.nq]
+        if body.follows:
+            mine = body.ratio * mine + body.offset
+        poses.append(body.placement @ body.joint.pose(mine))
+    return poses
+
+
+def spread(model: Model, dq: Array) -> list[Array]:
+    """The twist of each joint in its body's frame, A dq; (6,) each. Also its derivative, given ddq: A is constant."""
+    twists = []
+    for body in model.bodies:
+        mine = dq[body.v_index : body.v_index + body.joint.nv]
+        twists.append(body.ratio * (mine @ body.joint.axes))
+    return twists
+
+
+def collect(model: Model, wrenches: Sequence[Array]) -> Array:
+    """Joint torques (nv,) from the wrench on each body through its joint: A' F, summed over joints that share a coordinate."""
+    tau = zeros(model.nv)
+    for body, F in zip(model.bodies, wrenches, strict=True):
+        torque = body.joint.axes @ F
+        mine = slice(body.v_index, body.v_index + body.joint.nv)
+        tau[mine] = tau[mine] + body.ratio * torque
+    return tau
+
+
+def zeros(*shape: int) -> Array:
+    """An array of zeros that can hold symbols."""
+    return np.full(shape, 0.0, object)
+
+
+def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
+    """T_s,i: pose of every body in the base frame, from the poses in the parents' frames."""
+    poses: list[Array] = []
+    for i, p in outward(model):
+        poses.append(T[i] if p == BASE else poses[p] @ T[i])
+    return poses

@@ -1,0 +1,192 @@
+"""Spatial inertia: ten numbers about a body, in one frame fixed to it. Modern Robotics sections 8.2.1 and 8.2.2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InertiaError, ShapeError
+from ..lie import so3
+
+Array = NDArray[Any]
+
+__all__ = ["SpatialInertia"]
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialInertia:
+    """Mass, first moment and rotational inertia of a body, about the origin of a frame fixed to it.
+
+    Building one never judges whether a real body can have it: :meth:`defects` does, and whoever needs a real body asks.
+    ``G @ V`` is the momentum of the body moving with twist V. The parameters may be symbols.
+
+    >>> G = SpatialInertia.from_com(2.0, (0, 0, 0.5), np.diag([0.1, 0.1, 0.02]))
+    >>> G.mass, G.com.tolist(), round(float(G.moment_about_origin[0, 0]), 6)
+    (2.0, [0.0, 0.0, 0.5], 0.6)
+    """
+
+    parameters: Array
+    """(10,): m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin; kg, kg m, kg m²."""
+
+    # ── ways in ──
+
+    @classmethod
+    def from_parameters(cls, pi: ArrayLike) -> SpatialInertia:
+        """From the ten parameters, in the order of :attr:`parameters`."""
+        pi = np.array(pi)
+        if pi.dtype != object:
+            pi = pi.astype(float)
+        if pi.shape != (10,):
+            raise ShapeError(f"inertial parameters have shape {pi.shape}, expected (10,): m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.")
+        pi.setflags(write=False)
+        return cls(pi)
+
+    @classmethod
+    def from_com(
+        cls, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), moment_about_com: ArrayLike | None = None
+    ) -> SpatialInertia:
+        """From mass [kg], centre of mass (3,) [m] and rotational inertia (3, 3) about it [kg m²], in the frame's axes."""
+        c = np.asarray(com, float)
+        I = np.zeros((3, 3)) if moment_about_com is None else np.asarray(moment_about_com, float)
+        if c.shape != (3,) or I.shape != (3, 3):
+            raise ShapeError(f"com has shape {c.shape} and moment_about_com {I.shape}, expected (3,) and (3, 3).")
+        I = I - mass * so3.hat(c) @ so3.hat(c)  # Steiner: I_o = I_com - m [c]^2
+        return cls.from_parameters([mass, *(mass * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
+    @classmethod
+    def from_matrix(cls, G: ArrayLike) -> SpatialInertia:
+        """From the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]]."""
+        G = np.asarray(G, float)
+        if G.shape != (6, 6):
+            raise ShapeError(f"a spatial inertia matrix has shape (6, 6), got {G.shape}.")
+        h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
+        I = 0.5 * (G[:3, :3] + G[:3, :3].T)
+        return cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
+    @classmethod
+    def zero(cls) -> SpatialInertia:
+        """No mass, no inertia."""
+        return cls.from_parameters(np.zeros(10))
+
+    # ── ways out ──
+
+    @property
+    def mass(self) -> Any:
+        """Mass [kg]."""
+        return self.parameters[0]
+
+    @property
+    def first_moment(self) -> Array:
+        """Mass times centre of mass (3,) [kg m]."""
+        return self.parameters[1:4]
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass (3,) [m]; the origin when there is no mass."""
+        return self.first_moment / self.mass if self.mass else np.zeros(3)
+
+    @property
+    def moment_about_origin(self) -> Array:
+        """Rotational inertia (3, 3) about the frame's origin [kg m²]."""
+        xx, xy, yy, xz, yz, zz = self.parameters[4:]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def moment_about_com(self) -> Array:
+        """Rotational inertia (3, 3) about the centre of mass, in the frame's axes [kg m²]."""
+        c = so3.hat(self.com)
+        return self.moment_about_origin + self.mass * c @ c
+
+    @property
+    def matrix(self) -> Array:
+        """The (6, 6) matrix G of F = G dV - ad(V)' G V."""
+        h = so3.hat(self.first_moment)
+        return np.block([[self.moment_about_origin, h], [-h, self.mass * np.eye(3)]])
+
+    @property
+    def second_moment(self) -> Array:
+        """The (3, 3) matrix of second moments, ∫ r r' dm = ½ tr(I) 1 - I [kg m²]."""
+        I = self.moment_about_origin
+        return 0.5 * I.trace() * np.eye(3) - I
+
+    @property
+    def pseudo_inertia(self) -> Array:
+        """The (4, 4) matrix ∫ [r; 1] [r; 1]' dm; positive definite exactly when a real body has it."""
+        h = self.first_moment
+        return np.block([[self.second_moment, h[:, None]], [h[None, :], np.full((1, 1), self.mass)]])
+
+    def principal(self) -> tuple[Array, Array]:
+        """Principal moments about the centre of mass, ascending (3,), and their axes as columns of a rotation (3, 3)."""
+        moments, axes = np.linalg.eigh(self.moment_about_com)
+        axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])
+        return moments, axes
+
+    # ── change of frame, sums ──
+
+    def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
+        """The same body's inertia in {a}, when this one is in {b}: G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks."""
+        T = np.asarray(T_ab)
+        R, p, m = T[:3, :3], T[:3, 3], self.mass
+        h = R @ self.first_moment
+        u = h + 0.5 * m * p
+        I = R @ self.moment_about_origin @ R.T + 2.0 * (u @ p) * np.eye(3) - np.outer(u, p) - np.outer(p, u)
+        return SpatialInertia.from_parameters([m, *(h + m * p), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
+    def __matmul__(self, V: ArrayLike) -> Array:
+        """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w)."""
+        V = np.asarray(V)
+        w, v, h = V[..., :3], V[..., 3:], self.first_moment
+        return np.concatenate([w @ self.moment_about_origin + so3.cross(h, v), self.mass * v - so3.cross(h, w)], axis=-1)
+
+    def __add__(self, other: SpatialInertia) -> SpatialInertia:
+        return SpatialInertia.from_parameters(self.parameters + other.parameters)
+
+    def __sub__(self, other: SpatialInertia) -> SpatialInertia:
+        return SpatialInertia.from_parameters(self.parameters - other.parameters)
+
+    # ── can it exist? ──
+
+    def defects(self) -> list[str]:
+        """Why no real body has this inertia, in words with amounts; empty when one can.
+
+        Conditions: finite, mass ≥ 0, and about the centre of mass positive semidefinite with principal moments that
+        obey the triangle inequality, to 1e-6 of their sum plus 1e-12 kg m².
+        """
+        if not np.isfinite(self.parameters).all():
+            return ["has a value that is not a finite number"]
+        if self.mass < 0:
+            return [f"negative mass {self.mass:g} kg"]
+        if self.mass == 0:
+            if np.any(self.parameters != 0):
+                return ["zero mass but nonzero inertia or first moment"]
+            return []
+        A, B, C = (float(x) for x in self.principal()[0])
+        slack = 1e-6 * abs(A + B + C) + 1e-12
+        found = []
+        if A < -slack:
+            found.append(f"negative principal moment {A:.6g} kg m² (moments {A:.6g}, {B:.6g}, {C:.6g})")
+        if C > A + B + slack:
+            found.append(
+                f"triangle inequality: the largest principal moment {C:.6g} kg m² exceeds the sum of the others, "
+                f"{A:.6g} + {B:.6g}, by {C - A - B:.3g}"
+            )
+        return found
+
+    def nearest_consistent(self) -> SpatialInertia:
+        """The nearest inertia a real body can have: same mass and centre of mass, second moments clipped at zero.
+
+        Nearest in the Frobenius norm of the second moments about the centre of mass. A negative mass has no near neighbour
+        and is an :class:`~twistwrench.InertiaError`.
+        """
+        if not np.isfinite(self.parameters).all() or self.mass < 0:
+            raise InertiaError(f"no body is near this inertia: {'; '.join(self.defects())}.")
+        if self.mass == 0:
+            return SpatialInertia.zero()
+        I = self.moment_about_com
+        S = 0.5 * I.trace() * np.eye(3) - I
+        values, axes = np.linalg.eigh(S)
+        S = axes * np.maximum(values, 0.0) @ axes.T
+        return SpatialInertia.from_com(self.mass, self.com, S.trace() * np.eye(3) - S)

@@ -1,0 +1,118 @@
+"""Every error and warning of the library, in one tree.
+
+::
+
+    TwistWrenchError
+    ├── ModelError (ValueError)             a robot description that cannot be meant
+    │   ├── RobotFileError                  not readable as a robot file
+    │   └── InertiaError                    a body that cannot exist
+    ├── ShapeError (ValueError)             an argument of the wrong shape
+    ├── ValueRangeError (ValueError)        an argument outside what is allowed
+    ├── UnknownNameError (KeyError)         a joint, link, frame or quantity that is not there
+    ├── FrameError (ValueError)             frames that do not match, or none where one is needed
+    ├── SingularMassMatrixError (ValueError)    forward dynamics of a robot whose mass matrix has no inverse
+    ├── TrajectoryError (ValueError)        a motion file that cannot be used
+    ├── NotFoundError (FileNotFoundError)   a file that is not there
+    ├── KernelError (RuntimeError)          compiled code could not be made or used
+    └── MissingExtraError (ImportError)     an optional package is not installed
+
+    ModelWarning (UserWarning)              a robot file says something doubtful; the robot still loads
+
+Each message names the offender, says what is allowed, and what to try.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = [
+    "FrameError",
+    "InertiaError",
+    "KernelError",
+    "MissingExtraError",
+    "ModelError",
+    "ModelWarning",
+    "NotFoundError",
+    "RobotFileError",
+    "ShapeError",
+    "SingularMassMatrixError",
+    "TrajectoryError",
+    "TwistWrenchError",
+    "UnknownNameError",
+    "ValueRangeError",
+]
+
+
+class TwistWrenchError(Exception):
+    """Root of every error the library raises on purpose."""
+
+    def __str__(self) -> str:
+        # KeyError would print the repr of its argument, quotes and escapes included.
+        return str(self.args[0]) if len(self.args) == 1 else super().__str__()
+
+
+class ModelError(TwistWrenchError, ValueError):
+    """A robot description that cannot be meant: no root, a cycle, a zero axis, reversed limits."""
+
+
+class RobotFileError(ModelError):
+    """Text that cannot be read as a robot file at all."""
+
+
+class InertiaError(ModelError):
+    """The inertia of a moving body is one that no real body has."""
+
+
+class ShapeError(TwistWrenchError, ValueError):
+    """An array argument has the wrong shape."""
+
+
+class ValueRangeError(TwistWrenchError, ValueError):
+    """An argument has a value outside what is allowed."""
+
+
+class UnknownNameError(TwistWrenchError, KeyError):
+    """A name that the robot does not have."""
+
+    @classmethod
+    def of(cls, kind: str, name: object, choices: Iterable[str]) -> UnknownNameError:
+        """Build the error for ``name``, listing ``choices``, nearest spelling first."""
+        known = list(choices)
+        near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
+        listed = ", ".join(known[:40]) + (f", … ({len(known)} in all)" if len(known) > 40 else "")
+        hint = f" Did you mean {' or '.join(repr(n) for n in near)}?" if near else ""
+        return cls(f"no {kind} named {name!r}.{hint} Known: {listed or '(none)'}.")
+
+
+class FrameError(TwistWrenchError, ValueError):
+    """Frames that do not match, or a frame that must be named and is not."""
+
+
+class SingularMassMatrixError(TwistWrenchError, ValueError):
+    """The mass matrix has no inverse, so accelerations do not follow from torques."""
+
+
+class TrajectoryError(TwistWrenchError, ValueError):
+    """A motion file that cannot be used as it is."""
+
+
+class NotFoundError(TwistWrenchError, FileNotFoundError):
+    """A file that is not there."""
+
+
+class KernelError(TwistWrenchError, RuntimeError):
+    """Machine code could not be made, or a kernel was asked for something it cannot give."""
+
+
+class MissingExtraError(TwistWrenchError, ImportError):
+    """An optional package is needed and not installed; the message names the extra."""
+
+    @classmethod
+    def of(cls, package: str, extra: str, purpose: str) -> MissingExtraError:
+        """Build the error for ``package``, which ``pip install twistwrench[extra]`` brings."""
+        return cls(f"{purpose} needs {package!r}, which is not installed: pip install 'twistwrench[{extra}]'.")
+
+
+class ModelWarning(UserWarning):
+    """A robot file says something doubtful; the robot loads, and ``robot.defects`` keeps the remark."""

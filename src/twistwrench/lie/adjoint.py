@@ -1,0 +1,107 @@
+"""The adjoint operators Ad(T) and ad(V): the book's 6×6 matrices, applied by their 3×3 blocks.
+
+``Ad(T) @ V`` costs two rotations and a cross product, not a 6×6 product; ``.T`` is the same operator on wrenches;
+``.matrix`` (or ``np.asarray``) is the matrix of the book. They act along the last axis, and batches broadcast:
+``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). Elements may be numbers or symbols.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .so3 import cross
+
+Array = NDArray[Any]
+
+__all__ = ["Ad", "ad"]
+
+
+def _rotate(R: Array, x: Array) -> Array:
+    return (R @ x[..., None])[..., 0]
+
+
+class _Operator(ABC):
+    """What both adjoints share: application along the last axis, and the full matrix."""
+
+    __array_ufunc__ = None  # ndarray @ operator is refused rather than broadcast element by element
+
+    @abstractmethod
+    def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
+        """The two halves of the image of (a, b)."""
+
+    @property
+    @abstractmethod
+    def _batch(self) -> tuple[int, ...]: ...
+
+    def __matmul__(self, x: ArrayLike) -> Array:
+        x = np.asarray(x)
+        return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)
+
+    @property
+    def matrix(self) -> Array:
+        """The (..., 6, 6) matrix."""
+        images = [self @ np.broadcast_to(e, (*self._batch, 6)) for e in np.eye(6)]
+        return np.stack(images, axis=-1)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.asarray(self.matrix, dtype)
+
+
+class Ad(_Operator):
+    """The adjoint of a pose: ``Ad(T_ab) @ V_b = V_a``, ``Ad(T_ab).T @ F_a = F_b``. MR eq. 3.83, 3.98.
+
+    >>> import numpy as np
+    >>> T = np.eye(4); T[:3, 3] = [1, 0, 0]
+    >>> (Ad(T) @ [0, 0, 1, 0, 0, 0]).tolist()
+    [0.0, 0.0, 1.0, 0.0, -1.0, 0.0]
+    """
+
+    def __init__(self, T: ArrayLike, _transposed: bool = False) -> None:
+        self._pose, self._transposed = np.asarray(T), _transposed
+
+    @property
+    def T(self) -> Ad:
+        """The transpose, which acts on wrenches."""
+        return Ad(self._pose, not self._transposed)
+
+    @property
+    def _batch(self) -> tuple[int, ...]:
+        return self._pose.shape[:-2]
+
+    def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
+        R, p = self._pose[..., :3, :3], self._pose[..., :3, 3]
+        if self._transposed:  # [R', R' [p]'; 0, R']
+            Rt = np.swapaxes(R, -1, -2)
+            return _rotate(Rt, a - cross(p, b)), _rotate(Rt, b)
+        w = _rotate(R, a)  # [R, 0; [p] R, R]
+        return w, _rotate(R, b) + cross(p, w)
+
+
+class ad(_Operator):
+    """The Lie bracket with a twist: ``ad(V1) @ V2 = [V1, V2]``; its transpose acts on wrenches. MR eq. 8.38.
+
+    >>> (ad([0, 0, 1, 0, 0, 0]) @ [1, 0, 0, 0, 0, 0]).tolist()
+    [0, 1, 0, 0, 0, 0]
+    """
+
+    def __init__(self, V: ArrayLike, _transposed: bool = False) -> None:
+        self._twist, self._transposed = np.asarray(V), _transposed
+
+    @property
+    def T(self) -> ad:
+        """The transpose, which acts on wrenches."""
+        return ad(self._twist, not self._transposed)
+
+    @property
+    def _batch(self) -> tuple[int, ...]:
+        return self._twist.shape[:-1]
+
+    def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
+        w, v = self._twist[..., :3], self._twist[..., 3:]
+        if self._transposed:  # [-[w], -[v]; 0, -[w]]
+            return -(cross(w, a) + cross(v, b)), -cross(w, b)
+        return cross(w, a), cross(v, a) + cross(w, b)  # [[w], 0; [v], [w]]

@@ -1,0 +1,1 @@
+"""Robots as frozen data, and the builder that checks them."""

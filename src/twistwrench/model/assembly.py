@@ -1,0 +1,122 @@
+"""Assembly: from described links and joints to a model in which every joint, fixed ones included, carries a body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies.inertia import SpatialInertia
+from .description import JointEntry, LinkEntry
+from .fusing import fuse
+from .joint import Joint
+from .mimic import Drive
+from .model import BASE, Body, Frame, Limits, Model
+from .snap import snap_pose
+from .tree import Tree
+
+Array = NDArray[Any]
+
+__all__ = ["ROOT_JOINT", "assemble"]
+
+ROOT_JOINT = "root_joint"
+"""The name of the joint that ``floating_base=True`` adds."""
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Where a leader's coordinates and velocities begin."""
+
+    q: int
+    v: int
+
+
+def assemble(
+    name: str,
+    links: Mapping[str, LinkEntry],
+    tree: Tree,
+    drives: Mapping[str, Drive],
+    *,
+    floating_base: bool,
+    snap: float,
+    gravity: Array,
+    source: str,
+) -> Model:
+    """The model of a checked tree, fixed links fused; a follower of a fixed joint, or with ratio 0, is fixed too."""
+    joints = ([_root_entry(tree.root)] if floating_base else []) + list(tree.joints)
+    leaders = [j for j in joints if j.name not in drives and j.joint.nv]
+    columns, nq, nv = {}, 0, 0
+    for entry in leaders:
+        columns[entry.name] = _Column(nq, nv)
+        nq, nv = nq + entry.joint.nq, nv + entry.joint.nv
+    index = {} if floating_base else {tree.root: BASE}
+    bodies: list[Body] = []
+    held: dict[int, Array] = {}
+    for i, entry in enumerate(joints):
+        index[entry.child] = i
+        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
+        if drive.leader not in columns or drive.ratio == 0:
+            held[i] = np.eye(4) if entry.fixed else entry.joint.pose(np.array([drive.offset]))
+        column = columns.get(drive.leader, _Column(0, 0))
+        bodies.append(
+            Body(
+                joint=entry.joint,
+                parent=index.get(entry.parent, BASE),
+                placement=snap_pose(entry.placement, snap),
+                inertia=links[entry.child].inertia,
+                q_index=column.q,
+                v_index=column.v,
+                ratio=drive.ratio,
+                offset=drive.offset,
+                follows=entry.name in drives,
+            )
+        )
+    damping, friction = _friction(joints, drives, columns, nv)
+    model = Model(
+        name=name,
+        bodies=tuple(bodies),
+        frames={link: Frame(index[link], np.eye(4)) for link in links},
+        limits=_stacked([entry.limits for entry in leaders]),
+        damping=damping,
+        friction=friction,
+        gravity=gravity,
+        base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
+        tip=None,
+        leaves=tree.leaves,
+        link_inertias={link.name: link.inertia for link in links.values()},
+        source=source,
+    )
+    return fuse(model, held, snap)
+
+
+def _root_entry(root: str) -> JointEntry:
+    none = np.full(6, np.inf)
+    joint = Joint(ROOT_JOINT, "floating", np.eye(6))
+    return JointEntry(joint, "", root, np.eye(4), Limits(-none, none, none, none), 0.0, 0.0, None, "")
+
+
+def _stacked(limits: list[Limits]) -> Limits:
+    def column(field: str) -> Array:
+        return np.concatenate([np.zeros(0), *(getattr(one, field) for one in limits)])
+
+    return Limits(column("lower"), column("upper"), column("velocity"), column("effort"))
+
+
+def _friction(
+    joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int
+) -> tuple[Array, Array]:
+    """Damping and Coulomb friction per velocity, those of followers folded into their leaders.
+
+    A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping counts ratio², friction |ratio|.
+    """
+    damping, friction = np.zeros(nv), np.zeros(nv)
+    for entry in joints:
+        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
+        if drive.leader in columns:
+            at = slice(columns[drive.leader].v, columns[drive.leader].v + entry.joint.nv)
+            damping[at] += drive.ratio**2 * entry.damping
+            friction[at] += abs(drive.ratio) * entry.friction
+    return damping, friction

@@ -1,0 +1,90 @@
+"""Judging inertias: whether the moving bodies of a model can exist, and what is done about those that cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import InertiaError
+from .model import Body, Model
+
+__all__ = ["INERTIA_POLICIES", "judge", "reasons"]
+
+INERTIA_POLICIES = ("error", "accept", "repair")
+"""What happens to a moving body that cannot exist: refused, kept as it is, or given the nearest inertia that can be."""
+
+
+def reasons(inertia: SpatialInertia) -> list[str]:
+    """Why no body has this inertia, in words with amounts. Rotational inertia without mass is judged by itself.
+
+    Files use it for rotors whose mass is counted elsewhere; a remark is made of it, never an error.
+    """
+    if inertia.mass == 0 and inertia.parameters[4:].any():
+        return SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).defects()
+    return inertia.defects()
+
+
+def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model, list[str]]:
+    """Judge each moving body, fixed links fused, and remark on single links; ``link`` says how messages call a link.
+
+    Raises :class:`~twistwrench.InertiaError` under the policy ``error``, listing every body that cannot exist.
+    """
+    remarks: list[str] = []
+    refused: list[str] = []
+    bodies = list(model.bodies)
+    bad = {i: found for i, body in enumerate(bodies) if (found := reasons(body.inertia))}
+    for i, found in bad.items():
+        text = f"{_who(model, i, link)} cannot exist: {'; '.join(found)}"
+        if policy == "error":
+            refused.append(text)
+        elif policy == "accept":
+            remarks.append(f"{text}; accepted as it is")
+        else:
+            bodies[i], change = _repaired(bodies[i])
+            remarks.append(f"{text}; repaired, {change}")
+    if refused:
+        raise InertiaError(
+            f"{'. '.join(refused)}. Correct the numbers, or load with inertia='repair' to take the nearest valid ones, "
+            "or with inertia='accept' to keep them."
+        )
+    remarks.extend(_on_links(model, set(bad), link))
+    return replace(model, bodies=tuple(bodies)), remarks
+
+
+def _who(model: Model, index: int, link: Callable[[str], str]) -> str:
+    """The body by its links: those at fault where some are, else all that weigh anything."""
+    members = [n for n, f in model.frames.items() if f.body == index and model.link_inertias[n].parameters.any()]
+    guilty = [n for n in members if reasons(model.link_inertias[n])] or members
+    fused = f", with the {len(members)} links fused to one body," if len(members) > 1 else ""
+    return f"{' and '.join(map(link, guilty))}{fused} moved by joint {model.bodies[index].joint.name!r}"
+
+
+def _repaired(body: Body) -> tuple[Body, str]:
+    inertia = body.inertia
+    if inertia.mass == 0:  # only the rotational part is mended: without mass it has no centre to be about
+        stand_in = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).nearest_consistent()
+        near = SpatialInertia.from_com(0.0, np.zeros(3), stand_in.moment_about_com)
+    else:
+        near = inertia.nearest_consistent()
+    most = np.abs(near.parameters - inertia.parameters).max()
+    return replace(body, inertia=near), f"changing its moments by {most:.3g} kg m² at most"
+
+
+def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[str]:
+    """Remarks on links that are doubtful by themselves and do no harm."""
+    remarks = []
+    for name, inertia in model.link_inertias.items():
+        body = model.frames[name].body
+        moments = inertia.parameters[4:]
+        if inertia.mass == 0 and moments.any():
+            remarks.append(f"{link(name)} has rotational inertia but no mass")
+        # Through the parallel-axis theorem a zero comes back as rounding of the moments about the origin.
+        elif inertia.mass and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
+            remarks.append(f"{link(name)} has mass but zero inertia, as a point mass has")
+        if body not in bad and (found := reasons(inertia)):
+            effect = "is fused into a body that can exist" if body >= 0 else "does not move"
+            remarks.append(f"{link(name)} cannot exist by itself ({'; '.join(found)}) but {effect}")
+    return remarks

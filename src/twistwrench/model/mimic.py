@@ -1,0 +1,63 @@
+"""Mimic joints: which joint each one follows in the end, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from ..errors import ModelError, UnknownNameError
+from .description import JointEntry
+
+__all__ = ["MIMIC_POLICIES", "Drive", "find_drives"]
+
+MIMIC_POLICIES = ("follow", "independent")
+"""``follow``: mimic joints share their leader's coordinate. ``independent``: they are joints like any other."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A follower's coordinate is ``ratio`` times its leader's, plus ``offset``; the leader follows nobody."""
+
+    leader: str
+    ratio: float
+    offset: float
+
+
+def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
+    """The drive of each follower by name, chains resolved; a mimic on a fixed joint is ignored.
+
+    Raises :class:`~twistwrench.ModelError` for cycles, missing leaders, and joints with several coordinates.
+    """
+    by_name = {joint.name: joint for joint in joints}
+    return {name: _drive(joint, by_name) for name, joint in by_name.items() if _follows(joint)}
+
+
+def _follows(joint: JointEntry) -> bool:
+    return joint.mimic is not None and not joint.fixed
+
+
+def _drive(follower: JointEntry, by_name: Mapping[str, JointEntry]) -> Drive:
+    ratio, offset = 1.0, 0.0
+    path, joint = [follower.name], follower
+    while joint.mimic is not None and not joint.fixed:
+        leader, step, shift = joint.mimic
+        _check_pair(joint, leader, by_name)
+        if leader in path:
+            loop = " → ".join(map(repr, [*path[path.index(leader) :], leader]))
+            raise ModelError(f"{follower} is part of a mimic cycle, {loop}. Remove the <mimic> of one of them.")
+        ratio, offset = ratio * step, offset + ratio * shift
+        path.append(leader)
+        joint = by_name[leader]
+    return Drive(joint.name, ratio, offset)
+
+
+def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry]) -> None:
+    if leader not in by_name:
+        found = UnknownNameError.of("joint", leader, by_name)
+        raise ModelError(f"the mimic leader of {joint} is not there: {found} Or load with mimic='independent'.")
+    for one in (joint, by_name[leader]):
+        if one.joint.nv > 1:
+            raise ModelError(
+                f"{joint} mimics {by_name[leader]}, but a {one.joint.kind} joint has several coordinates and can "
+                "neither mimic nor be mimicked. Load with mimic='independent', or remove the <mimic>."
+            )

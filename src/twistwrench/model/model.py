@@ -1,0 +1,123 @@
+"""The frozen model of a robot: moving bodies, the joints between them, and the frames fixed to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import FrameError, UnknownNameError
+from .joint import Joint
+
+Array = NDArray[Any]
+
+__all__ = ["BASE", "Body", "Frame", "Limits", "Model"]
+
+BASE = -1
+"""Index that stands for the base, the one body that does not move."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One moving body (fixed links fused) and the joint that carries it.
+
+    At joint coordinates ``ratio * q[q_index] + offset`` (mimic joints have a ratio and an offset; the others 1 and 0), the
+    body's frame has the pose ``placement @ joint.pose(·)`` in its parent's frame.
+    """
+
+    joint: Joint
+    parent: int
+    placement: Array
+    """(4, 4) T_parent,joint."""
+    inertia: SpatialInertia
+    """About the origin of the body's frame, which is the child link's frame."""
+    q_index: int
+    """Where the joint's coordinates begin in q."""
+    v_index: int
+    """Where the joint's velocities begin in dq."""
+    ratio: float = 1.0
+    offset: float = 0.0
+    follows: bool = False
+    """Whether the joint mimics another, whose coordinate it shares."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame fixed to a body: index of the body (``BASE`` for the base), and its pose in the body's frame (4, 4)."""
+
+    body: int
+    pose: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Joint limits, one entry per velocity, (nv,) each: rad or m, rad/s or m/s, N m or N; inf where none is given."""
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A robot as data. Parents come before children; made by :class:`~twistwrench.model.builder.ModelBuilder`."""
+
+    name: str
+    bodies: tuple[Body, ...]
+    frames: dict[str, Frame]
+    """Every link of the file by name, fused ones included, in document order."""
+    limits: Limits
+    damping: Array
+    """(nv,) viscous friction, N m s/rad or N s/m."""
+    friction: Array
+    """(nv,) Coulomb friction, N m or N."""
+    gravity: Array
+    """(3,) m/s², in the base frame."""
+    base_inertia: SpatialInertia
+    """The links that do not move, fused, in the base frame."""
+    tip: str | None
+    """The frame meant when none is named."""
+    leaves: tuple[str, ...] = ()
+    """Links without children, in document order."""
+    defects: tuple[str, ...] = ()
+    link_inertias: dict[str, SpatialInertia] = field(default_factory=dict)
+    """The inertia of each link by itself, in its own frame, for reports."""
+    source: str = ""
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates."""
+        return sum(b.joint.nq for b in self.leaders)
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities."""
+        return sum(b.joint.nv for b in self.leaders)
+
+    @property
+    def leaders(self) -> tuple[Body, ...]:
+        """The bodies whose joints have coordinates of their own, in the order of q: all but followers of mimic joints."""
+        return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
+
+    @property
+    def neutral(self) -> Array:
+        """Coordinates with every joint at zero; (nq,)."""
+        return np.concatenate([np.zeros(0), *(b.joint.neutral for b in self.leaders)])
+
+    def frame(self, name: str | None) -> Frame:
+        """The frame called ``name``, or the tip's; errors list the choices."""
+        if name is None:
+            if self.tip is None:
+                raise FrameError(
+                    f"robot {self.name!r} has no single tip, so the frame must be named. "
+                    f"Its leaves: {', '.join(self.leaves)}. Pass frame=…, or load with tip=…."
+                )
+            name = self.tip
+        try:
+            return self.frames[name]
+        except (KeyError, TypeError):
+            raise UnknownNameError.of("frame", name, self.frames) from None

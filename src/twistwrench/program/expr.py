@@ -1,0 +1,92 @@
+"""Symbols that record the arithmetic done on them.
+
+An :class:`Expr` belongs to one :class:`~twistwrench.program.trace.Trace`, which keeps every distinct expression once and
+folds constants as they appear. Expressions live in NumPy object arrays, so algorithms written with NumPy operators run
+on them unchanged: ``np.sin`` of an object array calls each element's ``.sin()``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .trace import Trace
+
+__all__ = ["Expr"]
+
+
+class Expr:
+    """One value of a traced program. Equal expressions of one trace are the same object."""
+
+    __slots__ = ("a", "b", "index", "op", "trace", "value")
+    __array_priority__ = 1000.0  # NumPy scalars and arrays hand their operators over to the ones below
+
+    def __init__(self, trace: Trace, op: str, a: Expr | None, b: Expr | None, value: float, index: int) -> None:
+        self.trace, self.op, self.a, self.b, self.value, self.index = trace, op, a, b, value, index
+
+    def __repr__(self) -> str:
+        return f"Expr(%{self.index} = {self.op})"
+
+    def _with(self, operation: str, other: Any, reverse: bool = False) -> Any:
+        if isinstance(other, np.ndarray):
+            mine = np.empty((), object)
+            mine[()] = self
+            ufunc = _UFUNCS[operation]
+            return ufunc(other.astype(object), mine) if reverse else ufunc(mine, other.astype(object))
+        trace = self.trace
+        other = trace.lift(other)
+        method = getattr(trace, operation)
+        return method(other, self) if reverse else method(self, other)
+
+    def __add__(self, other: Any) -> Any:
+        return self._with("add", other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self._with("sub", other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._with("sub", other, reverse=True)
+
+    def __mul__(self, other: Any) -> Any:
+        return self._with("mul", other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._with("div", other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._with("div", other, reverse=True)
+
+    def __neg__(self) -> Expr:
+        return self.trace.neg(self)
+
+    def __bool__(self) -> bool:
+        raise TypeError("a traced value has no truth: an algorithm must not branch on the robot's state.")
+
+    def conjugate(self) -> Expr:
+        """The value itself: everything here is real. NumPy's ``vecdot`` and friends ask for it."""
+        return self
+
+    def sin(self) -> Expr:
+        """Sine; what ``np.sin`` calls."""
+        return self.trace.sin(self)
+
+    def cos(self) -> Expr:
+        """Cosine; what ``np.cos`` calls."""
+        return self.trace.cos(self)
+
+    def sqrt(self) -> Expr:
+        """Square root; what ``np.sqrt`` calls."""
+        return self.trace.sqrt(self)
+
+    def sign(self) -> Expr:
+        """-1, 0 or 1."""
+        return self.trace.sign(self)
+
+
+_UFUNCS = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}

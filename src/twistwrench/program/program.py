@@ -1,0 +1,86 @@
+"""A program: straight-line instructions in order, no loops, no branches, every rounding explicit."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+__all__ = ["ARITY", "FUSED", "Instruction", "Port", "Program"]
+
+FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
+"""The fused products: ``fma`` is a b + c; the two signs are those of the product and of c. One rounding each."""
+
+ARITY = {
+    "const": 0, "input": 0, "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1,
+    "sqrt": 1, "sin": 1, "cos": 1, "sign": 1, **dict.fromkeys(FUSED, 3),
+}  # fmt: skip
+"""Every operation there is, and how many operands it takes."""
+
+
+class Instruction(NamedTuple):
+    """One operation on earlier results. ``value`` is a constant's value or an input's number."""
+
+    op: str
+    args: tuple[int, ...]
+    value: float
+
+
+@dataclass(frozen=True)
+class Port:
+    """A named array that goes in or comes out."""
+
+    name: str
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return math.prod(self.shape)
+
+
+@dataclass(frozen=True)
+class Program:
+    """What a kernel computes for one sample.
+
+    Input elements are numbered through all input ports in C order; ``results`` gives, for every output element in the same
+    order, the number of the instruction that makes it.
+    """
+
+    instructions: tuple[Instruction, ...]
+    results: tuple[int, ...]
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+
+    def counts(self) -> dict[str, int]:
+        """How often each operation occurs; constants and inputs left out."""
+        return dict(Counter(i.op for i in self.instructions if ARITY[i.op]))
+
+    @property
+    def flops(self) -> int:
+        """Additions, multiplications and divisions; a fused product counts two, sines and cosines are not counted."""
+        c = self.counts()
+        return sum(c.get(op, 0) for op in ("add", "sub", "mul", "div")) + 2 * sum(c.get(op, 0) for op in FUSED)
+
+    @property
+    def multiplications(self) -> int:
+        """Operations of the multiplier: products, fused ones included."""
+        c = self.counts()
+        return c.get("mul", 0) + sum(c.get(op, 0) for op in FUSED)
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of everything the program computes; equal programs have equal digests, in every process."""
+        state = hashlib.sha256(repr((self.inputs, self.outputs, self.results)).encode())
+        for op, args, value in self.instructions:
+            state.update(f"{op}{args}{value!r}\n".encode())
+        return state.hexdigest()
+
+    @property
+    def signature(self) -> str:
+        """The gufunc signature with the program's own sizes, as in ``(7),(7)->(7,7)``."""
+        ins, outs = (",".join("(" + ",".join(map(str, p.shape)) + ")" for p in ports) for ports in (self.inputs, self.outputs))
+        return f"{ins}->{outs}"

@@ -1,0 +1,199 @@
+"""The trace: a table of every distinct expression, and the folding that happens as they are made.
+
+Constants fold, 0 and 1 vanish, negations float up and out, common subexpressions are found by construction. Folding may
+reassociate constants (``2 * (3 * x)`` is ``6 * x``) but never drops a term that is not exactly zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .expr import Expr
+from .program import Port, Program
+from .schedule import build
+
+Array = NDArray[Any]
+
+__all__ = ["Trace", "trace"]
+
+
+class Trace:
+    """Owner of the expressions of one program."""
+
+    def __init__(self) -> None:
+        self._table: dict[tuple[Any, ...], Expr] = {}
+        self.zero = self.constant(0.0)
+        self.one = self.constant(1.0)
+
+    def _make(self, op: str, a: Expr | None = None, b: Expr | None = None, value: float = 0.0) -> Expr:
+        key = (op, -1 if a is None else a.index, -1 if b is None else b.index, value)
+        found = self._table.get(key)
+        if found is None:
+            found = self._table[key] = Expr(self, op, a, b, value, len(self._table))
+        return found
+
+    def constant(self, value: float) -> Expr:
+        """A constant; -0.0 is 0.0."""
+        return self._make("const", value=float(value) + 0.0)
+
+    def input(self, number: int) -> Expr:
+        """The program's input of that number."""
+        return self._make("input", value=number)
+
+    def inputs(self, first: int, shape: tuple[int, ...]) -> Array:
+        """An object array of inputs, numbered in C order from ``first``."""
+        array = np.empty(shape, object)
+        flat = array.reshape(-1)
+        for k in range(flat.size):
+            flat[k] = self.input(first + k)
+        return array
+
+    def lift(self, value: Any) -> Expr:
+        """An expression from an expression or a number."""
+        if isinstance(value, Expr):
+            if value.trace is not self:
+                raise ValueError("an expression of another trace was mixed in.")
+            return value
+        return self.constant(value)
+
+    # ── arithmetic ──
+
+    def add(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a + b."""
+        if a.op == "const":
+            a, b = b, a
+        if b.op == "const":
+            if a.op == "const":
+                return self.constant(a.value + b.value)
+            if b.value == 0.0:
+                return a
+        if b.op == "neg":
+            return self.sub(a, b.a)  # type: ignore[arg-type]
+        if a.op == "neg":
+            return self.sub(b, a.a)  # type: ignore[arg-type]
+        if a.index > b.index:
+            a, b = b, a
+        return self._make("add", a, b)
+
+    def sub(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a - b."""
+        if a is b:
+            return self.zero
+        if b.op == "const":
+            if a.op == "const":
+                return self.constant(a.value - b.value)
+            if b.value == 0.0:
+                return a
+        if a is self.zero:
+            return self.neg(b)
+        if b.op == "neg":
+            return self.add(a, b.a)  # type: ignore[arg-type]
+        if a.op == "neg":
+            return self.neg(self.add(a.a, b))  # type: ignore[arg-type]
+        return self._make("sub", a, b)
+
+    def neg(self, a: Expr) -> Expr:
+        """Fold and make -a."""
+        if a.op == "const":
+            return self.constant(-a.value)
+        if a.op == "neg":
+            return a.a  # type: ignore[return-value]
+        if a.op == "sub":
+            return self._make("sub", a.b, a.a)
+        return self._make("neg", a)
+
+    def mul(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a * b; a constant factor comes first and is positive."""
+        if b.op == "const":
+            a, b = b, a
+        if a.op == "const":
+            return self._scale(a.value, b)
+        if a.op == "neg":
+            return self.neg(self.mul(a.a, b))  # type: ignore[arg-type]
+        if b.op == "neg":
+            return self.neg(self.mul(a, b.a))  # type: ignore[arg-type]
+        if a.index > b.index:
+            a, b = b, a
+        return self._make("mul", a, b)
+
+    def _scale(self, factor: float, b: Expr) -> Expr:
+        if b.op == "const":
+            return self.constant(factor * b.value)
+        if factor == 0.0:
+            return self.zero
+        if factor < 0.0:
+            return self.neg(self._scale(-factor, b))
+        if factor == 1.0:
+            return b
+        if b.op == "neg":
+            return self.neg(self._scale(factor, b.a))  # type: ignore[arg-type]
+        if b.op == "mul" and b.a is not None and b.a.op == "const":
+            return self._scale(factor * b.a.value, b.b)  # type: ignore[arg-type]
+        return self._make("mul", self.constant(factor), b)
+
+    def div(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a / b; by a constant it is a product with the reciprocal."""
+        if b.op == "const" and b.value != 0.0:
+            return self._scale(1.0 / b.value, a)
+        if a is self.zero:
+            return a
+        if a.op == "neg":
+            return self.neg(self.div(a.a, b))  # type: ignore[arg-type]
+        if b.op == "neg":
+            return self.neg(self.div(a, b.a))  # type: ignore[arg-type]
+        return self._make("div", a, b)
+
+    # ── functions ──
+
+    def sin(self, a: Expr) -> Expr:
+        """Fold and make sin a; odd."""
+        if a.op == "const":
+            return self.constant(math.sin(a.value))
+        return self.neg(self.sin(a.a)) if a.op == "neg" and a.a is not None else self._make("sin", a)
+
+    def cos(self, a: Expr) -> Expr:
+        """Fold and make cos a; even."""
+        if a.op == "const":
+            return self.constant(math.cos(a.value))
+        return self.cos(a.a) if a.op == "neg" and a.a is not None else self._make("cos", a)
+
+    def sqrt(self, a: Expr) -> Expr:
+        """Fold and make the square root."""
+        return self.constant(math.sqrt(a.value)) if a.op == "const" else self._make("sqrt", a)
+
+    def sign(self, a: Expr) -> Expr:
+        """Fold and make the sign; odd."""
+        if a.op == "const":
+            return self.constant((a.value > 0) - (a.value < 0))
+        return self.neg(self.sign(a.a)) if a.op == "neg" and a.a is not None else self._make("sign", a)
+
+
+def trace(
+    function: Callable[..., Any], inputs: Sequence[tuple[str, tuple[int, ...]]], outputs: Sequence[str]
+) -> Program:
+    """Run ``function`` on symbols and return what it did as a program.
+
+    ``inputs`` are (name, shape) pairs, passed in order as object arrays; the function returns one array or a tuple of
+    arrays, which ``outputs`` names.
+
+    >>> program = trace(lambda x, y: x * y + 1.0, [("x", ()), ("y", ())], ["z"])
+    >>> program.counts()["fma"], program.outputs[0].shape
+    (1, ())
+    """
+    owner = Trace()
+    arguments, ports, number = [], [], 0
+    for name, shape in inputs:
+        array = owner.inputs(number, shape)
+        arguments.append(array if shape else array[()])
+        ports.append(Port(name, shape))
+        number += math.prod(shape)
+    returned = function(*arguments)
+    arrays = [np.asarray(r, object) for r in (returned if isinstance(returned, tuple) else (returned,))]
+    results = [owner.lift(x) for array in arrays for x in array.reshape(-1)]
+    out_ports = tuple(Port(name, array.shape) for name, array in zip(outputs, arrays, strict=True))
+    return build(results, tuple(ports), out_ports)

@@ -1,0 +1,124 @@
+"""The header of a motion file: which column is which coordinate, velocity or acceleration."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import TrajectoryError
+from .coordinates import Coordinates
+
+Array = NDArray[Any]
+
+__all__ = ["Columns"]
+
+_TIME_NAMES = ("time", "t")
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Where time, q, dq and ddq stand in the rows of a motion file."""
+
+    header: tuple[str, ...]
+    time: int
+    places: dict[str, Array | None]
+    """For ``q``, ``dq`` and ``ddq``: the columns in the robot's order, or None where the file has none."""
+    factors: dict[str, Array]
+    """What takes each of them to SI units."""
+
+    @classmethod
+    def of(cls, text: str, coordinates: Coordinates, where: str, *, degrees: bool) -> Columns:
+        """From the header line; ``where`` begins the errors (:class:`~twistwrench.TrajectoryError`)."""
+        header = tuple(name.strip().strip('"').strip() for name in text.split(","))
+        _check_shape(header, text, where)
+        expected = {
+            "q": coordinates.names,
+            "dq": tuple(f"{n}.vel" for n in coordinates.velocity_names),
+            "ddq": tuple(f"{n}.acc" for n in coordinates.velocity_names),
+        }
+        time = _time_column(header, where)
+        _check_names(header, time, expected, where)
+        place = {name: k for k, name in enumerate(header)}
+        angle = math.radians(1.0) if degrees else 1.0
+        rates = np.where(coordinates.angular_velocity, angle, 1.0)
+        return cls(
+            header=header,
+            time=time,
+            places={
+                part: np.array([place[n] for n in names], int) if names and names[0] in place else None
+                for part, names in expected.items()
+            },
+            factors={"q": np.where(coordinates.angular, angle, 1.0), "dq": rates, "ddq": rates},
+        )
+
+    def take(self, table: Array, part: str) -> Any:
+        """The columns of ``part`` (``q``, ``dq`` or ``ddq``) of a table (n, columns), in SI units; None where absent."""
+        where = self.places[part]
+        return None if where is None else table[:, where] * self.factors[part]
+
+
+def _check_shape(header: Sequence[str], text: str, where: str) -> None:
+    if len(header) == 1 and (";" in text or "\t" in text or len(text.split()) > 1):
+        used = "semicolons" if ";" in text else "tabs" if "\t" in text else "blanks"
+        raise TrajectoryError(
+            f"{where}: columns are separated by {used}. Separate them by commas, and write decimals with a point (0.5)."
+        )
+    if all(_is_number(name) for name in header):
+        raise TrajectoryError(f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints.")
+    if "" in header:
+        raise TrajectoryError(
+            f"{where}: column {header.index('') + 1} has no name. Name every column, and leave no comma at the line's end."
+        )
+    for name in header:
+        if header.count(name) > 1:
+            raise TrajectoryError(f"{where}: column {name!r} is there {header.count(name)} times. Keep one of them.")
+
+
+def _time_column(header: Sequence[str], where: str) -> int:
+    found = [k for k, name in enumerate(header) if name.lower() in _TIME_NAMES]
+    if not found:
+        raise TrajectoryError(f"{where}: no time column. Name one column 'time' (or 't'), in seconds; found {_listed(header)}.")
+    if len(found) > 1:
+        raise TrajectoryError(f"{where}: two time columns, {_listed([header[k] for k in found])}. Keep one of them.")
+    return found[0]
+
+
+def _check_names(header: Sequence[str], time: int, expected: dict[str, tuple[str, ...]], where: str) -> None:
+    given = [name for k, name in enumerate(header) if k != time]
+    known = [name for names in expected.values() for name in names]
+    unknown = [name for name in given if name not in known]
+    missing = [name for name in expected["q"] if name not in given]
+    listed = f"Expected: {_listed(expected['q'])}, and for all of them or none '.vel' and '.acc' columns."
+    if unknown:
+        near = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0.6)
+        hint = f" Did you mean {near[0]!r}?" if near else " Remove it, or lock or rename the joint."
+        others = f" (and {len(unknown) - 1} more)" if len(unknown) > 1 else ""
+        raise TrajectoryError(f"{where}: column {unknown[0]!r}{others} is no joint of this robot.{hint} {listed}")
+    if missing:
+        raise TrajectoryError(f"{where}: no column for {_listed(missing)}. {listed} A joint that never moves can be locked (--lock).")
+    for part in ("dq", "ddq"):
+        absent = [name for name in expected[part] if name not in given]
+        if absent and len(absent) < len(expected[part]):
+            raise TrajectoryError(
+                f"{where}: no column {_listed(absent)}, although others of its kind are there. "
+                "Give them for every joint, or for none: then they are derived."
+            )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    rest = f", … ({len(names)} in all)" if len(names) > most else ""
+    return ", ".join(names[:most]) + rest

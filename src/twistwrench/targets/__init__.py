@@ -1,0 +1,1 @@
+"""One emitter per target, each from the same program."""

@@ -1,0 +1,127 @@
+"""sin and cos in lanes: Cody–Waite reduction, minimax polynomials, and a correct path for huge angles.
+
+With a fused multiply–add, ``x - k π/2`` by the leading part of π/2 is exact as long as the result is below 1: both terms
+are multiples of the same small power of two. What is lost is only the tail of π/2 times k, far below one unit in the last
+place up to :func:`limit`; beyond it each lane is first brought into ±π with the C library's sin, cos and atan2, which
+reduce correctly. Error: within 1.5 units in the last place of a result near 1 (tests/test_sincos.py measures it).
+Polynomials: S. Moshier, Cephes Mathematical Library, 1984–1992.
+"""
+
+from __future__ import annotations
+
+from .machine import Precision
+from .writer import Writer
+
+__all__ = ["limit", "sincos", "wrap", "wrapper"]
+
+TWO_OVER_PI = 0.6366197723675814
+
+HALF_PI = {
+    64: (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33),
+    32: (1.5707963705062866, -4.371138828673793e-08, -1.7151244749032155e-15),
+}
+"""π/2 as a sum of numbers of the precision, by its bits."""
+
+SINE = {
+    64: (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6, -1.98412698295895385996e-4,
+         8.33333333332211858878e-3, -1.66666666666666307295e-1),
+    32: (-1.9515295891e-4, 8.3321608736e-3, -1.6666654611e-1),
+}  # fmt: skip
+COSINE = {
+    64: (-1.13585365213876817300e-11, 2.08757008419747316778e-9, -2.75573141792967388112e-7, 2.48015872888517045348e-5,
+         -1.38888888888730564116e-3, 4.16666666666665929218e-2, -0.5, 1.0),
+    32: (2.443315711809948e-5, -1.388731625493765e-3, 4.166664568298827e-2, -0.5, 1.0),
+}  # fmt: skip
+
+
+def limit(precision: Precision) -> float:
+    """The largest angle the fast reduction is used for."""
+    return 2.0**30 if precision.bits == 64 else 2.0**15
+
+
+def sincos(w: Writer, x: str) -> tuple[str, str]:
+    """Emit sin x and cos x for angles within the limit; NaN and infinity give NaN."""
+    bits = w.precision.bits
+    magic = 1.5 * 2.0**w.precision.mantissa  # adding it leaves the nearest integer in the low bits
+    shifted = w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic))
+    k = w.binary("fsub", shifted, w.splat(magic))
+    r = x
+    for part in HALF_PI[bits]:
+        r = w.fma(k, w.splat(-part), r)
+    r2 = w.binary("fmul", r, r)
+    sine = w.fma(_horner(w, SINE[bits], r2), w.binary("fmul", r, r2), r)
+    cosine = _horner(w, COSINE[bits], r2)
+    quadrant = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
+    odd = w.new(f"and {w.integer} {quadrant}, {w.bits(1)}")
+    odd = w.new(f"icmp ne {w.integer} {odd}, {w.bits(0)}")
+    # sin is negative in quadrants 2 and 3, cos in 1 and 2: bit 1, and bit 0 ^ bit 1, moved to where the sign is.
+    half = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 2)}")
+    turn = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 1)}")
+    return (
+        _flip(w, w.select(odd, cosine, sine), half),
+        _flip(w, w.select(odd, sine, cosine), w.new(f"xor {w.integer} {half}, {turn}")),
+    )
+
+
+def _horner(w: Writer, coefficients: tuple[float, ...], x: str) -> str:
+    value = w.splat(coefficients[0])
+    for c in coefficients[1:]:
+        value = w.fma(value, x, w.splat(c))
+    return value
+
+
+def _flip(w: Writer, value: str, sign: str) -> str:
+    """``value`` with its sign turned where the top bit of ``sign`` is set."""
+    top = w.new(f"and {w.integer} {sign}, {w.bits(-(1 << (w.precision.bits - 1)))}")
+    pattern = w.new(f"bitcast {w.vector} {value} to {w.integer}")
+    pattern = w.new(f"xor {w.integer} {pattern}, {top}")
+    return w.new(f"bitcast {w.integer} {pattern} to {w.vector}")
+
+
+def wrap(w: Writer, angles: list[str], block: str) -> tuple[list[str], str]:
+    """Emit the check for huge angles: one branch, taken only if some lane of some angle needs it.
+
+    Takes the label control comes from; returns the angles to use and the label control is in afterwards.
+    """
+    bound, huge = w.splat(limit(w.precision)), None
+    for x in angles:
+        size = w.intrinsic("fabs", x)
+        over = w.new(f"fcmp ogt {w.vector} {size}, {bound}")
+        huge = over if huge is None else w.new(f"or {w.mask} {huge}, {over}")
+    some = w.new(f"bitcast {w.mask} {huge} to i{w.lanes}")
+    some = w.new(f"icmp ne i{w.lanes} {some}, 0")
+    far, near = w.label("far"), w.label("near")
+    w.do(f'br i1 {some}, label %{far}, label %{near}, !prof !{{!"branch_weights", i32 1, i32 100000}}')
+    w.begin(far)
+    wrapped = [w.new(f"call {w.vector} @{_wrapper_name(w)}({w.vector} {x})") for x in angles]
+    w.do(f"br label %{near}")
+    w.begin(near)
+    merged = [
+        w.new(f"phi {w.vector} [{x}, %{block}], [{y}, %{far}]") for x, y in zip(angles, wrapped, strict=True)
+    ]
+    return merged, near
+
+
+def _wrapper_name(w: Writer) -> str:
+    return f"wrap.{w.suffix}"
+
+
+def wrapper(precision: Precision, lanes: int) -> str:
+    """The function :func:`wrap` calls: each lane beyond the limit is replaced by its equal within ±π."""
+    w = Writer(precision, lanes)
+    double = "double"
+    result = "%x"
+    for lane in range(lanes):
+        x = w.new(f"extractelement {w.vector} %x, i32 {lane}")
+        wide = x if precision.bits == 64 else w.new(f"fpext {w.element} {x} to {double}")
+        sine = w.new(f"call {double} @sin({double} {wide})")
+        cosine = w.new(f"call {double} @cos({double} {wide})")
+        angle = w.new(f"call {double} @atan2({double} {sine}, {double} {cosine})")
+        if precision.bits == 32:
+            angle = w.new(f"fptrunc {double} {angle} to {w.element}")
+        size = w.new(f"call {w.element} @llvm.fabs.f{precision.bits}({w.element} {x})")
+        over = w.new(f"fcmp ogt {w.element} {size}, {w.number(limit(precision))}")
+        value = w.new(f"select i1 {over}, {w.element} {angle}, {w.element} {x}")
+        result = w.new(f"insertelement {w.vector} {result}, {w.element} {value}, i32 {lane}")
+    body = "\n".join(w.lines)
+    return f"define internal {w.vector} @{_wrapper_name(w)}({w.vector} %x) noinline cold {{\n{body}\n  ret {w.vector} {result}\n}}\n"
