@@ -1,7 +1,7 @@
 """What is timed: three robots, five quantities, and random states. Everything here is in Pinocchio's order and signs.
 
-Pinocchio's order: joints of one parent alphabetically; a floating base is q = (x, y, z, qx, qy, qz, qw), dq = (v, omega);
-twists and wrenches have the linear part first.
+Pinocchio's order: joints of one parent alphabetically; a floating base is q = (x, y, z, qx, qy, qz, qw),
+dq = (v, omega); twists and wrenches have the linear part first.
 """
 
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What comes before the first torque: import, load, compile, and what is installed. Every time is of a fresh process."""
+"""What comes before the first torque: import, load, compile, install. Every time is of a fresh process."""
 
 import json
 import os
@@ -15,6 +15,7 @@ from packaging.requirements import Requirement
 
 from bench.cases import QUANTITIES, Case
 
+ROOT = Path(__file__).parents[1]
 CACHE = "TWISTWRENCH_CACHE_DIR"
 ROUNDS = 9
 
@@ -32,17 +33,15 @@ pin.rnea(model, model.createData(), np.full(7, 0.1), np.full(7, 0.2), np.full(7,
 KERNELS = """
 import json, time
 from bench.cases import CASES, QUANTITIES
-import twistwrench
+from bench.ours import kernel, load
 case = next(c for c in CASES if c.name == {name!r})
-start = time.perf_counter()
-robot = twistwrench.load(case.path, floating_base=case.floating_base, lock=dict.fromkeys(case.locked, 0.0),
-                         inertia="accept", mimic="independent")
-seconds = {{"load": time.perf_counter() - start}}
-for quantity in QUANTITIES:
-    frame = {{"frame": case.tip, "kind": "body"}} if quantity == "jacobian" else {{}}
-    start = time.perf_counter()
-    robot.kernel(quantity, **frame)
-    seconds[quantity] = time.perf_counter() - start
+seconds, start = {{}}, time.perf_counter()
+robot = load(case)
+for what in ("load", *QUANTITIES):
+    if what in QUANTITIES:
+        kernel(robot, case, what)
+    now = time.perf_counter()
+    seconds[what], start = now - start, now
 print(json.dumps(seconds))
 """
 
@@ -81,13 +80,16 @@ def kernel_times(case: Case, rounds: int = 3) -> dict[str, dict[str, float]]:
             for kind in runs:  # the first run fills the cache that the second one finds
                 runs[kind].append(json.loads(_python(code, cache)))
     return {
-        kind: {what: statistics.median(run[what] for run in each) for what in ("load", *QUANTITIES)} for kind, each in runs.items()
+        kind: {what: statistics.median(run[what] for run in each) for what in ("load", *QUANTITIES)}
+        for kind, each in runs.items()
     }
 
 
 def _python(code: str, cache: str) -> str:
     environment = {**os.environ, CACHE: cache}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         raise RuntimeError(f"a fresh Python failed at\n{code}\n{done.stderr}")
     return done.stdout
@@ -95,8 +97,8 @@ def _python(code: str, cache: str) -> str:
 
 def installed_bytes() -> dict[str, int]:
     """Bytes on disk of a package and all that it requires, byte code left out."""
-    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
-    own = sum(f.stat().st_size for f in (Path(__file__).parents[1] / "src").rglob("*.*") if f.suffix != ".pyc" and f.is_file())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    own = sum(f.stat().st_size for f in (ROOT / "src").rglob("*.*") if f.suffix != ".pyc" and f.is_file())
     return {
         "twistwrench": own + sum(map(_bytes, _closure(project["dependencies"]))),
         "Pinocchio (`pin`)": sum(map(_bytes, _closure(["pin", "numpy"]))),

@@ -1,30 +1,49 @@
 """twistwrench, behind the same small face as its peers."""
 
+import warnings
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
-import twistwrench as tw
 
+import twistwrench as tw
 from bench.cases import Case, States
 from bench.timing import Contender, calls
 
-KERNEL, CALL, BATCH = "twistwrench kernel, one state", "twistwrench method, one state", "twistwrench method, batch of {}"
+KERNEL, METHOD = "twistwrench kernel", "twistwrench method"
+
+
+def load(case: Case, **options: Any) -> tw.Robot:
+    """The robot, from its file, as a user would."""
+    locked = dict.fromkeys(case.locked, 0.0)
+    options = {"inertia": "accept", "mimic": "independent", **options}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        return tw.load(case.path, floating_base=case.floating_base, lock=locked, **options)
+
+
+def kernel(robot: tw.Robot, case: Case, quantity: str) -> np.ufunc:
+    """The bare compiled function."""
+    return robot.kernel(quantity, **_frame(case, quantity))
+
+
+def _frame(case: Case, quantity: str) -> dict[str, Any]:
+    return {"frame": case.tip, "kind": "body"} if quantity == "jacobian" else {}
 
 
 class Ours:
-    """One robot, loaded from its file as a user would."""
+    """One robot in twistwrench."""
 
-    def __init__(self, case: Case, **options: object) -> None:
+    def __init__(self, case: Case, **options: Any) -> None:
         self.case = case
-        locked = dict.fromkeys(case.locked, 0.0)
-        self.robot = tw.load(
-            case.path, floating_base=case.floating_base, lock=locked, inertia="accept", mimic="independent", **options
-        )
+        self.robot = load(case, **options)
         model = case.model
         names = [name for name in self.robot.joint_names if name in case.moving]
         ids = [model.getJointId(name) for name in names]
-        base_q = [6, 3, 4, 5, 0, 1, 2] if case.floating_base else []  # (qw, qx, qy, qz, x, y, z) from (x, y, z, qx, qy, qz, qw)
-        base_v = [3, 4, 5, 0, 1, 2] if case.floating_base else []  # (omega, v) from (v, omega)
+        # (qw, qx, qy, qz, x, y, z) from (x, y, z, qx, qy, qz, qw), and (omega, v) from (v, omega)
+        base_q = [6, 3, 4, 5, 0, 1, 2] if case.floating_base else []
+        base_v = [3, 4, 5, 0, 1, 2] if case.floating_base else []
         self.q_index = np.array([*base_q, *(model.idx_qs[i] for i in ids)])
         self.v_index = np.array([*base_v, *(model.idx_vs[i] for i in ids)])
 
@@ -35,12 +54,8 @@ class Ours:
 
     def method(self, quantity: str) -> Callable[..., np.ndarray]:
         if quantity == "jacobian":
-            return lambda q, **out: self.robot.jacobian(q, self.case.tip, **out)
+            return partial(self.robot.jacobian, frame=self.case.tip)
         return getattr(self.robot, quantity)
-
-    def kernel(self, quantity: str) -> np.ufunc:
-        frame = {"frame": self.case.tip, "kind": "body"} if quantity == "jacobian" else {}
-        return self.robot.kernel(quantity, **frame)
 
     def evaluate(self, quantity: str, states: States) -> np.ndarray:
         """One batch through the method, in Pinocchio's order."""
@@ -51,27 +66,29 @@ class Ours:
         return values[:, [3, 4, 5, 0, 1, 2]] if quantity == "jacobian" else values
 
     def contenders(self, quantity: str, states: States) -> list[Contender]:
-        method, kernel = self.method(quantity), self.kernel(quantity)
+        method, bare = self.method(quantity), kernel(self.robot, self.case, quantity)
         few = list(zip(*self.inputs(quantity, states[:256]), strict=True))
         out = np.empty(np.shape(method(*few[0])))
-        found = [calls(KERNEL, kernel, [(*row, out) for row in few]), calls(CALL, method, few)]
+        found = [
+            calls(f"{KERNEL}, one state", bare, [(*row, out) for row in few]),
+            calls(f"{METHOD}, one state", method, few),
+        ]
         for size in sorted({self.case.batch, len(states)}):
             arrays = self.inputs(quantity, states[:size])
-            name = BATCH.format(size)
-            found += [Contender(name, _repeat(method, arrays, {}), size)]
-            found += [Contender(f"{name}, out=", _repeat(method, arrays, {"out": np.empty((size, *out.shape))}), size)]
+            results = np.empty((size, *out.shape))
+            found += [Contender(f"{KERNEL}, batch of {size}, out=", _repeat(bare, (*arrays, results)), size)]
+            found += [Contender(f"{METHOD}, batch of {size}", _repeat(method, arrays), size)]
         return found
 
-    def operations(self, quantity: str) -> tuple[dict[str, int], int]:
-        """How many operations of each kind the program holds, and its floating-point operations together."""
-        frame = {"frame": self.case.tip, "kind": "body"} if quantity == "jacobian" else {}
-        program = self.robot.program(quantity, **frame)
-        return dict(program.counts()), int(program.flops)
+    def operations(self, quantity: str) -> dict[str, int]:
+        """How many operations of each kind one state takes, and two sums of them."""
+        program = self.robot.program(quantity, **_frame(self.case, quantity))
+        return {**program.counts(), "multiplications": program.multiplications, "flops": program.flops}
 
 
-def _repeat(method: Callable[..., np.ndarray], arrays: tuple[np.ndarray, ...], out: dict[str, np.ndarray]) -> Callable[[int], None]:
+def _repeat(function: Callable[..., object], arrays: tuple[np.ndarray, ...]) -> Callable[[int], None]:
     def sweep(times: int) -> None:
         for _ in range(times):
-            method(*arrays, **out)
+            function(*arrays)
 
     return sweep

@@ -22,7 +22,9 @@ class Book:
         pin.forwardKinematics(model, data, pin.neutral(model))
         frame = model.frames[model.getFrameId(case.tip, pin.BODY)]
         M = (data.oMi[frame.parentJoint] * frame.placement).homogeneous
-        self.Mlist = np.array([*(each.homogeneous for each in list(model.jointPlacements)[1:]), frame.placement.homogeneous])
+        self.Mlist = np.array(
+            [*(each.homogeneous for each in list(model.jointPlacements)[1:]), frame.placement.homogeneous]
+        )
         self.Glist = np.array([_angular_first(body.matrix()) for body in list(model.inertias)[1:]])
         local = [np.array([*AXES[joint.shortname()], 0, 0, 0], float) for joint in list(model.joints)[1:]]
         poses = [each.homogeneous for each in list(data.oMi)[1:]]

@@ -15,7 +15,19 @@ from bench.cases import Case, States
 from bench.timing import Contender, calls
 
 NAME = "MuJoCo, Python call"
-OFF = ("ACTUATION", "CLAMPCTRL", "CONSTRAINT", "CONTACT", "DAMPER", "EQUALITY", "FRICTIONLOSS", "LIMIT", "SENSOR", "SPRING", "WARMSTART")
+OFF = (
+    "ACTUATION",
+    "CLAMPCTRL",
+    "CONSTRAINT",
+    "CONTACT",
+    "DAMPER",
+    "EQUALITY",
+    "FRICTIONLOSS",
+    "LIMIT",
+    "SENSOR",
+    "SPRING",
+    "WARMSTART",
+)
 
 
 class MuJoCo:
@@ -34,7 +46,9 @@ class MuJoCo:
     def evaluate(self, quantity: str, states: States) -> np.ndarray:
         function = self.function(quantity)
         rows = [np.array(function(*row)) for row in zip(*self.inputs(quantity, states), strict=True)]
-        return np.array([self.translate(quantity, row, dq, q) for row, dq, q in zip(rows, states.dq, states.q, strict=True)])
+        return np.array(
+            [self.translate(quantity, row, dq, q) for row, dq, q in zip(rows, states.dq, states.q, strict=True)]
+        )
 
     def contenders(self, quantity: str, states: States) -> list[Contender]:
         inputs = self.inputs(quantity, states[:256])
@@ -49,8 +63,11 @@ class MuJoCo:
 
         def inverse_dynamics(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> object:
             qpos[:], qvel[:], qacc[:] = q, dq, ddq
-            mujoco.mj_inverse(model, data)
-            return data.qfrc_inverse
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_comVel(model, data)
+            mujoco.mj_rne(model, data, 1, forces)  # with these calls a tenth to a quarter faster than mj_inverse
+            return forces
 
         def mass_matrix(q: np.ndarray) -> object:
             qpos[:] = q
@@ -88,7 +105,9 @@ class MuJoCo:
         q = np.empty_like(states.q)
         q[:, self.q_index] = states.q
         turned = []
-        for kind, values in zip(("dq", "tau" if quantity == "forward_dynamics" else "ddq"), states.inputs(quantity)[1:], strict=False):
+        for kind, values in zip(
+            ("dq", "tau" if quantity == "forward_dynamics" else "ddq"), states.inputs(quantity)[1:], strict=False
+        ):
             row = values.copy()
             if self.case.floating_base:
                 if kind == "ddq":  # classical acceleration of the origin
@@ -131,8 +150,8 @@ def _rotations(q: np.ndarray) -> np.ndarray:
 def _model(case: Case) -> mujoco.MjModel:
     root = ElementTree.fromstring(case.text)
     if case.floating_base:
-        children = {joint.find("child").get("link") for joint in root.findall("joint")}
-        base = next(link.get("name") for link in root.findall("link") if link.get("name") not in children)
+        children = {child.get("link") for child in root.iter("child")}
+        base = next(name for link in root.findall("link") if (name := link.attrib["name"]) not in children)
         ElementTree.SubElement(root, "link", name="the_world")
         free = ElementTree.SubElement(root, "joint", name="the_free_joint", type="floating")
         ElementTree.SubElement(free, "parent", link="the_world")

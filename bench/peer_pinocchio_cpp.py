@@ -1,7 +1,7 @@
-"""Pinocchio in C++, compiled on the spot: the headers of the wheel, instantiated by each compiler found, nothing linked.
+"""Pinocchio in C++, compiled on the spot: the wheel's headers, instantiated by each compiler found, nothing linked.
 
-The wheel's own build is slower than its code can be, so the yardstick is the best of several builds. They are kept under
-`bench/build`, by a hash of all that went into them: each takes a compiler a minute or two.
+The wheel's own build is slower than its code can be, so the yardstick is the best of several builds. They are kept
+under `bench/build`, by a hash of all that went into them: each takes a compiler a few minutes and up to 5 GB.
 """
 
 import ctypes
@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import distribution, version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,9 +24,8 @@ from bench.timing import Contender
 NAME = "Pinocchio C++"
 SOURCE = Path(__file__).with_name("pinocchio.cpp")
 BUILDS = Path(__file__).with_name("build")
-COMPILERS = ("clang++", "g++")
-OPTIMISATIONS = ("-O3 -march=native", "-O3 -march=native -ffast-math")
-# What Pinocchio's CMake files define for users of its headers, less the switch to the templates compiled into its library.
+COMMANDS = ("clang++ -O3 -march=native", "clang++ -O3 -march=native -ffast-math", "g++ -O3 -march=native")
+# What Pinocchio's CMake files define for users of its headers.
 DEFINITIONS = (
     "-DNDEBUG",
     "-DBOOST_MPL_LIMIT_LIST_SIZE=30",
@@ -52,17 +52,16 @@ class Build:
 
 def builds() -> list[Build]:
     """Compile what is not yet compiled. A compiler that fails is left out as long as another one works."""
-    found = [c for c in COMPILERS if shutil.which(c)]
+    found = [command for command in COMMANDS if shutil.which(command.split()[0])]
     if not found:
         raise MissingError("no C++ compiler: install clang (`apt install clang libeigen3-dev`)")
     include = _eigen()
     done, failed = [], []
-    for compiler in found:
-        for optimisation in OPTIMISATIONS:
-            try:
-                done.append(_build(compiler, optimisation, include))
-            except subprocess.CalledProcessError as error:
-                failed.append(f"{compiler} {optimisation}: {error.stderr.strip().splitlines()[0]}")
+    for command in found:
+        try:
+            done.append(_build(command, include))
+        except subprocess.CalledProcessError as error:
+            failed.append(f"{command}: {_first_error(error.stderr)}")
     if not done:
         raise MissingError("Pinocchio's headers did not compile: " + "; ".join(failed))
     for failure in failed:
@@ -81,21 +80,27 @@ def _eigen() -> Path:
     raise MissingError("no Eigen headers: `apt install libeigen3-dev`, or `brew install eigen`")
 
 
-def _build(compiler: str, optimisation: str, eigen: Path) -> Build:
+def _build(command: str, eigen: Path) -> Build:
+    compiler, *optimisation = command.split()
     about = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
     include = Path(str(distribution("libpinocchio").locate_file("cmeel.prefix/include")))
-    flags = [*optimisation.split(), *LANGUAGE, *DEFINITIONS, "-isystem", str(include), "-isystem", str(eigen)]
+    flags = [*optimisation, *LANGUAGE, *DEFINITIONS, "-isystem", str(include), "-isystem", str(eigen)]
     key = "\n".join([about, version("libpinocchio"), _cpu_flags(), *flags, SOURCE.read_text()])
     path = BUILDS / f"pinocchio_{hashlib.sha256(key.encode()).hexdigest()[:16]}.so"
     if not path.exists():
-        print(f"  compiling Pinocchio with {compiler} {optimisation} (a minute or two, once) …", flush=True)
+        print(f"  compiling Pinocchio with {command} (a few minutes, once) …", flush=True)
         BUILDS.mkdir(exist_ok=True)
         draft = path.with_suffix(".tmp")
         subprocess.run([compiler, *flags, str(SOURCE), "-o", str(draft)], capture_output=True, text=True, check=True)
         draft.rename(path)
     library = ctypes.CDLL(str(path))
     library.robot_new.restype = ctypes.c_void_p
-    return Build(f"{compiler} {optimisation}", about, library)
+    return Build(command, about, library)
+
+
+def _first_error(output: str) -> str:
+    lines = output.splitlines()
+    return next((line for line in lines if "error" in line), lines[0] if lines else "no message")
 
 
 def _cpu_flags() -> str:
@@ -110,11 +115,11 @@ class PinocchioCpp:
     """One robot in one build. Its memory is never given back: the benchmark ends soon enough."""
 
     def __init__(self, case: Case, build: Build) -> None:
-        self.build, self.model = build, case.model
+        self.build, self.model, self.batch = build, case.model, case.batch
         self.robot = ctypes.c_void_p(build.library.robot_new())
-        for arguments in _joints(self.model):
-            if not build.library.robot_add_joint(self.robot, *arguments):
-                raise MissingError(f"{SOURCE.name} knows no joint of kind {arguments[0].decode()}")
+        for kind, *arguments in _joints(self.model):
+            if not build.library.robot_add_joint(self.robot, kind.encode(), *arguments):
+                raise MissingError(f"{SOURCE.name} knows no joint of kind {kind}")
         tip = self.model.frames[self.model.getFrameId(case.tip, pin.BODY)]
         build.library.robot_finish(self.robot, ctypes.c_long(tip.parentJoint), *_placement(tip.placement))
 
@@ -129,7 +134,8 @@ class PinocchioCpp:
         return symmetric(values) if quantity == "mass_matrix" else values
 
     def contenders(self, quantity: str, states: States) -> list[Contender]:
-        """A loop in C++ over all states."""
+        """A loop in C++ over the headline's batch of states."""
+        states = states[: self.batch]
         arrays = _inputs(quantity, states)
         run, robot, name, size = self.build.library.robot_run, self.robot, quantity.encode(), ctypes.c_long(len(states))
         pointers = [_pointer(each) for each in arrays]  # they keep their arrays alive
@@ -145,12 +151,16 @@ def _inputs(quantity: str, states: States) -> tuple[np.ndarray, ...]:
     return states.q, states.dq, states.tau if quantity == "forward_dynamics" else states.ddq
 
 
-def _joints(model: pin.Model) -> Iterator[tuple[object, ...]]:
+def _joints(model: pin.Model) -> Iterator[tuple[Any, ...]]:
     for joint, parent, placement, body in zip(
-        list(model.joints)[1:], list(model.parents)[1:], list(model.jointPlacements)[1:], list(model.inertias)[1:], strict=True
+        list(model.joints)[1:],
+        list(model.parents)[1:],
+        list(model.jointPlacements)[1:],
+        list(model.inertias)[1:],
+        strict=True,
     ):
         inertia = ctypes.c_double(body.mass), _doubles(body.lever), _doubles(body.inertia)
-        yield joint.shortname().encode(), ctypes.c_long(parent), *_placement(placement), *inertia
+        yield joint.shortname(), ctypes.c_long(parent), *_placement(placement), *inertia
 
 
 def _placement(pose: pin.SE3) -> tuple[object, object]:

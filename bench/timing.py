@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ROUND_SECONDS = 0.02
 ROUNDS = 15
 
@@ -57,7 +56,9 @@ def pin_to_one_core() -> int | None:
     return core
 
 
-def interleave(contenders: Sequence[Contender], rounds: int = ROUNDS, seconds: float = ROUND_SECONDS) -> dict[str, Timing]:
+def interleave(
+    contenders: Sequence[Contender], rounds: int = ROUNDS, seconds: float = ROUND_SECONDS
+) -> dict[str, Timing]:
     """Time all contenders, round-robin, each for at least `seconds` a round, with the garbage collector paused."""
     times = {c.name: _times_to_fill(c, seconds) for c in contenders}
     nanoseconds: dict[str, list[float]] = {c.name: [] for c in contenders}

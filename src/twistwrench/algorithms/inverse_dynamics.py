@@ -44,8 +44,8 @@ class _Motion:
 
 def joint_wrenches(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None, gravity: bool = True
-) -> list[Array]:
-    """The wrench (6,) that each body receives through its joint, in its own frame.
+) -> Array:
+    """The wrench that each body receives through its joint, in its own frame; (nbodies, 6).
 
     ``wrenches`` are applied by the robot, at the frames that name them and expressed in those frames.
     """
@@ -68,7 +68,7 @@ def joint_wrenches(
     for i, p in inward(model):
         if p != BASE:
             F[p] = F[p] + Ad(se3.inverse(T[i])).T @ F[i]  # (8.53), the children's part
-    return [F[i] for i in range(len(model.bodies))]
+    return np.array([F[i] for i in range(len(model.bodies))]).reshape(-1, 6)
 
 
 def _inertial_wrench(G: SpatialInertia, motion: _Motion) -> Array:

@@ -56,7 +56,7 @@ def spread(model: Model, dq: Array) -> list[Array]:
     return twists
 
 
-def collect(model: Model, wrenches: Sequence[Array]) -> Array:
+def collect(model: Model, wrenches: Array) -> Array:
     """Joint torques (nv,) from the wrench on each body through its joint: A' F, summed over joints that share a coordinate."""
     tau = zeros(model.nv)
     for body, F in zip(model.bodies, wrenches, strict=True):

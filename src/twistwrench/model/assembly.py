@@ -110,7 +110,8 @@ def _friction(
 ) -> tuple[Array, Array]:
     """Damping and Coulomb friction per velocity, those of followers folded into their leaders.
 
-    A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping counts ratio², friction |ratio|.
+    A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping counts
+    ratio², friction |ratio|.
     """
     damping, friction = np.zeros(nv), np.zeros(nv)
     for entry in joints:

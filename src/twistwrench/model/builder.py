@@ -7,13 +7,24 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from .assembly import ROOT_JOINT, assemble
-from .description import KINDS, JointEntry, LinkEntry, Mimic, axes_of, label, limits_of, link_entry, numbers, placement_of
+from .description import (
+    KINDS,
+    JointEntry,
+    LinkEntry,
+    Mimic,
+    axes_of,
+    label,
+    limits_of,
+    link_entry,
+    mimic_of,
+    numbers,
+    placement_of,
+)
 from .edit import gravity_vector, lock
 from .joint import Joint
 from .judgement import INERTIA_POLICIES, judge
@@ -31,6 +42,7 @@ class ModelBuilder:
 
     ``where`` says where a link or joint was described ("line 12"), and appears in messages about it.
 
+    >>> import numpy as np
     >>> builder = ModelBuilder("pendulum")
     >>> builder.add_link("base")
     >>> builder.add_link("rod", SpatialInertia.from_com(1.0, (0, 0, -0.5), 0.1 * np.eye(3)))
@@ -46,14 +58,14 @@ class ModelBuilder:
         self._remarks: list[str] = []
 
     def remark(self, text: str) -> None:
-        """Note something doubtful: a :class:`~twistwrench.ModelWarning` when the model is built, kept in its defects."""
+        """Note something doubtful: a :class:`~twistwrench.ModelWarning` on building, kept in the defects."""
         self._remarks.append(text)
 
     def add_link(self, name: str, inertia: SpatialInertia | None = None, where: str = "") -> None:
         """Add a link with its inertia about its own frame's origin; None is a link without mass.
 
-        Raises :class:`~twistwrench.ModelError` for a name taken, :class:`~twistwrench.InertiaError` for numbers that are not
-        finite and for a negative mass.
+        Raises :class:`~twistwrench.ModelError` for a name taken, :class:`~twistwrench.InertiaError` for numbers that
+        are not finite and for a negative mass.
         """
         link = link_entry(name, inertia, where)
         _check_new("link", name, where, self._links.get(name))
@@ -81,10 +93,10 @@ class ModelBuilder:
     ) -> None:
         """Add a joint of one of the kinds revolute, continuous, prismatic, helical, planar, floating and fixed.
 
-        ``placement`` (4, 4) is T_parent,child with the joint at zero (None: the identity). ``axis``, in the child's frame, is
-        a direction (3,) or a screw axis (6,), angular part first; ``pitch`` [m/rad] goes with a direction and ``helical``.
-        Axes are normalised unless ``normalise_axes=False``: then q counts in units of the axis's length. Limits in rad
-        or m, rad/s or m/s, N m or N; None means not given. ``mimic`` is (leader, multiplier, offset).
+        ``placement`` (4, 4) is T_parent,child with the joint at zero (None: the identity). ``axis``, in the child's
+        frame, is a direction (3,) or a screw axis (6,), angular part first; ``pitch`` [m/rad] goes with a direction and
+        ``helical``. Axes are normalised unless ``normalise_axes=False``: then q counts in units of the axis's length.
+        Limits in rad or m, rad/s or m/s, N m or N; None means not given. ``mimic`` is (leader, multiplier, offset).
         Raises :class:`~twistwrench.ModelError` for whatever cannot be meant.
         """
         who = label("joint", name, where)
@@ -98,10 +110,16 @@ class ModelBuilder:
             loss[what] = float(numbers(value, (), f"the {what} of {who}"))
             if loss[what] < 0:
                 remarks.append(f"{who} has a negative {what}, {value:g}, so it feeds energy into the robot")
-        if mimic is not None:
-            mimic = (mimic[0], *(float(numbers(x, (), f"the mimic of {who}")) for x in mimic[1:]))
         self._joints[name] = JointEntry(
-            joint, parent, child, placement_of(placement, who), limits, loss["damping"], loss["friction"], mimic, where
+            joint=joint,
+            parent=parent,
+            child=child,
+            placement=placement_of(placement, who),
+            limits=limits,
+            damping=loss["damping"],
+            friction=loss["friction"],
+            mimic=mimic_of(mimic, who),
+            where=where,
         )
         self._remarks.extend(remarks)
 
@@ -116,19 +134,21 @@ class ModelBuilder:
         snap: float = DEFAULT_SNAP,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
     ) -> Model:
-        """The model of what was added, checked: one tree, bodies that can exist, mimic chains resolved, fixed links fused.
+        """The model of what was added, checked: one tree, possible bodies, mimic chains resolved, fixed links fused.
 
         ``floating_base`` lets the root link float; ``lock`` holds joints at positions; ``mimic`` is "follow" or
-        "independent"; ``inertia`` is "error", "accept" or "repair"; entries of fixed rotations within ``snap`` of 0 or ±1
-        are set to it; ``gravity`` (3,) is in the base frame. Remarks become warnings and stay in ``model.defects``.
+        "independent"; ``inertia`` is "error", "accept" or "repair"; entries of fixed rotations within ``snap`` of 0 or
+        ±1 are set to it; ``gravity`` (3,) is in the base frame. Remarks are warned of and stay in ``model.defects``.
 
-        Raises :class:`~twistwrench.ModelError`, or :class:`~twistwrench.InertiaError` for a moving body that cannot exist;
-        :class:`~twistwrench.UnknownNameError` for a joint to lock or a tip that is not there.
+        Raises :class:`~twistwrench.ModelError`, :class:`~twistwrench.InertiaError` for a moving body that cannot exist,
+        and :class:`~twistwrench.UnknownNameError` for a joint to lock or a tip that is not there.
         """
         _check_choice("mimic", mimic, MIMIC_POLICIES)
         _check_choice("inertia", inertia, INERTIA_POLICIES)
         if not 0 <= snap < 0.1:
-            raise ValueRangeError(f"snap is {snap!r}, expected a small number such as {DEFAULT_SNAP:g}, or 0 to turn it off.")
+            raise ValueRangeError(
+                f"snap={snap!r} is not allowed: a small number such as {DEFAULT_SNAP:g}, or 0 for off."
+            )
         tree = find_tree(self._links, list(self._joints.values()))
         remarks = [*self._remarks, *self._floating_remarks(tree, floating_base)]
         drives = find_drives(self._joints.values()) if mimic == "follow" else {}
@@ -154,8 +174,8 @@ class ModelBuilder:
             return []
         if ROOT_JOINT in self._joints:
             raise ModelError(
-                f"{self._joints[ROOT_JOINT]} has the name that floating_base=True gives to the joint it adds. Rename it, "
-                "or leave out floating_base."
+                f"{self._joints[ROOT_JOINT]} has the name that floating_base=True gives to the joint it adds. "
+                "Rename it, or leave out floating_base."
             )
         twice = [j for j in tree.joints if j.parent == tree.root and j.joint.kind == "floating"]
         return [f"{joint} floats already, and floating_base=True makes the root link float too" for joint in twice]
@@ -169,7 +189,9 @@ def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | N
         raise ModelError(f"{label(kind, name, where)} needs a name: a text that is not empty.")
     if old is not None:
         places = f" ({where} and {old.where})" if where or old.where else ""
-        raise ModelError(f"two {kind}s are called {name!r}{places}. Each needs a name of its own; rename or remove one.")
+        raise ModelError(
+            f"two {kind}s are called {name!r}{places}. Each needs a name of its own; rename or remove one."
+        )
 
 
 def _check_choice(option: str, value: str, choices: tuple[str, ...]) -> None:

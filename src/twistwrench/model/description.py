@@ -17,7 +17,19 @@ Array = NDArray[Any]
 Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader's + offset."""
 
-__all__ = ["KINDS", "JointEntry", "LinkEntry", "Mimic", "axes_of", "label", "limits_of", "link_entry", "numbers", "placement_of"]
+__all__ = [
+    "KINDS",
+    "JointEntry",
+    "LinkEntry",
+    "Mimic",
+    "axes_of",
+    "label",
+    "limits_of",
+    "link_entry",
+    "mimic_of",
+    "numbers",
+    "placement_of",
+]
 
 KINDS = (*JOINT_KINDS, "fixed")
 """The kinds of joints that may be described; fixed ones are fused away when the model is built."""
@@ -71,7 +83,7 @@ class JointEntry:
 
 
 def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """``values`` as a fresh array of finite floats; raises :class:`~twistwrench.ModelError` naming ``what`` otherwise."""
+    """``values`` as a fresh array of finite floats; otherwise a :class:`~twistwrench.ModelError` naming ``what``."""
     try:
         array = np.array(values, float)
     except (TypeError, ValueError):
@@ -91,10 +103,19 @@ def link_entry(name: str, inertia: SpatialInertia | None, where: str) -> LinkEnt
     """A link whose inertia is finite and whose mass is not negative: no policy can mend those."""
     link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where)
     if not np.isfinite(link.inertia.parameters).all():
-        raise InertiaError(f"{link} has an inertia that is not finite: {link.inertia.parameters.tolist()}. Write numbers.")
+        raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
     if link.inertia.mass < 0:
         raise InertiaError(f"{link} has a negative mass, {link.inertia.mass:g} kg. A mass must be zero or positive.")
     return link
+
+
+def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
+    """A mimic with its numbers checked."""
+    if mimic is None:
+        return None
+    leader, multiplier, offset = mimic
+    ratio, shift = numbers([multiplier, offset], (2,), f"the mimic multiplier and offset of {who}")
+    return leader, float(ratio), float(shift)
 
 
 def placement_of(T: ArrayLike | None, who: str) -> Array:
@@ -123,7 +144,9 @@ def axes_of(kind: str, axis: ArrayLike, pitch: float, normalise: bool, who: str)
         raise ModelError(f"{who} is {kind} and has a pitch of {pitch:g} m/rad; only helical joints have one.")
     if np.shape(axis) == (6,) and kind != "planar":
         if pitch:
-            raise ModelError(f"{who} has a screw axis and a pitch; the screw axis has its pitch in it, so leave out pitch.")
+            raise ModelError(
+                f"{who} has a screw axis and a pitch; a screw axis has its pitch in it, so leave out pitch."
+            )
         return _screw(kind, numbers(axis, (6,), f"the axis of {who}"), normalise, who)[None, :]
     direction = numbers(axis, (3,), f"the axis of {who}")
     if not direction.any():
@@ -142,13 +165,13 @@ def _screw(kind: str, S: Array, normalise: bool, who: str) -> Array:
         raise ModelError(f"{who} is {kind}, so its screw axis (omega, v) needs {allowed}; got {S.tolist()}.")
     if not normalise:
         return S
-    return S / np.linalg.norm(S[:3]) if turns else np.concatenate([np.zeros(3), _unit(S[3:])])
+    return np.concatenate([np.zeros(3), _unit(S[3:])]) if not turns else np.array(S / np.linalg.norm(S[:3]))
 
 
 def _unit(v: Array) -> Array:
-    # By the largest entry first, so that a multiple of a coordinate axis becomes exactly that axis, and nothing overflows.
+    # By the largest entry first, so that a multiple of a coordinate axis becomes exactly it, and nothing overflows.
     v = v / np.abs(v).max()
-    return v / np.linalg.norm(v)
+    return np.array(v / np.linalg.norm(v))
 
 
 def limits_of(
@@ -170,25 +193,38 @@ def limits_of(
 
 
 def _bounds(kind: str, lower: float | None, upper: float | None, who: str, remarks: list[str]) -> tuple[float, float]:
-    low = -np.inf if lower is None else float(lower)
-    high = np.inf if upper is None else float(upper)
-    if np.isnan(low) or np.isnan(high):
-        raise ModelError(f"{who} has limits lower={low:g}, upper={high:g}; they must be numbers.")
+    low = -np.inf if lower is None else _limit("lower", lower, who)
+    high = np.inf if upper is None else _limit("upper", upper, who)
     if kind == "continuous":  # turns without end, whatever the file says
         return -np.inf, np.inf
     if low == high == 0:
         remarks.append(f"{who} has lower = upper = 0, taken to mean that no limits are given")
         return -np.inf, np.inf
     if low > high or low == np.inf or high == -np.inf:
-        raise ModelError(f"{who} has reversed limits: lower={low:g} is above upper={high:g}. Exchange them.")
+        raise ModelError(
+            f"{who} has reversed limits: lower={low:g} is above upper={high:g}. "
+            "Exchange them, or leave both out where there are none, which some simulators mean by this."
+        )
     return low, high
+
+
+def _limit(what: str, value: float, who: str) -> float:
+    try:
+        value = float(value)
+    except (TypeError, ValueError):
+        value = np.nan
+    if np.isnan(value):
+        raise ModelError(
+            f"{who} has {what}={value!r} as its limit; a limit is a number. Leave it out where there is none."
+        )
+    return value
 
 
 def _magnitude(what: str, value: float | None, who: str, remarks: list[str]) -> float:
     if value is None:
         return float(np.inf)
-    value = float(value)
-    if np.isnan(value) or value < 0:
+    value = _limit(what, value, who)
+    if value < 0:
         raise ModelError(
             f"{who} has {what}={value:g} as its limit; a limit is a positive number. Leave it out where there is none."
         )

@@ -24,10 +24,10 @@ __all__ = ["gravity_vector", "lock", "with_gravity", "with_payload"]
 
 
 def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None) -> Model:
-    """The model with a body fixed to a frame; ``inertia`` is about that frame's origin, in its axes. None means the tip.
+    """The model with a body fixed to a frame (None: the tip); ``inertia`` is about the frame's origin, in its axes.
 
-    Raises :class:`~twistwrench.InertiaError` if no body has that inertia, or if the body that carries it becomes one that
-    cannot exist; :class:`~twistwrench.UnknownNameError` for an unknown frame.
+    Raises :class:`~twistwrench.InertiaError` if no body has that inertia, or if the body that carries it becomes one
+    that cannot exist; :class:`~twistwrench.UnknownNameError` for an unknown frame.
     """
     at = model.frame(frame)
     name = frame if frame is not None else model.tip
@@ -43,7 +43,9 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     loaded = replace(body, inertia=body.inertia + moved)
     # A body that was accepted as impossible when the robot was loaded may stay so.
     if not reasons(body.inertia) and (found := loaded.inertia.defects()):
-        raise InertiaError(f"with a payload at {name!r}, the body of joint {body.joint.name!r} cannot exist: {'; '.join(found)}.")
+        raise InertiaError(
+            f"with a payload at {name!r}, the body of joint {body.joint.name!r} cannot exist: {'; '.join(found)}."
+        )
     bodies = (*model.bodies[: at.body], loaded, *model.bodies[at.body + 1 :])
     return replace(model, bodies=bodies, link_inertias=links)
 
@@ -70,8 +72,8 @@ def gravity_vector(g: ArrayLike) -> Array:
 def lock(model: Model, positions: Mapping[str, ArrayLike], *, snap: float = DEFAULT_SNAP) -> Model:
     """The model with some joints held at given positions: a number each, (x, y, theta) for planar, 7 for floating.
 
-    The bodies they carried become part of their parents, and what mimics them is held too. Rotations are snapped as on
-    loading. Raises :class:`~twistwrench.UnknownNameError` for names that are no moving joint's.
+    The bodies they carried become part of their parents, and what mimics them is held too. Rotations are snapped as
+    on loading. Raises :class:`~twistwrench.UnknownNameError` for names that are no moving joint's.
     """
     moving = {body.joint.name: body for body in model.bodies if not body.follows}
     followers = {body.joint.name: body for body in model.bodies if body.follows}
@@ -80,7 +82,8 @@ def lock(model: Model, positions: Mapping[str, ArrayLike], *, snap: float = DEFA
         if name in followers:
             leader = next(b.joint.name for b in moving.values() if b.v_index == followers[name].v_index)
             raise ValueRangeError(
-                f"joint {name!r} mimics {leader!r} and moves with it. Lock {leader!r}, or load with mimic='independent'."
+                f"joint {name!r} mimics {leader!r} and moves with it. "
+                f"Lock {leader!r}, or load with mimic='independent'."
             )
         if name not in moving:
             raise UnknownNameError.of("moving joint", name, moving)
@@ -99,7 +102,11 @@ def _coordinates(joint: Joint, value: ArrayLike) -> Array:
         raise ShapeError(f"the position of joint {joint.name!r} is {value!r}, expected a number.") from None
     if q.shape != (joint.nq,):
         names = ", ".join(joint.name + suffix for suffix in joint.coordinate_suffixes)
-        raise ShapeError(f"the position of {joint.kind} joint {joint.name!r} has shape {q.shape}, expected ({joint.nq},): {names}.")
+        raise ShapeError(
+            f"the position of {joint.kind} joint {joint.name!r} has shape {q.shape}, expected ({joint.nq},): {names}."
+        )
     if not np.isfinite(q).all() or (joint.kind == "floating" and not q[:4].any()):
-        raise ValueRangeError(f"joint {joint.name!r} cannot be locked at {q.tolist()}: numbers must be finite, a quaternion nonzero.")
+        raise ValueRangeError(
+            f"joint {joint.name!r} cannot be locked at {q.tolist()}: numbers must be finite, and a quaternion nonzero."
+        )
     return q

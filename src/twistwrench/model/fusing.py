@@ -50,7 +50,8 @@ def fuse(model: Model, held: Mapping[int, Array], snap: float = DEFAULT_SNAP) ->
         for body, inertia in zip(kept, inertias, strict=True)
     )
     frames = {
-        name: Frame(carriers[f.body][0], snap_pose(carriers[f.body][1] @ f.pose, snap)) for name, f in model.frames.items()
+        name: Frame(carriers[f.body][0], snap_pose(carriers[f.body][1] @ f.pose, snap))
+        for name, f in model.frames.items()
     }
     return replace(model, bodies=bodies, frames=frames, base_inertia=base_inertia, **columns.kept(model))
 

@@ -18,9 +18,9 @@ DEFAULT_SNAP = 1e-9
 def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     """R (3, 3) with the entries within ``tolerance`` of 0 or ±1 set to it; 0 changes nothing.
 
-    A robot file writes a right angle as 1.57079632679, and even the best float for π/2 has a cosine of 6e-17; exact zeros
-    and ones vanish from the compiled kernels, and these do not. An entry becomes ±1 only together with the zeros
-    beside it: cos(1e-5) is nearer to 1 than the tolerance, but a small angle is an angle, and the result stays a rotation.
+    A robot file writes a right angle as 1.57079632679, and even the best float for π/2 has a cosine of 6e-17; exact
+    zeros and ones vanish from the compiled kernels, and these do not. An entry becomes ±1 only together with the zeros
+    beside it: cos(1e-5) is nearer to 1 than the tolerance, but a small angle is an angle, and R must stay a rotation.
     """
     if tolerance == 0:
         return R

@@ -21,7 +21,7 @@ class Tree:
 
 
 def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> Tree:
-    """Order the joints depth first; raises :class:`~twistwrench.ModelError` unless they join all links into one tree."""
+    """Order the joints depth first; :class:`~twistwrench.ModelError` unless they join all links into one tree."""
     if not links:
         raise ModelError("the robot has no links. Give at least one.")
     parent_joint: dict[str, JointEntry] = {}

@@ -11,15 +11,15 @@ from ..errors import TrajectoryError
 __all__ = ["blame"]
 
 
-def blame(text: bytes, path: Path, line: int | None, header: Sequence[str], time: int, last: float) -> TrajectoryError:
-    """The error of the first bad line of ``text``, whose first line has number ``line`` (None: not known).
+def blame(text: bytes, path: Path, line: int, header: Sequence[str], time: int, last: float) -> TrajectoryError:
+    """The error of the first bad line of ``text``, whose first line has number ``line``.
 
     ``last`` is the time of the row before. Only called once a block is known to be bad, so it may be slow.
     """
     for count, raw in enumerate(text.decode("utf-8", "replace").splitlines()):
-        where = f"{path}: a line" if line is None else f"{path}: line {line + count}"
         if not raw.strip():
-            return TrajectoryError(f"{where} is blank. Remove it: rows follow one another without gaps.")
+            continue
+        where = f"{path}: line {line + count}"
         reason = _shape_fault(raw, header) or _number_fault(raw.split(","), header)
         if reason:
             return TrajectoryError(f"{where}{reason}")

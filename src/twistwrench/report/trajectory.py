@@ -94,8 +94,7 @@ class Trajectory:
     def excerpts(self, count: int, rows: int) -> list[Array]:
         """Up to ``count`` runs of consecutive rows (n, columns) spread evenly over the file, the first and last included.
 
-        Each has about ``rows`` rows; a short file comes whole, as one. Values are checked as in :meth:`tables`, except
-        that the first line to blame is named without its number.
+        Each has about ``rows`` rows; a short file comes whole, as one. Values are checked as in :meth:`tables`.
         """
         width = self._bytes_per_row() * rows
         body = self.size - self.data_offset
@@ -108,7 +107,12 @@ class Trajectory:
                 if k:
                     file.readline()  # the rest of a line that was cut
                 text = file.read(width)
-                found.append(self._table(text[: text.rfind(b"\n") + 1], None, -np.inf))
+                try:
+                    found.append(self._table(text[: text.rfind(b"\n") + 1], 0, -np.inf))
+                except TrajectoryError:
+                    for _ in self.tables():  # fails at the same row, and knows its line
+                        pass
+                    raise
         return [table for table in found if len(table)]
 
     def motion(self, table: Array) -> Motion:
@@ -122,7 +126,7 @@ class Trajectory:
             text = file.read(_BLOCK)
         return max(1, len(text) // max(1, text.count(b"\n")))
 
-    def _table(self, text: bytes, line: int | None, last: float) -> Array:
+    def _table(self, text: bytes, line: int, last: float) -> Array:
         text = _tidy(text)
         if not text:
             return np.zeros((0, len(self.columns.header)))

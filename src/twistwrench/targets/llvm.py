@@ -71,6 +71,11 @@ class _Emitter:
         loader, column = self._inputs[number]
         return loader.column(column)
 
+    def value(self, number: int) -> str:
+        """The vector of an earlier instruction; constants are named anew at each use."""
+        instruction = self.program.instructions[number]
+        return self.w.splat(instruction.value) if instruction.op == "const" else self.values[number]
+
     def output(self, number: int, value: str) -> None:
         storer, column = self._outputs[number]
         storer.put(column, value)
@@ -96,20 +101,22 @@ def _block(w: Writer, program: Program) -> None:
         safe = dict(zip(angles, checked, strict=True))
     cut = len(program.instructions) > LARGE
     for number, (op, args, value) in enumerate(program.instructions):
+        if op == "const":
+            for k in wanted.get(number, ()):
+                e.output(k, w.splat(value))
+            continue
         if cut and number % CUT == CUT - 1:
             _cut(e)
         if op in ("sin", "cos"):
             if args[0] in safe and args[0] not in e.pairs:
                 e.pairs[args[0]] = sincos(w, safe[args[0]])
             e.values[number] = e.sincos(args[0])[op == "cos"]
-        elif op == "const":
-            e.values[number] = w.splat(value)
         elif op == "input":
             e.values[number] = e.input(int(value))
         else:
-            e.values[number] = _operation(w, op, [e.values[a] for a in args])
+            e.values[number] = _operation(w, op, [e.value(a) for a in args])
         for k in wanted.get(number, ()):
-            e.output(k, e.values[number])
+            e.output(k, e.value(number))
 
 
 def _plain_angles(program: Program) -> list[int]:

@@ -1,0 +1,155 @@
+"""The report, from the results alone: tables, and a line of words above each. How it was measured is in method.md."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench import required
+from bench.cases import QUANTITIES
+from bench.markdown import duration, quartiles, section, times
+from bench.required import best_build
+
+METHOD = Path(__file__).with_name("method.md")
+TITLES = tuple(quantity.replace("_", " ") for quantity in QUANTITIES)
+FUSED = ("fma", "fms", "fnma", "fnms")
+
+
+def write(results: dict[str, Any]) -> str:
+    """The whole of RESULTS.md."""
+    parts = [_head(results), _required(results)]
+    parts += [_robot(robot, results["missing"]) for robot in results["robots"].values()]
+    parts += [part(results) for part in (_agreement, _builds, _operations, _kernels, _start)]
+    return "\n\n".join([*filter(None, parts), METHOD.read_text()])
+
+
+def _head(results: dict[str, Any]) -> str:
+    m = results["machine"]
+    core = "on one core" if m["core"] is not None else "each on one thread, wherever the system put it"
+    lines = [
+        "# Benchmark",
+        "",
+        f"Written by `make bench`; do not edit. All contenders ran in the same run, in turns, {core}, in float64,"
+        f" {results['rounds']} rounds.",
+        "",
+        f"- {m['date']}, {m['cpu']} ({m['family']}; {m['vectors']} side by side), {m['system']}, Python {m['python']}",
+        "- " + ", ".join(f"{name} {number}" for name, number in m["versions"].items()),
+        "- compilers: " + ("; ".join(sorted(set(results["compilers"].values()))) or "none"),
+    ]
+    lines += [f"- missing: **{name}**: {reason}" for name, reason in results["missing"].items()]
+    return "\n".join(lines)
+
+
+def _required(results: dict[str, Any]) -> str:
+    rows = [(row.what, row.need, row.got, row.verdict) for row in required.rows(results)]
+    text = (
+        "Batches are plain (N, n) arrays through the method of `Robot`, without `out=`. The factors are the time of"
+        " the best build of Pinocchio in C++ over ours, per state, medians of this run."
+    )
+    return section("What it must reach", text, ("what", "at least", "got", ""), rows)
+
+
+def _robot(robot: dict[str, Any], missing: dict[str, str]) -> str:
+    timings = [robot["quantities"][quantity]["timings"] for quantity in QUANTITIES]
+    rows = [[_label(name, robot["batch"]), *(_cell(each, name) for each in timings)] for name in _shown(timings[0])]
+    rows += [[name, *["missing"] * len(timings)] for name in missing]
+    text = (
+        "Time per state: the median of the rounds, the quartiles, and how many times faster than the best build of"
+        " Pinocchio in C++ (1/n: n times slower)."
+    )
+    return section(robot["title"], text, ("", *TITLES), rows)
+
+
+def _shown(names: Sequence[str]) -> Iterator[str]:
+    """Contenders in the order timed; of the C++ builds one row, for each quantity the best."""
+    builds = [name for name in names if name.startswith("Pinocchio C++")]
+    return (name for name in names if name not in builds[1:])
+
+
+def _label(name: str, batch: int) -> str:
+    if name.startswith("Pinocchio C++"):
+        return "Pinocchio C++, best build"
+    return f"**{name}**" if name == f"twistwrench method, batch of {batch}" else name
+
+
+def _cell(timings: dict[str, dict[str, float]], name: str) -> str:
+    best = best_build(timings)
+    timing = timings[best if best and name.startswith("Pinocchio C++") else name]
+    text = f"{duration(timing['median'])} {quartiles(timing)}"
+    return text if best is None else f"{text} **{times(timings[best]['median'] / timing['median'])}**"
+
+
+def _agreement(results: dict[str, Any]) -> str:
+    robots = results["robots"].values()
+    worst: dict[str, list[str]] = {
+        name: [] for robot in robots for q in robot["quantities"].values() for name in q["agreement"]
+    }
+    for robot in robots:
+        for name, cells in worst.items():
+            found = [q["agreement"][name] for q in robot["quantities"].values() if name in q["agreement"]]
+            cells.append(f"{max(found):.0e}" if found else "–")
+    text = (
+        "The largest relative difference from Pinocchio called from Python, over all five quantities and 64 random"
+        " states: per state, the largest entry of the difference over the largest entry. Checked before anything is"
+        " timed. twistwrench takes entries of fixed rotations within 1e-9 of 0 or ±1 to mean just that; `snap=0` turns"
+        " it off."
+    )
+    return section("Agreement", text, ("", *results["robots"]), [(name, *cells) for name, cells in worst.items()])
+
+
+def _builds(results: dict[str, Any]) -> str:
+    rows = []
+    for name, robot in results["robots"].items():
+        timings = [robot["quantities"][quantity]["timings"] for quantity in QUANTITIES]
+        for build in results["compilers"]:
+            row = f"Pinocchio C++, {build}"
+            cells = [f"{each[row]['median']:.0f} ({each[row]['minimum']:.0f})" for each in timings]
+            marked = [f"**{c}**" if best_build(each) == row else c for c, each in zip(cells, timings, strict=True)]
+            rows.append((name, f"`{build}`", *marked))
+    text = (
+        "Nanoseconds per state, median (minimum). The best median, in bold, is what the ratios above are taken against."
+    )
+    return section("Pinocchio C++, build by build", text, ("", "build", *TITLES), rows)
+
+
+def _operations(results: dict[str, Any]) -> str:
+    rows = []
+    for name, robot in results["robots"].items():
+        for quantity, title in zip(QUANTITIES, TITLES, strict=True):
+            counts = robot["quantities"][quantity].get("operations")
+            if counts:
+                single = [counts.get(op, 0) for op in ("multiplications", "flops", "mul")]
+                fused = sum(counts.get(op, 0) for op in FUSED)
+                sums = counts.get("add", 0) + counts.get("sub", 0)
+                rest = [counts.get(op, 0) for op in ("div", "sqrt", "sin", "cos")]
+                rows.append((name, title, *map(str, [*single, fused, sums, *rest])))
+    text = (
+        "Per state, in the program that is compiled. A fused multiply–add is one multiplication and two flops; sines"
+        " and cosines are in neither sum."
+    )
+    head = ("", "", "multiplications", "flops", "mul", "fma", "add, sub", "div", "sqrt", "sin", "cos")
+    return section("Operations", text, head, rows)
+
+
+def _kernels(results: dict[str, Any]) -> str:
+    rows = [
+        (name, kind, *(f"{1e3 * each:.1f}" for each in seconds.values()))
+        for name, kinds in results.get("kernels", {}).items()
+        for kind, seconds in kinds.items()
+    ]
+    text = (
+        "Milliseconds, in a fresh process: reading the robot's file, then making each kernel, compiled or found in the"
+        " cache on disk. Inverse dynamics is the first to be made, so what is imported on demand counts there."
+    )
+    return section("Compiling and loading", text, ("", "", "read the file", *TITLES), rows)
+
+
+def _start(results: dict[str, Any]) -> str:
+    rows = [(name, f"{seconds:.3f} s") for name, seconds in results.get("start", {}).items()]
+    rows += [
+        (f"installed: {name}, all it requires", f"{size / 1e6:.0f} MB") for name, size in results["installed"].items()
+    ]
+    text = (
+        "Starting Python, doing the thing, and leaving: a new process each time, medians. First torques are the"
+        " panda's, from its URDF."
+    )
+    return section("Starting, and size", text, ("", ""), rows)

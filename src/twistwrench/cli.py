@@ -1,0 +1,242 @@
+"""The shell. Commands read options, call one function of the library, and turn errors into one line and an exit code.
+
+Exit codes: 0 done; 1 ran, and found a problem it was asked to look for; 2 bad input. Everything heavy is imported inside
+the command that needs it, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .errors import MissingExtraError, ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from .report.trajectory import Trajectory
+    from .robot import Robot
+
+__all__ = ["main"]
+
+_FOUND_A_PROBLEM, _BAD_INPUT = 1, 2
+_LONG_FILE = 1 << 23  # bytes from which a progress bar is worth its flicker
+_DEMO = "demo"
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """What every command takes to know its robot."""
+
+    source: str
+    floating_base: bool
+    lock: dict[str, float]
+    tip: str | None
+    mimic: str
+    inertia: str
+    degrees: bool
+
+    def load(self) -> Robot:
+        """The robot meant: a bundled one by name, or a file by its path."""
+        from . import robot, robots
+
+        path: str | Path = self.source
+        if self.source in robots.names() and not Path(self.source).is_file():
+            path = robots.path_of(self.source)
+        elif not Path(self.source).exists():
+            raise NotFoundError(
+                f"no robot file {self.source!r}, and no bundled robot of that name. Bundled: {', '.join(robots.names())}."
+            )
+        options: dict[str, Any] = {"floating_base": self.floating_base, "tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
+        if not (self.degrees and self.lock):
+            return robot.load(path, lock=self.lock, **options)
+        # Which locked joints turn and which slide is known only once the robot is.
+        free = robot.load(path, **options)
+        kinds = {b.joint.name: b.joint.kind for b in free.model.bodies}
+        lock = {n: v if kinds.get(n) == "prismatic" else math.radians(v) for n, v in self.lock.items()}
+        return robot.load(path, lock=lock, **options)
+
+
+def robot_command(function: Callable[..., None]) -> Callable[..., None]:
+    """The ROBOT argument and the options shared by all commands; errors and warnings in a line each."""
+
+    @click.argument("source", metavar="ROBOT")
+    @click.option("--floating-base", is_flag=True, help="Let the base move freely.")
+    @click.option("--lock", metavar="JOINT=VALUE", multiple=True, help="Hold a joint still there; may be repeated.")
+    @click.option("--tip", metavar="FRAME", help="The frame meant where none is named.")
+    @click.option("--mimic", type=click.Choice(["follow", "independent"]), default="follow", show_default=True)
+    @click.option("--inertia", type=click.Choice(["error", "accept", "repair"]), default="error", show_default=True)
+    @click.option("--degrees", is_flag=True, help="Angles in files, options and reports are in degrees.")
+    @wraps(function)
+    def command(
+        source: str,
+        floating_base: bool,  # noqa: FBT001
+        lock: tuple[str, ...],
+        tip: str | None,
+        mimic: str,
+        inertia: str,
+        degrees: bool,  # noqa: FBT001
+        **rest: Any,
+    ) -> None:
+        with _plain_errors():
+            held = dict(_parse_lock(text) for text in lock)
+            function(RobotOptions(source, floating_base, held, tip, mimic, inertia, degrees), **rest)
+
+    return command
+
+
+@contextmanager
+def _plain_errors() -> Iterator[None]:
+    """Errors of the library end the program with one line on stderr; its warnings are a line each."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelWarning)
+        warnings.showwarning = lambda message, *_args, **_rest: click.echo(f"note: {message}", err=True)
+        try:
+            yield
+        except TwistWrenchError as error:
+            click.echo(f"error: {' '.join(str(error).split())}", err=True)
+            sys.exit(_BAD_INPUT)
+
+
+def _parse_lock(text: str) -> tuple[str, float]:
+    joint, equals, value = text.partition("=")
+    try:
+        if not equals or not math.isfinite(float(value)):
+            raise ValueError  # noqa: TRY301  the same sentence answers all of it
+        return joint.strip(), float(value)
+    except ValueError:
+        raise ValueRangeError(f"lock {text!r} is not JOINT=VALUE, for example gripper=0.02.") from None
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="twistwrench")
+def main() -> None:
+    """Robot dynamics from robot files. ROBOT is a path or the name of a bundled robot, such as ur5."""
+
+
+@main.command()
+@click.option("--trajectory", "motion", metavar="FILE.csv", required=True, help="The motion; 'demo' is the one bundled with a robot.")
+@click.option("--payload", "payloads", metavar="MASS[,x,y,z][@FRAME]", multiple=True, help="A point mass carried; may be repeated.")
+@click.option("--wrench-on-robot", "wrenches", metavar="FRAME:m,m,m,f,f,f", multiple=True, help="What the world does to it there.")
+@click.option("--csv", "csv_path", metavar="OUT.csv", help="Write time and torques.")
+@click.option("--split", is_flag=True, help="Write the causes of the torques too.")
+@click.option("--plot", "plot_path", metavar="OUT.png", help="Draw torques, limits, and the split of the worst joint.")
+@click.option("--limits", "limits_path", metavar="FILE.csv", help="Limits in place of the robot's: joint,lower,upper,velocity,effort.")
+@click.option("--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it.")
+@click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
+@robot_command
+def torques(
+    options: RobotOptions,
+    motion: str,
+    payloads: tuple[str, ...],
+    wrenches: tuple[str, ...],
+    csv_path: str | None,
+    split: bool,  # noqa: FBT001
+    plot_path: str | None,
+    limits_path: str | None,
+    smooth: bool,  # noqa: FBT001
+    no_friction: bool,  # noqa: FBT001
+) -> None:
+    """Which torques a motion takes, which joint is over its limit, and what causes it.
+
+    Exit code 1 if a limit of torque, velocity or position is passed.
+    """
+    if split and csv_path is None:
+        raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
+    _check_extra(plot_path)
+    from .report.derivatives import Differentiation
+    from .report.limits_file import read_limits
+    from .report.load import LoadedRobot, parse_payload, parse_wrenches
+    from .report.tables import report_view
+    from .report.torques import analyse
+    from .report.trajectory import Trajectory
+
+    robot = options.load()
+    load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
+    limits = robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
+    trajectory = Trajectory.open(_motion_path(motion, options.source), robot.model, degrees=options.degrees)
+    differentiation = Differentiation.plan(trajectory, robot.model, smoothing=smooth)
+    with _progress(trajectory) as progress:
+        report = analyse(load, differentiation, limits, csv=csv_path, split=split, progress=progress)
+    _console().print(report_view(report, degrees=options.degrees))
+    if plot_path is not None:
+        from .report.plot import plot_report
+
+        plot_report(report, plot_path)
+    for path in filter(None, (csv_path, plot_path)):
+        click.echo(f"wrote {path}")
+    if report.excesses:
+        sys.exit(_FOUND_A_PROBLEM)
+
+
+@main.command()
+@robot_command
+def info(options: RobotOptions) -> None:
+    """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
+    from .report.info import info_view
+
+    _console().print(info_view(options.load(), degrees=options.degrees))
+
+
+@main.command()
+@robot_command
+def verify(options: RobotOptions) -> None:
+    """Check the robot's dynamics against independent formulas and libraries; exit code 1 if any disagrees."""
+    from .verify import verify_report
+
+    view, agrees = verify_report(options.load())
+    _console().print(view)
+    if not agrees:
+        sys.exit(_FOUND_A_PROBLEM)
+
+
+def _check_extra(plot_path: str | None) -> None:
+    """Say before the long run, not after it, that a picture cannot be drawn."""
+    from importlib.util import find_spec
+
+    if plot_path is not None and find_spec("matplotlib") is None:
+        raise MissingExtraError.of("matplotlib", "plot", "Drawing the report (--plot)")
+
+
+def _motion_path(name: str, robot: str) -> Path:
+    """The path given, or for ``demo`` the motion bundled with that robot."""
+    if name != _DEMO or Path(name).exists():
+        return Path(name)
+    folder = Path(__file__).parent / "robots"
+    path = folder / f"{robot}_{_DEMO}.csv"
+    if not path.is_file():
+        have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}.csv"))]
+        raise UnknownNameError(f"no motion is bundled with {robot!r}. With: {', '.join(have)}. Give the path of a CSV file instead.")
+    return path
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    # Files and pipes have no width of their own; 110 columns hold the tables without folding.
+    return console if console.is_terminal else Console(highlight=False, width=110)
+
+
+@contextmanager
+def _progress(trajectory: Trajectory) -> Iterator[Callable[[int], None] | None]:
+    """A bar over the bytes read, where a person watches and the file is long."""
+    if trajectory.size < _LONG_FILE or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(trajectory.path.name, total=trajectory.size)
+        yield lambda size: bar.advance(task, size)

@@ -1,0 +1,176 @@
+"""XML elements that know their line, and the safe parser that makes them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import StringIO
+from typing import Any
+from xml.sax import InputSource, SAXParseException
+from xml.sax.handler import ContentHandler
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import RobotFileError
+
+Array = NDArray[Any]
+
+__all__ = ["Element", "parse"]
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_BLANK = "\ufeff \t\r\n"
+
+
+@dataclass(eq=False)
+class Element:
+    """One element: its tag (prefix and all), attributes, line in the file, and the elements in it. Text is not kept."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    parent: Element | None
+    children: list[Element] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        """``<mass> of link 'arm' (line 12)``: what messages call it."""
+        owner = self.parent
+        while owner is not None and "name" not in owner.attributes:
+            owner = owner.parent
+        if "name" in self.attributes:
+            return f"<{self.tag} name={self.attributes['name']!r}> (line {self.line})"
+        of = f" of {owner.tag} {owner.attributes['name']!r}" if owner is not None else ""
+        return f"<{self.tag}>{of} (line {self.line})"
+
+    def walk(self) -> Iterator[Element]:
+        """This element and all within, in document order."""
+        stack = [self]
+        while stack:
+            element = stack.pop()
+            yield element
+            stack.extend(reversed(element.children))
+
+    def all(self, tag: str) -> list[Element]:
+        """The children with a tag."""
+        return [child for child in self.children if child.tag == tag]
+
+    def child(self, tag: str) -> Element | None:
+        """The child with a tag, or None; an error if there are several, for then one cannot know which is meant."""
+        found = self.all(tag)
+        if len(found) > 1:
+            lines = ", ".join(str(element.line) for element in found)
+            raise RobotFileError(
+                f"{self} has {len(found)} <{tag}> elements (lines {lines}); one is allowed. Remove the others."
+            )
+        return found[0] if found else None
+
+    def required(self, tag: str, example: str) -> Element:
+        """The child with a tag; an error that shows ``example`` if there is none."""
+        found = self.child(tag)
+        if found is None:
+            raise RobotFileError(f"{self} has no <{tag}>. Add one, such as {example}.")
+        return found
+
+    def text(self, attribute: str) -> str:
+        """An attribute's text, blanks at its ends removed; an error if it is absent or empty."""
+        value = self.attributes.get(attribute, "").strip()
+        if not value:
+            raise RobotFileError(f'{self} needs the attribute {attribute}="…", which is absent or empty.')
+        return value
+
+    def number(self, attribute: str) -> float:
+        """An attribute as one finite number; an error if it is absent or anything else."""
+        return float(self.numbers(attribute, 1)[0])
+
+    def optional_number(self, attribute: str) -> float | None:
+        """An attribute as one finite number; None if it is absent."""
+        return self.number(attribute) if attribute in self.attributes else None
+
+    def numbers(self, attribute: str, count: int) -> Array:
+        """An attribute as ``count`` finite numbers (count,), separated by blanks."""
+        text = self.text(attribute)
+        words = text.split()
+        values = [self._number(attribute, word) for word in words]
+        if len(values) != count:
+            raise RobotFileError(f'{self} has {attribute}="{text}": {len(values)} numbers, expected {count}.')
+        return np.array(values)
+
+    def _number(self, attribute: str, word: str) -> float:
+        value = float(word) if _NUMBER.fullmatch(word) else None
+        if value is not None and np.isfinite(value):
+            return value
+        if word.lower().lstrip("+-").startswith(("nan", "inf")) or value is not None:
+            problem = f"{word!r} is not a finite number. Write a finite one, or leave the attribute out"
+        elif "," in word:
+            problem = f"{word!r} is not a number. Write a decimal point, as in 0.5, and blanks between numbers"
+        else:
+            problem = f"{word!r} is not a number. Write digits with one decimal point at most, as in 0.5 or -1.2e-3"
+        raise RobotFileError(f'{self} has {attribute}="{self.attributes[attribute].strip()}": {problem}.')
+
+
+class _TreeMaker(ContentHandler):
+    """Collects SAX events into a tree of elements; ``skipped`` lines were removed above what the parser sees."""
+
+    def __init__(self, skipped: int) -> None:
+        super().__init__()
+        self.root: Element | None = None
+        self._open: list[Element] = []
+        self._skipped = skipped
+        self._place: Any = None
+
+    def setDocumentLocator(self, locator: Any) -> None:
+        self._place = locator
+
+    def startElement(self, name: str, attrs: Any) -> None:
+        parent = self._open[-1] if self._open else None
+        element = Element(name, dict(attrs.items()), self._place.getLineNumber() + self._skipped, parent)
+        if parent is None:
+            self.root = element
+        else:
+            parent.children.append(element)
+        self._open.append(element)
+
+    def endElement(self, _name: str) -> None:
+        self._open.pop()
+
+
+def parse(text: str) -> Element:
+    """The root element of an XML text. Blank lines before its declaration are forgiven, as most robot tools do.
+
+    Entities, and whatever would be fetched from elsewhere, are refused: a robot file may come from anywhere.
+    Raises :class:`~twistwrench.RobotFileError` with the line.
+    """
+    # A robot's own reader needs no XML machinery until a file is read.
+    from defusedxml import DefusedXmlException
+    from defusedxml.expatreader import create_parser
+
+    body = text.lstrip(_BLANK)
+    if not body:
+        raise RobotFileError("it is empty. A robot file begins with <robot name=…>.")
+    if not body.startswith("<"):
+        raise RobotFileError(
+            f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
+        )
+    maker = _TreeMaker(text[: len(text) - len(body)].count("\n"))
+    # Without namespaces: an undeclared prefix somewhere inside a plugin's settings is no reason to refuse a robot.
+    parser = create_parser(forbid_dtd=False, forbid_entities=True, forbid_external=True)
+    parser.setContentHandler(maker)
+    try:
+        source = InputSource()
+        source.setCharacterStream(StringIO(body))
+        parser.parse(source)
+    except SAXParseException as error:
+        line = (error.getLineNumber() or 1) + maker._skipped
+        raise RobotFileError(
+            f"line {line}, column {error.getColumnNumber()}: it is not well-formed XML: {error.getMessage()}. "
+            "Correct that line; every element that opens must close."
+        ) from None
+    except DefusedXmlException as error:
+        raise RobotFileError(
+            f"it declares entities or points to other documents ({type(error).__name__}), which is refused: expanding "
+            "them can exhaust memory or read other files. Write the text out and remove the <!DOCTYPE …>."
+        ) from None
+    if maker.root is None:
+        raise RobotFileError("it has no elements. A robot file begins with <robot name=…>.")
+    return maker.root

@@ -1,0 +1,114 @@
+"""A compiled program as a NumPy generalized ufunc.
+
+NumPy's C API makes the ufunc from the address of the loop. Loops for float32 and float64; the float32 one is compiled when
+first called, by a stand-in that then takes itself out of the table. Everything the ufunc points to belongs to one owner
+object that the ufunc itself keeps alive.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from typing import Any
+
+import numpy as np
+
+from ..errors import KernelError
+from ..program.program import Program
+from ..targets.machine import DOUBLE, SINGLE, Precision
+from .code import Code, compiled
+
+__all__ = ["make_ufunc"]
+
+_LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+_FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
+"""Slot of PyUFunc_FromFuncAndDataAndSignature in NumPy's ufunc API table; fixed since NumPy 1.0."""
+
+_NONE_IDENTITY = -1
+_MOST_OPERANDS = 32
+
+
+class _UFuncObject(ctypes.Structure):
+    """The head of NumPy's public PyUFuncObject, as far as the reference it keeps to an owner."""
+
+    _fields_ = (
+        ("reference_count", ctypes.c_ssize_t),
+        ("type", ctypes.c_void_p),
+        ("nin", ctypes.c_int),
+        ("nout", ctypes.c_int),
+        ("nargs", ctypes.c_int),
+        ("identity", ctypes.c_int),
+        ("functions", ctypes.c_void_p),
+        ("data", ctypes.c_void_p),
+        ("ntypes", ctypes.c_int),
+        ("reserved", ctypes.c_int),
+        ("name", ctypes.c_void_p),
+        ("types", ctypes.c_void_p),
+        ("doc", ctypes.c_void_p),
+        ("pointer", ctypes.c_void_p),
+        ("owner", ctypes.c_void_p),
+    )
+
+
+class _Owner:
+    """All memory and code behind one ufunc."""
+
+    def __init__(self, program: Program, name: str, doc: str) -> None:
+        operands = len(program.inputs) + len(program.outputs)
+        if operands > _MOST_OPERANDS:
+            raise KernelError(f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}.")
+        self.program = program
+        self.code: dict[str, Code] = {"d": compiled(program, DOUBLE)}
+        self.lock = threading.Lock()
+        self.stand_in = _LOOP(self._single)
+        # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
+        self.functions = (ctypes.c_void_p * 2)(ctypes.cast(self.stand_in, ctypes.c_void_p).value, self.code["d"].address)
+        self.data = (ctypes.c_void_p * 2)()
+        letters = [np.dtype(p.char).num for p in (SINGLE, DOUBLE) for _ in range(operands)]
+        self.types = (ctypes.c_char * len(letters))(*letters)
+        self.name, self.doc = ctypes.create_string_buffer(name.encode()), ctypes.create_string_buffer(doc.encode())
+
+    def _single(self, args: int, dims: int, steps: int, data: int) -> None:
+        """Stand in for the float32 loop: compile it, put it in the table, run it."""
+        _LOOP(self.address(SINGLE))(args, dims, steps, data)
+
+    def address(self, precision: Precision) -> int:
+        with self.lock:
+            code = self.code.get(precision.char)
+            if code is None:
+                code = self.code[precision.char] = compiled(self.program, precision)
+                self.functions[0] = code.address
+        return code.address
+
+
+def make_ufunc(program: Program, name: str, doc: str) -> np.ufunc:
+    """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones."""
+    owner = _Owner(program, name, doc)
+    ufunc = _constructor()(
+        ctypes.addressof(owner.functions), ctypes.addressof(owner.data), ctypes.addressof(owner.types),
+        2, len(program.inputs), len(program.outputs), _NONE_IDENTITY,
+        ctypes.addressof(owner.name), ctypes.addressof(owner.doc), 0, program.signature.encode(),
+    )  # fmt: skip
+    head = _UFuncObject.from_address(id(ufunc))
+    if head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
+        _FOREVER.append(owner)  # an unknown layout: better to keep the code forever than to free it too early
+    else:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
+        head.owner = id(owner)
+    return ufunc
+
+
+_FOREVER: list[_Owner] = []
+
+
+def _constructor() -> Any:
+    from numpy._core import _multiarray_umath
+
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    table = ctypes.cast(get_pointer(_multiarray_umath._UFUNC_API, None), ctypes.POINTER(ctypes.c_void_p))
+    pointer, integer = ctypes.c_void_p, ctypes.c_int
+    prototype = ctypes.PYFUNCTYPE(
+        ctypes.py_object, pointer, pointer, pointer, integer, integer, integer, integer, pointer, pointer, integer, ctypes.c_char_p
+    )  # fmt: skip
+    return prototype(table[_FROM_FUNC_AND_DATA_AND_SIGNATURE])

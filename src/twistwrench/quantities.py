@@ -1,0 +1,111 @@
+"""What a robot can be asked for: name, algorithm, arrays in and out, options. The table behind ``robot.kernel``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .algorithms import (
+    coriolis,
+    energy,
+    forward_dynamics,
+    forward_kinematics,
+    friction,
+    inverse_dynamics,
+    jacobians,
+    mass_matrix,
+)
+from .errors import KernelError, UnknownNameError
+from .model.model import Model
+from .program.program import Program
+
+__all__ = ["QUANTITIES", "Quantity", "program_of"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One row of the table: ``algorithm(model, *inputs, **options)`` gives ``output``."""
+
+    algorithm: Callable[..., Any]
+    inputs: tuple[str, ...]
+    output: str
+    options: tuple[str, ...] = ()
+
+    def shapes(self, model: Model) -> list[tuple[str, tuple[int, ...]]]:
+        """Names and shapes of the inputs for one robot."""
+        return [(name, (model.nq,) if name == "q" else (6,) if name == "wrench" else (model.nv,)) for name in self.inputs]
+
+
+def _quantity(algorithm: Callable[..., Any], inputs: str, output: str, *options: str) -> Quantity:
+    return Quantity(algorithm, tuple(inputs.split()), output, options)
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "bias_forces": _quantity(inverse_dynamics.bias_forces, "q dq", "h", "wrenches"),
+    "center_of_mass": _quantity(energy.center_of_mass, "q", "com"),
+    "christoffel": _quantity(coriolis.christoffel, "q", "gamma"),
+    "com_jacobian": _quantity(energy.com_jacobian, "q", "J"),
+    "coriolis_forces": _quantity(inverse_dynamics.coriolis_forces, "q dq", "c"),
+    "coriolis_matrix": _quantity(coriolis.coriolis_matrix, "q dq", "C"),
+    "forward_dynamics": _quantity(forward_dynamics.forward_dynamics, "q dq tau", "ddq", "wrenches"),
+    "forward_kinematics": _quantity(forward_kinematics.forward_kinematics, "q", "T", "frame"),
+    "frame_acceleration": _quantity(jacobians.frame_acceleration, "q dq ddq", "dV", "frame", "kind"),
+    "frame_velocity": _quantity(jacobians.frame_velocity, "q dq", "V", "frame", "kind"),
+    "friction_forces": _quantity(friction.friction_forces, "dq", "tau"),
+    "gravity_forces": _quantity(inverse_dynamics.gravity_forces, "q", "g", "wrenches"),
+    "inverse_dynamics": _quantity(inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "wrenches"),
+    "jacobian": _quantity(jacobians.jacobian, "q", "J", "frame", "kind"),
+    "jacobian_rate": _quantity(jacobians.jacobian_rate, "q dq", "dJ", "frame", "kind"),
+    "joint_wrenches": _quantity(inverse_dynamics.joint_wrenches, "q dq ddq", "F", "wrenches"),
+    "kinetic_energy": _quantity(energy.kinetic_energy, "q dq", "K"),
+    "link_poses": _quantity(forward_kinematics.link_poses, "q", "T"),
+    "mass_matrix": _quantity(mass_matrix.mass_matrix, "q", "M"),
+    "momentum": _quantity(energy.momentum, "q dq", "P"),
+    "momentum_about_com": _quantity(energy.momentum_about_com, "q dq", "P"),
+    "potential_energy": _quantity(energy.potential_energy, "q", "P"),
+    "wrench_torques": _quantity(jacobians.wrench_torques, "q wrench", "tau", "frame"),
+}
+
+
+def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options with defaults filled in, frames resolved and kinds checked."""
+    if name not in QUANTITIES:
+        raise UnknownNameError.of("quantity", name, QUANTITIES)
+    allowed = QUANTITIES[name].options
+    for option in options:
+        if option not in allowed:
+            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed) or 'none'}.")
+    full: dict[str, Any] = {}
+    if "frame" in allowed:
+        frame = options.get("frame")
+        model.frame(frame)
+        full["frame"] = model.tip if frame is None else frame
+    if "kind" in allowed:
+        full["kind"] = options.get("kind", "body")
+        if full["kind"] not in jacobians.KINDS:
+            raise UnknownNameError.of("kind", full["kind"], jacobians.KINDS)
+    if "wrenches" in allowed:
+        full["wrenches"] = tuple(options.get("wrenches", ()))
+        for frame in full["wrenches"]:
+            model.frame(frame)
+    return full
+
+
+def program_of(model: Model, name: str, options: Mapping[str, Any]) -> Program:
+    """Trace one quantity of one robot. Wrench frames, if any, become further inputs after the usual ones."""
+    from .program.trace import trace
+
+    quantity = QUANTITIES[name]
+    inputs = quantity.shapes(model)
+    rest = dict(options)
+    frames = rest.pop("wrenches", ())
+    inputs += [(f"wrench at {frame}", (6,)) for frame in frames]
+    usual = len(quantity.inputs)
+
+    def on_symbols(*arrays: Any) -> Any:
+        if frames:
+            rest["wrenches"] = dict(zip(frames, arrays[usual:], strict=True))
+        return quantity.algorithm(model, *arrays[:usual], **rest)
+
+    return trace(on_symbols, inputs, [quantity.output])

@@ -1,0 +1,82 @@
+"""Few enough points to draw, from rows too many to keep: the least and greatest of each bin, and evenly spaced states."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .derivatives import States
+
+Array = NDArray[Any]
+
+__all__ = ["Envelope", "SpacedStates"]
+
+_BINS = 2048
+
+
+class Envelope:
+    """Least and greatest values of (n, k) rows in bins of equally many rows; bins double whenever they become too many."""
+
+    def __init__(self, bins: int = _BINS) -> None:
+        self._most = 2 * bins
+        self._rows_per_bin = 1
+        self._rows = 0
+        self._time = np.zeros(0)
+        self._least: Array | None = None
+        self._greatest: Array | None = None
+
+    def add(self, time: Array, values: Array) -> None:
+        """Take in consecutive rows, times (n,) and values (n, k)."""
+        offset = self._rows % self._rows_per_bin  # rows already in the last bin
+        starts = np.arange(-offset, len(time), self._rows_per_bin).clip(min=0)
+        least, greatest = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+        begins = time[starts]
+        if self._least is None or self._greatest is None:
+            self._time, self._least, self._greatest = begins, least, greatest
+        else:
+            if offset:
+                self._least[-1] = np.minimum(self._least[-1], least[0])
+                self._greatest[-1] = np.maximum(self._greatest[-1], greatest[0])
+                begins, least, greatest = begins[1:], least[1:], greatest[1:]
+            self._time = np.concatenate([self._time, begins])
+            self._least, self._greatest = np.concatenate([self._least, least]), np.concatenate([self._greatest, greatest])
+        self._rows += len(time)
+        while len(self._time) > self._most:
+            pairs = np.arange(0, len(self._time), 2)
+            self._time = self._time[::2]
+            self._least, self._greatest = np.minimum.reduceat(self._least, pairs), np.maximum.reduceat(self._greatest, pairs)
+            self._rows_per_bin *= 2
+
+    def result(self) -> tuple[Array, Array, Array]:
+        """Times at which bins begin (b,), least and greatest values (b, k)."""
+        empty = np.zeros((0, 0))
+        return (
+            self._time,
+            empty if self._least is None else self._least,
+            empty if self._greatest is None else self._greatest,
+        )
+
+
+class SpacedStates:
+    """Every so manieth state of a motion; the spacing doubles whenever there are too many."""
+
+    def __init__(self, most: int = _BINS) -> None:
+        self._most = 2 * most
+        self._every = 1
+        self._rows = 0
+        self._kept: list[States] = []
+
+    def add(self, s: States) -> None:
+        """Take in consecutive states."""
+        self._kept.append(s.at(slice(-self._rows % self._every, None, self._every)))
+        self._rows += len(s)
+        while sum(map(len, self._kept)) > self._most:
+            self._kept = [self.result().at(slice(None, None, 2))]
+            self._every *= 2
+
+    def result(self) -> States:
+        """The states kept, in order."""
+        parts = [(s.time, s.q, s.dq, s.ddq) for s in self._kept]
+        return States(*(np.concatenate(column) for column in zip(*parts, strict=True)))

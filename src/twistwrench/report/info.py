@@ -1,0 +1,108 @@
+"""What a robot is: joints and limits, bodies and inertias, masses, frames, and the tree they hang in."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+from rich.tree import Tree
+
+from ..model.model import BASE, Model
+from .coordinates import Coordinates
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+__all__ = ["info_view"]
+
+
+def info_view(robot: Robot, *, degrees: bool = False) -> RenderableType:
+    """Everything there is to say about the robot's make-up; angles in degrees if ``degrees``."""
+    model = robot.model
+    parts: list[RenderableType] = [_heading(model), _joints(model, degrees=degrees), _inertias(model), _tree(model)]
+    for defect in model.defects:
+        parts.append(Text.assemble(("! ", "yellow"), defect))
+    return Group(*parts)
+
+
+def _heading(model: Model) -> Text:
+    moving, fixed = sum(b.inertia.mass for b in model.bodies), model.base_inertia.mass
+    gravity = " ".join(f"{g:g}" for g in model.gravity)
+    counts = f"{len(model.bodies)} moving bodies, {model.nq} coordinates, {model.nv} velocities, {len(model.frames)} frames"
+    return Text.assemble(
+        (model.name, "bold"),
+        f"  {counts}\nmass {moving:.4g} kg moving, {fixed:.4g} kg fixed  ·  gravity [{gravity}] m/s²  ·  tip ",
+        model.tip or f"none; leaves: {', '.join(model.leaves) or 'none'}",
+    )
+
+
+def _joints(model: Model, *, degrees: bool) -> Table:
+    angle = "deg" if degrees else "rad"
+    table = _plain_table(f"Joints (angles in {angle}, lengths in m, efforts in N m or N)")
+    for name in ("joint", "kind", "carries"):
+        table.add_column(name, no_wrap=True)
+    extra = bool(np.any(model.damping) or np.any(model.friction))
+    for name in ("lower", "upper", "velocity", "effort", *(("damping", "friction") if extra else ())):
+        table.add_column(name, justify="right", no_wrap=True)
+    c, limits = Coordinates.of(model), model.limits
+    for i, b in enumerate(model.bodies):
+        for k in range(b.v_index, b.v_index + b.joint.nv):
+            factor = math.degrees(1.0) if degrees and c.angular_velocity[k] else 1.0
+            first = k == b.v_index
+            kind = f"{b.joint.kind}, follows {c.velocity_names[k]}" if b.follows else b.joint.kind
+            name = b.joint.name if b.follows else c.velocity_names[k]
+            cells = [factor * limits.lower[k], factor * limits.upper[k], factor * limits.velocity[k], limits.effort[k]]
+            cells += [model.damping[k], model.friction[k]] if extra else []
+            table.add_row(name, kind if first else "", _link(model, i) if first else "", *map(_figure, cells))
+    return table
+
+
+def _inertias(model: Model) -> Table:
+    table = _plain_table("Links with mass, each in its own frame (kg, m, kg m²)")
+    table.add_column("link", no_wrap=True)
+    table.add_column("moves with", no_wrap=True)
+    for name in ("mass", "centre of mass", "principal moments"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for link, inertia in model.link_inertias.items():
+        if not inertia.parameters.any():
+            continue
+        body = model.frames[link].body if link in model.frames else BASE
+        com = " ".join(f"{x:.4g}" for x in inertia.com)
+        moments = " ".join(f"{x:.3g}" for x in inertia.principal()[0])
+        table.add_row(link, "base" if body == BASE else _link(model, body), f"{inertia.mass:.4g}", com, moments)
+    return table
+
+
+def _tree(model: Model) -> Tree:
+    """Moving bodies below what carries them; the other frames fixed to each stand beside it."""
+    fixed = {i: [name for name, f in model.frames.items() if f.body == i] for i in range(BASE, len(model.bodies))}
+    root = Tree(_branch("base", fixed[BASE]))
+    branches = {BASE: root}
+    for i, b in enumerate(model.bodies):
+        label = Text.assemble((b.joint.name, "cyan"), (f" ({b.joint.kind}) → ", "dim"), _branch(_link(model, i), fixed[i]))
+        branches[i] = branches[b.parent].add(label)
+    return root
+
+
+def _branch(link: str, frames: list[str]) -> Text:
+    others = [name for name in frames if name != link]
+    return Text.assemble((link, "bold"), (f"  + {', '.join(others)}" if others else "", "dim"))
+
+
+def _link(model: Model, body: int) -> str:
+    """The link whose frame is the body's own: the child of the joint."""
+    names = [name for name, f in model.frames.items() if f.body == body]
+    return next((n for n in names if np.array_equal(model.frames[n].pose, np.eye(4))), names[0] if names else f"body {body}")
+
+
+def _plain_table(title: str) -> Table:
+    return Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+
+
+def _figure(value: float) -> str:
+    return f"{value:.5g}" if math.isfinite(value) else "–"

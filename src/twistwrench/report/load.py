@@ -1,0 +1,131 @@
+"""What a robot carries and what pushes on it: payloads and external wrenches, and the split of torques into their causes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import ValueRangeError
+from .derivatives import States
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["TERMS", "LoadedRobot", "Payload", "parse_payload", "parse_wrenches"]
+
+TERMS = ("inertia", "coriolis", "gravity", "payload", "friction", "wrench")
+"""The causes of a torque: M ddq, c, g, all of the payload's, joint friction and damping, and -J' F_on of external wrenches."""
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A point mass [kg] at a place (3,) [m] of a frame; the robot's tip if the frame is None."""
+
+    mass: float
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRobot:
+    """A robot, the same robot carrying its payloads, and the wrenches (6,) on frames, each expressed in its frame."""
+
+    bare: Robot
+    payloads: tuple[Payload, ...] = ()
+    wrenches: dict[str, Array] = field(default_factory=dict)
+    friction: bool = True
+    """Whether the torques of joint friction and damping count."""
+
+    def __post_init__(self) -> None:
+        robot = self.bare
+        for load in self.payloads:
+            frame = robot.model.tip if load.frame is None else load.frame
+            robot.model.frame(frame)  # refuses unknown frames, and a missing tip, by name
+            robot = robot.with_payload(SpatialInertia.from_com(load.mass, load.place), frame=frame)
+        for frame in self.wrenches:
+            robot.model.frame(frame)
+        object.__setattr__(self, "_loaded", robot)
+
+    @property
+    def loaded(self) -> Robot:
+        """The robot with its payloads."""
+        return self._loaded  # type: ignore[attr-defined, no-any-return]
+
+    def torques(self, s: States) -> Array:
+        """Inverse dynamics with everything included; (n,) states → (n, nv)."""
+        on = {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
+        return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=on, friction=self.friction))
+
+    def terms(self, s: States) -> dict[str, Array]:
+        """The causes, (n, nv) each, in the order of :data:`TERMS`; they add up to :meth:`torques`."""
+        bare, zero = self.bare, np.zeros_like(s.dq)
+        gravity = np.asarray(bare.gravity_forces(s.q))
+        wrench = zero.copy()
+        for frame, F in self.wrenches.items():  # what the robot must apply to the world is -F
+            wrench += bare.wrench_torques(s.q, np.broadcast_to(-F, (len(s), 6)), frame)
+        return {
+            "inertia": bare.inverse_dynamics(s.q, zero, s.ddq) - gravity,
+            "coriolis": np.asarray(bare.coriolis_forces(s.q, s.dq)),
+            "gravity": gravity,
+            "payload": self._payload_torques(s) if self.payloads else zero,
+            "friction": np.broadcast_to(bare.friction_forces(s.dq), zero.shape) if self.friction else zero,
+            "wrench": wrench,
+        }
+
+    def _payload_torques(self, s: States) -> Array:
+        return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))
+
+
+def parse_payload(text: str) -> Payload:
+    """Read ``MASS[,x,y,z][@FRAME]``; :class:`~twistwrench.ValueRangeError` says what is wrong."""
+    numbers, _, frame = text.partition("@")
+    form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
+    values = _numbers(numbers, f"payload {text!r}", form)
+    if len(values) not in (1, 4):
+        raise ValueRangeError(f"payload {text!r} has {len(values)} numbers. Write {form}.")
+    if values[0] < 0:
+        raise ValueRangeError(f"payload {text!r} has a negative mass. Give kilograms, at least 0: {form}.")
+    if "@" in text and not frame.strip():
+        raise ValueRangeError(f"payload {text!r} names no frame after '@'. Write {form}.")
+    x, y, z = values[1:] or (0.0, 0.0, 0.0)
+    return Payload(values[0], (x, y, z), frame.strip() or None)
+
+
+def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
+    """Read ``FRAME:m,m,m,f,f,f`` each, adding those on one frame; :class:`~twistwrench.ValueRangeError` says what is wrong."""
+    found: dict[str, Array] = {}
+    for text in texts:
+        frame, values = _parse_wrench(text)
+        found[frame] = found.get(frame, 0.0) + values
+    return found
+
+
+def _parse_wrench(text: str) -> tuple[str, Array]:
+    frame, colon, numbers = text.rpartition(":")
+    form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
+    if not colon or not frame.strip():
+        raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
+    values = _numbers(numbers, f"wrench {text!r}", form)
+    if len(values) != 6:
+        raise ValueRangeError(f"wrench {text!r} has {len(values)} numbers, not 6. Write {form}.")
+    return frame.strip(), np.array(values)
+
+
+def _numbers(text: str, what: str, form: str) -> Sequence[float]:
+    found = []
+    for field_ in text.split(","):
+        try:
+            value = float(field_)
+        except ValueError:
+            raise ValueRangeError(f"{what}: {field_.strip()!r} is no number. Write {form}.") from None
+        if not np.isfinite(value):
+            raise ValueRangeError(f"{what}: {field_.strip()!r} is not finite. Write {form}.")
+        found.append(value)
+    return found

@@ -1,0 +1,198 @@
+"""The torque report as text: peaks and limits, what the peaks are made of, remarks on the log, and a verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from .load import TERMS
+from .torques import Excess, JointTorque, TorqueReport
+
+__all__ = ["cause_label", "notes", "report_view", "verdict"]
+
+_LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
+_BAR = 12
+_TITLES = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
+
+
+def cause_label(term: str) -> str:
+    """How a term of the torque is called in print."""
+    return _LABELS.get(term, term)
+
+
+def report_view(report: TorqueReport, *, degrees: bool = False) -> RenderableType:
+    """The whole report; angles in degrees if ``degrees``."""
+    parts: list[RenderableType] = [_heading(report), _peaks(report), _split(report)]
+    if moved := [e for e in report.excesses if e.kind != "effort"]:
+        parts.append(_motion_limits(moved, degrees=degrees))
+    for note in notes(report):
+        parts.append(Text.assemble(("! ", "yellow"), note))
+    if len(parts) > 3:
+        parts.append(Text())
+    return Group(*parts, verdict(report))
+
+
+def _heading(report: TorqueReport) -> Text:
+    load = report.load
+    carried = [
+        f"payload {p.mass:g} kg at {p.frame or load.bare.model.tip}" + (f" + {list(p.place)} m" if any(p.place) else "")
+        for p in load.payloads
+    ] or ["no payload"]
+    pushed = [f"wrench on {frame} [{' '.join(f'{x:g}' for x in F)}]" for frame, F in load.wrenches.items()]
+    step = f" at {1e3 * report.quality.step:.4g} ms" if report.rows > 1 else ""
+    motion = f"{Path(report.trajectory).name}: {report.end - report.begin:.4g} s, {report.rows:,} rows{step}"
+    friction = [] if load.friction else ["without friction"]
+    return Text.assemble((f"{report.robot}", "bold"), "  ", "  ·  ".join([motion, *carried, *pushed, *friction]))
+
+
+def _table(report: TorqueReport, title: str) -> Table:
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    table.add_column("joint", no_wrap=True)
+    if len(_units(report)) > 1:
+        table.add_column("unit", style="dim")
+    return table
+
+
+def _units(report: TorqueReport) -> list[str]:
+    return sorted({j.unit for j in report.joints})
+
+
+def _title(report: TorqueReport, text: str) -> str:
+    units = _units(report)
+    return f"{text} \\[{units[0]}]" if len(units) == 1 else text
+
+
+def _cells(report: TorqueReport, joint: JointTorque) -> list[RenderableType]:
+    return [joint.joint, joint.unit] if len(_units(report)) > 1 else [joint.joint]
+
+
+def _peaks(report: TorqueReport) -> Table:
+    table = _table(report, _title(report, "Torques"))
+    unsure = any(j.uncertainty for j in report.joints)
+    for name in ("peak", *(["±"] if unsure else []), "rms", "limit"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("share of limit", no_wrap=True)
+    table.add_column("when \\[s]", justify="right", no_wrap=True)
+    for j in report.joints:
+        spread = [f"{j.uncertainty:.2g}"] if unsure else []
+        limit = f"{j.limit:.4g}" if math.isfinite(j.limit) else "none"
+        table.add_row(
+            *_cells(report, j), _number(j.peak), *spread, _number(j.rms), limit, _bar(j), f"{j.time:.3f}"
+        )
+    return table
+
+
+def _bar(joint: JointTorque) -> Text:
+    if not math.isfinite(joint.limit):
+        return Text("–", style="dim")
+    filled = min(_BAR, round(joint.share * _BAR))
+    style = "red" if joint.share > 1 else "yellow" if joint.share > 0.8 else "green"
+    return Text.assemble(("━" * filled, style), ("─" * (_BAR - filled), "dim"), (f" {100 * joint.share:4.0f} %", style))
+
+
+def _split(report: TorqueReport) -> Table:
+    table = _table(report, _title(report, "What the peak is made of"))
+    shown = [term for term in TERMS if any(j.terms[term] for j in report.joints)]
+    for term in shown:
+        table.add_column(cause_label(term), justify="right", no_wrap=True)
+    table.add_column("mostly", no_wrap=True)
+    for j in report.joints:
+        main, share = j.main_cause
+        cells = [Text(_number(j.terms[term]), style="bold" if term == main and j.peak else "") for term in shown]
+        table.add_row(*_cells(report, j), *cells, f"{cause_label(main)} {100 * share:.0f} %" if j.peak else "–")
+    return table
+
+
+def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
+    table = Table(box=SIMPLE_HEAD, title="Motion limits passed", title_justify="left", title_style="bold red", pad_edge=False)
+    for name, side in (("joint", "left"), ("what", "left"), ("worst", "right"), ("limit", "right"), ("when \\[s]", "right")):
+        table.add_column(name, justify="right" if side == "right" else "left", no_wrap=True)
+    for e in excesses:
+        factor, unit = (180 / math.pi, e.unit.replace("rad", "deg")) if degrees and e.angular else (1.0, e.unit)
+        what = {"lower": "position, lower", "upper": "position, upper"}.get(e.kind, e.kind)
+        table.add_row(e.joint, f"{what} \\[{unit}]", _number(e.value * factor), _number(e.limit * factor), f"{e.time:.3f}")
+    return table
+
+
+def notes(report: TorqueReport) -> Iterator[str]:
+    """Remarks on the log that bear on how far the figures can be trusted, a sentence or two each."""
+    d, q = report.differentiation, report.quality
+    derived = {"positions": "accelerations", "velocities": "accelerations (from the velocity columns)", "given": ""}[d.source]
+    what = " and ".join(x for x in ("velocities" if d.derives_velocities else "", derived) if x)
+    if what:
+        smoothed = ", after smoothing to the noise found" if d.strengths.any() else ""
+        yield f"The file has no {what.split(' (')[0]}: derived by a quintic spline{smoothed}."
+        yield from _quality_notes(report)
+    if report.gaps.count:
+        times = "time" if report.gaps.count == 1 else "times"
+        yield (
+            f"Time jumps {report.gaps.count} {times} by more than {report.gaps.threshold / q.step:.0f} steps; the longest gap is "
+            f"{report.gaps.longest:.4g} s after t = {report.gaps.longest_at:.4f} s."
+            + (" Derived rates near gaps are guesses." if d.derives else "")
+        )
+    unlimited = [j.joint for j in report.joints if not math.isfinite(j.limit)]
+    if unlimited:
+        yield f"No torque limit is known for {', '.join(unlimited)}. Give one with --limits."
+
+
+def _quality_notes(report: TorqueReport) -> Iterator[str]:
+    d, q = report.differentiation, report.quality
+    if d.source == "given" or not d.sigma_ddq.any():
+        return
+    columns = d.trajectory.columns
+    places = columns.places["dq" if d.source == "velocities" else "q"]
+    if places is None:
+        return
+    worst = int(max(places, key=lambda c: q.noise[c]))
+    grid = f", on a grid of {q.quantum[worst]:.3g}" if q.quantum[worst] else ""
+    k = int(d.sigma_ddq.argmax())
+    joint = report.joints[k]
+    unit = "rad/s²" if joint.unit == "N m" else "m/s²"
+    loudest = max(report.joints, key=lambda j: j.uncertainty / abs(j.peak) if j.peak else 0.0)
+    yield (
+        f"The log carries noise of {q.noise[worst]:.2g} ({columns.header[worst]}, in the file's units{grid}). Accelerations are uncertain by "
+        f"{d.sigma_ddq[k]:.2g} {unit} ({joint.joint}), torques by up to {loudest.uncertainty:.2g} {loudest.unit} ({loudest.joint}): "
+        "one standard deviation, the ± column."
+    )
+    if not d.strengths.any() and any(j.uncertainty > 0.02 * abs(j.peak) for j in report.joints):
+        yield "That is more than 2 % of a peak: the peaks are partly noise. Try --smooth, or log velocities and accelerations."
+
+
+def verdict(report: TorqueReport) -> Text:
+    """One line: whether every limit is kept, and if not, where, when and why."""
+    by_name = {j.joint: j for j in report.joints}
+    if report.excesses:
+        e = report.excesses[0]
+        if e.kind == "effort":
+            cause, share = by_name[e.joint].main_cause
+            text = (
+                f"{e.joint} at t = {e.time:.3f} s takes {_number(e.value)} {e.unit}, limit {e.limit:.4g} "
+                f"({100 * abs(e.value) / e.limit:.0f} %), mostly {cause_label(cause)} ({100 * share:.0f} %)"
+            )
+        else:
+            text = f"{e.joint} at t = {e.time:.3f} s passes its {_TITLES[e.kind]} limit"
+        more = len(report.excesses) - 1
+        return Text.assemble(("OVER LIMIT", "bold red"), f": {text}" + (f"; {more} more above" if more else "") + ".")
+    limited = [j for j in report.joints if math.isfinite(j.limit)]
+    if not limited:
+        return Text.assemble(("OK", "bold green"), ": no limit is passed; torque limits are not known.")
+    j = max(limited, key=lambda j: j.share)
+    cause, share = j.main_cause
+    return Text.assemble(
+        ("OK", "bold green"),
+        f": nearest to its limit is {j.joint}, {100 * j.share:.0f} % at t = {j.time:.3f} s, mostly {cause_label(cause)} ({100 * share:.0f} %).",
+    )
+
+
+def _number(value: float) -> str:
+    """Four significant digits, none of them an exponent where a person would not write one."""
+    if value == 0:
+        return "0"
+    digits = 3 - math.floor(math.log10(abs(value)))
+    return f"{value:.{min(max(digits, 0), 3)}f}" if 1e-3 <= abs(value) < 1e6 else f"{value:.3g}"

@@ -1,0 +1,236 @@
+"""The main job: a motion file through inverse dynamics to peaks, limits and their causes, in one pass and bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .coordinates import Coordinates
+from .decimation import Envelope, SpacedStates
+from .derivatives import Differentiation, States
+from .load import TERMS, LoadedRobot
+from .survey import Survey
+from .table_file import TableFile
+from .tally import Extreme, Gaps, Rms
+
+if TYPE_CHECKING:
+    from ..model.model import Limits
+
+Array = NDArray[Any]
+
+__all__ = ["Excess", "JointTorque", "TorqueReport", "analyse"]
+
+_NUMBERS_PER_CHUNK = 1 << 19  # rows times velocities worked on at a time: 4 MiB an array
+_GAP = 5.0
+_MASS_SAMPLES = 32  # states of each chunk whose mass matrix carries noise of accelerations into torques
+_SLACK = 1e-9
+"""A limit passed by less than this share of it is round-off."""
+
+
+@dataclass(frozen=True)
+class JointTorque:
+    """What one joint's motor has to give."""
+
+    joint: str
+    unit: str
+    peak: float
+    """The torque of largest magnitude, with its sign."""
+    time: float
+    """When the peak occurs [s]."""
+    rms: float
+    limit: float
+    """inf where none is known."""
+    terms: dict[str, float]
+    """The causes of the peak, by name; they add up to it."""
+    uncertainty: float
+    """Standard deviation of the torque from noise of the log, at its largest; 0 where accelerations are given."""
+
+    @property
+    def share(self) -> float:
+        """|peak| over limit; 0 where there is no limit."""
+        return abs(self.peak) / self.limit
+
+    @property
+    def main_cause(self) -> tuple[str, float]:
+        """The term that pulls most in the peak's direction, and its share of the sum of those that do."""
+        along = {name: value * np.sign(self.peak) for name, value in self.terms.items()}
+        name = max(along, key=lambda n: float(along[n]))
+        total = sum(v for v in along.values() if v > 0)
+        return name, float(along[name] / total) if total else 0.0
+
+
+@dataclass(frozen=True)
+class Excess:
+    """A limit that is passed, at its worst."""
+
+    joint: str
+    kind: str
+    """``effort``, ``velocity``, ``lower`` or ``upper``."""
+    value: float
+    limit: float
+    time: float
+    unit: str
+    angular: bool
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueReport:
+    """Everything the report, the plot and the exit code are made from."""
+
+    robot: str
+    trajectory: str
+    rows: int
+    begin: float
+    end: float
+    joints: tuple[JointTorque, ...]
+    excesses: tuple[Excess, ...]
+    gaps: Gaps
+    quality: Survey
+    differentiation: Differentiation
+    load: LoadedRobot
+    envelope: tuple[Array, Array, Array]
+    """Times (b,), least and greatest torques (b, nv) of the bins that a plot draws."""
+    states: States
+    """Evenly spaced states of the motion, a few thousand at most."""
+    limits: Limits = field(repr=False)
+
+    @property
+    def worst(self) -> int | None:
+        """The joint nearest to its limit, or of the largest peak where no limit is known; None without joints."""
+        if not self.joints:
+            return None
+        return max(range(len(self.joints)), key=lambda k: (self.joints[k].share, abs(self.joints[k].peak)))
+
+
+class _Pass:
+    """One pass over the states: what is kept of them."""
+
+    def __init__(self, load: LoadedRobot, limits: Limits, usual_step: float) -> None:
+        nv = load.bare.nv
+        self.load, self.limits = load, limits
+        self.coordinates = Coordinates.of(load.bare.model)
+        self.rows = 0
+        self.begin = self.end = np.nan
+        self.peak, self.rms = Extreme(nv), Rms(nv)
+        self.signed = np.zeros(nv)
+        self.terms = {name: np.zeros(nv) for name in TERMS}
+        self.passed = {kind: Extreme(nv) for kind in ("lower", "upper", "velocity")}
+        self.envelope, self.spaced = Envelope(), SpacedStates()
+        self.gaps = Gaps(_GAP * usual_step)
+        self.mass_squared = np.zeros((nv, nv))
+        self.uncertainty = np.zeros(nv)
+
+    def add(self, s: States, torques: Array, sigma_ddq: Array) -> None:
+        """Take in consecutive states and their torques (n, nv)."""
+        self.begin = float(s.time[0]) if self.rows == 0 else self.begin
+        self.end = float(s.time[-1])
+        self.rows += len(s)
+        self.rms.add(s.time, torques)
+        self.envelope.add(s.time, torques)
+        self.spaced.add(s)
+        self.gaps.add(s.time)
+        fresh = self.peak.add(s.time, np.abs(torques))
+        if fresh:
+            joints, rows = (np.array(x) for x in zip(*fresh, strict=True))
+            terms = self.load.terms(s.at(rows))
+            for name, values in terms.items():
+                self.terms[name][joints] = values[np.arange(len(joints)), joints]
+            self.signed[joints] = torques[rows, joints]
+        self._check_motion(s)
+        if sigma_ddq.any():
+            some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
+            M = self.load.loaded.mass_matrix(some.q)
+            spread = np.sqrt((M * M) @ (sigma_ddq**2))
+            self.uncertainty = np.maximum(self.uncertainty, spread.max(axis=0))
+
+    def _check_motion(self, s: States) -> None:
+        at, limits = self.coordinates.position_of, self.limits
+        q = np.where(at >= 0, s.q[:, np.maximum(at, 0)], 0.0) if s.q.shape[1] else s.dq
+        self.passed["lower"].add(s.time, np.where(at >= 0, limits.lower, -np.inf) - q)
+        self.passed["upper"].add(s.time, q - np.where(at >= 0, limits.upper, np.inf))
+        self.passed["velocity"].add(s.time, np.abs(s.dq) - limits.velocity)
+
+    def excesses(self) -> tuple[Excess, ...]:
+        """The limits that were passed, worst effort first."""
+        c, limits = self.coordinates, self.limits
+        found = []
+        for kind, extreme in (("effort", self.peak), *self.passed.items()):
+            bound = getattr(limits, kind)
+            over = extreme.value - bound if kind == "effort" else extreme.value
+            for k in np.flatnonzero(over > _SLACK * np.maximum(1.0, np.where(np.isfinite(bound), np.abs(bound), 1.0))):
+                angular = bool(c.angular_velocity[k])
+                unit = {"effort": ("N", "N m"), "velocity": ("m/s", "rad/s")}.get(kind, ("m", "rad"))[angular]
+                value = float(self.signed[k]) if kind == "effort" else float(bound[k] + (-over[k] if kind == "lower" else over[k]))
+                found.append(Excess(c.velocity_names[k], kind, value, float(bound[k]), float(extreme.time[k]), unit, angular))
+        return tuple(sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0)))
+
+    def joints(self) -> tuple[JointTorque, ...]:
+        """The figures of each joint."""
+        c, rms = self.coordinates, self.rms.result()
+        return tuple(
+            JointTorque(
+                joint=name,
+                unit=c.torque_units[k],
+                peak=float(self.signed[k]),
+                time=float(self.peak.time[k]),
+                rms=float(rms[k]),
+                limit=float(self.limits.effort[k]),
+                terms={term: float(values[k]) for term, values in self.terms.items()},
+                uncertainty=float(self.uncertainty[k]),
+            )
+            for k, name in enumerate(c.velocity_names)
+        )
+
+
+def analyse(
+    load: LoadedRobot,
+    differentiation: Differentiation,
+    limits: Limits,
+    *,
+    csv: str | Path | None = None,
+    split: bool = False,
+    progress: Callable[[int], None] | None = None,
+    chunk: int | None = None,
+) -> TorqueReport:
+    """Run the motion through inverse dynamics and judge it.
+
+    ``csv`` names a file for the torques, with the causes as columns of their own if ``split``. ``chunk`` is the number of
+    rows worked on at a time; results do not depend on it, beyond round-off of sums.
+    """
+    nv = load.bare.nv
+    chunk = chunk or max(1024, _NUMBERS_PER_CHUNK // max(1, nv))
+    run = _Pass(load, limits, differentiation.quality.step)
+    names = run.coordinates.velocity_names
+    with TableFile.writing(csv, _csv_header(names, split)) as table:
+        for s in differentiation.states(chunk, progress):
+            torques = load.torques(s)
+            run.add(s, torques, differentiation.sigma_ddq)
+            if table is not None:
+                parts = list(load.terms(s).values()) if split else []
+                table.write(np.concatenate([s.time[:, None], torques, *parts], axis=1))
+    return TorqueReport(
+        robot=load.bare.name,
+        trajectory=str(differentiation.trajectory.path),
+        rows=run.rows,
+        begin=run.begin,
+        end=run.end,
+        joints=run.joints(),
+        excesses=run.excesses(),
+        gaps=run.gaps,
+        quality=differentiation.quality,
+        differentiation=differentiation,
+        load=load,
+        envelope=run.envelope.result(),
+        states=run.spaced.result(),
+        limits=limits,
+    )
+
+
+def _csv_header(names: tuple[str, ...], split: bool) -> list[str]:
+    quantities = ["torque", *TERMS] if split else ["torque"]
+    return ["time", *(f"{name}.{quantity}" for quantity in quantities for name in names)]

@@ -1,0 +1,533 @@
+"""Robot, the front door: a model, and one method per quantity, each a compiled kernel. The bridge between the two towers.
+
+Every method takes any leading batch shape and broadcasts, as NumPy does. Shapes in docstrings are those of one state.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import quantities
+from .bodies.inertia import SpatialInertia
+from .errors import ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
+from .model import edit
+from .model.model import Limits, Model
+from .program.program import Program
+
+Array = NDArray[Any]
+Wrenches = Mapping[str, ArrayLike]
+
+__all__ = ["Robot", "from_screws", "load"]
+
+
+def load(source: str | Path, **options: Any) -> Robot:
+    """Read a robot from a file, or from XML text (first non-blank character ``<``).
+
+    Options: ``floating_base=False``, ``lock={joint: value}``, ``tip=frame``, ``mimic="follow"|"independent"``,
+    ``inertia="error"|"accept"|"repair"``, ``snap=1e-9``, ``gravity=(0, 0, -9.81)``.
+
+    Raises: NotFoundError, RobotFileError, ModelError, InertiaError, UnknownNameError.
+
+    >>> import twistwrench as tw
+    >>> robot = tw.load(tw.robots.path_of("ur5"))
+    >>> robot.nv, robot.tip
+    (6, 'tool0')
+    """
+    from .io import load_model
+
+    return Robot(load_model(source, **options))
+
+
+def from_screws(*lists: Any, **options: Any) -> Robot:
+    """A robot from the book's M, Slist, Mlist, Glist; see :func:`twistwrench.io.screw_lists.from_screws` for the options."""
+    from .io import screw_lists
+
+    return Robot(screw_lists.from_screws(*lists, **options))
+
+
+class Robot:
+    """A robot whose dynamics are compiled when first asked for. Immutable: every edit returns a new one.
+
+    >>> import numpy as np, twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> np.round(arm.mass_matrix([0.0, np.pi / 2]), 12).tolist()
+    [[3.0, 1.0], [1.0, 1.0]]
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self._kernels: dict[Any, Any] = {}
+        self._plain: dict[str, Any] = {}
+
+    def __repr__(self) -> str:
+        return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}>"
+
+    def __getstate__(self) -> Model:
+        return self.model
+
+    def __setstate__(self, model: Model) -> None:
+        self.__init__(model)  # type: ignore[misc]
+
+    # ── what it is ──
+
+    @property
+    def name(self) -> str:
+        """The robot's name in its file."""
+        return self.model.name
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates."""
+        return self.model.nq
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities."""
+        return self.model.nv
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints that have coordinates, in the order of q."""
+        return tuple(b.joint.name for b in self.model.leaders)
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """A name for each entry of q: the joint's, with a suffix where it has several."""
+        return tuple(b.joint.name + s for b in self.model.leaders for s in b.joint.coordinate_suffixes)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Every link of the file, in document order."""
+        return tuple(self.model.frames)
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Every frame a method can be asked about: the links."""
+        return tuple(self.model.frames)
+
+    @property
+    def tip(self) -> str | None:
+        """The frame meant when none is named; None when the robot has no single tip."""
+        return self.model.tip
+
+    @property
+    def defects(self) -> tuple[str, ...]:
+        """What the robot's file says that is doubtful."""
+        return self.model.defects
+
+    @property
+    def limits(self) -> Limits:
+        """Joint limits, (nv,) each, inf where none is given."""
+        return self.model.limits
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity in the base frame, (3,) m/s²."""
+        return self.model.gravity
+
+    @property
+    def neutral(self) -> Array:
+        """Every joint at zero; (nq,)."""
+        return self.model.neutral
+
+    @property
+    def screws(self) -> Any:
+        """The book's M, Slist, Blist, Mlist, Glist, link frames as in the file; serial chains only."""
+        from .io.screw_lists import screw_lists
+
+        return screw_lists(self.model)
+
+    def screws_at_com(self) -> Any:
+        """The same with link frames at the centres of mass along principal axes: the book's diagonal G."""
+        from .io.screw_lists import screw_lists
+
+        return screw_lists(self.model, at_com=True)
+
+    # ── configurations ──
+
+    def coordinates(self, **joints: ArrayLike) -> Array:
+        """q from joint names, the others neutral; (nq,).
+
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
+        [0.0, 0.5]
+        """
+        q = self.neutral
+        by_name = {b.joint.name: b for b in self.model.leaders}
+        for name, value in joints.items():
+            if name not in by_name:
+                raise UnknownNameError.of("joint", name, by_name)
+            body = by_name[name]
+            given = np.atleast_1d(np.asarray(value, float))
+            if given.shape != (body.joint.nq,):
+                raise ShapeError(f"joint {name!r} ({body.joint.kind}) takes {body.joint.nq} numbers, got shape {given.shape}.")
+            q[body.q_index : body.q_index + body.joint.nq] = given
+        return q
+
+    def random_configuration(self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()) -> Array:
+        """Random q inside the limits; unbounded joints within ±π or ±1 m; (*size, nq)."""
+        rng = np.random.default_rng(rng)
+        shape = (size,) if isinstance(size, int) else tuple(size)
+        parts = []
+        for body in self.model.leaders:
+            joint, v = body.joint, body.v_index
+            turning = np.any(joint.axes[:, :3] != 0, axis=1)
+            reach = np.where(turning, np.pi, 1.0)
+            lower = np.where(np.isfinite(self.limits.lower[v : v + joint.nv]), self.limits.lower[v : v + joint.nv], -reach)
+            upper = np.where(np.isfinite(self.limits.upper[v : v + joint.nv]), self.limits.upper[v : v + joint.nv], reach)
+            if joint.kind == "floating":
+                quat = rng.standard_normal((*shape, 4))
+                parts += [quat / np.linalg.norm(quat, axis=-1, keepdims=True), rng.uniform(-1.0, 1.0, (*shape, 3))]
+            elif joint.kind == "planar":  # axes are (omega, v, v), coordinates (x, y, theta)
+                parts.append(rng.uniform(np.roll(lower, -1), np.roll(upper, -1), (*shape, 3)))
+            else:
+                parts.append(rng.uniform(lower, upper, (*shape, joint.nv)))
+        return np.concatenate([np.zeros((*shape, 0)), *parts], axis=-1)
+
+    def add(self, q: ArrayLike, dv: ArrayLike) -> Array:
+        """q ⊕ dv: move each joint along its constant joint twist for unit time; (nq), (nv) → (nq)."""
+        q, dv = np.asarray(q, float), np.asarray(dv, float)
+        self._check_shapes("add", {"q": (q, self.nq), "dv": (dv, self.nv)})
+        parts = [b.joint.integrate(*self._slices(b, q, dv)) for b in self.model.leaders]
+        return np.concatenate([np.zeros((*np.broadcast_shapes(q.shape[:-1], dv.shape[:-1]), 0)), *parts], axis=-1)
+
+    def subtract(self, q1: ArrayLike, q0: ArrayLike) -> Array:
+        """q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1; (nq), (nq) → (nv)."""
+        q1, q0 = np.asarray(q1, float), np.asarray(q0, float)
+        self._check_shapes("subtract", {"q1": (q1, self.nq), "q0": (q0, self.nq)})
+        q1, q0 = np.broadcast_arrays(q1, q0)
+        parts = [
+            b.joint.difference(q1[..., b.q_index : b.q_index + b.joint.nq], q0[..., b.q_index : b.q_index + b.joint.nq])
+            for b in self.model.leaders
+        ]
+        return np.concatenate([np.zeros((*q1.shape[:-1], 0)), *parts], axis=-1)
+
+    @staticmethod
+    def _slices(body: Any, q: Array, dv: Array) -> tuple[Array, Array]:
+        batch = np.broadcast_shapes(q.shape[:-1], dv.shape[:-1])
+        q, dv = np.broadcast_to(q, (*batch, q.shape[-1])), np.broadcast_to(dv, (*batch, dv.shape[-1]))
+        joint = body.joint
+        return q[..., body.q_index : body.q_index + joint.nq], dv[..., body.v_index : body.v_index + joint.nv]
+
+    # ── edits ──
+
+    def with_payload(self, payload: SpatialInertia, frame: str | None = None) -> Robot:
+        """A robot that carries ``payload`` at ``frame``, whose inertia is given in that frame.
+
+        >>> import twistwrench as tw
+        >>> ur5 = tw.robots.ur5()
+        >>> loaded = ur5.with_payload(tw.SpatialInertia.from_com(5.0, (0, 0, 0.1)), frame="tool0")
+        >>> bool(abs(loaded.gravity_forces(ur5.neutral)[1]) > abs(ur5.gravity_forces(ur5.neutral)[1]))
+        True
+        """
+        name = self.model.tip if frame is None else frame
+        self.model.frame(name)
+        return Robot(edit.with_payload(self.model, payload, str(name)))
+
+    def with_gravity(self, gravity: ArrayLike) -> Robot:
+        """The same robot under another gravity, (3,) m/s² in the base frame."""
+        return Robot(edit.with_gravity(self.model, np.asarray(gravity, float)))
+
+    def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
+        """A robot whose named joints are fixed at the given coordinates."""
+        return Robot(edit.lock(self.model, joints))
+
+    # ── kernels ──
+
+    def kernel(self, name: str, **options: Any) -> np.ufunc:
+        """The bare compiled function of one quantity: a ``numpy.ufunc`` whose signature has the robot's sizes.
+
+        Options by quantity: ``frame=``, ``kind=``, ``wrenches=(frame, …)`` (further inputs, one wrench each, applied by the
+        robot). Raises UnknownNameError for unknown names, KernelError for options that do not apply.
+
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().kernel("inverse_dynamics").signature
+        '(6),(6),(6)->(6)'
+        """
+        full = quantities.checked_options(self.model, name, options)
+        key = (name, *full.items())
+        kernel = self._kernels.get(key)
+        if kernel is None:
+            if name == "forward_dynamics":
+                self._require_invertible()
+            program = quantities.program_of(self.model, name, full)
+            doc = f"{name} of {self.name}, compiled. Inputs: {', '.join(p.name for p in program.inputs)}."
+            kernel = self._kernels[key] = _make_kernel(program, name, doc)
+        return kernel  # type: ignore[no-any-return]
+
+    def program(self, name: str, **options: Any) -> Program:
+        """The straight-line program behind a kernel, for counting its operations."""
+        return quantities.program_of(self.model, name, quantities.checked_options(self.model, name, options))
+
+    def reference(self, name: str, *arrays: ArrayLike, **options: Any) -> Array:
+        """The same quantity by the algorithm itself on floats, one state at a time: the readable oracle."""
+        full = quantities.checked_options(self.model, name, options)
+        quantity, rest = quantities.QUANTITIES[name], dict(full)
+        symbols = [np.asarray(a, float).astype(object) for a in arrays]
+        usual = len(quantity.inputs)
+        if frames := rest.pop("wrenches", ()):
+            rest["wrenches"] = dict(zip(frames, symbols[usual:], strict=True))
+        return np.asarray(quantity.algorithm(self.model, *symbols[:usual], **rest), float)
+
+    def _compile(self, name: str) -> Any:
+        """The kernel with default options, remembered where the methods look first."""
+        kernel = self._plain[name] = self.kernel(name)
+        return kernel
+
+    def _call(self, name: str, *arrays: ArrayLike, **options: Any) -> Any:
+        if options:
+            kernel = self.kernel(name, **options)
+        else:
+            kernel = self._plain.get(name) or self._compile(name)
+        try:
+            return kernel(*arrays)
+        except (TypeError, ValueError) as problem:
+            raise self._explained(problem, name, arrays) from None
+
+    def _explained(self, problem: Exception, name: str, arrays: Sequence[Any]) -> Exception:
+        """A shape error that names the argument, or the original problem where shapes are not to blame."""
+        wanted = quantities.QUANTITIES[name].shapes(self.model)
+        wanted += [("wrench", (6,))] * (len(arrays) - len(wanted))
+        batches = []
+        for (label, core), array in zip(wanted, arrays, strict=False):
+            try:
+                a = np.asarray(array, float)
+            except (TypeError, ValueError):
+                return ShapeError(f"{name}: {label} is not an array of numbers: {str(array)[:60]!r}.")
+            if a.ndim < 1 or a.shape[-1:] != core:
+                names = self.coordinate_names if label == "q" else self.joint_names
+                which = f" (one per entry of {', '.join(names)})" if label != "wrench" and core[0] <= 12 else ""
+                what = "(m, f), angular part first" if label == "wrench" else f"{core[0]} in the last axis{which}"
+                return ShapeError(f"{name}: {label} has shape {a.shape}, but robot {self.name!r} wants {what}.")
+            batches.append((label, a.shape[:-1]))
+        try:
+            np.broadcast_shapes(*(b for _, b in batches))
+        except ValueError:
+            listed = ", ".join(f"{label} {shape}" for label, shape in batches)
+            return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
+        return problem
+
+    def _check_shapes(self, name: str, arrays: Mapping[str, tuple[Array, int]]) -> None:
+        for label, (array, size) in arrays.items():
+            if array.ndim < 1 or array.shape[-1] != size:
+                raise ShapeError(
+                    f"{name}: {label} has shape {array.shape}, but robot {self.name!r} wants {size} in the last axis."
+                )
+
+    def _require_invertible(self) -> None:
+        """Raise SingularMassMatrixError if M has no inverse at a generic configuration, naming the joints involved."""
+        M = self.reference("mass_matrix", self.random_configuration(0))
+        if self.nv == 0:
+            return
+        names = [b.joint.name for b in self.model.leaders for _ in range(b.joint.nv)]
+        d = np.sqrt(np.maximum(np.diagonal(M), 0.0))
+        scale = np.where(d > 0, d, 1.0)
+        values, vectors = np.linalg.eigh(M / np.outer(scale, scale))
+        if values[0] > 1e-13 * self.nv:
+            return
+        lost = np.abs(vectors[:, values <= 1e-13 * self.nv]).max(axis=1)
+        guilty = list(dict.fromkeys(n for n, x in zip(names, lost, strict=True) if x > 0.1))
+        raise SingularMassMatrixError(
+            f"the mass matrix of robot {self.name!r} has no inverse: joints {', '.join(guilty)} move nothing with inertia "
+            "of its own. Lock them (robot.lock), give their links mass, or use inverse dynamics, which needs no inverse."
+        )
+
+    # ── kinematics ──
+
+    def forward_kinematics(self, q: ArrayLike, frame: str | None = None) -> Array:
+        """T_s,frame, pose of a frame in the base frame; (nq) → (4, 4)."""
+        return self._call("forward_kinematics", q, frame=frame)  # type: ignore[no-any-return]
+
+    def link_poses(self, q: ArrayLike) -> Array:
+        """T_s,link of all of :attr:`link_names` at once; (nq) → (nlinks, 4, 4)."""
+        return self._call("link_poses", q)  # type: ignore[no-any-return]
+
+    def jacobian(self, q: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
+        """J with V = J dq; (nq) → (6, nv), angular rows first. MR eq. 5.11, 5.18.
+
+        ``kind``: ``"body"``, the twist in the frame itself; ``"space"``, at the base origin; ``"world_aligned"``, at the
+        frame's origin with the base's axes.
+        """
+        return self._call("jacobian", q, frame=frame, kind=kind)  # type: ignore[no-any-return]
+
+    def jacobian_rate(self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
+        """d/dt of :meth:`jacobian`; (nq), (nv) → (6, nv)."""
+        return self._call("jacobian_rate", q, dq, frame=frame, kind=kind)  # type: ignore[no-any-return]
+
+    def frame_velocity(self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
+        """Twist (omega, v) of a frame; (nq), (nv) → (6)."""
+        return self._call("frame_velocity", q, dq, frame=frame, kind=kind)  # type: ignore[no-any-return]
+
+    def frame_acceleration(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str | None = None, kind: str = "body"
+    ) -> Array:
+        """d/dt of :meth:`frame_velocity`, gravity not included; (nq), (nv), (nv) → (6)."""
+        return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind)  # type: ignore[no-any-return]
+
+    # ── dynamics ──
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> Array:
+        """τ = M q̈ + h + Σ J'F_by - Σ J'F_on; (nq), (nv), (nv) → (nv). MR eq. 8.54.
+
+        Wrenches are dicts ``{frame: (..., 6)}``, (m, f) expressed in that frame: ``wrench_by_robot`` is what the robot
+        applies to the world there, ``wrench_on_robot`` what the world applies to the robot. ``friction=True`` adds the
+        torque that overcomes the joints' friction.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> robot = tw.robots.planar_2r()
+        >>> np.round(robot.inverse_dynamics([0, 0], [0, 0], [0, 0]), 2).tolist()
+        [29.43, 9.81]
+        """
+        if wrench_by_robot is None and wrench_on_robot is None and not friction:
+            try:
+                return self._plain["inverse_dynamics"](q, dq, ddq)  # type: ignore[no-any-return]
+            except (KeyError, TypeError, ValueError):
+                return self._call("inverse_dynamics", q, dq, ddq)  # type: ignore[no-any-return]
+        tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot)
+        return tau + self.friction_forces(dq) if friction else tau
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> Array:
+        """q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on); (nq), (nv), (nv) → (nv). MR section 8.5.
+
+        Raises SingularMassMatrixError where a joint moves nothing with inertia.
+        """
+        if friction:
+            tau = np.asarray(tau) - self.friction_forces(dq)
+        return self._with_wrenches("forward_dynamics", (q, dq, tau), wrench_by_robot, wrench_on_robot)
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """M, symmetric and full; (nq) → (nv, nv). MR eq. 8.57."""
+        return self._call("mass_matrix", q)  # type: ignore[no-any-return]
+
+    def bias_forces(self, q: ArrayLike, dq: ArrayLike) -> Array:
+        """h = c + g, what remains of τ at q̈ = 0; (nq), (nv) → (nv)."""
+        return self._call("bias_forces", q, dq)  # type: ignore[no-any-return]
+
+    def coriolis_forces(self, q: ArrayLike, dq: ArrayLike) -> Array:
+        """c, the velocity-product terms; (nq), (nv) → (nv)."""
+        return self._call("coriolis_forces", q, dq)  # type: ignore[no-any-return]
+
+    def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike) -> Array:
+        """C with C dq = c and dM/dt - 2C skew; (nq), (nv) → (nv, nv). The Christoffel one on one-degree joints."""
+        return self._call("coriolis_matrix", q, dq)  # type: ignore[no-any-return]
+
+    def christoffel(self, q: ArrayLike) -> Array:
+        """Γ_ijk, Christoffel symbols of the first kind; (nq) → (nv, nv, nv). MR eq. 8.12.
+
+        Raises ValueRangeError on robots with planar or floating joints, whose rates are not derivatives of coordinates.
+        """
+        for body in self.model.bodies:
+            if body.joint.kind in ("planar", "floating"):
+                raise ValueRangeError(
+                    f"Christoffel symbols need coordinates whose rates are the velocities; joint {body.joint.name!r} is "
+                    f"{body.joint.kind}. coriolis_matrix works on every robot."
+                )
+        return self._call("christoffel", q)  # type: ignore[no-any-return]
+
+    def gravity_forces(self, q: ArrayLike) -> Array:
+        """g, the torques that hold the robot against gravity; (nq) → (nv)."""
+        return self._call("gravity_forces", q)  # type: ignore[no-any-return]
+
+    def friction_forces(self, dq: ArrayLike) -> Array:
+        """The torques that overcome joint friction, viscous and Coulomb; (nv) → (nv)."""
+        return self._call("friction_forces", dq)  # type: ignore[no-any-return]
+
+    # ── statics ──
+
+    def wrench_torques(self, q: ArrayLike, wrench_by_robot: ArrayLike, frame: str | None = None) -> Array:
+        """J_b' F alone, for a wrench the robot applies at the frame; (nq), (6) → (nv). MR eq. 5.26."""
+        return self._call("wrench_torques", q, wrench_by_robot, frame=frame)  # type: ignore[no-any-return]
+
+    def holding_torques(
+        self, q: ArrayLike, *, wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None
+    ) -> Array:
+        """g + Σ J'F_by - Σ J'F_on, the torques of static equilibrium; (nq) → (nv)."""
+        return self._with_wrenches("gravity_forces", (q,), wrench_by_robot, wrench_on_robot)
+
+    def joint_wrenches(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> Array:
+        """The wrench each moving body receives across its joint, in its own frame; → (nbodies, 6)."""
+        return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot)
+
+    def _with_wrenches(
+        self, name: str, arrays: tuple[ArrayLike, ...], by: Wrenches | None, on: Wrenches | None
+    ) -> Any:
+        """Call a kernel that takes the wrenches applied by the robot as further inputs."""
+        total = {frame: np.asarray(F) for frame, F in (by or {}).items()}
+        for frame, F in (on or {}).items():
+            total[frame] = total[frame] - np.asarray(F) if frame in total else -np.asarray(F)
+        if not total:
+            return self._call(name, *arrays)
+        return self._call(name, *arrays, *total.values(), wrenches=tuple(total))
+
+    # ── energies, momentum, centre of mass ──
+
+    def kinetic_energy(self, q: ArrayLike, dq: ArrayLike) -> Any:
+        """½ dq' M dq; (nq), (nv) → (), J."""
+        return self._call("kinetic_energy", q, dq)
+
+    def potential_energy(self, q: ArrayLike) -> Any:
+        """Of the moving bodies, zero with their centre of mass at the base origin; (nq) → (), J."""
+        return self._call("potential_energy", q)
+
+    def momentum(self, q: ArrayLike, dq: ArrayLike, frame: str = "base") -> Array:
+        """Spatial momentum (angular, linear) of the moving bodies at the base origin; (nq), (nv) → (6).
+
+        ``frame="com"``: about the centre of mass, axes of the base (centroidal momentum).
+        """
+        if frame not in ("base", "com"):
+            raise UnknownNameError.of("momentum frame", frame, ("base", "com"))
+        return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq)  # type: ignore[no-any-return]
+
+    def center_of_mass(self, q: ArrayLike) -> Array:
+        """Of the moving bodies, in the base frame; (nq) → (3), m."""
+        return self._call("center_of_mass", q)  # type: ignore[no-any-return]
+
+    def com_jacobian(self, q: ArrayLike) -> Array:
+        """J with d(center_of_mass)/dt = J dq; (nq) → (3, nv)."""
+        return self._call("com_jacobian", q)  # type: ignore[no-any-return]
+
+
+LARGEST_COMPILED = 120_000
+"""Programs beyond this many instructions run on NumPy: compiling them would take minutes."""
+
+
+def _make_kernel(program: Program, name: str, doc: str) -> Any:
+    if os.environ.get("TWISTWRENCH_JIT", "1") == "0" or len(program.instructions) > LARGEST_COMPILED:
+        from .targets.numpy import NumpyKernel
+
+        return NumpyKernel(program, name, doc)
+    from .kernels.ufunc import make_ufunc
+
+    return make_ufunc(program, name, doc)
