@@ -6,13 +6,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bench import footprint, machine, report
+from bench import footprint, machine, peer_pinocchio_cpp, report
 from bench.cases import CASES, QUANTITIES, Case, States, difference
 from bench.peer_pinocchio import Pinocchio
 from bench.timing import ROUNDS, interleave, pin_to_one_core
 
 HERE = Path(__file__).parent
 STATES = 4096  # at most; the batch of a case is its headline
+EXACT = "twistwrench, snap=0"  # only checked, not timed
 CHECKED = 64  # states on which all contenders must agree before anything is timed
 TOLERANCE = 1e-8  # a contender further off computes something else; the table of agreement says how near each one is
 
@@ -38,7 +39,7 @@ def _options() -> argparse.Namespace:
 
 def _measure(options: argparse.Namespace) -> dict[str, Any]:
     cases = [c for c in CASES if c.name in options.robots.split(",")]
-    builds, missing = _builds()
+    builds, missing = peer_pinocchio_cpp.builds()
     results: dict[str, Any] = {
         "machine": machine.describe(),
         "compilers": {b.name: b.compiler for b in builds},
@@ -57,15 +58,6 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
     return results
 
 
-def _builds() -> tuple[list[Any], dict[str, str]]:
-    from bench import peer_pinocchio_cpp as cpp
-
-    try:
-        return cpp.builds(), {}
-    except cpp.MissingError as error:
-        return [], {cpp.NAME: str(error)}
-
-
 def _robot(case: Case, builds: list[Any], missing: dict[str, str], rounds: int) -> dict[str, Any]:
     print(f"{case.name}: loading", flush=True)
     peers = _peers(case, builds, missing)
@@ -74,7 +66,7 @@ def _robot(case: Case, builds: list[Any], missing: dict[str, str], rounds: int) 
     for quantity in QUANTITIES:
         agreement = _agreement(case, peers, quantity, states[:CHECKED])
         print(f"{case.name}: {quantity}", flush=True)
-        contenders = [c for peer in peers.values() for c in peer.contenders(quantity, states)]
+        contenders = [c for name, peer in peers.items() if name != EXACT for c in peer.contenders(quantity, states)]
         timings = {name: asdict(timing) for name, timing in interleave(contenders, rounds).items()}
         quantities[quantity] = {"agreement": agreement, "timings": timings}
         if "twistwrench" in peers:
@@ -89,12 +81,10 @@ def _peers(case: Case, builds: list[Any], missing: dict[str, str]) -> dict[str, 
         from bench.ours import Ours
 
         peers["twistwrench"] = Ours(case)
-        peers["twistwrench, snap=0"] = Ours(case, snap=0)
+        peers[EXACT] = Ours(case, snap=0)
     except ImportError as error:
         missing["twistwrench"] = f"{error}: `pip install -e .[peers]`"
-    from bench.peer_pinocchio_cpp import PinocchioCpp
-
-    peers.update({f"Pinocchio C++, {build.name}": PinocchioCpp(case, build) for build in builds})
+    peers.update({f"Pinocchio C++, {build.name}": peer_pinocchio_cpp.PinocchioCpp(case, build) for build in builds})
     peers["Pinocchio"] = Pinocchio(case)
     try:
         from bench.peer_mujoco import MuJoCo

@@ -25,6 +25,8 @@ def quartiles(timing: dict[str, float]) -> str:
 
 def times(ratio: float) -> str:
     """29 × where faster, 1/2.4 where slower."""
+    if ratio == 1:
+        return "1"
     return f"{_two(ratio)} ×" if ratio >= 0.995 else f"1/{_two(1 / ratio)}"
 
 

@@ -89,7 +89,7 @@ def _single_call(results: dict[str, Any]) -> Row:
 
 
 def _operations(results: dict[str, Any], need: int) -> Row:
-    what = "operations in panda inverse dynamics"
+    what = "operations in panda inverse dynamics, as compiled"
     quantities = results["robots"].get("panda", {"quantities": {}})["quantities"]
     counted = quantities.get("inverse_dynamics", {}).get("operations")
     if counted is None:

@@ -61,6 +61,8 @@ def interleave(
 ) -> dict[str, Timing]:
     """Time all contenders, round-robin, each for at least `seconds` a round, with the garbage collector paused."""
     times = {c.name: _times_to_fill(c, seconds) for c in contenders}
+    if len(times) < len(contenders):
+        raise ValueError("two contenders have the same name")
     nanoseconds: dict[str, list[float]] = {c.name: [] for c in contenders}
     gc.collect()
     gc.disable()

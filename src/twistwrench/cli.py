@@ -1,7 +1,7 @@
 """The shell. Commands read options, call one function of the library, and turn errors into one line and an exit code.
 
-Exit codes: 0 done; 1 ran, and found a problem it was asked to look for; 2 bad input. Everything heavy is imported inside
-the command that needs it, so that ``--help`` answers at once.
+Exit codes: 0 done; 1 ran, and found a problem it was asked to look for; 2 bad input. Everything heavy is imported
+inside the command that needs it, so that ``--help`` answers at once.
 """
 
 from __future__ import annotations
@@ -54,9 +54,15 @@ class RobotOptions:
             path = robots.path_of(self.source)
         elif not Path(self.source).exists():
             raise NotFoundError(
-                f"no robot file {self.source!r}, and no bundled robot of that name. Bundled: {', '.join(robots.names())}."
+                f"no robot file {self.source!r}, and no bundled robot of that name. "
+                f"Give a path, or one of: {', '.join(robots.names())}."
             )
-        options: dict[str, Any] = {"floating_base": self.floating_base, "tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
+        options: dict[str, Any] = {
+            "floating_base": self.floating_base,
+            "tip": self.tip,
+            "mimic": self.mimic,
+            "inertia": self.inertia,
+        }
         if not (self.degrees and self.lock):
             return robot.load(path, lock=self.lock, **options)
         # Which locked joints turn and which slide is known only once the robot is.
@@ -79,12 +85,12 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
     @wraps(function)
     def command(
         source: str,
-        floating_base: bool,  # noqa: FBT001
+        floating_base: bool,
         lock: tuple[str, ...],
         tip: str | None,
         mimic: str,
         inertia: str,
-        degrees: bool,  # noqa: FBT001
+        degrees: bool,
         **rest: Any,
     ) -> None:
         with _plain_errors():
@@ -124,13 +130,32 @@ def main() -> None:
 
 
 @main.command()
-@click.option("--trajectory", "motion", metavar="FILE.csv", required=True, help="The motion; 'demo' is the one bundled with a robot.")
-@click.option("--payload", "payloads", metavar="MASS[,x,y,z][@FRAME]", multiple=True, help="A point mass carried; may be repeated.")
-@click.option("--wrench-on-robot", "wrenches", metavar="FRAME:m,m,m,f,f,f", multiple=True, help="What the world does to it there.")
+@click.option(
+    "--trajectory",
+    "motion",
+    metavar="FILE.csv",
+    required=True,
+    help="The motion; 'demo' is the one bundled with a robot.",
+)
+@click.option(
+    "--payload",
+    "payloads",
+    metavar="MASS[,x,y,z][@FRAME]",
+    multiple=True,
+    help="A point mass carried; may be repeated.",
+)
+@click.option(
+    "--wrench-on-robot", "wrenches", metavar="FRAME:m,m,m,f,f,f", multiple=True, help="What the world does to it there."
+)
 @click.option("--csv", "csv_path", metavar="OUT.csv", help="Write time and torques.")
 @click.option("--split", is_flag=True, help="Write the causes of the torques too.")
 @click.option("--plot", "plot_path", metavar="OUT.png", help="Draw torques, limits, and the split of the worst joint.")
-@click.option("--limits", "limits_path", metavar="FILE.csv", help="Limits in place of the robot's: joint,lower,upper,velocity,effort.")
+@click.option(
+    "--limits",
+    "limits_path",
+    metavar="FILE.csv",
+    help="Limits in place of the robot's: joint,lower,upper,velocity,effort.",
+)
 @click.option("--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it.")
 @click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
 @robot_command
@@ -140,11 +165,11 @@ def torques(
     payloads: tuple[str, ...],
     wrenches: tuple[str, ...],
     csv_path: str | None,
-    split: bool,  # noqa: FBT001
+    split: bool,
     plot_path: str | None,
     limits_path: str | None,
-    smooth: bool,  # noqa: FBT001
-    no_friction: bool,  # noqa: FBT001
+    smooth: bool,
+    no_friction: bool,
 ) -> None:
     """Which torques a motion takes, which joint is over its limit, and what causes it.
 
@@ -162,7 +187,9 @@ def torques(
 
     robot = options.load()
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
-    limits = robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
+    limits = (
+        robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
+    )
     trajectory = Trajectory.open(_motion_path(motion, options.source), robot.model, degrees=options.degrees)
     differentiation = Differentiation.plan(trajectory, robot.model, smoothing=smooth)
     with _progress(trajectory) as progress:
@@ -215,7 +242,9 @@ def _motion_path(name: str, robot: str) -> Path:
     path = folder / f"{robot}_{_DEMO}.csv"
     if not path.is_file():
         have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}.csv"))]
-        raise UnknownNameError(f"no motion is bundled with {robot!r}. With: {', '.join(have)}. Give the path of a CSV file instead.")
+        raise UnknownNameError(
+            f"no motion is bundled with {robot!r}. With: {', '.join(have)}. Give the path of a CSV file instead."
+        )
     return path
 
 
@@ -236,7 +265,12 @@ def _progress(trajectory: Trajectory) -> Iterator[Callable[[int], None] | None]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(trajectory.path.name, total=trajectory.size)
         yield lambda size: bar.advance(task, size)

@@ -20,6 +20,7 @@ Array = NDArray[Any]
 __all__ = ["Element", "parse"]
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_LARGEST = 1e60  # far above anything meant, and products of five such numbers are still finite
 _BLANK = "\ufeff \t\r\n"
 
 
@@ -98,9 +99,11 @@ class Element:
 
     def _number(self, attribute: str, word: str) -> float:
         value = float(word) if _NUMBER.fullmatch(word) else None
-        if value is not None and np.isfinite(value):
+        if value is not None and abs(value) <= _LARGEST:
             return value
-        if word.lower().lstrip("+-").startswith(("nan", "inf")) or value is not None:
+        if value is not None:
+            problem = f"{word!r} is too large to be meant. Write a finite number in SI units"
+        elif word.lower().lstrip("+-").startswith(("nan", "inf")):
             problem = f"{word!r} is not a finite number. Write a finite one, or leave the attribute out"
         elif "," in word:
             problem = f"{word!r} is not a number. Write a decimal point, as in 0.5, and blanks between numbers"

@@ -1,1 +1,1 @@
-"""What the shell prints, draws and writes: motion files in, torque reports out. Nothing is imported until it is used."""
+"""What the shell reads, prints, draws and writes: motion files in, torque reports out."""

@@ -58,7 +58,7 @@ class Columns:
         )
 
     def take(self, table: Array, part: str) -> Any:
-        """The columns of ``part`` (``q``, ``dq`` or ``ddq``) of a table (n, columns), in SI units; None where absent."""
+        """The columns of ``part`` (``q``, ``dq``, ``ddq``) of a table (n, columns), in SI units; None where absent."""
         where = self.places[part]
         return None if where is None else table[:, where] * self.factors[part]
 
@@ -70,10 +70,12 @@ def _check_shape(header: Sequence[str], text: str, where: str) -> None:
             f"{where}: columns are separated by {used}. Separate them by commas, and write decimals with a point (0.5)."
         )
     if all(_is_number(name) for name in header):
-        raise TrajectoryError(f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints.")
+        raise TrajectoryError(
+            f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
+        )
     if "" in header:
         raise TrajectoryError(
-            f"{where}: column {header.index('') + 1} has no name. Name every column, and leave no comma at the line's end."
+            f"{where}: column {header.index('') + 1} has no name. Name every column, and end no line in a comma."
         )
     for name in header:
         if header.count(name) > 1:
@@ -83,7 +85,9 @@ def _check_shape(header: Sequence[str], text: str, where: str) -> None:
 def _time_column(header: Sequence[str], where: str) -> int:
     found = [k for k, name in enumerate(header) if name.lower() in _TIME_NAMES]
     if not found:
-        raise TrajectoryError(f"{where}: no time column. Name one column 'time' (or 't'), in seconds; found {_listed(header)}.")
+        raise TrajectoryError(
+            f"{where}: no time column. Name one column 'time' (or 't'), in seconds; found {_listed(header)}."
+        )
     if len(found) > 1:
         raise TrajectoryError(f"{where}: two time columns, {_listed([header[k] for k in found])}. Keep one of them.")
     return found[0]
@@ -101,7 +105,9 @@ def _check_names(header: Sequence[str], time: int, expected: dict[str, tuple[str
         others = f" (and {len(unknown) - 1} more)" if len(unknown) > 1 else ""
         raise TrajectoryError(f"{where}: column {unknown[0]!r}{others} is no joint of this robot.{hint} {listed}")
     if missing:
-        raise TrajectoryError(f"{where}: no column for {_listed(missing)}. {listed} A joint that never moves can be locked (--lock).")
+        raise TrajectoryError(
+            f"{where}: no column for {_listed(missing)}. {listed} A joint that never moves can be locked (--lock)."
+        )
     for part in ("dq", "ddq"):
         absent = [name for name in expected[part] if name not in given]
         if absent and len(absent) < len(expected[part]):

@@ -1,4 +1,4 @@
-"""Few enough points to draw, from rows too many to keep: the least and greatest of each bin, and evenly spaced states."""
+"""Few enough points to draw, from rows too many to keep: the least and the greatest value of each bin of rows."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .derivatives import States
-
 Array = NDArray[Any]
 
-__all__ = ["Envelope", "SpacedStates"]
+__all__ = ["Envelope"]
 
 _BINS = 2048
 
 
 class Envelope:
-    """Least and greatest values of (n, k) rows in bins of equally many rows; bins double whenever they become too many."""
+    """Least and greatest values of (n, k) rows in bins of equally many rows, doubled whenever they become too many."""
 
     def __init__(self, bins: int = _BINS) -> None:
         self._most = 2 * bins
@@ -41,12 +39,14 @@ class Envelope:
                 self._greatest[-1] = np.maximum(self._greatest[-1], greatest[0])
                 begins, least, greatest = begins[1:], least[1:], greatest[1:]
             self._time = np.concatenate([self._time, begins])
-            self._least, self._greatest = np.concatenate([self._least, least]), np.concatenate([self._greatest, greatest])
+            self._least = np.concatenate([self._least, least])
+            self._greatest = np.concatenate([self._greatest, greatest])
         self._rows += len(time)
         while len(self._time) > self._most:
             pairs = np.arange(0, len(self._time), 2)
             self._time = self._time[::2]
-            self._least, self._greatest = np.minimum.reduceat(self._least, pairs), np.maximum.reduceat(self._greatest, pairs)
+            self._least = np.minimum.reduceat(self._least, pairs)
+            self._greatest = np.maximum.reduceat(self._greatest, pairs)
             self._rows_per_bin *= 2
 
     def result(self) -> tuple[Array, Array, Array]:
@@ -57,26 +57,3 @@ class Envelope:
             empty if self._least is None else self._least,
             empty if self._greatest is None else self._greatest,
         )
-
-
-class SpacedStates:
-    """Every so manieth state of a motion; the spacing doubles whenever there are too many."""
-
-    def __init__(self, most: int = _BINS) -> None:
-        self._most = 2 * most
-        self._every = 1
-        self._rows = 0
-        self._kept: list[States] = []
-
-    def add(self, s: States) -> None:
-        """Take in consecutive states."""
-        self._kept.append(s.at(slice(-self._rows % self._every, None, self._every)))
-        self._rows += len(s)
-        while sum(map(len, self._kept)) > self._most:
-            self._kept = [self.result().at(slice(None, None, 2))]
-            self._every *= 2
-
-    def result(self) -> States:
-        """The states kept, in order."""
-        parts = [(s.time, s.q, s.dq, s.ddq) for s in self._kept]
-        return States(*(np.concatenate(column) for column in zip(*parts, strict=True)))

@@ -1,8 +1,7 @@
-"""Velocities and accelerations of a log that has none: a quintic spline through the samples, smoothed before if asked."""
+"""Velocities and accelerations of a log that has none: a quintic spline through its samples, smoothed if asked."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -45,6 +44,15 @@ class States:
         """Some of the rows."""
         return States(self.time[rows], self.q[rows], self.dq[rows], self.ddq[rows])
 
+    def copy(self) -> States:
+        """The same, holding on to no larger arrays."""
+        return States(self.time.copy(), self.q.copy(), self.dq.copy(), self.ddq.copy())
+
+    @classmethod
+    def none(cls, nq: int, nv: int) -> States:
+        """No states at all."""
+        return cls(np.zeros(0), np.zeros((0, nq)), np.zeros((0, nv)), np.zeros((0, nv)))
+
 
 @dataclass(frozen=True, eq=False)
 class Differentiation:
@@ -53,11 +61,14 @@ class Differentiation:
     trajectory: Trajectory
     model: Model
     quality: Survey
+    """Of the columns that are differentiated."""
     source: str
     """What accelerations come from: ``given``, ``velocities`` or ``positions``."""
     derives_velocities: bool
+    places: Array
+    """(k,) the columns that are differentiated."""
     strengths: Array
-    """(k,) smoothing strengths of the columns that are differentiated; 0 for none."""
+    """(k,) smoothing strengths of those; 0 for none."""
     sigma_ddq: Array
     """(nv,) standard deviation of the accelerations that follows from the noise of the log; 0 where they are given."""
 
@@ -66,30 +77,29 @@ class Differentiation:
         """Look at excerpts of the file and decide. ``smoothing`` fits its strength to the noise found."""
         has = trajectory.columns.places
         source = "given" if has["ddq"] is not None else "velocities" if has["dq"] is not None else "positions"
+        differentiated = "dq" if source == "velocities" else "q"
         derives_velocities = has["dq"] is None
-        excerpts = trajectory.excerpts(_EXCERPTS, _EXCERPT_ROWS)
-        quality = survey(excerpts, trajectory.columns.time)
-        places = has["dq"] if source == "velocities" else has["q"]
-        places = np.zeros(0, int) if places is None else places
         derives = source != "given" or derives_velocities
-        if derives and sum(map(len, excerpts)) < _FEWEST:
-            wanted = "accelerations" if source != "given" else "velocities"
-            raise TrajectoryError(
-                f"{trajectory.path}: {sum(map(len, excerpts))} rows are too few to derive {wanted} from. "
-                f"Give at least {_FEWEST} rows, or '.vel' and '.acc' columns for every joint."
-            )
+        places = has[differentiated] if derives else None
+        places = np.zeros(0, int) if places is None else places
+
+        excerpts = trajectory.excerpts(_EXCERPTS, _EXCERPT_ROWS)
+        times = [table[:, trajectory.columns.time] for table in excerpts]
+        parts = [table[:, places] for table in excerpts]
+        if derives and sum(map(len, times)) < _FEWEST:
+            raise _too_few(trajectory, sum(map(len, times)), "accelerations" if source != "given" else "velocities")
+        quality = survey(times, parts)
         strengths = np.zeros(len(places))
-        if smoothing and derives:
-            times = [table[:, trajectory.columns.time] for table in excerpts]
-            for k, c in enumerate(places):
-                parts = [table[:, c] for table in excerpts]
-                strengths[k] = best_strength(times, parts, float(quality.noise[c]), quality.step)
-        part = "dq" if source == "velocities" else "q"
-        sigma = quality.noise[places] * trajectory.columns.factors[part] if source != "given" else np.zeros(len(places))
-        order = 1 if source == "velocities" else 2
-        gains = np.array([noise_gain(order, s, quality.step) if n else 0.0 for s, n in zip(strengths, sigma, strict=True)])
-        spread = sigma * gains if source == "velocities" else _to_joints(model, sigma * gains)
-        return cls(trajectory, model, quality, source, derives_velocities, strengths, spread)
+        if smoothing:
+            for k, noise in enumerate(quality.noise):
+                strengths[k] = best_strength(times, [x[:, k] for x in parts], float(noise), quality.step)
+        sigma_ddq = np.zeros(model.nv)
+        if source != "given":
+            order = 1 if source == "velocities" else 2
+            gains = [noise_gain(order, float(s), quality.step) for s in strengths]
+            sigma = quality.noise * trajectory.columns.factors[differentiated] * np.array(gains)
+            sigma_ddq = sigma if source == "velocities" else _to_joints(model, sigma)
+        return cls(trajectory, model, quality, source, derives_velocities, places, strengths, sigma_ddq)
 
     @property
     def derives(self) -> bool:
@@ -98,7 +108,9 @@ class Differentiation:
 
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[States]:
         """The motion in runs of about ``core`` rows; the same values whatever ``core``, to round-off."""
-        margin = max([_SPLINE_MARGIN, *(margin_of(s) + _SPLINE_MARGIN for s in self.strengths if s)]) if self.derives else 0
+        margin = (
+            max([_SPLINE_MARGIN, *(margin_of(s) + _SPLINE_MARGIN for s in self.strengths if s)]) if self.derives else 0
+        )
         for rows, inner in windows(self.trajectory.tables(progress), max(core, margin), margin):
             yield self._complete(self.trajectory.motion(rows)).at(inner)
 
@@ -127,6 +139,13 @@ class Differentiation:
     def _smoothed(self, t: Array, x: Array) -> Array:
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
         return np.stack(columns, axis=1) if columns else x
+
+
+def _too_few(trajectory: Trajectory, rows: int, wanted: str) -> TrajectoryError:
+    return TrajectoryError(
+        f"{trajectory.path}: {rows} row{'s are' if rows != 1 else ' is'} too few to derive {wanted} from. "
+        f"Give at least {_FEWEST} rows, or '.vel' and '.acc' columns for every joint."
+    )
 
 
 def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
@@ -167,7 +186,7 @@ def _to_joints(model: Model, spread: Array) -> Array:
 
 
 def _continuous_signs(model: Model, q: Array) -> Array:
-    """Turn quaternions to the sign that continues their predecessor's: p and -p are one rotation, but no smooth curve."""
+    """Turn quaternions to the sign that continues their predecessor's: p and -p are one rotation, but not one curve."""
     for b in model.leaders:
         if b.joint.kind == "floating":
             p = q[:, b.q_index : b.q_index + 4]

@@ -36,7 +36,7 @@ def blame(text: bytes, path: Path, line: int, header: Sequence[str], time: int, 
 def _shape_fault(raw: str, header: Sequence[str]) -> str | None:
     fields = raw.split(",")
     if ";" in raw:
-        return f": values are separated by semicolons: {_shown(raw)}. Separate them by commas, with a point in decimals (0.5)."
+        return f": semicolons between values: {_shown(raw)}. Put commas there, and write decimals with a point (0.5)."
     if raw.lstrip().startswith("#"):
         return f" is a comment: {_shown(raw)}. Comments may stand before the header only."
     if len(fields) == len(header):

@@ -25,15 +25,15 @@ def info_view(robot: Robot, *, degrees: bool = False) -> RenderableType:
     """Everything there is to say about the robot's make-up; angles in degrees if ``degrees``."""
     model = robot.model
     parts: list[RenderableType] = [_heading(model), _joints(model, degrees=degrees), _inertias(model), _tree(model)]
-    for defect in model.defects:
-        parts.append(Text.assemble(("! ", "yellow"), defect))
-    return Group(*parts)
+    return Group(*parts, *(Text.assemble(("! ", "yellow"), defect) for defect in model.defects))
 
 
 def _heading(model: Model) -> Text:
     moving, fixed = sum(b.inertia.mass for b in model.bodies), model.base_inertia.mass
     gravity = " ".join(f"{g:g}" for g in model.gravity)
-    counts = f"{len(model.bodies)} moving bodies, {model.nq} coordinates, {model.nv} velocities, {len(model.frames)} frames"
+    counts = (
+        f"{len(model.bodies)} moving bodies, {model.nq} coordinates, {model.nv} velocities, {len(model.frames)} frames"
+    )
     return Text.assemble(
         (model.name, "bold"),
         f"  {counts}\nmass {moving:.4g} kg moving, {fixed:.4g} kg fixed  ·  gravity [{gravity}] m/s²  ·  tip ",
@@ -84,7 +84,9 @@ def _tree(model: Model) -> Tree:
     root = Tree(_branch("base", fixed[BASE]))
     branches = {BASE: root}
     for i, b in enumerate(model.bodies):
-        label = Text.assemble((b.joint.name, "cyan"), (f" ({b.joint.kind}) → ", "dim"), _branch(_link(model, i), fixed[i]))
+        label = Text.assemble(
+            (b.joint.name, "cyan"), (f" ({b.joint.kind}) → ", "dim"), _branch(_link(model, i), fixed[i])
+        )
         branches[i] = branches[b.parent].add(label)
     return root
 
@@ -97,7 +99,9 @@ def _branch(link: str, frames: list[str]) -> Text:
 def _link(model: Model, body: int) -> str:
     """The link whose frame is the body's own: the child of the joint."""
     names = [name for name, f in model.frames.items() if f.body == body]
-    return next((n for n in names if np.array_equal(model.frames[n].pose, np.eye(4))), names[0] if names else f"body {body}")
+    return next(
+        (n for n in names if np.array_equal(model.frames[n].pose, np.eye(4))), names[0] if names else f"body {body}"
+    )
 
 
 def _plain_table(title: str) -> Table:

@@ -1,4 +1,4 @@
-"""What a robot carries and what pushes on it: payloads and external wrenches, and the split of torques into their causes."""
+"""What a robot carries and what pushes on it, and the split of its torques into their causes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[Any]
 __all__ = ["TERMS", "LoadedRobot", "Payload", "parse_payload", "parse_wrenches"]
 
 TERMS = ("inertia", "coriolis", "gravity", "payload", "friction", "wrench")
-"""The causes of a torque: M ddq, c, g, all of the payload's, joint friction and damping, and -J' F_on of external wrenches."""
+"""The causes of a torque: M ddq, c, g, all of the payload's, joint friction and damping, wrenches' -J' F_on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class LoadedRobot:
 
 
 def parse_payload(text: str) -> Payload:
-    """Read ``MASS[,x,y,z][@FRAME]``; :class:`~twistwrench.ValueRangeError` says what is wrong."""
+    """Read ``MASS[,x,y,z][@FRAME]``; raises :class:`~twistwrench.ValueRangeError`, which shows the form."""
     numbers, _, frame = text.partition("@")
     form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
     values = _numbers(numbers, f"payload {text!r}", form)
@@ -99,7 +99,10 @@ def parse_payload(text: str) -> Payload:
 
 
 def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
-    """Read ``FRAME:m,m,m,f,f,f`` each, adding those on one frame; :class:`~twistwrench.ValueRangeError` says what is wrong."""
+    """Read ``FRAME:m,m,m,f,f,f`` each, adding up those on one frame.
+
+    Raises :class:`~twistwrench.ValueRangeError`, which shows the form.
+    """
     found: dict[str, Array] = {}
     for text in texts:
         frame, values = _parse_wrench(text)

@@ -1,8 +1,8 @@
-"""Decimal numbers from text, a block at a time: eight digits in a handful of integer operations over all numbers at once.
+"""Decimal numbers from text, a block at a time: eight digits of every number in a handful of integer operations.
 
-A number like ``-0.612345`` is taken as the integer 0612345 over 10^6. Both are exact in float64 up to 15 digits, so their
-quotient is the correctly rounded value, the one ``float("-0.612345")`` gives. What does not fit the pattern (an exponent,
-more digits) goes through ``float`` by itself, so speed depends on how numbers are written but results never do.
+A number like ``-0.612345`` is taken as the integer 0612345 over 10^6. Both are exact in float64 up to 15 digits, so
+their quotient is the correctly rounded value, the one ``float("-0.612345")`` gives. What does not fit the pattern (an
+exponent, more digits) goes through ``float`` by itself: how numbers are written changes the speed, never the result.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def parse_table(text: bytes, columns: int) -> Array | None:
         table = np.loadtxt(io.BytesIO(text), delimiter=",", comments=None, ndmin=2)
     except ValueError:
         return None
-    return table if table.shape[1] == columns else None
+    return np.asarray(table) if table.shape[1] == columns else None
 
 
 def _parse_plain_decimals(text: bytes, columns: int) -> Array | None:
@@ -56,7 +56,7 @@ def _parse_plain_decimals(text: bytes, columns: int) -> Array | None:
     after_point = np.where(dots == 1, ends - marks[ends_at - 1] - 1, 0)
 
     negative = raw[starts] == _MINUS
-    # The same text without points: every number is then an unbroken run of digits that ends where its own end has moved to.
+    # The same text without points: every number is then an unbroken run of digits, and ends where its end moved to.
     digits = padded.translate(None, b".")
     ends_moved = ends - np.cumsum(dots)
     length = ends - starts - dots - negative
@@ -72,7 +72,7 @@ def _parse_plain_decimals(text: bytes, columns: int) -> Array | None:
             values[k] = float(padded[starts[k] : ends[k]])
         except ValueError:
             return None
-    return values.reshape(-1, columns)
+    return np.asarray(values.reshape(-1, columns))
 
 
 def _integers(digits: bytes, ends: Array, length: Array) -> tuple[Array, Array]:
@@ -89,7 +89,7 @@ def _integers(digits: bytes, ends: Array, length: Array) -> tuple[Array, Array]:
 
 
 def _eight_digits(word: Array, count: Array) -> tuple[Array, Array]:
-    """The last ``count`` of eight characters (the last is the highest byte) as an integer; and whether one is no digit."""
+    """The last ``count`` of eight characters (the highest bytes) as an integer, and whether one of them is no digit."""
     word = word ^ (np.uint64(0x30) * _BYTES)  # '0'…'9' become 0…9
     # Forget the characters before the number; shifting by 64 in one step would be undefined, so in two.
     drop = ((8 - np.maximum(count, 0)) * 4).astype(np.uint64)

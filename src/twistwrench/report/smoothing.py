@@ -1,7 +1,7 @@
 """Smoothing of noisy logs by penalised least squares: near the samples, with a third derivative no larger than needed.
 
-The smoothed z minimises |x - z|² + strength |D z|², D the third divided differences in units of the usual time step; on a
-uniform grid it passes slow motion and damps a component of angular frequency w by 1/(1 + strength (2 sin(w h/2))^6).
+The smoothed z minimises |x - z|² + strength |D z|², D the third divided differences in units of the usual time step h;
+on a uniform grid a component of angular frequency w comes out 1/(1 + strength (2 sin(w h/2))^6) times as large.
 Source: Whittaker, "On a new method of graduation", Proc. Edinburgh Math. Soc. 41, 1923.
 """
 
@@ -84,4 +84,4 @@ def _passed(strength: float) -> float:
 def margin_of(strength: float) -> int:
     """Samples after which the influence of one on another is below 1e-12, on a uniform grid."""
     # The slowest pole of 1/(1 + strength w^6) decays by exp(-½ strength^(-1/6)) a sample.
-    return math.ceil(2.0 * _DECAY * max(strength, 1e-3) ** (1.0 / 6.0)) + 16
+    return math.ceil(2.0 * _DECAY * math.pow(max(strength, 1e-3), 1.0 / 6.0)) + 16

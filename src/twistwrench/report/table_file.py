@@ -1,4 +1,4 @@
-"""CSV files out: written beside their final name and moved there when whole, so that no half-written file is ever found."""
+"""Files out: written beside their final name and moved there when whole, so that no half-written file is found."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
     except OSError as problem:
         raise ValueRangeError(
-            f"cannot write {str(path)!r}: {problem.strerror}. Give a name in a folder that exists and may be written to."
+            f"cannot write {str(path)!r}: {problem.strerror}. Name a file in a folder that exists and is writable."
         ) from None
     os.close(handle)
     scratch = Path(name)
@@ -65,7 +65,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
         scratch.chmod(0o666 & ~_umask())  # temporary files are private; what replaces a file is as others are
         os.replace(scratch, path)  # noqa: PTH105  the atomic one, by its plain name
     except OSError as problem:
-        raise ValueRangeError(f"cannot write {str(path)!r}: {problem.strerror}. Free space, or give another name.") from None
+        raise ValueRangeError(
+            f"cannot write {str(path)!r}: {problem.strerror}. Free space, or give another name."
+        ) from None
     finally:
         scratch.unlink(missing_ok=True)
 

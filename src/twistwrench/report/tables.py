@@ -11,13 +11,14 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from .findings import Excess, JointTorque, TorqueReport
 from .load import TERMS
-from .torques import Excess, JointTorque, TorqueReport
 
 __all__ = ["cause_label", "notes", "report_view", "verdict"]
 
 _LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 _BAR = 12
+_NOISY = 0.02
 _TITLES = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
 
 
@@ -31,8 +32,7 @@ def report_view(report: TorqueReport, *, degrees: bool = False) -> RenderableTyp
     parts: list[RenderableType] = [_heading(report), _peaks(report), _split(report)]
     if moved := [e for e in report.excesses if e.kind != "effort"]:
         parts.append(_motion_limits(moved, degrees=degrees))
-    for note in notes(report):
-        parts.append(Text.assemble(("! ", "yellow"), note))
+    parts.extend(Text.assemble(("! ", "yellow"), note) for note in notes(report))
     if len(parts) > 3:
         parts.append(Text())
     return Group(*parts, verdict(report))
@@ -82,9 +82,7 @@ def _peaks(report: TorqueReport) -> Table:
     for j in report.joints:
         spread = [f"{j.uncertainty:.2g}"] if unsure else []
         limit = f"{j.limit:.4g}" if math.isfinite(j.limit) else "none"
-        table.add_row(
-            *_cells(report, j), _number(j.peak), *spread, _number(j.rms), limit, _bar(j), f"{j.time:.3f}"
-        )
+        table.add_row(*_cells(report, j), _number(j.peak), *spread, _number(j.rms), limit, _bar(j), f"{j.time:.3f}")
     return table
 
 
@@ -110,20 +108,32 @@ def _split(report: TorqueReport) -> Table:
 
 
 def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
-    table = Table(box=SIMPLE_HEAD, title="Motion limits passed", title_justify="left", title_style="bold red", pad_edge=False)
-    for name, side in (("joint", "left"), ("what", "left"), ("worst", "right"), ("limit", "right"), ("when \\[s]", "right")):
+    table = Table(
+        box=SIMPLE_HEAD, title="Motion limits passed", title_justify="left", title_style="bold red", pad_edge=False
+    )
+    for name, side in (
+        ("joint", "left"),
+        ("what", "left"),
+        ("worst", "right"),
+        ("limit", "right"),
+        ("when \\[s]", "right"),
+    ):
         table.add_column(name, justify="right" if side == "right" else "left", no_wrap=True)
     for e in excesses:
         factor, unit = (180 / math.pi, e.unit.replace("rad", "deg")) if degrees and e.angular else (1.0, e.unit)
         what = {"lower": "position, lower", "upper": "position, upper"}.get(e.kind, e.kind)
-        table.add_row(e.joint, f"{what} \\[{unit}]", _number(e.value * factor), _number(e.limit * factor), f"{e.time:.3f}")
+        table.add_row(
+            e.joint, f"{what} \\[{unit}]", _number(e.value * factor), _number(e.limit * factor), f"{e.time:.3f}"
+        )
     return table
 
 
 def notes(report: TorqueReport) -> Iterator[str]:
     """Remarks on the log that bear on how far the figures can be trusted, a sentence or two each."""
     d, q = report.differentiation, report.quality
-    derived = {"positions": "accelerations", "velocities": "accelerations (from the velocity columns)", "given": ""}[d.source]
+    derived = {"positions": "accelerations", "velocities": "accelerations (from the velocity columns)", "given": ""}[
+        d.source
+    ]
     what = " and ".join(x for x in ("velocities" if d.derives_velocities else "", derived) if x)
     if what:
         smoothed = ", after smoothing to the noise found" if d.strengths.any() else ""
@@ -132,8 +142,8 @@ def notes(report: TorqueReport) -> Iterator[str]:
     if report.gaps.count:
         times = "time" if report.gaps.count == 1 else "times"
         yield (
-            f"Time jumps {report.gaps.count} {times} by more than {report.gaps.threshold / q.step:.0f} steps; the longest gap is "
-            f"{report.gaps.longest:.4g} s after t = {report.gaps.longest_at:.4f} s."
+            f"Time jumps {report.gaps.count} {times} by more than {report.gaps.threshold / q.step:.0f} usual steps; "
+            f"the longest gap is {report.gaps.longest:.4g} s, after t = {report.gaps.longest_at:.4f} s."
             + (" Derived rates near gaps are guesses." if d.derives else "")
         )
     unlimited = [j.joint for j in report.joints if not math.isfinite(j.limit)]
@@ -145,23 +155,28 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
     d, q = report.differentiation, report.quality
     if d.source == "given" or not d.sigma_ddq.any():
         return
-    columns = d.trajectory.columns
-    places = columns.places["dq" if d.source == "velocities" else "q"]
-    if places is None:
-        return
-    worst = int(max(places, key=lambda c: q.noise[c]))
+    worst = int(q.noise.argmax())
     grid = f", on a grid of {q.quantum[worst]:.3g}" if q.quantum[worst] else ""
-    k = int(d.sigma_ddq.argmax())
-    joint = report.joints[k]
+    joint = report.joints[int(d.sigma_ddq.argmax())]
     unit = "rad/s²" if joint.unit == "N m" else "m/s²"
-    loudest = max(report.joints, key=lambda j: j.uncertainty / abs(j.peak) if j.peak else 0.0)
+    loudest = max(report.joints, key=lambda j: j.uncertainty)
     yield (
-        f"The log carries noise of {q.noise[worst]:.2g} ({columns.header[worst]}, in the file's units{grid}). Accelerations are uncertain by "
-        f"{d.sigma_ddq[k]:.2g} {unit} ({joint.joint}), torques by up to {loudest.uncertainty:.2g} {loudest.unit} ({loudest.joint}): "
-        "one standard deviation, the ± column."
+        f"The log has noise of {q.noise[worst]:.2g} (1 σ, {d.trajectory.columns.header[d.places[worst]]}, "
+        f"in the file's unit{grid}). It makes accelerations unsure by {d.sigma_ddq.max():.2g} {unit} ({joint.joint}) "
+        f"and torques by up to {loudest.uncertainty:.2g} {loudest.unit} ({loudest.joint}), see the ± column."
     )
-    if not d.strengths.any() and any(j.uncertainty > 0.02 * abs(j.peak) for j in report.joints):
-        yield "That is more than 2 % of a peak: the peaks are partly noise. Try --smooth, or log velocities and accelerations."
+    steps = 3 if not d.strengths.any() else math.ceil(d.strengths.max() ** (1 / 6))
+    edge = steps * q.step
+    if late := [j.joint for j in report.joints if min(j.time - report.begin, report.end - j.time) < edge]:
+        yield (
+            f"The peak of {', '.join(late)} lies at an end of the log, where derived accelerations are several times "
+            "as uncertain as ± says, for want of neighbours. Log a little more before and after."
+        )
+    if not d.strengths.any() and any(j.uncertainty > _NOISY * abs(j.peak) for j in report.joints):
+        yield (
+            f"Noise makes more than {100 * _NOISY:.0f} % of a peak. Try --smooth, "
+            "or log velocities and accelerations as well."
+        )
 
 
 def verdict(report: TorqueReport) -> Text:
@@ -186,13 +201,13 @@ def verdict(report: TorqueReport) -> Text:
     cause, share = j.main_cause
     return Text.assemble(
         ("OK", "bold green"),
-        f": nearest to its limit is {j.joint}, {100 * j.share:.0f} % at t = {j.time:.3f} s, mostly {cause_label(cause)} ({100 * share:.0f} %).",
+        f": nearest to its limit is {j.joint}, {100 * j.share:.0f} % at t = {j.time:.3f} s, "
+        f"mostly {cause_label(cause)} ({100 * share:.0f} %).",
     )
 
 
 def _number(value: float) -> str:
-    """Four significant digits, none of them an exponent where a person would not write one."""
-    if value == 0:
+    """Four significant digits, three decimals at most: in N m, m and rad a person looks no closer."""
+    if abs(value) < 5e-4:
         return "0"
-    digits = 3 - math.floor(math.log10(abs(value)))
-    return f"{value:.{min(max(digits, 0), 3)}f}" if 1e-3 <= abs(value) < 1e6 else f"{value:.3g}"
+    return f"{value:.{min(max(3 - math.floor(math.log10(abs(value))), 0), 3)}f}".replace("-", "−")

@@ -1,4 +1,4 @@
-"""Running figures of a motion: peaks, RMS, limits passed, gaps in time. Rows come in any portions; nothing else is kept."""
+"""Running figures of a motion: peaks, RMS, limits passed, gaps in time. Rows come in any portions."""
 
 from __future__ import annotations
 

@@ -1,20 +1,20 @@
-"""The main job: a motion file through inverse dynamics to peaks, limits and their causes, in one pass and bounded memory."""
+"""The main job: a motion through inverse dynamics to peaks, limits and causes, in one pass and bounded memory."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import TrajectoryError
 from .coordinates import Coordinates
-from .decimation import Envelope, SpacedStates
+from .decimation import Envelope
 from .derivatives import Differentiation, States
+from .findings import Excess, JointTorque, TorqueReport, worst_joint
 from .load import TERMS, LoadedRobot
-from .survey import Survey
 from .table_file import TableFile
 from .tally import Extreme, Gaps, Rms
 
@@ -23,88 +23,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["Excess", "JointTorque", "TorqueReport", "analyse"]
+__all__ = ["analyse"]
 
 _NUMBERS_PER_CHUNK = 1 << 19  # rows times velocities worked on at a time: 4 MiB an array
-_GAP = 5.0
+_AROUND = 2048  # rows kept on either side of the worst peak
+_GAP = 5.0  # usual steps of time from which a step is a gap
 _MASS_SAMPLES = 32  # states of each chunk whose mass matrix carries noise of accelerations into torques
 _SLACK = 1e-9
 """A limit passed by less than this share of it is round-off."""
-
-
-@dataclass(frozen=True)
-class JointTorque:
-    """What one joint's motor has to give."""
-
-    joint: str
-    unit: str
-    peak: float
-    """The torque of largest magnitude, with its sign."""
-    time: float
-    """When the peak occurs [s]."""
-    rms: float
-    limit: float
-    """inf where none is known."""
-    terms: dict[str, float]
-    """The causes of the peak, by name; they add up to it."""
-    uncertainty: float
-    """Standard deviation of the torque from noise of the log, at its largest; 0 where accelerations are given."""
-
-    @property
-    def share(self) -> float:
-        """|peak| over limit; 0 where there is no limit."""
-        return abs(self.peak) / self.limit
-
-    @property
-    def main_cause(self) -> tuple[str, float]:
-        """The term that pulls most in the peak's direction, and its share of the sum of those that do."""
-        along = {name: value * np.sign(self.peak) for name, value in self.terms.items()}
-        name = max(along, key=lambda n: float(along[n]))
-        total = sum(v for v in along.values() if v > 0)
-        return name, float(along[name] / total) if total else 0.0
-
-
-@dataclass(frozen=True)
-class Excess:
-    """A limit that is passed, at its worst."""
-
-    joint: str
-    kind: str
-    """``effort``, ``velocity``, ``lower`` or ``upper``."""
-    value: float
-    limit: float
-    time: float
-    unit: str
-    angular: bool
-
-
-@dataclass(frozen=True, eq=False)
-class TorqueReport:
-    """Everything the report, the plot and the exit code are made from."""
-
-    robot: str
-    trajectory: str
-    rows: int
-    begin: float
-    end: float
-    joints: tuple[JointTorque, ...]
-    excesses: tuple[Excess, ...]
-    gaps: Gaps
-    quality: Survey
-    differentiation: Differentiation
-    load: LoadedRobot
-    envelope: tuple[Array, Array, Array]
-    """Times (b,), least and greatest torques (b, nv) of the bins that a plot draws."""
-    states: States
-    """Evenly spaced states of the motion, a few thousand at most."""
-    limits: Limits = field(repr=False)
-
-    @property
-    def worst(self) -> int | None:
-        """The joint nearest to its limit, or of the largest peak where no limit is known; None without joints."""
-        if not self.joints:
-            return None
-        return max(range(len(self.joints)), key=lambda k: (self.joints[k].share, abs(self.joints[k].peak)))
 
 
 class _Pass:
@@ -120,9 +46,9 @@ class _Pass:
         self.signed = np.zeros(nv)
         self.terms = {name: np.zeros(nv) for name in TERMS}
         self.passed = {kind: Extreme(nv) for kind in ("lower", "upper", "velocity")}
-        self.envelope, self.spaced = Envelope(), SpacedStates()
+        self.envelope = Envelope()
+        self.around: States | None = None
         self.gaps = Gaps(_GAP * usual_step)
-        self.mass_squared = np.zeros((nv, nv))
         self.uncertainty = np.zeros(nv)
 
     def add(self, s: States, torques: Array, sigma_ddq: Array) -> None:
@@ -132,7 +58,6 @@ class _Pass:
         self.rows += len(s)
         self.rms.add(s.time, torques)
         self.envelope.add(s.time, torques)
-        self.spaced.add(s)
         self.gaps.add(s.time)
         fresh = self.peak.add(s.time, np.abs(torques))
         if fresh:
@@ -141,6 +66,11 @@ class _Pass:
             for name, values in terms.items():
                 self.terms[name][joints] = values[np.arange(len(joints)), joints]
             self.signed[joints] = torques[rows, joints]
+            # A joint becomes the worst only by a new peak of its own, so its surroundings are at hand now.
+            worst = worst_joint(self.peak.value, self.limits.effort)
+            for joint, row in fresh:
+                if joint == worst:
+                    self.around = s.at(slice(max(0, row - _AROUND), row + _AROUND)).copy()
         self._check_motion(s)
         if sigma_ddq.any():
             some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
@@ -165,9 +95,17 @@ class _Pass:
             for k in np.flatnonzero(over > _SLACK * np.maximum(1.0, np.where(np.isfinite(bound), np.abs(bound), 1.0))):
                 angular = bool(c.angular_velocity[k])
                 unit = {"effort": ("N", "N m"), "velocity": ("m/s", "rad/s")}.get(kind, ("m", "rad"))[angular]
-                value = float(self.signed[k]) if kind == "effort" else float(bound[k] + (-over[k] if kind == "lower" else over[k]))
-                found.append(Excess(c.velocity_names[k], kind, value, float(bound[k]), float(extreme.time[k]), unit, angular))
-        return tuple(sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0)))
+                value = (
+                    float(self.signed[k])
+                    if kind == "effort"
+                    else float(bound[k] + (-over[k] if kind == "lower" else over[k]))
+                )
+                found.append(
+                    Excess(c.velocity_names[k], kind, value, float(bound[k]), float(extreme.time[k]), unit, angular)
+                )
+        return tuple(
+            sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0))
+        )
 
     def joints(self) -> tuple[JointTorque, ...]:
         """The figures of each joint."""
@@ -199,8 +137,8 @@ def analyse(
 ) -> TorqueReport:
     """Run the motion through inverse dynamics and judge it.
 
-    ``csv`` names a file for the torques, with the causes as columns of their own if ``split``. ``chunk`` is the number of
-    rows worked on at a time; results do not depend on it, beyond round-off of sums.
+    ``csv`` names a file for the torques, with the causes as columns of their own if ``split``. ``chunk`` is the number
+    of rows worked on at a time; results do not depend on it, beyond round-off of sums.
     """
     nv = load.bare.nv
     chunk = chunk or max(1024, _NUMBERS_PER_CHUNK // max(1, nv))
@@ -209,6 +147,7 @@ def analyse(
     with TableFile.writing(csv, _csv_header(names, split)) as table:
         for s in differentiation.states(chunk, progress):
             torques = load.torques(s)
+            _check_finite(torques, s)
             run.add(s, torques, differentiation.sigma_ddq)
             if table is not None:
                 parts = list(load.terms(s).values()) if split else []
@@ -226,9 +165,18 @@ def analyse(
         differentiation=differentiation,
         load=load,
         envelope=run.envelope.result(),
-        states=run.spaced.result(),
-        limits=limits,
+        around=run.around or States.none(load.bare.nq, nv),
     )
+
+
+def _check_finite(torques: Array, s: States) -> None:
+    bad = ~np.isfinite(torques).all(axis=1)
+    if bad.any():
+        time = float(s.time[np.argmax(bad)])
+        raise TrajectoryError(
+            f"the torques at t = {time:g} s are not finite numbers. Positions may be absurdly large there, or a "
+            "quaternion zero: look at that row."
+        )
 
 
 def _csv_header(names: tuple[str, ...], split: bool) -> list[str]:

@@ -1,4 +1,4 @@
-"""A motion in a CSV file, read in blocks: a time column, one column per coordinate, optionally ``.vel`` and ``.acc`` ones."""
+"""A motion in a CSV file, read in blocks: columns of time, of coordinates, optionally of ``.vel`` and ``.acc``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import NotFoundError, TrajectoryError
+from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..model.model import Model
 from .columns import Columns
 from .coordinates import Coordinates
@@ -59,6 +59,10 @@ class Trajectory:
         Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`.
         """
         path = Path(path)
+        if model.nv == 0:
+            raise ValueRangeError(
+                f"robot {model.name!r} has no joint that moves, so no motion fits. Lock fewer joints."
+            )
         if path.is_dir():
             raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
         try:
@@ -89,10 +93,12 @@ class Trajectory:
                 if progress:
                     progress(size)
         if last == -np.inf:
-            raise TrajectoryError(f"{self.path}: no rows after the header of line {self.header_line}. Give at least one.")
+            raise TrajectoryError(
+                f"{self.path}: no rows after the header of line {self.header_line}. Give at least one."
+            )
 
     def excerpts(self, count: int, rows: int) -> list[Array]:
-        """Up to ``count`` runs of consecutive rows (n, columns) spread evenly over the file, the first and last included.
+        """Up to ``count`` runs of consecutive rows (n, columns) spread evenly over the file, its ends included.
 
         Each has about ``rows`` rows; a short file comes whole, as one. Values are checked as in :meth:`tables`.
         """
@@ -158,11 +164,13 @@ def _header(file: BinaryIO, path: Path) -> tuple[str, int, int]:
         try:
             text = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip()
         except UnicodeDecodeError:
-            raise TrajectoryError(f"{path}: line {number} is not UTF-8 text. Save the motion as CSV in UTF-8.") from None
+            raise TrajectoryError(
+                f"{path}: line {number} is not UTF-8 text. Save the motion as CSV in UTF-8."
+            ) from None
         if text and not text.startswith("#"):
             return text, number, file.tell()
     raise TrajectoryError(
-        f"{path}: the file is empty. A motion file has a header line, time and joint names separated by commas, then rows."
+        f"{path}: the file is empty. A motion file has a header, time and joint names separated by commas, then rows."
     )
 
 

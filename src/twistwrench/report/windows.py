@@ -17,7 +17,7 @@ def windows(blocks: Iterable[Array], core: int, margin: int) -> Iterator[tuple[A
     """Windows of up to ``core`` rows that follow one another, with up to ``margin`` more rows on either side.
 
     Yields the rows of each window and the slice of them that is the core. Cores begin at multiples of ``core`` whatever
-    the sizes of ``blocks``; the last may be longer than the others by up to ``margin``, so that it is never a mere scrap.
+    the sizes of ``blocks``; the last may be longer than the others by up to ``margin``, so that it is no mere scrap.
     """
     held: list[Array] = []
     count = begin = 0  # rows held, and where among them the next core begins

@@ -1,0 +1,98 @@
+"""What a torque run finds: the figures of each joint, the limits passed, and how far the numbers can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .derivatives import Differentiation, States
+from .load import LoadedRobot
+from .survey import Survey
+from .tally import Gaps
+
+Array = NDArray[Any]
+
+__all__ = ["Excess", "JointTorque", "TorqueReport", "worst_joint"]
+
+
+@dataclass(frozen=True)
+class JointTorque:
+    """What one joint's motor has to give."""
+
+    joint: str
+    unit: str
+    peak: float
+    """The torque of largest magnitude, with its sign."""
+    time: float
+    """When the peak occurs [s]."""
+    rms: float
+    limit: float
+    """inf where none is known."""
+    terms: dict[str, float]
+    """The causes of the peak, by name; they add up to it."""
+    uncertainty: float
+    """Standard deviation of the torque from noise of the log, at its largest; 0 where accelerations are given."""
+
+    @property
+    def share(self) -> float:
+        """|peak| over limit; 0 where there is no limit."""
+        return abs(self.peak) / self.limit
+
+    @property
+    def main_cause(self) -> tuple[str, float]:
+        """The term that pulls most in the peak's direction, and its share of the sum of those that do."""
+        along = {name: value * np.sign(self.peak) for name, value in self.terms.items()}
+        name = max(along, key=lambda n: float(along[n]))
+        total = sum(v for v in along.values() if v > 0)
+        return name, float(along[name] / total) if total else 0.0
+
+
+@dataclass(frozen=True)
+class Excess:
+    """A limit that is passed, at its worst."""
+
+    joint: str
+    kind: str
+    """``effort``, ``velocity``, ``lower`` or ``upper``."""
+    value: float
+    limit: float
+    time: float
+    unit: str
+    angular: bool
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueReport:
+    """Everything the report, the plot and the exit code are made from."""
+
+    robot: str
+    trajectory: str
+    rows: int
+    begin: float
+    end: float
+    joints: tuple[JointTorque, ...]
+    excesses: tuple[Excess, ...]
+    gaps: Gaps
+    quality: Survey
+    differentiation: Differentiation
+    load: LoadedRobot
+    envelope: tuple[Array, Array, Array]
+    """Times (b,), least and greatest torques (b, nv) of the bins that a plot draws."""
+    around: States
+    """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
+
+    @property
+    def worst(self) -> int | None:
+        """The joint nearest to its limit, or of the largest peak where no limit is known; None without joints."""
+        if not self.joints:
+            return None
+        return worst_joint([abs(j.peak) for j in self.joints], [j.limit for j in self.joints])
+
+
+def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array) -> int:
+    """The joint whose peak magnitude is the largest share of its limit; the largest peak among those without limits."""
+    return max(range(len(peaks)), key=lambda k: (peaks[k] / limits[k], peaks[k]))

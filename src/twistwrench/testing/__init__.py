@@ -1,0 +1,25 @@
+"""For testing dynamics: random robots of every joint kind, random states, comparisons that explain themselves.
+
+The laws of mechanics hold for every robot, so a test that draws its robots finds what a test of one arm does not.
+"""
+
+from __future__ import annotations
+
+from .closeness import assert_close, relative_gap
+from .differences import derivative, derivative_along
+from .robots import KINDS, random_builder, random_inertia, random_pose, random_robot
+from .states import State, random_state
+
+__all__ = [
+    "KINDS",
+    "State",
+    "assert_close",
+    "derivative",
+    "derivative_along",
+    "random_builder",
+    "random_inertia",
+    "random_pose",
+    "random_robot",
+    "random_state",
+    "relative_gap",
+]

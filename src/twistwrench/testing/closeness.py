@@ -1,0 +1,61 @@
+"""Comparing arrays by norm, with a message that says where and by how much they differ."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[Any]
+
+__all__ = ["assert_close", "relative_gap"]
+
+
+def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = None) -> float:
+    """The largest difference of two arrays over ``scale``, by default the largest entry of ``desired``.
+
+    By norm, not entry by entry: an entry near zero is the difference of large terms and carries their rounding. Entries
+    that are not finite in both arrays make the gap infinite or NaN, so ``gap <= tolerance`` is false.
+
+    >>> relative_gap([100.0, 0.5], [100.0, 0.0])
+    0.005
+    """
+    a, b = np.asarray(actual, float), np.asarray(desired, float)
+    if a.size == 0:
+        return 0.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gap = np.abs(a - b).max()
+        size = np.abs(b).max() if scale is None else scale
+        return 0.0 if gap == 0 else float(gap / size)
+
+
+def assert_close(
+    actual: ArrayLike, desired: ArrayLike, rtol: float, what: str = "", *, scale: float | None = None
+) -> None:
+    """Raise an AssertionError unless :func:`relative_gap` is at most ``rtol``; shapes must agree.
+
+    ``what`` says what is compared. ``scale`` replaces the largest entry of ``desired`` where that is the small
+    difference of large terms; say in the test which terms.
+
+    >>> assert_close([1.0, 2.0], [1.0, 2.1], 1e-3, "the torque of joint 2")
+    Traceback (most recent call last):
+    AssertionError: the torque of joint 2: off by 0.0476 of the largest entry, 2.1; allowed 0.001.
+    Worst at (1,): actual 2.0, desired 2.1. Entries beyond the tolerance: 1 of 2.
+    """
+    a, b = np.asarray(actual, float), np.asarray(desired, float)
+    name = what or "the arrays"
+    if a.shape != b.shape:
+        raise AssertionError(f"{name}: actual has shape {a.shape}, desired {b.shape}.")
+    gap = relative_gap(a, b, scale)
+    if gap <= rtol:
+        return
+    size = np.abs(b).max() if scale is None else scale
+    apart = np.where(np.isfinite(a - b), np.abs(a - b), np.inf)
+    worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(apart)), a.shape))
+    whose = "the largest entry" if scale is None else "the scale"
+    raise AssertionError(
+        f"{name}: off by {gap:.3g} of {whose}, {size:.6g}; allowed {rtol:g}.\n"
+        f"Worst at {worst}: actual {a[worst]}, desired {b[worst]}. "
+        f"Entries beyond the tolerance: {np.count_nonzero(apart > rtol * size)} of {a.size}."
+    )

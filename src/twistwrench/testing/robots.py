@@ -1,0 +1,117 @@
+"""Random robots: trees of every joint kind, with bodies that can exist."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import ModelWarning, ValueRangeError
+from ..lie import se3, so3
+from ..model.builder import ModelBuilder
+from ..model.joint import JOINT_KINDS
+from ..robot import Robot
+
+Array = NDArray[Any]
+
+KINDS = (*JOINT_KINDS, "mimic", "fixed")
+"""Kinds a random joint can have: those that move, followers of earlier one-degree joints, and fixed ones."""
+
+__all__ = ["KINDS", "random_builder", "random_inertia", "random_pose", "random_robot"]
+
+_ONE_DEGREE = ("revolute", "continuous", "prismatic", "helical")
+
+
+def random_robot(
+    rng: np.random.Generator | int | None = None,
+    joints: int = 7,
+    kinds: Sequence[str] = KINDS,
+    *,
+    floating_base: bool = False,
+    mimic: str = "follow",
+) -> Robot:
+    """A random tree with that many joints, fixed and mimic ones counted; the same ``rng`` seed gives the same robot.
+
+    ``mimic="independent"`` frees its followers. Its gravity points anywhere.
+
+    >>> random_robot(1, joints=3, kinds=("revolute",)).nv
+    3
+    """
+    rng = np.random.default_rng(rng)
+    builder = random_builder(rng, joints, kinds)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # a floating joint on a floating base is meant here
+        return Robot(builder.build(floating_base=floating_base, mimic=mimic, gravity=rng.uniform(-10.0, 10.0, 3)))
+
+
+def random_builder(
+    rng: np.random.Generator | int | None = None, joints: int = 7, kinds: Sequence[str] = KINDS
+) -> ModelBuilder:
+    """The description behind :func:`random_robot`: links ``link0`` (the root), ``link1``, …, joints ``joint1``, …
+
+    Each link hangs on a random earlier one, more often on the last, so that branches and chains both occur.
+    """
+    rng = np.random.default_rng(rng)
+    if unknown := [kind for kind in kinds if kind not in KINDS]:
+        raise ValueRangeError(f"no joint kinds {unknown}. Choose from: {', '.join(KINDS)}.")
+    builder = ModelBuilder("random")
+    builder.add_link("link0", random_inertia(rng))
+    leaders: list[str] = []
+    moving = tuple(kind for kind in kinds if kind not in ("mimic", "fixed")) or ("revolute",)
+    for i in range(1, joints + 1):
+        kind = str(rng.choice(moving if i == 1 else tuple(kinds)))
+        follows = kind == "mimic" and bool(leaders)
+        if kind == "mimic":
+            kind = str(rng.choice(_ONE_DEGREE))
+        parent = f"link{i - 1 if rng.random() < 0.6 else rng.integers(i)}"
+        builder.add_link(f"link{i}", random_inertia(rng))
+        builder.add_joint(
+            f"joint{i}",
+            kind,
+            parent,
+            f"link{i}",
+            placement=random_pose(rng),
+            mimic=(str(rng.choice(leaders)), float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-1.0, 1.0)))
+            if follows
+            else None,
+            **_options(rng, kind),
+        )
+        if kind in _ONE_DEGREE and not follows:
+            leaders.append(f"joint{i}")
+    return builder
+
+
+def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
+    """Axis, limits and losses of a joint. Axes are coordinate axes now and then: those take other paths in the code."""
+    options: dict[str, Any] = {"axis": rng.standard_normal(3) if rng.random() < 0.7 else np.eye(3)[rng.integers(3)]}
+    if kind == "helical":
+        options["pitch"] = rng.uniform(-0.5, 0.5)
+    if kind in ("revolute", "prismatic"):
+        options |= {"lower": rng.uniform(-3.0, -0.5), "upper": rng.uniform(0.5, 3.0)}
+    if kind in _ONE_DEGREE:
+        options |= {"damping": rng.uniform(0.0, 1.0), "friction": rng.uniform(0.0, 1.0)}
+    return options
+
+
+def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInertia:
+    """A body that can exist: second moments S about a centre of mass away from the origin, in rotated axes.
+
+    >>> random_inertia(3).defects()
+    []
+    """
+    rng = np.random.default_rng(rng)
+    A = 0.2 * rng.standard_normal((3, 3))
+    mass = rng.uniform(0.2, 5.0)
+    S = mass * (A @ A.T + 1e-3 * np.eye(3))
+    return SpatialInertia.from_com(mass, 0.3 * rng.standard_normal(3), S.trace() * np.eye(3) - S)
+
+
+def random_pose(rng: np.random.Generator | int | None = None) -> Array:
+    """A pose (4, 4) with any rotation and a position within ±0.5 m."""
+    rng = np.random.default_rng(rng)
+    w = rng.standard_normal(3)
+    return np.asarray(se3.pose(so3.exp(w / np.linalg.norm(w) * rng.uniform(0.0, np.pi)), rng.uniform(-0.5, 0.5, 3)))
