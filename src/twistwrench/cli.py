@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,29 +47,32 @@ class RobotOptions:
 
     def load(self) -> Robot:
         """The robot meant: a bundled one by name, or a file by its path."""
-        from . import robot, robots
+        make = self._maker()
+        options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
+        if self.floating_base:  # some bundled robots float of themselves
+            options["floating_base"] = True
+        lock = self.lock
+        if self.degrees and lock:
+            # Which locked joints turn and which slide is known only once the robot is.
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)
+                kinds = {b.joint.name: b.joint.kind for b in make(**options).model.bodies}
+            lock = {n: v if kinds.get(n) == "prismatic" else math.radians(v) for n, v in lock.items()}
+        return make(lock=lock, **options)
 
-        path: str | Path = self.source
+    def _maker(self) -> Callable[..., Robot]:
+        from . import robots
+        from .robot import load
+
         if self.source in robots.names() and not Path(self.source).is_file():
-            path = robots.path_of(self.source)
-        elif not Path(self.source).exists():
+            make: Callable[..., Robot] = getattr(robots, self.source)
+            return make
+        if not Path(self.source).exists():
             raise NotFoundError(
                 f"no robot file {self.source!r}, and no bundled robot of that name. "
                 f"Give a path, or one of: {', '.join(robots.names())}."
             )
-        options: dict[str, Any] = {
-            "floating_base": self.floating_base,
-            "tip": self.tip,
-            "mimic": self.mimic,
-            "inertia": self.inertia,
-        }
-        if not (self.degrees and self.lock):
-            return robot.load(path, lock=self.lock, **options)
-        # Which locked joints turn and which slide is known only once the robot is.
-        free = robot.load(path, **options)
-        kinds = {b.joint.name: b.joint.kind for b in free.model.bodies}
-        lock = {n: v if kinds.get(n) == "prismatic" else math.radians(v) for n, v in self.lock.items()}
-        return robot.load(path, lock=lock, **options)
+        return partial(load, self.source)
 
 
 def robot_command(function: Callable[..., None]) -> Callable[..., None]:
@@ -192,6 +195,8 @@ def torques(
     )
     trajectory = Trajectory.open(_motion_path(motion, options.source), robot.model, degrees=options.degrees)
     differentiation = Differentiation.plan(trajectory, robot.model, smoothing=smooth)
+    if smooth and not differentiation.derives:
+        click.echo("note: --smooth changes nothing: the file gives velocities and accelerations.", err=True)
     with _progress(trajectory) as progress:
         report = analyse(load, differentiation, limits, csv=csv_path, split=split, progress=progress)
     _console().print(report_view(report, degrees=options.degrees))
@@ -218,11 +223,12 @@ def info(options: RobotOptions) -> None:
 @robot_command
 def verify(options: RobotOptions) -> None:
     """Check the robot's dynamics against independent formulas and libraries; exit code 1 if any disagrees."""
-    from .verify import verify_report
+    from .verify import render
+    from .verify import verify as checked
 
-    view, agrees = verify_report(options.load())
-    _console().print(view)
-    if not agrees:
+    report = checked(options.load())
+    _console().print(render(report))
+    if not report.passed:
         sys.exit(_FOUND_A_PROBLEM)
 
 

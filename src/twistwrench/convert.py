@@ -1,11 +1,11 @@
 """States in the words of other libraries: the orders, signs and frames of Pinocchio and MuJoCo.
 
-Joints are matched by name, so the other library must have read the same file. For each library there is one matrix P with
+Joints are matched by name, so the other library must have read the same file. Theirs marked with a star, there is one
+matrix P for each library with
 
-    dq' = P dq        and so        τ = P' τ',    M = P' M' P,    J = J' P,
+    dq* = P dq        and so        τ = P' τ*,    M = P' M* P,    J = J* P.
 
-their velocities, torques, mass matrix and Jacobians being the primed ones. Where ours follow a mimic joint and theirs are
-all independent, P has a row for the follower too. Any leading batch shape, except where a function says one state.
+Where a joint mimics another here and is independent there, P has a row for it all the same.
 
 Pinocchio: children of one link in alphabetical order; floating joints ``(x, y, z, qx, qy, qz, qw)`` and body twists
 ``(v, omega)``; unbounded angles as (cos, sin). MuJoCo: children in document order; floating joints
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import ModelError, UnknownNameError
 from .lie import quaternion
-from .model.model import Body
+from .model.model import BASE, Body
 from .robot import Robot
 
 Array = NDArray[Any]
@@ -49,7 +49,7 @@ def swap_halves(rows: ArrayLike) -> Array:
 
 
 def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
-    """q and any number of dq, ddq as Pinocchio's ``model`` takes them; (..., nq), (..., nv) → (..., nq'), (..., nv')."""
+    """q and any number of dq, ddq as Pinocchio's ``model`` takes them; (..., nq), (..., nv) each."""
     q = np.asarray(q, float)
     theirs = np.zeros((*q.shape[:-1], model.nq))
     for body, joint in _pinocchio_joints(robot, model):
@@ -82,7 +82,7 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
 
 
 def pinocchio_rates(robot: Robot, model: Any) -> Array:
-    """P with dq' = P dq; (nv', nv). It is constant: both take the twist of a joint in the moving frame."""
+    """P with dq* = P dq; (nv*, nv). It is constant: both take the twist of a joint in the moving frame."""
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _pinocchio_joints(robot, model):
         turn = {"floating": _LINEAR_FIRST, "planar": np.roll(np.eye(3), 2, axis=0)}.get(
@@ -153,7 +153,7 @@ def from_mujoco(
 
 
 def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
-    """P with dq' = P dq at q; (nv', nv). It turns with floating joints, whose linear velocity MuJoCo takes along world axes."""
+    """P with dq* = P dq at q; (nv*, nv). MuJoCo takes the linear velocity of floating joints along the world's axes."""
     q = np.asarray(q, float)
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _mujoco_joints(robot, model):
@@ -167,7 +167,7 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
 
 
 def _turning(robot: Robot, dq: Array) -> Array:
-    """What P'ddq lacks of d(P dq)/dt, in our axes: omega × v of each floating joint."""
+    """What P ddq lacks of d(P dq)/dt, in our axes: omega × v of each floating joint."""
     extra = np.zeros(robot.nv)
     for body in robot.model.bodies:
         if body.joint.kind == "floating":
@@ -180,8 +180,10 @@ def _mujoco_joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
     """Each body with MuJoCo's joint of the same name."""
     _check_names(robot, [model.joint(i).name for i in range(model.njnt)], "MuJoCo")
     for body in robot.model.bodies:
-        if body.joint.kind == "floating" and body.parent != -1:
-            raise ModelError(f"joint {body.joint.name!r} floats on a moving body, which MuJoCo has no joint for.")
+        if body.joint.kind == "floating" and (body.parent != BASE or not np.array_equal(body.placement, np.eye(4))):
+            raise ModelError(
+                f"joint {body.joint.name!r} floats away from the world's origin; MuJoCo has no joint for that."
+            )
         yield body, model.joint(body.joint.name)
 
 
@@ -209,4 +211,4 @@ def _columns(body: Body) -> slice:
 
 
 def _unit(quat: Array) -> Array:
-    return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
+    return np.asarray(quat / np.linalg.norm(quat, axis=-1, keepdims=True))

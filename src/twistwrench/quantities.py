@@ -18,6 +18,7 @@ from .algorithms import (
 )
 from .errors import KernelError, UnknownNameError
 from .model.model import Model
+from .model.regroup import regrouped
 from .program.program import Program
 
 __all__ = ["QUANTITIES", "Quantity", "program_of"]
@@ -31,6 +32,8 @@ class Quantity:
     inputs: tuple[str, ...]
     output: str
     options: tuple[str, ...] = ()
+    felt: bool = False
+    """Whether only what the joints feel counts, so that the model may be regrouped."""
 
     def shapes(self, model: Model) -> list[tuple[str, tuple[int, ...]]]:
         """Names and shapes of the inputs for one robot."""
@@ -41,26 +44,30 @@ def _quantity(algorithm: Callable[..., Any], inputs: str, output: str, *options:
     return Quantity(algorithm, tuple(inputs.split()), output, options)
 
 
+def _felt(algorithm: Callable[..., Any], inputs: str, output: str, *options: str) -> Quantity:
+    return Quantity(algorithm, tuple(inputs.split()), output, options, felt=True)
+
+
 QUANTITIES: Mapping[str, Quantity] = {
-    "bias_forces": _quantity(inverse_dynamics.bias_forces, "q dq", "h", "wrenches"),
+    "bias_forces": _felt(inverse_dynamics.bias_forces, "q dq", "h", "wrenches"),
     "center_of_mass": _quantity(energy.center_of_mass, "q", "com"),
-    "christoffel": _quantity(coriolis.christoffel, "q", "gamma"),
+    "christoffel": _felt(coriolis.christoffel, "q", "gamma"),
     "com_jacobian": _quantity(energy.com_jacobian, "q", "J"),
-    "coriolis_forces": _quantity(inverse_dynamics.coriolis_forces, "q dq", "c"),
-    "coriolis_matrix": _quantity(coriolis.coriolis_matrix, "q dq", "C"),
-    "forward_dynamics": _quantity(forward_dynamics.forward_dynamics, "q dq tau", "ddq", "wrenches"),
+    "coriolis_forces": _felt(inverse_dynamics.coriolis_forces, "q dq", "c"),
+    "coriolis_matrix": _felt(coriolis.coriolis_matrix, "q dq", "C"),
+    "forward_dynamics": _felt(forward_dynamics.forward_dynamics, "q dq tau", "ddq", "wrenches"),
     "forward_kinematics": _quantity(forward_kinematics.forward_kinematics, "q", "T", "frame"),
     "frame_acceleration": _quantity(jacobians.frame_acceleration, "q dq ddq", "dV", "frame", "kind"),
     "frame_velocity": _quantity(jacobians.frame_velocity, "q dq", "V", "frame", "kind"),
     "friction_forces": _quantity(friction.friction_forces, "dq", "tau"),
-    "gravity_forces": _quantity(inverse_dynamics.gravity_forces, "q", "g", "wrenches"),
-    "inverse_dynamics": _quantity(inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "wrenches"),
+    "gravity_forces": _felt(inverse_dynamics.gravity_forces, "q", "g", "wrenches"),
+    "inverse_dynamics": _felt(inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "wrenches"),
     "jacobian": _quantity(jacobians.jacobian, "q", "J", "frame", "kind"),
     "jacobian_rate": _quantity(jacobians.jacobian_rate, "q dq", "dJ", "frame", "kind"),
     "joint_wrenches": _quantity(inverse_dynamics.joint_wrenches, "q dq ddq", "F", "wrenches"),
     "kinetic_energy": _quantity(energy.kinetic_energy, "q dq", "K"),
     "link_poses": _quantity(forward_kinematics.link_poses, "q", "T"),
-    "mass_matrix": _quantity(mass_matrix.mass_matrix, "q", "M"),
+    "mass_matrix": _felt(mass_matrix.mass_matrix, "q", "M"),
     "momentum": _quantity(energy.momentum, "q dq", "P"),
     "momentum_about_com": _quantity(energy.momentum_about_com, "q dq", "P"),
     "potential_energy": _quantity(energy.potential_energy, "q", "P"),
@@ -102,6 +109,9 @@ def program_of(model: Model, name: str, options: Mapping[str, Any]) -> Program:
     frames = rest.pop("wrenches", ())
     inputs += [(f"wrench at {frame}", (6,)) for frame in frames]
     usual = len(quantity.inputs)
+
+    if quantity.felt:
+        model = regrouped(model)
 
     def on_symbols(*arrays: Any) -> Any:
         if frames:

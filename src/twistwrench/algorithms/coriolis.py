@@ -58,7 +58,7 @@ class _Coriolis:
 def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
     """C with C dq = c and dM/dt - 2C skew; the Christoffel one on one-degree joints; (nv, nv)."""
     T = joint_poses(model, q)
-    V, G = body_velocities(model, T, dq), composite_inertias(model, T)
+    V, G = body_velocities(model, T, dq), composite_inertias(model, q)
     B = [_Coriolis.of(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
     for i, p in inward(model):
         if p != BASE:

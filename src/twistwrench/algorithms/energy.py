@@ -64,7 +64,7 @@ def center_of_mass(model: Model, q: Array) -> Array:
 def com_jacobian(model: Model, q: Array) -> Array:
     """J with d(center_of_mass)/dt = J dq; (3, nv). Each joint moves the composite it carries."""
     T = joint_poses(model, q)
-    T_s, G = base_poses(model, T), composite_inertias(model, T)
+    T_s, G = base_poses(model, T), composite_inertias(model, q)
     J = zeros(3, model.nv)
     for i, body in enumerate(model.bodies):
         for b, S in enumerate(body.joint.axes):

@@ -5,7 +5,6 @@ M = Σ J_i' G_i J_i (MR eq. 8.57) summed so that every body is moved to its pare
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
@@ -14,19 +13,21 @@ from ..bodies.inertia import SpatialInertia
 from ..lie import se3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Body, Model
-from .recursion import ancestors, inward, joint_poses, zeros
+from .recursion import ancestors, inward, joint_coordinates, joint_poses, zeros
 
 Array = NDArray[Any]
 
 __all__ = ["composite_inertias", "mass_matrix"]
 
 
-def composite_inertias(model: Model, T: Sequence[Array]) -> list[SpatialInertia]:
+def composite_inertias(model: Model, q: Array) -> list[SpatialInertia]:
     """Inertia of each body together with everything it carries, in the body's frame."""
     G = [body.inertia for body in model.bodies]
+    coordinates = joint_coordinates(model, q)
     for i, p in inward(model):
         if p != BASE:
-            G[p] = G[p] + G[i].in_frame(T[i])
+            body = model.bodies[i]
+            G[p] = G[p] + body.joint.carry(G[i], coordinates[i]).in_frame(body.placement)
     return G
 
 
@@ -35,7 +36,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     T = joint_poses(model, q)
     up = [Ad(se3.inverse(X)).T for X in T]
     M = zeros(model.nv, model.nv)
-    for i, G in enumerate(composite_inertias(model, T)):
+    for i, G in enumerate(composite_inertias(model, q)):
         for b, S in enumerate(model.bodies[i].joint.axes):
             F = G @ S  # momentum of all it carries, for unit rate
             for j in ancestors(model, i):

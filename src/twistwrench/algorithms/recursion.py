@@ -16,7 +16,7 @@ from ..model.model import BASE, Model
 
 Array = NDArray[Any]
 
-__all__ = ["ancestors", "base_poses", "collect", "inward", "joint_poses", "outward", "spread", "zeros"]
+__all__ = ["ancestors", "base_poses", "collect", "inward", "joint_coordinates", "joint_poses", "outward", "spread", "zeros"]
 
 
 def outward(model: Model) -> Iterator[tuple[int, int]]:
@@ -36,15 +36,16 @@ def ancestors(model: Model, i: int) -> Iterator[int]:
         i = model.bodies[i].parent
 
 
+def joint_coordinates(model: Model, q: Array) -> list[Array]:
+    """The coordinates of each body's joint, (nq,) of that joint; a follower's from its leader's."""
+    mine = [q[body.q_index : body.q_index + body.joint.nq] for body in model.bodies]
+    return [body.ratio * x + body.offset if body.follows else x for body, x in zip(model.bodies, mine, strict=True)]
+
+
 def joint_poses(model: Model, q: Array) -> list[Array]:
     """T[i], pose of body i in its parent's frame; (4, 4) each."""
-    poses = []
-    for body in model.bodies:
-        mine = q[body.q_index : body.q_index + body.joint.nq]
-        if body.follows:
-            mine = body.ratio * mine + body.offset
-        poses.append(body.placement @ body.joint.pose(mine))
-    return poses
+    coordinates = joint_coordinates(model, q)
+    return [body.placement @ body.joint.pose(x) for body, x in zip(model.bodies, coordinates, strict=True)]
 
 
 def spread(model: Model, dq: Array) -> list[Array]:

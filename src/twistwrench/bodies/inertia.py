@@ -135,6 +135,24 @@ class SpatialInertia:
         I = R @ self.moment_about_origin @ R.T + 2.0 * (u @ p) * np.eye(3) - np.outer(u, p) - np.outer(p, u)
         return SpatialInertia.from_parameters([m, *(h + m * p), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
+    def turned(self, k: int, angle: Any) -> SpatialInertia:
+        """The inertia of the body turned by ``angle`` about coordinate axis ``k``, in the same frame.
+
+        With e = s (I_xx - I_yy) + 2 c I_xy for a turn about z, the turned block is I_xx - s e, I_yy + s e, c e - I_xy: eight
+        multiplications where the congruence takes eighteen.
+        """
+        x, y, z = (k + 1) % 3, (k + 2) % 3, k
+        s, c, h = np.sin(angle), np.cos(angle), self.first_moment.astype(object)
+        h[x], h[y] = c * h[x] - s * h[y], s * h[x] + c * h[y]
+        I = self.moment_about_origin.astype(object)
+        e = s * (I[x, x] - I[y, y]) + c * (I[x, y] + I[x, y])
+        xz, yz = c * I[x, z] - s * I[y, z], s * I[x, z] + c * I[y, z]
+        I[x, x], I[y, y], xy = I[x, x] - s * e, I[y, y] + s * e, c * e - I[x, y]
+        I[x, y] = I[y, x] = xy
+        I[x, z] = I[z, x] = xz
+        I[y, z] = I[z, y] = yz
+        return SpatialInertia.from_parameters([self.mass, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
     def __matmul__(self, V: ArrayLike) -> Array:
         """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w)."""
         V = np.asarray(V)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bodies.inertia import SpatialInertia
 from ..lie import quaternion, se3, so3
 
 Array = NDArray[Any]
@@ -66,6 +67,14 @@ class Joint:
             return se3.pose(_turn(normal, q[2]), e1 * q[0] + e2 * q[1])
         return screw_motion(self.axes[0], q[0])
 
+    def carry(self, G: SpatialInertia, q: Array) -> SpatialInertia:
+        """Inertia, in the joint's frame, of a body whose inertia in the child's frame is G. Works on symbols."""
+        axis = self.axes[0]
+        if self.nv == 1 and np.count_nonzero(axis) == 1 and axis[:3].any():  # turning about a coordinate axis
+            k = int(np.argmax(np.abs(axis)))
+            return G.turned(k, axis[k] * q[0])
+        return G.in_frame(self.pose(q))
+
     def integrate(self, q: Array, dv: Array) -> Array:
         """Follow the constant joint twist ``axes.T @ dv`` for unit time from q; (..., nq), (..., nv) → (..., nq)."""
         if self.kind == "floating":
@@ -107,6 +116,8 @@ def screw_motion(axis: Array, theta: Any) -> Array:
     """
     w, v = axis[:3], axis[3:]
     rate = float(np.linalg.norm(w))
+    if abs(rate - 1.0) < 1e-15:  # a unit vector to the last bit or so: its length is no factor
+        rate = 1.0
     if rate == 0.0:
         return se3.pose(np.eye(3), v * theta)
     w, v, angle = w / rate, v / rate, (theta if rate == 1.0 else rate * theta)

@@ -1,8 +1,8 @@
 """From expressions to a program: choose an order, fuse products into the sums that use them, number what remains.
 
 The order matters more than anything a compiler does afterwards, because a program has thousands of values and a processor
-a few dozen registers. Programs with few results are emitted depth first from the results; programs with many as the
-algorithm wrote them, which keeps what belongs together in time together in the program.
+a few dozen registers. Programs keep the order in which the algorithm made their values, sines and cosines first: what
+belongs together in time stays together. Depth first from the results spills half as much again (see bench/NOTES.md).
 """
 
 from __future__ import annotations
@@ -14,36 +14,31 @@ from .program import FUSED, Instruction, Port, Program
 
 __all__ = ["build"]
 
-MANY_RESULTS = 24
-"""From this many distinct results on, the written order wins (measured on arms and humanoids; see bench/NOTES.md)."""
 
-
-def build(results: Sequence[Expr], inputs: tuple[Port, ...], outputs: tuple[Port, ...], order: str = "auto") -> Program:
-    """The program that computes ``results``; ``order`` is ``"depth"``, ``"written"`` or ``"auto"``."""
-    if order == "auto":
-        order = "written" if len({r.index for r in results}) >= MANY_RESULTS else "depth"
-    nodes = _depth_first(results)
-    if order == "written":
-        nodes.sort(key=lambda n: (n.op not in ("input", "sin", "cos"), n.index))
+def build(results: Sequence[Expr], inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> Program:
+    """The program that computes ``results``."""
+    nodes = _needed(results)
     instructions, numbers = _emit(nodes, _fusions(nodes, results))
     return Program(tuple(instructions), tuple(numbers[r.index] for r in results), inputs, outputs)
 
 
-def _depth_first(results: Sequence[Expr]) -> list[Expr]:
-    """Operands before users, each result's own needs last; iterative, for programs may be deep."""
-    seen: set[int] = set()
-    ordered: list[Expr] = []
-    for result in results:
-        stack = [(result, False)]
-        while stack:
-            node, done = stack.pop()
-            if done:
-                ordered.append(node)
-            elif node.index not in seen:
-                seen.add(node.index)
-                stack.append((node, True))
-                stack.extend((x, False) for x in (node.b, node.a) if x is not None)
-    return ordered
+def _needed(results: Sequence[Expr]) -> list[Expr]:
+    """Everything the results need, in the order it was made; sines, cosines and what they need come first."""
+    early = _reached([node for node in _reached(results) if node.op in ("sin", "cos")])
+    first = {node.index for node in early}
+    return sorted(_reached(results), key=lambda node: (node.index not in first, node.index))
+
+
+def _reached(results: Sequence[Expr]) -> list[Expr]:
+    """All expressions the results are made of; iterative, for programs may be deep."""
+    seen: dict[int, Expr] = {}
+    stack = list(results)
+    while stack:
+        node = stack.pop()
+        if node.index not in seen:
+            seen[node.index] = node
+            stack.extend(x for x in (node.a, node.b) if x is not None)
+    return list(seen.values())
 
 
 _FUSED_BY_SIGNS = {signs: op for op, signs in FUSED.items()}

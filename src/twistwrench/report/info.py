@@ -58,7 +58,8 @@ def _joints(model: Model, *, degrees: bool) -> Table:
             name = b.joint.name if b.follows else c.velocity_names[k]
             cells = [factor * limits.lower[k], factor * limits.upper[k], factor * limits.velocity[k], limits.effort[k]]
             cells += [model.damping[k], model.friction[k]] if extra else []
-            table.add_row(name, kind if first else "", _link(model, i) if first else "", *map(_figure, cells))
+            words = (name, kind if first else "", _link(model, i) if first else "")
+            table.add_row(*map(Text, words), *map(_figure, cells))
     return table
 
 
@@ -74,7 +75,8 @@ def _inertias(model: Model) -> Table:
         body = model.frames[link].body if link in model.frames else BASE
         com = " ".join(f"{x:.4g}" for x in inertia.com)
         moments = " ".join(f"{x:.3g}" for x in inertia.principal()[0])
-        table.add_row(link, "base" if body == BASE else _link(model, body), f"{inertia.mass:.4g}", com, moments)
+        carrier = "base" if body == BASE else _link(model, body)
+        table.add_row(Text(link), Text(carrier), f"{inertia.mass:.4g}", com, moments)
     return table
 
 

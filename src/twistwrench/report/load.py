@@ -42,6 +42,8 @@ class LoadedRobot:
     wrenches: dict[str, Array] = field(default_factory=dict)
     friction: bool = True
     """Whether the torques of joint friction and damping count."""
+    loaded: Robot = field(init=False)
+    """The robot with its payloads."""
 
     def __post_init__(self) -> None:
         robot = self.bare
@@ -51,12 +53,7 @@ class LoadedRobot:
             robot = robot.with_payload(SpatialInertia.from_com(load.mass, load.place), frame=frame)
         for frame in self.wrenches:
             robot.model.frame(frame)
-        object.__setattr__(self, "_loaded", robot)
-
-    @property
-    def loaded(self) -> Robot:
-        """The robot with its payloads."""
-        return self._loaded  # type: ignore[attr-defined, no-any-return]
+        object.__setattr__(self, "loaded", robot)
 
     def torques(self, s: States) -> Array:
         """Inverse dynamics with everything included; (n,) states → (n, nv)."""

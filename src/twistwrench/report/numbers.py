@@ -28,6 +28,8 @@ def parse_table(text: bytes, columns: int) -> Array | None:
 
     None when the text is anything else: the caller then looks for the line to blame.
     """
+    if b"_" in text:  # Python's float would take 1_000
+        return None
     fast = _parse_plain_decimals(text, columns)
     if fast is not None:
         return fast

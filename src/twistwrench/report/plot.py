@@ -116,6 +116,7 @@ def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None
         va="bottom" if up else "top",
         color=colour,
         fontsize=8,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
     )
     axis.set_title(joint.joint, loc="left", fontweight="bold")
     limit = f"{100 * joint.share:.0f} % of {joint.limit:.4g} {joint.unit}" if math.isfinite(joint.limit) else joint.unit

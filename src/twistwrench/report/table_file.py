@@ -18,6 +18,8 @@ Array = NDArray[Any]
 
 __all__ = ["TableFile", "replacing"]
 
+_PORTION = 4096
+
 
 @dataclass(frozen=True, eq=False)
 class TableFile:
@@ -39,8 +41,9 @@ class TableFile:
     def write(self, rows: Array) -> None:
         """Add rows (n, columns), each number with the digits that give it back exactly."""
         # repr of a float is its shortest exact decimal; joining lists is three times as fast as np.savetxt.
-        lines = [",".join(map(repr, row)) for row in rows.tolist()]
-        self.file.write(("\n".join(lines) + "\n").encode("ascii"))
+        for k in range(0, len(rows), _PORTION):  # a number takes ten times its memory while it is text
+            lines = [",".join(map(repr, row)) for row in rows[k : k + _PORTION].tolist()]
+            self.file.write(("\n".join(lines) + "\n").encode("ascii"))
 
 
 @contextlib.contextmanager
@@ -52,8 +55,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
+    if path.exists() and not path.is_file():  # a pipe or a device is written to, never replaced
+        yield path
+        return
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        target = path.resolve()  # a link stays a link
+        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent)
     except OSError as problem:
         raise ValueRangeError(
             f"cannot write {str(path)!r}: {problem.strerror}. Name a file in a folder that exists and is writable."
@@ -63,7 +70,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     try:
         yield scratch
         scratch.chmod(0o666 & ~_umask())  # temporary files are private; what replaces a file is as others are
-        os.replace(scratch, path)  # noqa: PTH105  the atomic one, by its plain name
+        os.replace(scratch, target)  # noqa: PTH105  the atomic one, by its plain name
     except OSError as problem:
         raise ValueRangeError(
             f"cannot write {str(path)!r}: {problem.strerror}. Free space, or give another name."

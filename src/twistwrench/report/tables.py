@@ -18,7 +18,8 @@ __all__ = ["cause_label", "notes", "report_view", "verdict"]
 
 _LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 _BAR = 12
-_NOISY = 0.02
+_NOISY, _NEGLIGIBLE = 0.02, 0.001
+"""Shares of a peak from which its noise is a reason to smooth, and worth a column."""
 _TITLES = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
 
 
@@ -46,7 +47,8 @@ def _heading(report: TorqueReport) -> Text:
     ] or ["no payload"]
     pushed = [f"wrench on {frame} [{' '.join(f'{x:g}' for x in F)}]" for frame, F in load.wrenches.items()]
     step = f" at {1e3 * report.quality.step:.4g} ms" if report.rows > 1 else ""
-    motion = f"{Path(report.trajectory).name}: {report.end - report.begin:.4g} s, {report.rows:,} rows{step}"
+    rows = "1 row" if report.rows == 1 else f"{report.rows:,} rows"
+    motion = f"{Path(report.trajectory).name}: {report.end - report.begin:.4g} s, {rows}{step}"
     friction = [] if load.friction else ["without friction"]
     return Text.assemble((f"{report.robot}", "bold"), "  ", "  ·  ".join([motion, *carried, *pushed, *friction]))
 
@@ -69,12 +71,12 @@ def _title(report: TorqueReport, text: str) -> str:
 
 
 def _cells(report: TorqueReport, joint: JointTorque) -> list[RenderableType]:
-    return [joint.joint, joint.unit] if len(_units(report)) > 1 else [joint.joint]
+    return [Text(joint.joint), *([joint.unit] if len(_units(report)) > 1 else [])]
 
 
 def _peaks(report: TorqueReport) -> Table:
     table = _table(report, _title(report, "Torques"))
-    unsure = any(j.uncertainty for j in report.joints)
+    unsure = _noise_matters(report)
     for name in ("peak", *(["±"] if unsure else []), "rms", "limit"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("share of limit", no_wrap=True)
@@ -123,7 +125,7 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
         factor, unit = (180 / math.pi, e.unit.replace("rad", "deg")) if degrees and e.angular else (1.0, e.unit)
         what = {"lower": "position, lower", "upper": "position, upper"}.get(e.kind, e.kind)
         table.add_row(
-            e.joint, f"{what} \\[{unit}]", _number(e.value * factor), _number(e.limit * factor), f"{e.time:.3f}"
+            Text(e.joint), f"{what} \\[{unit}]", _number(e.value * factor), _number(e.limit * factor), f"{e.time:.3f}"
         )
     return table
 
@@ -146,14 +148,26 @@ def notes(report: TorqueReport) -> Iterator[str]:
             f"the longest gap is {report.gaps.longest:.4g} s, after t = {report.gaps.longest_at:.4f} s."
             + (" Derived rates near gaps are guesses." if d.derives else "")
         )
-    unlimited = [j.joint for j in report.joints if not math.isfinite(j.limit)]
+    floating = {b.joint.name for b in report.load.bare.model.bodies if b.joint.kind == "floating"}
+    if floating:
+        yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
+    unlimited = [
+        j.joint for j in report.joints if not math.isfinite(j.limit) and j.joint.rpartition(".")[0] not in floating
+    ]
     if unlimited:
         yield f"No torque limit is known for {', '.join(unlimited)}. Give one with --limits."
 
 
+def _noise_matters(report: TorqueReport) -> bool:
+    return any(j.uncertainty > _NEGLIGIBLE * abs(j.peak) for j in report.joints)
+
+
 def _quality_notes(report: TorqueReport) -> Iterator[str]:
     d, q = report.differentiation, report.quality
-    if d.source == "given" or not d.sigma_ddq.any():
+    if d.source == "given":
+        return
+    if not _noise_matters(report):
+        yield f"Noise of the log moves no torque by more than {100 * _NEGLIGIBLE:g} % of its peak."
         return
     worst = int(q.noise.argmax())
     grid = f", on a grid of {q.quantum[worst]:.3g}" if q.quantum[worst] else ""
@@ -192,8 +206,9 @@ def verdict(report: TorqueReport) -> Text:
             )
         else:
             text = f"{e.joint} at t = {e.time:.3f} s passes its {_TITLES[e.kind]} limit"
-        more = len(report.excesses) - 1
-        return Text.assemble(("OVER LIMIT", "bold red"), f": {text}" + (f"; {more} more above" if more else "") + ".")
+        others = [f"{e.joint} ({_TITLES[e.kind]})" for e in report.excesses[1:]]
+        also = f"; also {', '.join(others[:3])}" + (" and more" if len(others) > 3 else "") if others else ""
+        return Text.assemble(("OVER LIMIT", "bold red"), f": {text}{also}.")
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     if not limited:
         return Text.assemble(("OK", "bold green"), ": no limit is passed; torque limits are not known.")

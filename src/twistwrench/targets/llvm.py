@@ -21,6 +21,9 @@ LOOP = "loop"
 CUT = 500
 """Instructions in a basic block of a large program."""
 
+SIDE_BY_SIDE = 6
+"""Angles whose sine and cosine are computed in lockstep."""
+
 LARGE = 6000
 """Programs beyond this many instructions are cut: LLVM's time grows faster than the length of a block."""
 
@@ -37,7 +40,7 @@ def assembly(program: Program, precision: Precision, machine: Machine) -> str:
         [
             _declarations(w),
             wrapper(precision, lanes),
-            f"define internal void @block({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n",
+            f"define internal void @block({arguments}) noinline \"stackrealign\" {{\nentry:\n{body}\n  ret void\n}}\n",
             loop(LOOP, program, precision, lanes),
         ]
     )
@@ -58,6 +61,7 @@ class _Emitter:
         self.values: dict[int, str] = {}
         self.label = "entry"
         self.pairs: dict[int, tuple[str, str]] = {}
+        self.waiting: dict[int, str] = {}
         self.loaders, self.storers = [], []
         for k, port in enumerate([*program.inputs, *program.outputs]):
             if k < len(program.inputs):
@@ -80,10 +84,23 @@ class _Emitter:
         storer, column = self._outputs[number]
         storer.put(column, value)
 
+    def check(self, angles: list[int]) -> None:
+        """Load angles that are plain inputs, and bring huge ones into reach."""
+        for number in angles:
+            self.values[number] = self.input(int(self.program.instructions[number].value))
+        if angles:
+            checked, self.label = wrap(self.w, [self.values[number] for number in angles], self.label)
+            self.waiting = dict(zip(angles, checked, strict=True))
+
     def sincos(self, angle: int) -> tuple[str, str]:
         if angle not in self.pairs:
-            wrapped, self.label = wrap(self.w, [self.values[angle]], self.label)
-            self.pairs[angle] = sincos(self.w, wrapped[0])
+            if angle in self.waiting:  # some others come along in lockstep
+                group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]
+                reachable = [self.waiting.pop(a) for a in group]
+            else:
+                group = [angle]
+                reachable, self.label = wrap(self.w, [self.values[angle]], self.label)
+            self.pairs.update(zip(group, sincos(self.w, reachable), strict=True))
         return self.pairs[angle]
 
 
@@ -92,13 +109,7 @@ def _block(w: Writer, program: Program) -> None:
     wanted: dict[int, list[int]] = {}
     for k, result in enumerate(program.results):
         wanted.setdefault(result, []).append(k)
-    angles = _plain_angles(program)
-    for number in angles:
-        e.values[number] = e.input(int(program.instructions[number].value))
-    safe: dict[int, str] = {}
-    if angles:
-        checked, e.label = wrap(w, [e.values[number] for number in angles], e.label)
-        safe = dict(zip(angles, checked, strict=True))
+    e.check(_plain_angles(program))
     cut = len(program.instructions) > LARGE
     for number, (op, args, value) in enumerate(program.instructions):
         if op == "const":
@@ -108,8 +119,6 @@ def _block(w: Writer, program: Program) -> None:
         if cut and number % CUT == CUT - 1:
             _cut(e)
         if op in ("sin", "cos"):
-            if args[0] in safe and args[0] not in e.pairs:
-                e.pairs[args[0]] = sincos(w, safe[args[0]])
             e.values[number] = e.sincos(args[0])[op == "cos"]
         elif op == "input":
             e.values[number] = e.input(int(value))

@@ -17,7 +17,7 @@ __all__ = ["limit", "sincos", "wrap", "wrapper"]
 TWO_OVER_PI = 0.6366197723675814
 
 HALF_PI = {
-    64: (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33),
+    64: (1.5707963267948966, 6.123233995736766e-17),
     32: (1.5707963705062866, -4.371138828673793e-08, -1.7151244749032155e-15),
 }
 """π/2 as a sum of numbers of the precision, by its bits."""
@@ -36,38 +36,47 @@ COSINE = {
 
 def limit(precision: Precision) -> float:
     """The largest angle the fast reduction is used for."""
-    return 2.0**30 if precision.bits == 64 else 2.0**15
+    return 2.0**22 if precision.bits == 64 else 2.0**15
 
 
-def sincos(w: Writer, x: str) -> tuple[str, str]:
-    """Emit sin x and cos x for angles within the limit; NaN and infinity give NaN."""
+def sincos(w: Writer, angles: list[str]) -> list[tuple[str, str]]:
+    """Emit (sin x, cos x) of several angles within the limit, in lockstep; NaN and infinity give NaN.
+
+    Each step is done for all angles before the next: the processor finds independent work side by side, and a constant
+    is fetched once.
+    """
     bits = w.precision.bits
     magic = 1.5 * 2.0**w.precision.mantissa  # adding it leaves the nearest integer in the low bits
-    shifted = w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic))
-    k = w.binary("fsub", shifted, w.splat(magic))
-    r = x
+    shifted = [w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic)) for x in angles]
+    turns = [w.binary("fsub", s, w.splat(magic)) for s in shifted]
+    reduced = angles
     for part in HALF_PI[bits]:
-        r = w.fma(k, w.splat(-part), r)
-    r2 = w.binary("fmul", r, r)
-    sine = w.fma(_horner(w, SINE[bits], r2), w.binary("fmul", r, r2), r)
-    cosine = _horner(w, COSINE[bits], r2)
-    quadrant = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
-    odd = w.new(f"and {w.integer} {quadrant}, {w.bits(1)}")
-    odd = w.new(f"icmp ne {w.integer} {odd}, {w.bits(0)}")
-    # sin is negative in quadrants 2 and 3, cos in 1 and 2: bit 1, and bit 0 ^ bit 1, moved to where the sign is.
-    half = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 2)}")
-    turn = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 1)}")
-    return (
-        _flip(w, w.select(odd, cosine, sine), half),
-        _flip(w, w.select(odd, sine, cosine), w.new(f"xor {w.integer} {half}, {turn}")),
-    )
+        reduced = [w.fma(k, w.splat(-part), r) for k, r in zip(turns, reduced, strict=True)]
+    squares = [w.binary("fmul", r, r) for r in reduced]
+    sines = _horner(w, SINE[bits], squares)
+    cubes = [w.binary("fmul", r, r2) for r, r2 in zip(reduced, squares, strict=True)]
+    sines = [w.fma(s, r3, r) for s, r3, r in zip(sines, cubes, reduced, strict=True)]
+    cosines = _horner(w, COSINE[bits], squares)
+    return [_quadrant(w, *triple) for triple in zip(shifted, sines, cosines, strict=True)]
 
 
-def _horner(w: Writer, coefficients: tuple[float, ...], x: str) -> str:
-    value = w.splat(coefficients[0])
+def _horner(w: Writer, coefficients: tuple[float, ...], points: list[str]) -> list[str]:
+    values = [w.splat(coefficients[0])] * len(points)
     for c in coefficients[1:]:
-        value = w.fma(value, x, w.splat(c))
-    return value
+        values = [w.fma(value, x, w.splat(c)) for value, x in zip(values, points, strict=True)]
+    return values
+
+
+def _quadrant(w: Writer, shifted: str, sine: str, cosine: str) -> tuple[str, str]:
+    """Swap and turn signs by the quarter turns in the low bits of ``shifted``."""
+    bits = w.precision.bits
+    quadrant = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
+    # Moved to the sign's place: bit 0, whether to swap; bit 1, the sign of sin; their difference, the sign of cos.
+    low = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 1)}")
+    high = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 2)}")
+    odd = w.new(f"icmp slt {w.integer} {low}, {w.bits(0)}")
+    both = w.new(f"xor {w.integer} {low}, {high}")
+    return _flip(w, w.select(odd, cosine, sine), high), _flip(w, w.select(odd, sine, cosine), both)
 
 
 def _flip(w: Writer, value: str, sign: str) -> str:

@@ -1,0 +1,116 @@
+"""Laws that the dynamics of every robot obeys, as residuals: how far a robot is from them at one state.
+
+Each compares what the robot's methods return with what follows from other methods by mechanics alone. Residuals are
+relative by norm. Where one side is a derivative by differences it is good to some 1e-12 of the function differentiated.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .algorithms.closed_form import closed_form
+from .lie.adjoint import ad
+from .robot import Robot
+from .testing import State, derivative, derivative_along, relative_gap
+
+Array = NDArray[Any]
+
+__all__ = [
+    "closed_form_gap",
+    "coriolis_gap",
+    "lagrange_gap",
+    "lagrange_torques",
+    "power_gap",
+    "round_trip_gap",
+    "skewness_gap",
+]
+
+
+def closed_form_gap(robot: Robot, at: State) -> float:
+    """Inverse dynamics against the block matrices of MR section 8.4."""
+    return relative_gap(robot.inverse_dynamics(*at), closed_form(robot.model, at.q, at.dq).inverse_dynamics(at.ddq))
+
+
+def lagrange_gap(robot: Robot, at: State) -> float:
+    """Inverse dynamics against :func:`lagrange_torques`, relative to torques or energies, whichever are larger."""
+    tau = lagrange_torques(robot, at)
+    return relative_gap(robot.inverse_dynamics(*at), tau, max(float(np.abs(tau).max()), _energies(robot, at)))
+
+
+def lagrange_torques(robot: Robot, at: State) -> Array:
+    """τ (nv,) from the kinetic and potential energy alone. MR section 8.1.
+
+    With p = ∂K/∂dq, which the quadratic K gives without error as K(dq + e) - K(dq) - K(e),
+
+        τ = dp/dt - ∂(K - P)/∂q - [V, ·]' p,
+
+    derivatives with respect to q along ``robot.add``. The last term is there because the velocities of planar and
+    floating joints are no rates of coordinates (Hamel, 1904); [V, ·] is the bracket of the joint's own twists.
+    """
+    q, dq, ddq = at
+    unit = np.eye(robot.nv)
+
+    def momenta(t: Array) -> Array:
+        x, v = robot.add(q, np.multiply.outer(t, dq))[:, None], (dq + np.multiply.outer(t, ddq))[:, None]
+        K = robot.kinetic_energy
+        return np.asarray(K(x, v + unit) - K(x, v) - K(x, unit))
+
+    def lagrangian(x: Array) -> Array:
+        return np.asarray(robot.kinetic_energy(x, dq) - robot.potential_energy(x))
+
+    p = momenta(np.zeros(1))[0]
+    tau = derivative(momenta, _rate(dq)) - derivative_along(robot, lagrangian, q, unit)
+    for body in robot.model.leaders:
+        mine, axes = slice(body.v_index, body.v_index + body.joint.nv), body.joint.axes
+        if body.joint.nv > 1:
+            bracket = np.array([axes @ (ad(dq[mine] @ axes) @ S) for S in axes])  # row a: [V, S_a] in the joint's axes
+            tau[mine] -= bracket @ p[mine]
+    return tau
+
+
+def power_gap(robot: Robot, at: State) -> float:
+    """The power of the joints against the rate of the energy, relative to the powers or the energies."""
+    q, dq, ddq = at
+
+    def energy(t: Array) -> Array:
+        x = robot.add(q, np.multiply.outer(t, dq))
+        return np.asarray(robot.kinetic_energy(x, dq + np.multiply.outer(t, ddq)) + robot.potential_energy(x))
+
+    powers = robot.inverse_dynamics(*at) * dq
+    size = max(float(np.abs(powers).max()), _energies(robot, at))
+    return relative_gap(powers.sum(), derivative(energy, _rate(dq)), size)
+
+
+def skewness_gap(robot: Robot, at: State) -> float:
+    """How far dM/dt - 2C is from skew, dM/dt = C + C', relative to their entries and those of M."""
+    M, C = robot.mass_matrix(at.q), robot.coriolis_matrix(at.q, at.dq)
+    dM = derivative_along(robot, robot.mass_matrix, at.q, at.dq)
+    return relative_gap(C + C.T, dM, float(max(np.abs(dM).max(), np.abs(C).max(), np.abs(M).max())))
+
+
+def coriolis_gap(robot: Robot, at: State) -> float:
+    """C dq against the velocity-product terms of inverse dynamics, relative to the summands of C dq."""
+    C = robot.coriolis_matrix(at.q, at.dq)
+    return relative_gap(C @ at.dq, robot.coriolis_forces(at.q, at.dq), float(np.abs(C * at.dq).max()))
+
+
+def round_trip_gap(robot: Robot, at: State) -> float:
+    """Inverse dynamics of the accelerations that torques give, against those torques. Raises SingularMassMatrixError.
+
+    Compared as torques: a nearly massless finger makes M⁻¹ large, and the rounding of q̈ with it, but not that of M q̈.
+    """
+    tau = robot.inverse_dynamics(*at)
+    ddq = robot.forward_dynamics(at.q, at.dq, tau)
+    size = float(np.abs(robot.mass_matrix(at.q) * ddq).max() + np.abs(tau).max())
+    return relative_gap(robot.inverse_dynamics(at.q, at.dq, ddq), tau, size)
+
+
+def _rate(dq: Array) -> float:
+    return max(1.0, float(np.abs(dq).sum()))
+
+
+def _energies(robot: Robot, at: State) -> float:
+    return abs(float(robot.kinetic_energy(at.q, at.dq))) + abs(float(robot.potential_energy(at.q)))

@@ -1,0 +1,37 @@
+"""Motion files for tests of the torques command, and the report of one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twistwrench.report.derivatives import Differentiation
+from twistwrench.report.load import LoadedRobot, Payload
+from twistwrench.report.torques import analyse
+from twistwrench.report.trajectory import Trajectory
+
+WRENCH = np.array([0.3, -0.2, 0.5, 4.0, -7.0, 11.0])
+LOAD = {"payloads": (Payload(3.0, (0.0, 0.02, 0.1)),), "wrenches": {"tool0": WRENCH}}
+
+
+def write_motion(path, robot, t, columns, parts=("", ".vel", ".acc"), order=None):
+    names = [n + part for part in parts for n in robot.joint_names]
+    table = np.column_stack([t, *columns])
+    order = np.arange(table.shape[1]) if order is None else order
+    header = np.array(["time", *names])[order]
+    path.write_text(",".join(header) + "\n" + "".join(",".join(map(repr, r)) + "\n" for r in table[:, order].tolist()))
+    return path
+
+
+def rough_motion():
+    """A motion of six joints with uneven steps, and its rates: t (n,), q, dq, ddq (n, 6)."""
+    rng = np.random.default_rng(7)
+    t = np.cumsum(rng.uniform(0.5, 1.5, 700)) * 0.01
+    w, phase = rng.uniform(0.5, 3, 6), rng.uniform(0, 6, 6)
+    s = np.outer(t, w) + phase
+    return t, np.sin(s), w * np.cos(s), -(w**2) * np.sin(s)
+
+
+def report_of(robot, path, *, limits=None, smoothing=False, chunk=None, csv=None, split=False, **load):
+    trajectory = Trajectory.open(path, robot.model)
+    plan = Differentiation.plan(trajectory, robot.model, smoothing=smoothing)
+    return analyse(LoadedRobot(robot, **load), plan, limits or robot.limits, chunk=chunk, csv=csv, split=split)

@@ -1,0 +1,355 @@
+"""The torques command: the files it reads and writes, its options, its exit codes, its memory."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from motions import LOAD, report_of, rough_motion, write_motion
+from twistwrench import robots
+from twistwrench.cli import main
+from twistwrench.errors import ModelWarning, TwistWrenchError, ValueRangeError
+from twistwrench.report.limits_file import read_limits
+from twistwrench.report.load import TERMS, parse_payload, parse_wrenches
+from twistwrench.report.table_file import replacing
+
+DEMO = Path(robots.__file__).parent / "ur5_demo.csv"
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return robots.ur5()
+
+
+@pytest.fixture
+def run():
+    def run(*arguments):
+        result = CliRunner().invoke(main, [str(a) for a in arguments])
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        assert "Traceback" not in result.output
+        return result.exit_code, result.output
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return rough_motion()
+
+
+@pytest.fixture
+def motion_file(tmp_path, ur5, motion):
+    t, *columns = motion
+    return write_motion(tmp_path / "motion.csv", ur5, t, columns)
+
+
+# ── files ──
+
+
+def test_the_csv_has_time_torques_and_their_causes(ur5, motion, motion_file, tmp_path):
+    out = tmp_path / "out.csv"
+    report_of(ur5, motion_file, csv=out, split=True, chunk=256, **LOAD)
+    header = out.read_text().splitlines()[0].split(",")
+    table = np.loadtxt(out, delimiter=",", skiprows=1)
+    assert header[:2] == ["time", f"{ur5.joint_names[0]}.torque"]
+    np.testing.assert_array_equal(table[:, 0], motion[0])
+    for name in ur5.joint_names:
+        total = sum(table[:, header.index(f"{name}.{term}")] for term in TERMS)
+        np.testing.assert_allclose(total, table[:, header.index(f"{name}.torque")], rtol=1e-10, atol=1e-10)
+
+
+def test_a_failed_run_leaves_the_old_file_alone(run, ur5, motion_file, tmp_path):
+    out = tmp_path / "out.csv"
+    out.write_text("old")
+    motion_file.write_text(motion_file.read_text() + "oops\n")
+    code, text = run("torques", "ur5", "--trajectory", motion_file, "--csv", out)
+    assert code == 2
+    assert "line 702" in text
+    assert out.read_text() == "old"
+    assert {p.name for p in tmp_path.iterdir()} == {"motion.csv", "out.csv"}
+
+
+def test_replacing_reports_what_cannot_be_written(tmp_path):
+    for path in (tmp_path, tmp_path / "no" / "where.csv"):
+        with pytest.raises(ValueRangeError, match="cannot write"), replacing(path):
+            pass
+
+
+def test_limits_come_from_a_file_and_blanks_keep(ur5, tmp_path):
+    path = tmp_path / "limits.csv"
+    path.write_text(
+        "\ufeffjoint,effort,upper,velocity\n# remark\nelbow_joint,40,90,\nwrist_1_joint,,,inf\n", encoding="utf-8"
+    )
+    limits = read_limits(path, ur5.model, degrees=True)
+    assert limits.effort[2] == 40
+    assert limits.upper[2] == pytest.approx(np.pi / 2)
+    assert limits.velocity[2] == ur5.limits.velocity[2]
+    assert limits.velocity[3] == np.inf
+    np.testing.assert_array_equal(limits.lower, ur5.limits.lower)
+    np.testing.assert_array_equal(np.delete(limits.effort, 2), np.delete(ur5.limits.effort, 2))
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("", "empty"),
+        ("name,effort\n", "Name 'joint' and any of"),
+        ("joint,torque\n", "Name 'joint' and any of"),
+        ("joint,effort\nelbow,3\n", "Did you mean 'elbow_joint'"),
+        ("joint,effort\nelbow_joint,3\nelbow_joint,4\n", "line 3: joint 'elbow_joint' has limits already"),
+        ("joint,effort\nelbow_joint,x\n", "line 2, column 'effort': 'x' is no number"),
+        ("joint,effort\nelbow_joint,0\n", "cannot be a limit"),
+        ("joint,effort\nelbow_joint,nan\n", "cannot be a limit"),
+        ("joint,effort\nelbow_joint,1,2\n", "line 2 has 3 values"),
+        ("joint,lower,upper\nelbow_joint,1,-1\n", "is above the upper"),
+    ],
+)
+def test_bad_limit_files_are_refused(ur5, tmp_path, text, said):
+    path = tmp_path / "limits.csv"
+    path.write_text(text)
+    with pytest.raises(TwistWrenchError, match=re.escape(said)):
+        read_limits(path, ur5.model)
+
+
+# ── options ──
+
+
+def test_payloads_and_wrenches_are_read_as_written():
+    assert parse_payload("5").mass == 5
+    load = parse_payload(" 2.5,0,-.1,1e-2@tool0")
+    assert (load.mass, load.place, load.frame) == (2.5, (0.0, -0.1, 0.01), "tool0")
+    wrenches = parse_wrenches(["a:1,2,3,4,5,6", "ns:b:0,0,0,0,0,1", "a:1,1,1,1,1,1"])
+    np.testing.assert_array_equal(wrenches["a"], [2, 3, 4, 5, 6, 7])
+    np.testing.assert_array_equal(wrenches["ns:b"], [0, 0, 0, 0, 0, 1])
+
+
+BAD_INPUT = {
+    "no such robot": (["nobot", "--trajectory", DEMO], "no robot file 'nobot'"),
+    "no such motion": (["ur5", "--trajectory", "none.csv"], "no motion file"),
+    "no bundled motion": (["panda", "--trajectory", "demo"], "no motion is bundled with 'panda'. With: ur5"),
+    "payload words": (["ur5", "--trajectory", DEMO, "--payload", "heavy"], "'heavy' is no number"),
+    "payload pair": (["ur5", "--trajectory", DEMO, "--payload", "1,2"], "has 2 numbers"),
+    "payload below zero": (["ur5", "--trajectory", DEMO, "--payload", "-1"], "negative mass"),
+    "payload infinite": (["ur5", "--trajectory", DEMO, "--payload", "inf"], "not finite"),
+    "payload nowhere": (["ur5", "--trajectory", DEMO, "--payload", "1@hand"], "no frame named 'hand'"),
+    "payload at nothing": (["ur5", "--trajectory", DEMO, "--payload", "1@"], "names no frame"),
+    "wrench without frame": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "1,2,3,4,5,6"], "names no frame"),
+    "wrench too short": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "tool0:1,2,3"], "has 3 numbers, not 6"),
+    "wrench nowhere": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "hand:0,0,0,0,0,1"], "no frame named 'hand'"),
+    "lock nothing": (["ur5", "--trajectory", DEMO, "--lock", "elbow_joint"], "is not JOINT=VALUE"),
+    "lock unknown": (["ur5", "--trajectory", DEMO, "--lock", "elbow=1"], "elbow"),
+    "locked joint in motion": (["ur5", "--trajectory", DEMO, "--lock", "elbow_joint=1"], "'elbow_joint' is no joint"),
+    "split without csv": (["ur5", "--trajectory", DEMO, "--split"], "Add --csv"),
+    "no such folder": (["ur5", "--trajectory", DEMO, "--csv", "no/such/folder/o.csv"], "cannot write"),
+    "no such picture": (["ur5", "--trajectory", DEMO, "--plot", "o.xyz"], "pictures of kind 'xyz'"),
+    "no such limits": (["ur5", "--trajectory", DEMO, "--limits", "none.csv"], "no limits file"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+def test_bad_input_exits_2_with_one_line(run, case):
+    arguments, said = BAD_INPUT[case]
+    if "--plot" in arguments:
+        pytest.importorskip("matplotlib")
+    code, text = run("torques", *arguments)
+    assert code == 2, text
+    (line,) = [x for x in text.splitlines() if x.startswith("error: ")]
+    assert said in line
+
+
+def test_a_motion_within_limits_exits_0(run, tmp_path):
+    code, text = run("torques", "ur5", "--trajectory", "demo", "--payload", "5")
+    assert code == 0, text
+    assert "OK: nearest to its limit is shoulder_lift_joint" in text
+    assert "derived by a quintic spline" in text
+
+
+@pytest.mark.parametrize(
+    "row, said",
+    [
+        (
+            "shoulder_lift_joint,,,,80",
+            r"OVER LIMIT: shoulder_lift_joint at t = \d\.\d+ s takes −114\.6 N m, limit 80 \(143 %\)",
+        ),
+        ("elbow_joint,,1,,", "OVER LIMIT: elbow_joint at t = .* passes its position limit"),
+        ("elbow_joint,,,0.5,", "OVER LIMIT: elbow_joint at t = .* passes its velocity limit"),
+    ],
+)
+def test_a_limit_passed_exits_1_and_says_which(run, tmp_path, row, said):
+    limits = tmp_path / "limits.csv"
+    limits.write_text(f"joint,lower,upper,velocity,effort\n{row}\n")
+    code, text = run("torques", "ur5", "--trajectory", "demo", "--payload", "5", "--limits", limits)
+    assert code == 1
+    assert re.search(said, " ".join(text.split()))
+
+
+def test_degrees_and_radians_give_the_same_torques(run, ur5, motion, tmp_path, motion_file):
+    t, *columns = motion
+    turned = write_motion(tmp_path / "degrees.csv", ur5, t, [np.degrees(c) for c in columns])
+    run("torques", "ur5", "--trajectory", motion_file, "--csv", tmp_path / "a.csv")
+    run("torques", "ur5", "--trajectory", turned, "--degrees", "--csv", tmp_path / "b.csv")
+    a, b = (np.loadtxt(tmp_path / f"{x}.csv", delimiter=",", skiprows=1) for x in "ab")
+    np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
+
+
+def test_a_locked_joint_needs_no_column(run, ur5, motion, tmp_path):
+    t, *columns = motion
+    locked = ur5.lock({"wrist_3_joint": 0.5})
+    path = write_motion(tmp_path / "m.csv", locked, t, [c[:, :5] for c in columns])
+    for value, flags in (("0.5", []), (repr(float(np.degrees(0.5))), ["--degrees"])):
+        code, text = run("info", "ur5", "--lock", f"wrist_3_joint={value}", *flags)
+        assert code == 0, text
+        assert "5 moving bodies" in text
+    assert run("torques", "ur5", "--trajectory", path, "--lock", "wrist_3_joint=0.5")[0] in (0, 1)
+
+
+def test_gaps_in_time_are_told(run, ur5, motion, tmp_path):
+    _, *columns = motion
+    t = np.arange(700) * 0.01
+    t[400:] += 0.2
+    _, text = run("torques", "ur5", "--trajectory", write_motion(tmp_path / "m.csv", ur5, t, columns))
+    assert "Time jumps 1 time by more than 5 usual steps; the longest gap is 0.21 s, after t = 3.9900 s" in " ".join(
+        text.split()
+    )
+
+
+def test_a_noisy_log_is_told_and_smoothing_offered(run, tmp_path):
+    t = np.arange(3000) * 1e-3
+    q = 0.5 * np.sin(np.outer(t, np.arange(1, 7))) - 0.5
+    path = tmp_path / "m.csv"
+    np.savetxt(
+        path, np.column_stack([t, q]), "%.5f", ",", header="time," + ",".join(robots.ur5().joint_names), comments=""
+    )
+    _, text = run("torques", "ur5", "--trajectory", path)
+    said = " ".join(text.split())
+    assert "on a grid of 1e-05" in said
+    assert "Try --smooth" in said
+    _, text = run("torques", "ur5", "--trajectory", path, "--smooth")
+    said = " ".join(text.split())
+    assert "after smoothing to the noise found" in said
+    assert "Try --smooth" not in said
+
+
+def test_the_plot_is_a_picture(run, ur5, motion_file, tmp_path):
+    pytest.importorskip("matplotlib")
+    for suffix, magic in (("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")):
+        path = tmp_path / f"out.{suffix}"
+        run("torques", "ur5", "--trajectory", motion_file, "--payload", "5", "--plot", path)
+        assert path.read_bytes().startswith(magic)
+
+
+def test_info_tells_what_a_robot_is_made_of(run, ur5):
+    code, text = run("info", "ur5", "--degrees")
+    assert code == 0
+    for name in (*ur5.joint_names, *ur5.frame_names):
+        assert name in text
+    moving = sum(b.inertia.mass for b in ur5.model.bodies)
+    assert f"mass {moving:.4g} kg moving" in text
+    assert "360" in text
+
+
+def test_names_are_not_taken_for_markup(run, tmp_path):
+    text = robots.path_of("planar_2r").read_text().replace("joint1", "[red]1").replace("joint2", "[/]2")
+    path = tmp_path / "odd.urdf"
+    path.write_text(text)
+    motion = tmp_path / "m.csv"
+    motion.write_text("time,[red]1,[/]2,[red]1.vel,[/]2.vel,[red]1.acc,[/]2.acc\n0,0,0,0,0,0,0\n")
+    limits = tmp_path / "l.csv"
+    limits.write_text("joint,lower\n[/]2,0.5\n")
+    for arguments in (("info", path), ("torques", path, "--trajectory", motion, "--limits", limits)):
+        code, text = run(*arguments)
+        assert code == (0 if arguments[0] == "info" else 1)
+        assert "[red]1" in text
+        assert "[/]2" in text
+
+
+def test_a_floating_base_is_held_up_against_gravity_and_its_acceleration(run, tmp_path):
+    box = robots.floating_box()
+    t = np.arange(500) * 0.01
+    still = np.broadcast_to(box.neutral[:6], (500, 6))
+    path, out = tmp_path / "box.csv", tmp_path / "out.csv"
+    table = np.column_stack([t, still, 0.5 * np.sin(2 * t)])
+    np.savetxt(path, table, "%.17g", ",", header="time," + ",".join(box.coordinate_names), comments="")
+    code, text = run("torques", "floating_box", "--trajectory", path, "--csv", out)
+    assert code == 0, text
+    assert "torque limits are not known" in text
+    force = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:]
+    np.testing.assert_allclose(force[5:-5, 5], 6.0 * (9.81 - 2.0 * np.sin(2 * t[5:-5])), rtol=1e-5)
+    np.testing.assert_allclose(force[:, :5], 0, atol=1e-7)
+
+
+def test_one_row_is_enough_where_rates_are_given(run, ur5, motion, tmp_path):
+    t, *columns = motion
+    path = write_motion(tmp_path / "m.csv", ur5, t[:1], [c[:1] for c in columns])
+    code, text = run("torques", "ur5", "--trajectory", path, "--plot", tmp_path / "o.png")
+    assert code in (0, 1), text
+    assert "1 row " in text
+
+
+def test_the_module_runs_as_a_program():
+    done = subprocess.run([sys.executable, "-m", "twistwrench", "--help"], capture_output=True, text=True, check=True)
+    for command in ("torques", "info", "verify"):
+        assert command in done.stdout
+
+
+def test_help_imports_nothing_heavy():
+    code = "import sys, twistwrench.cli; print([m for m in ('scipy', 'llvmlite', 'rich', 'matplotlib') if m in sys.modules])"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    )
+
+
+# ── the bundled motion ──
+
+
+def test_the_bundled_motion_is_the_one_its_comments_describe():
+    waypoint = re.compile(r"# t = (\S+)  q = ((?:\S+ ){6})")
+    found = [m for m in map(waypoint.match, DEMO.read_text().splitlines()) if m]
+    T = np.array([float(m[1]) for m in found])
+    Q = np.array([[float(x) for x in m[2].split()] for m in found])
+    table = np.loadtxt(DEMO, delimiter=",", skiprows=len(found) + 3)
+    t = table[:, 0]
+    np.testing.assert_allclose(t, np.arange(len(t)) / 125, atol=1e-12)
+    k = np.clip(np.searchsorted(T, t, side="right") - 1, 0, len(T) - 2)
+    u = ((t - T[k]) / (T[k + 1] - T[k]))[:, None]
+    np.testing.assert_allclose(table[:, 1:], Q[k] + (Q[k + 1] - Q[k]) * (10 * u**3 - 15 * u**4 + 6 * u**5), atol=1e-10)
+
+
+# ── memory ──
+
+TEN_MILLION = """
+import resource, sys
+from click.testing import CliRunner
+from twistwrench.cli import main
+result = CliRunner().invoke(main, ["torques", "panda", "--trajectory", sys.argv[1]])
+print(result.output)
+print("code", result.exit_code, "MiB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+@pytest.mark.slow
+def test_ten_million_rows_go_through_under_a_gibibyte(tmp_path):
+    t = np.arange(10000)
+    q = 0.5 * np.sin(np.outer(t, np.arange(1, 8)) * 2 * np.pi / 10000) + [0, 0, 0, -1.5, 0, 1.8, 0]
+    tails = [
+        f"{k % 1000:03d}," + ",".join(f"{x:.6f}" for x in row) + "\n" for k, row in zip(t, q.tolist(), strict=True)
+    ]
+    path = tmp_path / "long.csv"
+    with path.open("w") as file:
+        file.write("time," + ",".join(robots.panda().joint_names) + "\n")
+        for block in range(1000):
+            file.write("".join(f"{block * 10 + k // 1000}.{tail}" for k, tail in enumerate(tails)))
+    done = subprocess.run([sys.executable, "-c", TEN_MILLION, path], capture_output=True, text=True, check=True)
+    assert "10,000,000 rows" in done.stdout
+    code, memory = re.search(r"code (\d) MiB (\S+)", done.stdout).groups()
+    assert code in "01"
+    assert float(memory) < 1024
