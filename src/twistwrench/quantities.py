@@ -37,7 +37,9 @@ class Quantity:
 
     def shapes(self, model: Model) -> list[tuple[str, tuple[int, ...]]]:
         """Names and shapes of the inputs for one robot."""
-        return [(name, (model.nq,) if name == "q" else (6,) if name == "wrench" else (model.nv,)) for name in self.inputs]
+        return [
+            (name, (model.nq,) if name == "q" else (6,) if name == "wrench" else (model.nv,)) for name in self.inputs
+        ]
 
 
 def _quantity(algorithm: Callable[..., Any], inputs: str, output: str, *options: str) -> Quantity:

@@ -166,11 +166,15 @@ class Robot:
             body = by_name[name]
             given = np.atleast_1d(np.asarray(value, float))
             if given.shape != (body.joint.nq,):
-                raise ShapeError(f"joint {name!r} ({body.joint.kind}) takes {body.joint.nq} numbers, got shape {given.shape}.")
+                raise ShapeError(
+                    f"joint {name!r} ({body.joint.kind}) takes {body.joint.nq} numbers, got shape {given.shape}."
+                )
             q[body.q_index : body.q_index + body.joint.nq] = given
         return q
 
-    def random_configuration(self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()) -> Array:
+    def random_configuration(
+        self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()
+    ) -> Array:
         """Random q inside the limits; unbounded joints within ±π or ±1 m; (*size, nq)."""
         rng = np.random.default_rng(rng)
         shape = (size,) if isinstance(size, int) else tuple(size)
@@ -179,8 +183,12 @@ class Robot:
             joint, v = body.joint, body.v_index
             turning = np.any(joint.axes[:, :3] != 0, axis=1)
             reach = np.where(turning, np.pi, 1.0)
-            lower = np.where(np.isfinite(self.limits.lower[v : v + joint.nv]), self.limits.lower[v : v + joint.nv], -reach)
-            upper = np.where(np.isfinite(self.limits.upper[v : v + joint.nv]), self.limits.upper[v : v + joint.nv], reach)
+            lower = np.where(
+                np.isfinite(self.limits.lower[v : v + joint.nv]), self.limits.lower[v : v + joint.nv], -reach
+            )
+            upper = np.where(
+                np.isfinite(self.limits.upper[v : v + joint.nv]), self.limits.upper[v : v + joint.nv], reach
+            )
             if joint.kind == "floating":
                 quat = rng.standard_normal((*shape, 4))
                 parts += [quat / np.linalg.norm(quat, axis=-1, keepdims=True), rng.uniform(-1.0, 1.0, (*shape, 3))]
@@ -259,7 +267,7 @@ class Robot:
             program = quantities.program_of(self.model, name, full)
             doc = f"{name} of {self.name}, compiled. Inputs: {', '.join(p.name for p in program.inputs)}."
             kernel = self._kernels[key] = _make_kernel(program, name, doc)
-        return kernel  # type: ignore[no-any-return]
+        return kernel
 
     def program(self, name: str, **options: Any) -> Program:
         """The straight-line program behind a kernel, for counting its operations."""
@@ -342,11 +350,11 @@ class Robot:
 
     def forward_kinematics(self, q: ArrayLike, frame: str | None = None) -> Array:
         """T_s,frame, pose of a frame in the base frame; (nq) → (4, 4)."""
-        return self._call("forward_kinematics", q, frame=frame)  # type: ignore[no-any-return]
+        return self._call("forward_kinematics", q, frame=frame)
 
     def link_poses(self, q: ArrayLike) -> Array:
         """T_s,link of all of :attr:`link_names` at once; (nq) → (nlinks, 4, 4)."""
-        return self._call("link_poses", q)  # type: ignore[no-any-return]
+        return self._call("link_poses", q)
 
     def jacobian(self, q: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
         """J with V = J dq; (nq) → (6, nv), angular rows first. MR eq. 5.11, 5.18.
@@ -354,21 +362,21 @@ class Robot:
         ``kind``: ``"body"``, the twist in the frame itself; ``"space"``, at the base origin; ``"world_aligned"``, at the
         frame's origin with the base's axes.
         """
-        return self._call("jacobian", q, frame=frame, kind=kind)  # type: ignore[no-any-return]
+        return self._call("jacobian", q, frame=frame, kind=kind)
 
     def jacobian_rate(self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
         """d/dt of :meth:`jacobian`; (nq), (nv) → (6, nv)."""
-        return self._call("jacobian_rate", q, dq, frame=frame, kind=kind)  # type: ignore[no-any-return]
+        return self._call("jacobian_rate", q, dq, frame=frame, kind=kind)
 
     def frame_velocity(self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
         """Twist (omega, v) of a frame; (nq), (nv) → (6)."""
-        return self._call("frame_velocity", q, dq, frame=frame, kind=kind)  # type: ignore[no-any-return]
+        return self._call("frame_velocity", q, dq, frame=frame, kind=kind)
 
     def frame_acceleration(
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str | None = None, kind: str = "body"
     ) -> Array:
         """d/dt of :meth:`frame_velocity`, gravity not included; (nq), (nv), (nv) → (6)."""
-        return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind)  # type: ignore[no-any-return]
+        return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind)
 
     # ── dynamics ──
 
@@ -395,9 +403,9 @@ class Robot:
         """
         if wrench_by_robot is None and wrench_on_robot is None and not friction:
             try:
-                return self._plain["inverse_dynamics"](q, dq, ddq)  # type: ignore[no-any-return]
+                return self._plain["inverse_dynamics"](q, dq, ddq)
             except (KeyError, TypeError, ValueError):
-                return self._call("inverse_dynamics", q, dq, ddq)  # type: ignore[no-any-return]
+                return self._call("inverse_dynamics", q, dq, ddq)
         tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot)
         return tau + self.friction_forces(dq) if friction else tau
 
@@ -421,19 +429,19 @@ class Robot:
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """M, symmetric and full; (nq) → (nv, nv). MR eq. 8.57."""
-        return self._call("mass_matrix", q)  # type: ignore[no-any-return]
+        return self._call("mass_matrix", q)
 
     def bias_forces(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """h = c + g, what remains of τ at q̈ = 0; (nq), (nv) → (nv)."""
-        return self._call("bias_forces", q, dq)  # type: ignore[no-any-return]
+        return self._call("bias_forces", q, dq)
 
     def coriolis_forces(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """c, the velocity-product terms; (nq), (nv) → (nv)."""
-        return self._call("coriolis_forces", q, dq)  # type: ignore[no-any-return]
+        return self._call("coriolis_forces", q, dq)
 
     def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """C with C dq = c and dM/dt - 2C skew; (nq), (nv) → (nv, nv). The Christoffel one on one-degree joints."""
-        return self._call("coriolis_matrix", q, dq)  # type: ignore[no-any-return]
+        return self._call("coriolis_matrix", q, dq)
 
     def christoffel(self, q: ArrayLike) -> Array:
         """Γ_ijk, Christoffel symbols of the first kind; (nq) → (nv, nv, nv). MR eq. 8.12.
@@ -446,21 +454,21 @@ class Robot:
                     f"Christoffel symbols need coordinates whose rates are the velocities; joint {body.joint.name!r} is "
                     f"{body.joint.kind}. coriolis_matrix works on every robot."
                 )
-        return self._call("christoffel", q)  # type: ignore[no-any-return]
+        return self._call("christoffel", q)
 
     def gravity_forces(self, q: ArrayLike) -> Array:
         """g, the torques that hold the robot against gravity; (nq) → (nv)."""
-        return self._call("gravity_forces", q)  # type: ignore[no-any-return]
+        return self._call("gravity_forces", q)
 
     def friction_forces(self, dq: ArrayLike) -> Array:
         """The torques that overcome joint friction, viscous and Coulomb; (nv) → (nv)."""
-        return self._call("friction_forces", dq)  # type: ignore[no-any-return]
+        return self._call("friction_forces", dq)
 
     # ── statics ──
 
     def wrench_torques(self, q: ArrayLike, wrench_by_robot: ArrayLike, frame: str | None = None) -> Array:
         """J_b' F alone, for a wrench the robot applies at the frame; (nq), (6) → (nv). MR eq. 5.26."""
-        return self._call("wrench_torques", q, wrench_by_robot, frame=frame)  # type: ignore[no-any-return]
+        return self._call("wrench_torques", q, wrench_by_robot, frame=frame)
 
     def holding_torques(
         self, q: ArrayLike, *, wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None
@@ -480,9 +488,7 @@ class Robot:
         """The wrench each moving body receives across its joint, in its own frame; → (nbodies, 6)."""
         return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot)
 
-    def _with_wrenches(
-        self, name: str, arrays: tuple[ArrayLike, ...], by: Wrenches | None, on: Wrenches | None
-    ) -> Any:
+    def _with_wrenches(self, name: str, arrays: tuple[ArrayLike, ...], by: Wrenches | None, on: Wrenches | None) -> Any:
         """Call a kernel that takes the wrenches applied by the robot as further inputs."""
         total = {frame: np.asarray(F) for frame, F in (by or {}).items()}
         for frame, F in (on or {}).items():
@@ -508,15 +514,15 @@ class Robot:
         """
         if frame not in ("base", "com"):
             raise UnknownNameError.of("momentum frame", frame, ("base", "com"))
-        return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq)  # type: ignore[no-any-return]
+        return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq)
 
     def center_of_mass(self, q: ArrayLike) -> Array:
         """Of the moving bodies, in the base frame; (nq) → (3), m."""
-        return self._call("center_of_mass", q)  # type: ignore[no-any-return]
+        return self._call("center_of_mass", q)
 
     def com_jacobian(self, q: ArrayLike) -> Array:
         """J with d(center_of_mass)/dt = J dq; (nq) → (3, nv)."""
-        return self._call("com_jacobian", q)  # type: ignore[no-any-return]
+        return self._call("com_jacobian", q)
 
 
 LARGEST_COMPILED = 120_000

@@ -29,7 +29,8 @@ __all__ = [
 
 def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
     """V_i, the twist of each body in its own frame; (6,) each. MR eq. 8.51."""
-    V, Adq = [], spread(model, dq)
+    Adq = spread(model, dq)
+    V: list[Array] = []
     for i, p in outward(model):
         V.append(Adq[i] if p == BASE else Ad(se3.inverse(T[i])) @ V[p] + Adq[i])
     return V

@@ -16,7 +16,17 @@ from ..model.model import BASE, Model
 
 Array = NDArray[Any]
 
-__all__ = ["ancestors", "base_poses", "collect", "inward", "joint_coordinates", "joint_poses", "outward", "spread", "zeros"]
+__all__ = [
+    "ancestors",
+    "base_poses",
+    "collect",
+    "inward",
+    "joint_coordinates",
+    "joint_poses",
+    "outward",
+    "spread",
+    "zeros",
+]
 
 
 def outward(model: Model) -> Iterator[tuple[int, int]]:

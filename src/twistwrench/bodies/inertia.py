@@ -40,7 +40,9 @@ class SpatialInertia:
         if pi.dtype != object:
             pi = pi.astype(float)
         if pi.shape != (10,):
-            raise ShapeError(f"inertial parameters have shape {pi.shape}, expected (10,): m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.")
+            raise ShapeError(
+                f"inertial parameters have shape {pi.shape}, expected (10,): m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."
+            )
         pi.setflags(write=False)
         return cls(pi)
 
@@ -157,7 +159,9 @@ class SpatialInertia:
         """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w)."""
         V = np.asarray(V)
         w, v, h = V[..., :3], V[..., 3:], self.first_moment
-        return np.concatenate([w @ self.moment_about_origin + so3.cross(h, v), self.mass * v - so3.cross(h, w)], axis=-1)
+        return np.concatenate(
+            [w @ self.moment_about_origin + so3.cross(h, v), self.mass * v - so3.cross(h, w)], axis=-1
+        )
 
     def __add__(self, other: SpatialInertia) -> SpatialInertia:
         return SpatialInertia.from_parameters(self.parameters + other.parameters)
@@ -184,9 +188,9 @@ class SpatialInertia:
         A, B, C = (float(x) for x in self.principal()[0])
         slack = 1e-6 * abs(A + B + C) + 1e-12
         found = []
-        if A < -slack:
+        if -slack > A:
             found.append(f"negative principal moment {A:.6g} kg m² (moments {A:.6g}, {B:.6g}, {C:.6g})")
-        if C > A + B + slack:
+        if A + B + slack < C:
             found.append(
                 f"triangle inequality: the largest principal moment {C:.6g} kg m² exceeds the sum of the others, "
                 f"{A:.6g} + {B:.6g}, by {C - A - B:.3g}"

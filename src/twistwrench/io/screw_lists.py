@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,7 @@ from ..errors import ModelError, ShapeError
 from ..lie import se3
 from ..lie.adjoint import Ad
 from ..model.builder import ModelBuilder
-from ..model.model import BASE, Model
+from ..model.model import Model
 
 Array = NDArray[Any]
 
@@ -60,7 +61,7 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
         inertias.append(body.inertia.in_frame(se3.inverse(moved)).matrix)
     M = home @ end.pose
     chain = [np.eye(4), *frames, M]
-    steps = [se3.inverse(a) @ b for a, b in zip(chain[:-1], chain[1:], strict=True)]
+    steps = [se3.inverse(a) @ b for a, b in itertools.pairwise(chain)]
     Slist = np.array(screws).T
     return ScrewLists(M, Slist, (Ad(se3.inverse(M)) @ Slist.T).T, np.array(steps), np.array(inertias))
 
@@ -131,7 +132,7 @@ def _check_unit(S: Array, i: int, joint: str) -> None:
     length, part = (w, "turning part") if w > 0 else (v, "sliding part")
     if abs(length - 1.0) > 1e-6:
         raise ModelError(
-            f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {length:.6g}, not 1. Divide the screw by it, "
+            f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {length:.6g}, not 1. Divide it by that, "
             "or pass non_unit_screws=True to keep it, knowing that its coordinate is then no angle in radians."
         )
 

@@ -62,10 +62,12 @@ class _Owner:
         self.lock = threading.Lock()
         self.stand_in = _LOOP(self._single)
         # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
-        self.functions = (ctypes.c_void_p * 2)(ctypes.cast(self.stand_in, ctypes.c_void_p).value, self.code["d"].address)
+        self.functions = (ctypes.c_void_p * 2)(
+            ctypes.cast(self.stand_in, ctypes.c_void_p).value, self.code["d"].address
+        )
         self.data = (ctypes.c_void_p * 2)()
         letters = [np.dtype(p.char).num for p in (SINGLE, DOUBLE) for _ in range(operands)]
-        self.types = (ctypes.c_char * len(letters))(*letters)
+        self.types = (ctypes.c_byte * len(letters))(*letters)
         self.name, self.doc = ctypes.create_string_buffer(name.encode()), ctypes.create_string_buffer(doc.encode())
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> None:
@@ -102,13 +104,12 @@ _FOREVER: list[_Owner] = []
 
 
 def _constructor() -> Any:
-    from numpy._core import _multiarray_umath
+    from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
     get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
     get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
     table = ctypes.cast(get_pointer(_multiarray_umath._UFUNC_API, None), ctypes.POINTER(ctypes.c_void_p))
-    pointer, integer = ctypes.c_void_p, ctypes.c_int
-    prototype = ctypes.PYFUNCTYPE(
-        ctypes.py_object, pointer, pointer, pointer, integer, integer, integer, integer, pointer, pointer, integer, ctypes.c_char_p
-    )  # fmt: skip
+    pointers, integers = [ctypes.c_void_p] * 3, [ctypes.c_int] * 4
+    texts = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]
+    prototype = ctypes.PYFUNCTYPE(ctypes.py_object, *pointers, *integers, *texts)
     return prototype(table[_FROM_FUNC_AND_DATA_AND_SIGNATURE])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import series, so3
+from . import so3
 from .adjoint import Ad, ad
 
 Array = NDArray[Any]

@@ -30,7 +30,9 @@ def _switched(theta: Array, switch: float, coefficients: tuple[float, ...], clos
     theta = np.asarray(theta, float)
     small = theta < switch
     safe = np.where(small, 1.0, theta)
-    return np.where(small, np.polynomial.polynomial.polyval(np.where(small, theta, 0.0) ** 2, coefficients), closed(safe))
+    return np.where(
+        small, np.polynomial.polynomial.polyval(np.where(small, theta, 0.0) ** 2, coefficients), closed(safe)
+    )
 
 
 # sum (-1)^k x^k / (2k+3)!; at theta = 1 the 9th term left out is 1/21! = 2e-20.

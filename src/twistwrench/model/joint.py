@@ -97,7 +97,7 @@ class Joint:
             quat0 = _unit(q0[..., :4]) * np.array([1.0, -1, -1, -1])
             w = quaternion.log(quaternion.multiply(quat0, _unit(q1[..., :4])))
             R0t = np.swapaxes(quaternion.rotation(q0[..., :4]), -1, -2)
-            p = (R0t @ (q1[..., 4:] - q0[..., 4:])[..., None])
+            p = R0t @ (q1[..., 4:] - q0[..., 4:])[..., None]
             return np.concatenate([w, (so3.left_jacobian_inverse(w) @ p)[..., 0]], axis=-1)
         if self.kind == "planar":
             c, s = np.cos(q0[..., 2]), np.sin(q0[..., 2])

@@ -62,6 +62,8 @@ def _unfelt(joint: Joint, G: SpatialInertia) -> SpatialInertia | None:
 def _cleaned(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
     """Differences that are round-off of what they came from are zero."""
     p = G.parameters.copy()
-    scale = np.repeat([abs(before.mass), np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()], [1, 3, 6])
+    scale = np.repeat(
+        [abs(before.mass), np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()], [1, 3, 6]
+    )
     p[np.abs(p) <= 4e-16 * scale] = 0.0
     return SpatialInertia.from_parameters(p)

@@ -82,5 +82,7 @@ class Program:
     @property
     def signature(self) -> str:
         """The gufunc signature with the program's own sizes, as in ``(7),(7)->(7,7)``."""
-        ins, outs = (",".join("(" + ",".join(map(str, p.shape)) + ")" for p in ports) for ports in (self.inputs, self.outputs))
+        ins, outs = (
+            ",".join("(" + ",".join(map(str, p.shape)) + ")" for p in ports) for ports in (self.inputs, self.outputs)
+        )
         return f"{ins}->{outs}"

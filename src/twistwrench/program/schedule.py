@@ -65,9 +65,7 @@ def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[
     return fused
 
 
-def _emit(
-    nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]
-) -> tuple[list[Instruction], dict[int, int]]:
+def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tuple[list[Instruction], dict[int, int]]:
     swallowed = {product.index for _, product, _ in fused.values()}
     instructions: list[Instruction] = []
     numbers: dict[int, int] = {}

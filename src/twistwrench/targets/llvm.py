@@ -40,7 +40,7 @@ def assembly(program: Program, precision: Precision, machine: Machine) -> str:
         [
             _declarations(w),
             wrapper(precision, lanes),
-            f"define internal void @block({arguments}) noinline \"stackrealign\" {{\nentry:\n{body}\n  ret void\n}}\n",
+            f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
             loop(LOOP, program, precision, lanes),
         ]
     )
@@ -48,7 +48,9 @@ def assembly(program: Program, precision: Precision, machine: Machine) -> str:
 
 def _declarations(w: Writer) -> str:
     v, e, bits = w.vector, w.element, w.precision.bits
-    lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in (("fma", 3), ("sqrt", 1), ("fabs", 1))]
+    lines = [
+        f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in (("fma", 3), ("sqrt", 1), ("fabs", 1))
+    ]
     lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
     return "\n".join([*lines, "declare double @atan2(double, double)", ""])
 
@@ -68,8 +70,12 @@ class _Emitter:
                 self.loaders.append(RowLoader(w, f"%a{k}", port.size))
             else:
                 self.storers.append(RowStorer(w, f"%a{k}", port.size))
-        self._inputs = [(loader, c) for loader, port in zip(self.loaders, program.inputs, strict=True) for c in range(port.size)]
-        self._outputs = [(s, c) for s, port in zip(self.storers, program.outputs, strict=True) for c in range(port.size)]
+        self._inputs = [
+            (loader, c) for loader, port in zip(self.loaders, program.inputs, strict=True) for c in range(port.size)
+        ]
+        self._outputs = [
+            (s, c) for s, port in zip(self.storers, program.outputs, strict=True) for c in range(port.size)
+        ]
 
     def input(self, number: int) -> str:
         loader, column = self._inputs[number]

@@ -46,9 +46,7 @@ def _body(w: Writer, ports: list[Port], inputs: int) -> None:
         ]
         following += 8 * len(port.shape)
         step.append((outer, inner))
-    buffers = [
-        w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports
-    ]
+    buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
     direct = [_is_direct(w, port, *step[k], size) for k, port in enumerate(ports)]
     every = direct[0]
     for flag in direct[1:]:
@@ -91,7 +89,9 @@ def _call(w: Writer, pointers: list[str]) -> None:
     w.do(f"call void @block({', '.join(f'ptr {p}' for p in pointers)})")
 
 
-def _call_copy(w: Writer, which: str, buffer: str, place: str, count: str, port: Port, step: tuple[str, list[str]]) -> None:
+def _call_copy(
+    w: Writer, which: str, buffer: str, place: str, count: str, port: Port, step: tuple[str, list[str]]
+) -> None:
     outer, inner = step
     lengths = [1] * (RANK - len(port.shape)) + list(port.shape)
     strides = ["0"] * (RANK - len(port.shape)) + inner
@@ -111,19 +111,17 @@ def _copy(name: str, precision: Precision, lanes: int, *, inward: bool) -> str:
         source_row = w.new(f"select i1 {beyond}, i64 {last}, i64 {row}")
         place = w.at("%place", w.new(f"mul i64 {source_row}, %outer"))
         packed = w.at("%buffer", w.new(f"mul i64 {w.new(f'mul i64 {row}, {per_sample}')}, {precision.bytes}"))
-        with w.loop("%n0", w.after) as i:
-            with w.loop("%n1", w.after) as j:
-                with w.loop("%n2", w.after) as k:
-                    number = w.new(f"add i64 {w.new(f'mul i64 {i}, %n1')}, {j}")
-                    number = w.new(f"add i64 {w.new(f'mul i64 {number}, %n2')}, {k}")
-                    near = w.at(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
-                    offset = w.new(f"mul i64 {i}, %s0")
-                    offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {j}, %s1')}")
-                    offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {k}, %s2')}")
-                    far = w.at(place, offset)
-                    here, there = (far, near) if inward else (near, far)
-                    value = w.new(f"load {word}, ptr {here}, align {precision.bytes}")
-                    w.do(f"store {word} {value}, ptr {there}, align {precision.bytes}")
+        with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j, w.loop("%n2", w.after) as k:
+            number = w.new(f"add i64 {w.new(f'mul i64 {i}, %n1')}, {j}")
+            number = w.new(f"add i64 {w.new(f'mul i64 {number}, %n2')}, {k}")
+            near = w.at(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
+            offset = w.new(f"mul i64 {i}, %s0")
+            offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {j}, %s1')}")
+            offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {k}, %s2')}")
+            far = w.at(place, offset)
+            here, there = (far, near) if inward else (near, far)
+            value = w.new(f"load {word}, ptr {here}, align {precision.bytes}")
+            w.do(f"store {word} {value}, ptr {there}, align {precision.bytes}")
     arguments = "ptr %buffer, ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
     body = "\n".join(w.lines)
     return f"define internal void @{name}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"

@@ -57,10 +57,14 @@ class NumpyKernel:
             raise TypeError(f"{self.__name__} takes {self.nin} arrays, got {len(args)}.")
         for number, (a, port) in enumerate(zip(arrays, self.program.inputs, strict=True)):
             if a.ndim < len(port.shape) or a.shape[a.ndim - len(port.shape) :] != port.shape:
-                raise ValueError(f"{self.__name__}: operand {number} has shape {a.shape}, core shape {port.shape} wanted.")
+                raise ValueError(
+                    f"{self.__name__}: operand {number} has shape {a.shape}, core shape {port.shape} wanted."
+                )
         single = all(a.dtype == np.float32 for a in arrays)
         dtype: Any = np.float32 if single else np.float64
-        batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, self.program.inputs, strict=True)))
+        batch = np.broadcast_shapes(
+            *(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, self.program.inputs, strict=True))
+        )
         samples = int(np.prod(batch))
         rows = [
             np.broadcast_to(a, (*batch, *p.shape)).reshape(samples, p.size).astype(dtype, copy=False)

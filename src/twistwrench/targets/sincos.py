@@ -105,9 +105,7 @@ def wrap(w: Writer, angles: list[str], block: str) -> tuple[list[str], str]:
     wrapped = [w.new(f"call {w.vector} @{_wrapper_name(w)}({w.vector} {x})") for x in angles]
     w.do(f"br label %{near}")
     w.begin(near)
-    merged = [
-        w.new(f"phi {w.vector} [{x}, %{block}], [{y}, %{far}]") for x, y in zip(angles, wrapped, strict=True)
-    ]
+    merged = [w.new(f"phi {w.vector} [{x}, %{block}], [{y}, %{far}]") for x, y in zip(angles, wrapped, strict=True)]
     return merged, near
 
 
@@ -133,4 +131,5 @@ def wrapper(precision: Precision, lanes: int) -> str:
         value = w.new(f"select i1 {over}, {w.element} {angle}, {w.element} {x}")
         result = w.new(f"insertelement {w.vector} {result}, {w.element} {value}, i32 {lane}")
     body = "\n".join(w.lines)
-    return f"define internal {w.vector} @{_wrapper_name(w)}({w.vector} %x) noinline cold {{\n{body}\n  ret {w.vector} {result}\n}}\n"
+    head = f"define internal {w.vector} @{_wrapper_name(w)}({w.vector} %x) noinline cold"
+    return f"{head} {{\n{body}\n  ret {w.vector} {result}\n}}\n"
