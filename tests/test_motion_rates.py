@@ -210,7 +210,7 @@ def test_planar_rates_follow_the_joint():
 
     joint = Joint("slide", "planar", planar_axes(np.array([0.0, 0.0, 1.0])))
     none = np.full(3, np.inf)
-    body = Body(joint, -1, np.eye(4), SpatialInertia.zero(), 0, 0)
+    body = Body(joint, "link", -1, np.eye(4), SpatialInertia.zero(), 0, 0)
     zero = np.zeros(3)
     model = Model("p", (body,), {}, Limits(-none, none, none, none), zero, zero, zero, SpatialInertia.zero(), None)
     h, V, dV = 1e-4, np.array([0.7, -0.4, 1.1]), np.array([0.3, 0.9, -0.5])

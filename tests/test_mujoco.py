@@ -1,4 +1,4 @@
-"""Robot files against MuJoCo, an engine of another school: energies off the beaten path, world axes, global frames.
+"""Robot files against MuJoCo, an engine of another school, in world axes about the centre of mass.
 
 MuJoCo keeps each body's inertia as principal moments and a quaternion, found by an eigenvalue iteration; what it keeps
 agrees with the file to 1e-9 or the robot is not compared (`twistwrench.peers`), because MuJoCo bounds and changes bodies

@@ -179,7 +179,7 @@ BAD = {
     ),
     "an entity bomb": (BOMB, RobotFileError, ["entities", "refused", "DOCTYPE"]),
     "an external entity": (OUTSIDE, RobotFileError, ["entities", "refused", "DOCTYPE"]),
-    "an external DTD": (DTD, RobotFileError, ["other documents", "refused", "DOCTYPE"]),
+    "an external DTD": (DTD, RobotFileError, ["another document", "refused", "DOCTYPE"]),
     "a xacro element": (
         robot('<xacro:arm prefix="left"/>', BASE),
         RobotFileError,

@@ -11,6 +11,7 @@ import numpy as np
 from .bodies.inertia import SpatialInertia
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
 from .io import load_model
+from .io.element import parse
 from .io.source import read_robot_text
 from .lie import quaternion
 from .model.assembly import ROOT_JOINT
@@ -81,9 +82,9 @@ def _for_mujoco(path: Path, *, floating: bool) -> str:
     """The file's text for MuJoCo: without shapes, fixed links fused, the root on a free joint if wanted."""
     from xml.etree import ElementTree as Tree
 
-    from defusedxml.ElementTree import fromstring
-
-    root = fromstring(read_robot_text(path)[0].lstrip("\ufeff \t\r\n"))
+    text = read_robot_text(path)[0].lstrip("\ufeff \t\r\n")
+    parse(text)  # refuses what is not safe to read: entities
+    root = Tree.fromstring(text)
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)

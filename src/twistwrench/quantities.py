@@ -16,12 +16,12 @@ from .algorithms import (
     jacobians,
     mass_matrix,
 )
-from .errors import KernelError, UnknownNameError
+from .errors import KernelError, UnknownNameError, ValueRangeError
 from .model.model import Model
 from .model.regroup import regrouped
 from .program.program import Program
 
-__all__ = ["QUANTITIES", "Quantity", "program_of"]
+__all__ = ["QUANTITIES", "Quantity", "checked_options", "program_of"]
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,8 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     for option in options:
         if option not in allowed:
             raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed) or 'none'}.")
+    if name == "christoffel":
+        _require_plain_rates(model)
     full: dict[str, Any] = {}
     if "frame" in allowed:
         frame = options.get("frame")
@@ -95,10 +97,20 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         if full["kind"] not in jacobians.KINDS:
             raise UnknownNameError.of("kind", full["kind"], jacobians.KINDS)
     if "wrenches" in allowed:
-        full["wrenches"] = tuple(options.get("wrenches", ()))
+        frames = options.get("wrenches", ())
+        full["wrenches"] = (frames,) if isinstance(frames, str) else tuple(frames)
         for frame in full["wrenches"]:
             model.frame(frame)
     return full
+
+
+def _require_plain_rates(model: Model) -> None:
+    for body in model.bodies:
+        if body.joint.kind in ("planar", "floating"):
+            raise ValueRangeError(
+                f"Christoffel symbols need coordinates whose rates are the velocities; joint {body.joint.name!r} is "
+                f"{body.joint.kind}. coriolis_matrix works on every robot."
+            )
 
 
 def program_of(model: Model, name: str, options: Mapping[str, Any]) -> Program:

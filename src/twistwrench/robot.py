@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import quantities
 from .bodies.inertia import SpatialInertia
-from .errors import ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
+from .errors import ShapeError, SingularMassMatrixError, UnknownNameError
 from .model import edit
 from .model.model import Limits, Model
 from .program.program import Program
@@ -63,7 +63,7 @@ class Robot:
     def __init__(self, model: Model) -> None:
         self.model = model
         self._kernels: dict[Any, Any] = {}
-        self._plain: dict[str, Any] = {}
+        self._called: dict[Any, Any] = {}
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}>"
@@ -279,20 +279,21 @@ class Robot:
         quantity, rest = quantities.QUANTITIES[name], dict(full)
         symbols = [np.asarray(a, float).astype(object) for a in arrays]
         usual = len(quantity.inputs)
+        shapes = quantity.shapes(self.model) + [("wrench", (6,))] * (len(symbols) - usual)
+        for (label, shape), array in zip(shapes, symbols, strict=True):
+            if array.shape != shape:
+                raise ShapeError(f"reference {name}: {label} has shape {array.shape}, one state has {shape}.")
         if frames := rest.pop("wrenches", ()):
             rest["wrenches"] = dict(zip(frames, symbols[usual:], strict=True))
         return np.asarray(quantity.algorithm(self.model, *symbols[:usual], **rest), float)
 
-    def _compile(self, name: str) -> Any:
-        """The kernel with default options, remembered where the methods look first."""
-        kernel = self._plain[name] = self.kernel(name)
-        return kernel
-
     def _call(self, name: str, *arrays: ArrayLike, **options: Any) -> Any:
-        if options:
+        key = (name, *options.values()) if options else name
+        try:
+            kernel = self._called[key]
+        except (KeyError, TypeError):  # not yet, or an option nothing can be kept under: checked in kernel()
             kernel = self.kernel(name, **options)
-        else:
-            kernel = self._plain.get(name) or self._compile(name)
+            self._called[key] = kernel
         try:
             return kernel(*arrays)
         except (TypeError, ValueError) as problem:
@@ -305,9 +306,11 @@ class Robot:
         batches = []
         for (label, core), array in zip(wanted, arrays, strict=False):
             try:
-                a = np.asarray(array, float)
-            except (TypeError, ValueError):
-                return ShapeError(f"{name}: {label} is not an array of numbers: {str(array)[:60]!r}.")
+                a = np.asarray(array)
+            except ValueError:  # ragged
+                a = np.asarray(None)
+            if not np.can_cast(a.dtype, float):
+                return ShapeError(f"{name}: {label} is not an array of real numbers: {str(array)[:60]!r}.")
             if a.ndim < 1 or a.shape[-1:] != core:
                 names = self.coordinate_names if label == "q" else self.joint_names
                 which = f" (one per entry of {', '.join(names)})" if label != "wrench" and core[0] <= 12 else ""
@@ -403,7 +406,7 @@ class Robot:
         """
         if wrench_by_robot is None and wrench_on_robot is None and not friction:
             try:
-                return self._plain["inverse_dynamics"](q, dq, ddq)
+                return self._called["inverse_dynamics"](q, dq, ddq)
             except (KeyError, TypeError, ValueError):
                 return self._call("inverse_dynamics", q, dq, ddq)
         tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot)
@@ -424,7 +427,11 @@ class Robot:
         Raises SingularMassMatrixError where a joint moves nothing with inertia.
         """
         if friction:
-            tau = np.asarray(tau) - self.friction_forces(dq)
+            lost = self.friction_forces(dq)
+            try:
+                tau = np.asarray(tau) - lost
+            except (TypeError, ValueError) as problem:
+                raise self._explained(problem, "forward_dynamics", (q, dq, tau)) from None
         return self._with_wrenches("forward_dynamics", (q, dq, tau), wrench_by_robot, wrench_on_robot)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
@@ -448,12 +455,6 @@ class Robot:
 
         Raises ValueRangeError on robots with planar or floating joints, whose rates are not derivatives of coordinates.
         """
-        for body in self.model.bodies:
-            if body.joint.kind in ("planar", "floating"):
-                raise ValueRangeError(
-                    f"Christoffel symbols need coordinates whose rates are the velocities; joint {body.joint.name!r} is "
-                    f"{body.joint.kind}. coriolis_matrix works on every robot."
-                )
         return self._call("christoffel", q)
 
     def gravity_forces(self, q: ArrayLike) -> Array:
@@ -490,12 +491,22 @@ class Robot:
 
     def _with_wrenches(self, name: str, arrays: tuple[ArrayLike, ...], by: Wrenches | None, on: Wrenches | None) -> Any:
         """Call a kernel that takes the wrenches applied by the robot as further inputs."""
-        total = {frame: np.asarray(F) for frame, F in (by or {}).items()}
+        total = {frame: self._wrench(frame, F) for frame, F in (by or {}).items()}
         for frame, F in (on or {}).items():
-            total[frame] = total[frame] - np.asarray(F) if frame in total else -np.asarray(F)
+            total[frame] = total.get(frame, 0.0) - self._wrench(frame, F)
         if not total:
             return self._call(name, *arrays)
         return self._call(name, *arrays, *total.values(), wrenches=tuple(total))
+
+    def _wrench(self, frame: str, F: ArrayLike) -> Array:
+        self.model.frame(frame)
+        try:
+            array = np.asarray(F)
+        except ValueError:
+            array = np.asarray(None)
+        if not np.can_cast(array.dtype, float) or array.shape[-1:] != (6,):
+            raise ShapeError(f"the wrench at {frame!r} is {str(F)[:60]}, expected six numbers (m, f), moment first.")
+        return array
 
     # ── energies, momentum, centre of mass ──
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ class _Motion:
     dw: Array
     a: Array
 
-    @property
+    @cached_property
     def U(self) -> Array:
         W = so3.hat(self.w)
         return so3.hat(self.dw) + W @ W

@@ -5,10 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import StringIO
 from typing import Any
-from xml.sax import InputSource, SAXParseException
-from xml.sax.handler import ContentHandler
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,30 +109,48 @@ class Element:
         raise RobotFileError(f'{self} has {attribute}="{self.attributes[attribute].strip()}": {problem}.')
 
 
-class _TreeMaker(ContentHandler):
-    """Collects SAX events into a tree of elements; ``skipped`` lines were removed above what the parser sees."""
+class _Forbidden(Exception):
+    """A declaration a robot file has no need of; its text says which."""
+
+
+class _TreeMaker:
+    """Collects the parser's events into a tree of elements; ``skipped`` lines were removed above what the parser sees."""
 
     def __init__(self, skipped: int) -> None:
-        super().__init__()
+        from xml.parsers import expat
+
+        # Without namespaces: an undeclared prefix somewhere inside a plugin's settings is no reason to refuse a robot.
+        self.parser = expat.ParserCreate()
+        self.parser.buffer_text = True
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        # Entities are how XML exhausts memory and reads other files; expat fetches nothing unless told how.
+        self.parser.EntityDeclHandler = self._entity
+        self.parser.UnparsedEntityDeclHandler = self._entity
+        self.parser.StartDoctypeDeclHandler = self._doctype
         self.root: Element | None = None
+        self.skipped = skipped
         self._open: list[Element] = []
-        self._skipped = skipped
-        self._place: Any = None
 
-    def setDocumentLocator(self, locator: Any) -> None:
-        self._place = locator
-
-    def startElement(self, name: str, attrs: Any) -> None:
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
         parent = self._open[-1] if self._open else None
-        element = Element(name, dict(attrs.items()), self._place.getLineNumber() + self._skipped, parent)
+        element = Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent)
         if parent is None:
             self.root = element
         else:
             parent.children.append(element)
         self._open.append(element)
 
-    def endElement(self, _name: str) -> None:
+    def _end(self, _name: str) -> None:
         self._open.pop()
+
+    def _entity(self, name: str, *_: Any) -> None:
+        raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
+
+    def _doctype(self, _name: str, system: str | None, _public: str | None, _internal: bool) -> None:
+        if system is not None:
+            line = self.parser.CurrentLineNumber + self.skipped
+            raise _Forbidden(f"line {line}: it points to another document, {system!r}")
 
 
 def parse(text: str) -> Element:
@@ -144,9 +159,7 @@ def parse(text: str) -> Element:
     Entities, and whatever would be fetched from elsewhere, are refused: a robot file may come from anywhere.
     Raises :class:`~twistwrench.RobotFileError` with the line.
     """
-    # A robot's own reader needs no XML machinery until a file is read.
-    from defusedxml import DefusedXmlException
-    from defusedxml.expatreader import create_parser
+    from xml.parsers.expat import ExpatError
 
     body = text.lstrip(_BLANK)
     if not body:
@@ -156,23 +169,18 @@ def parse(text: str) -> Element:
             f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
         )
     maker = _TreeMaker(text[: len(text) - len(body)].count("\n"))
-    # Without namespaces: an undeclared prefix somewhere inside a plugin's settings is no reason to refuse a robot.
-    parser = create_parser(forbid_dtd=False, forbid_entities=True, forbid_external=True)
-    parser.setContentHandler(maker)
     try:
-        source = InputSource()
-        source.setCharacterStream(StringIO(body))
-        parser.parse(source)
-    except SAXParseException as error:
-        line = (error.getLineNumber() or 1) + maker._skipped
+        maker.parser.Parse(body, True)
+    except ExpatError as error:
+        what = str(error).partition(":")[0]
         raise RobotFileError(
-            f"line {line}, column {error.getColumnNumber()}: it is not well-formed XML: {error.getMessage()}. "
+            f"line {error.lineno + maker.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
             "Correct that line; every element that opens must close."
         ) from None
-    except DefusedXmlException as error:
+    except _Forbidden as problem:
         raise RobotFileError(
-            f"it declares entities or points to other documents ({type(error).__name__}), which is refused: expanding "
-            "them can exhaust memory or read other files. Write the text out and remove the <!DOCTYPE …>."
+            f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and remove "
+            "the <!DOCTYPE …>."
         ) from None
     if maker.root is None:
         raise RobotFileError("it has no elements. A robot file begins with <robot name=…>.")

@@ -15,7 +15,7 @@ from ..targets.llvm import LOOP, assembly
 from ..targets.machine import Machine, Precision, host
 from . import cache
 
-__all__ = ["Code", "compiled"]
+__all__ = ["LOCK", "Code", "compiled"]
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,9 @@ class _Jit:
         self.lock = threading.RLock()
         self._linker: Any = None
         self._numbers = itertools.count()
-        if hasattr(os, "register_at_fork"):  # a child must not inherit a lock some other thread of the parent held
-            os.register_at_fork(after_in_child=self._forked)
-
-    def _forked(self) -> None:
-        self.lock = threading.RLock()
+        if hasattr(os, "register_at_fork"):  # no fork while another thread compiles: the child would find LLVM locked
+            release = self.lock.release
+            os.register_at_fork(before=self.lock.acquire, after_in_parent=release, after_in_child=release)
 
     def target(self, machine: Machine) -> Any:
         import llvmlite.binding as llvm
@@ -63,6 +61,8 @@ class _Jit:
 
 
 _JIT = _Jit()
+LOCK = _JIT.lock
+"""Held while anything compiles."""
 
 
 def compiled(program: Program, precision: Precision) -> Code:

@@ -8,7 +8,6 @@ object that the ufunc itself keeps alive.
 from __future__ import annotations
 
 import ctypes
-import threading
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from ..errors import KernelError
 from ..program.program import Program
 from ..targets.machine import DOUBLE, SINGLE, Precision
-from .code import Code, compiled
+from .code import LOCK, Code, compiled
 
 __all__ = ["make_ufunc"]
 
@@ -59,7 +58,6 @@ class _Owner:
             raise KernelError(f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}.")
         self.program = program
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE)}
-        self.lock = threading.Lock()
         self.stand_in = _LOOP(self._single)
         # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
         self.functions = (ctypes.c_void_p * 2)(
@@ -75,7 +73,7 @@ class _Owner:
         _LOOP(self.address(SINGLE))(args, dims, steps, data)
 
     def address(self, precision: Precision) -> int:
-        with self.lock:
+        with LOCK:
             code = self.code.get(precision.char)
             if code is None:
                 code = self.code[precision.char] = compiled(self.program, precision)

@@ -64,6 +64,7 @@ def assemble(
         bodies.append(
             Body(
                 joint=entry.joint,
+                link=entry.child,
                 parent=index.get(entry.parent, BASE),
                 placement=snap_pose(entry.placement, snap),
                 inertia=links[entry.child].inertia,
@@ -88,8 +89,9 @@ def assemble(
         leaves=tree.leaves,
         link_inertias={link.name: link.inertia for link in links.values()},
         source=source,
+        snap=snap,
     )
-    return fuse(model, held, snap)
+    return fuse(model, held)
 
 
 def _root_entry(root: str) -> JointEntry:

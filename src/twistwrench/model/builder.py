@@ -162,7 +162,7 @@ class ModelBuilder:
             gravity=gravity_vector(gravity),
             source=self.source,
         )
-        model = _locked(model, lock or {}, snap=snap)
+        model = _locked(model, lock or {})
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *found))
         for text in model.defects:

@@ -15,7 +15,6 @@ from .fusing import fuse
 from .joint import Joint
 from .judgement import reasons
 from .model import BASE, Model
-from .snap import DEFAULT_SNAP
 from .tip import default_tip
 
 Array = NDArray[Any]
@@ -69,7 +68,7 @@ def gravity_vector(g: ArrayLike) -> Array:
     return vector
 
 
-def lock(model: Model, positions: Mapping[str, ArrayLike], *, snap: float = DEFAULT_SNAP) -> Model:
+def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
     """The model with some joints held at given positions: a number each, (x, y, theta) for planar, 7 for floating.
 
     The bodies they carried become part of their parents, and what mimics them is held too. Rotations are snapped as
@@ -91,7 +90,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike], *, snap: float = DEFA
         for i, body in enumerate(model.bodies):
             if body.v_index == moving[name].v_index:
                 held[i] = body.joint.pose(body.ratio * q + body.offset)
-    fused = fuse(model, held, snap)
+    fused = fuse(model, held)
     return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
 
 

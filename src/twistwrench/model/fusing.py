@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from .model import BASE, Body, Frame, Limits, Model
-from .snap import DEFAULT_SNAP, snap_pose
+from .snap import snap_pose
 
 Array = NDArray[Any]
 
 __all__ = ["fuse"]
 
 
-def fuse(model: Model, held: Mapping[int, Array], snap: float = DEFAULT_SNAP) -> Model:
+def fuse(model: Model, held: Mapping[int, Array]) -> Model:
     """The model with the joints of some bodies held rigid: ``held[i]`` is the pose T_joint,child (4, 4) of body i.
 
     Each such body's inertia is added to the body that carries it, its frames and children move over, and its
@@ -26,7 +26,8 @@ def fuse(model: Model, held: Mapping[int, Array], snap: float = DEFAULT_SNAP) ->
     """
     if not held:
         return model
-    carriers = _carriers(model, held, snap)
+    snap = model.snap
+    carriers = _carriers(model, held)
     inertias = [SpatialInertia.zero() for i in range(len(model.bodies)) if i not in held]
     base_inertia = model.base_inertia
     for (carrier, T), body in zip(carriers.values(), model.bodies, strict=True):
@@ -56,14 +57,14 @@ def fuse(model: Model, held: Mapping[int, Array], snap: float = DEFAULT_SNAP) ->
     return replace(model, bodies=bodies, frames=frames, base_inertia=base_inertia, **columns.kept(model))
 
 
-def _carriers(model: Model, held: Mapping[int, Array], snap: float) -> dict[int, tuple[int, Array]]:
+def _carriers(model: Model, held: Mapping[int, Array]) -> dict[int, tuple[int, Array]]:
     """For each body, the new index of the body that carries it, and its pose there."""
     carriers: dict[int, tuple[int, Array]] = {}
     count = 0
     for i, body in enumerate(model.bodies):
         if i in held:
             carrier, T = (BASE, np.eye(4)) if body.parent == BASE else carriers[body.parent]
-            carriers[i] = carrier, snap_pose(T @ snap_pose(body.placement @ held[i], snap), snap)
+            carriers[i] = carrier, snap_pose(T @ snap_pose(body.placement @ held[i], model.snap), model.snap)
         else:
             carriers[i] = count, np.eye(4)
             count += 1

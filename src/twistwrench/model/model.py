@@ -29,6 +29,8 @@ class Body:
     """
 
     joint: Joint
+    link: str
+    """The child link, whose frame is the body's frame; links fixed to it moved in with it."""
     parent: int
     placement: Array
     """(4, 4) T_parent,joint."""
@@ -87,6 +89,8 @@ class Model:
     link_inertias: dict[str, SpatialInertia] = field(default_factory=dict)
     """The inertia of each link by itself, in its own frame, for reports."""
     source: str = ""
+    snap: float = 0.0
+    """How near to 0 or ±1 an entry of a fixed rotation was to be to count as exactly that; edits keep to it."""
 
     @property
     def nq(self) -> int:

@@ -29,38 +29,43 @@ class Expr:
     def __repr__(self) -> str:
         return f"Expr(%{self.index} = {self.op})"
 
-    def _with(self, operation: str, other: Any, reverse: bool = False) -> Any:
-        if isinstance(other, np.ndarray):
-            mine = np.empty((), object)
-            mine[()] = self
-            ufunc = _UFUNCS[operation]
-            return ufunc(other.astype(object), mine) if reverse else ufunc(mine, other.astype(object))
-        trace = self.trace
-        other = trace.lift(other)
-        method = getattr(trace, operation)
-        return method(other, self) if reverse else method(self, other)
+    # Tracing a humanoid makes a hundred thousand of these calls, so each operator goes its shortest way.
 
     def __add__(self, other: Any) -> Any:
-        return self._with("add", other)
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.add, self, other)
+        return self.trace.add(self, other if type(other) is Expr else self.trace.lift(other))
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        return self._with("sub", other)
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.subtract, self, other)
+        return self.trace.sub(self, other if type(other) is Expr else self.trace.lift(other))
 
     def __rsub__(self, other: Any) -> Any:
-        return self._with("sub", other, reverse=True)
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.subtract, other, self)
+        return self.trace.sub(self.trace.lift(other), self)
 
     def __mul__(self, other: Any) -> Any:
-        return self._with("mul", other)
+        if type(other) is Expr:
+            return self.trace.mul(self, other)
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.multiply, self, other)
+        return self.trace.scale(float(other), self)
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
-        return self._with("div", other)
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.divide, self, other)
+        return self.trace.div(self, self.trace.lift(other))
 
     def __rtruediv__(self, other: Any) -> Any:
-        return self._with("div", other, reverse=True)
+        if isinstance(other, np.ndarray):
+            return _elementwise(np.divide, other, self)
+        return self.trace.div(self.trace.lift(other), self)
 
     def __neg__(self) -> Expr:
         return self.trace.neg(self)
@@ -89,4 +94,11 @@ class Expr:
         return self.trace.sign(self)
 
 
-_UFUNCS = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}
+def _elementwise(ufunc: np.ufunc, a: Any, b: Any) -> Any:
+    """A symbol with every element of an array; wrapped, for NumPy would hand a bare symbol back to its operators."""
+    wrapped = np.empty((), object)
+    if isinstance(a, Expr):
+        wrapped[()] = a
+        return ufunc(wrapped, b.astype(object))
+    wrapped[()] = b
+    return ufunc(a.astype(object), wrapped)

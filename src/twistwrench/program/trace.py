@@ -34,6 +34,8 @@ class Trace:
         key = (op, -1 if a is None else a.index, -1 if b is None else b.index, value)
         found = self._table.get(key)
         if found is None:
+            if (a is not None and a.trace is not self) or (b is not None and b.trace is not self):
+                raise ValueError("an expression of another trace was mixed in.")
             found = self._table[key] = Expr(self, op, a, b, value, len(self._table))
         return found
 
@@ -112,7 +114,7 @@ class Trace:
         if b.op == "const":
             a, b = b, a
         if a.op == "const":
-            return self._scale(a.value, b)
+            return self.scale(a.value, b)
         if a.op == "neg":
             return self.neg(self.mul(a.a, b))  # type: ignore[arg-type]
         if b.op == "neg":
@@ -121,25 +123,26 @@ class Trace:
             a, b = b, a
         return self._make("mul", a, b)
 
-    def _scale(self, factor: float, b: Expr) -> Expr:
+    def scale(self, factor: float, b: Expr) -> Expr:
+        """Fold and make a number times b."""
         if b.op == "const":
             return self.constant(factor * b.value)
         if factor == 0.0:
             return self.zero
         if factor < 0.0:
-            return self.neg(self._scale(-factor, b))
+            return self.neg(self.scale(-factor, b))
         if factor == 1.0:
             return b
         if b.op == "neg":
-            return self.neg(self._scale(factor, b.a))  # type: ignore[arg-type]
+            return self.neg(self.scale(factor, b.a))  # type: ignore[arg-type]
         if b.op == "mul" and b.a is not None and b.a.op == "const":
-            return self._scale(factor * b.a.value, b.b)  # type: ignore[arg-type]
+            return self.scale(factor * b.a.value, b.b)  # type: ignore[arg-type]
         return self._make("mul", self.constant(factor), b)
 
     def div(self, a: Expr, b: Expr) -> Expr:
         """Fold and make a / b; by a constant it is a product with the reciprocal."""
         if b.op == "const" and b.value != 0.0:
-            return self._scale(1.0 / b.value, a)
+            return self.scale(1.0 / b.value, a)
         if a is self.zero:
             return a
         if a.op == "neg":

@@ -46,10 +46,13 @@ def assembly(program: Program, precision: Precision, machine: Machine) -> str:
     )
 
 
+_INTRINSICS = (("fma", 3), ("sqrt", 1), ("fabs", 1), ("copysign", 2))
+
+
 def _declarations(w: Writer) -> str:
     v, e, bits = w.vector, w.element, w.precision.bits
     lines = [
-        f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in (("fma", 3), ("sqrt", 1), ("fabs", 1))
+        f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS)
     ]
     lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
     return "\n".join([*lines, "declare double @atan2(double, double)", ""])
@@ -162,8 +165,7 @@ def _operation(w: Writer, op: str, x: list[str]) -> str:
         return w.fma(w.negate(x[0]) if product < 0 else x[0], x[1], w.negate(x[2]) if addend < 0 else x[2])
     if op == "neg":
         return w.negate(x[0])
-    if op == "sign":  # the value itself where it is neither: 0 stays 0, NaN stays NaN
-        below = w.new(f"fcmp olt {w.vector} {x[0]}, {w.splat(0.0)}")
-        above = w.new(f"fcmp ogt {w.vector} {x[0]}, {w.splat(0.0)}")
-        return w.select(above, w.splat(1.0), w.select(below, w.splat(-1.0), x[0]))
+    if op == "sign":  # 0 stays 0 and NaN stays NaN; a comparison for equality raises no flags
+        neither = w.new(f"fcmp ueq {w.vector} {x[0]}, {w.splat(0.0)}")
+        return w.select(neither, x[0], w.intrinsic("copysign", w.splat(1.0), x[0]))
     return w.intrinsic(op, x[0])

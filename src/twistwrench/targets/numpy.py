@@ -74,7 +74,7 @@ class NumpyKernel:
         for start in range(0, samples, CHUNK):
             part = slice(start, start + CHUNK)
             self._evaluate([r[part].T for r in rows], [r[part].T for r in results])
-        shaped = [r.reshape(*batch, *p.shape) for r, p in zip(results, self.program.outputs, strict=True)]
+        shaped = [r.reshape((*batch, *p.shape)) for r, p in zip(results, self.program.outputs, strict=True)]
         if out is not None:
             for given, made in zip(out if isinstance(out, tuple) else (out,), shaped, strict=True):
                 given[...] = made

@@ -1,13 +1,15 @@
 """sin and cos in lanes: Cody–Waite reduction, minimax polynomials, and a correct path for huge angles.
 
 With a fused multiply–add, ``x - k π/2`` by the leading part of π/2 is exact as long as the result is below 1: both terms
-are multiples of the same small power of two. What is lost is only the tail of π/2 times k, far below one unit in the last
-place up to :func:`limit`; beyond it each lane is first brought into ±π with the C library's sin, cos and atan2, which
-reduce correctly. Error: within 1.5 units in the last place of a result near 1 (tests/test_sincos.py measures it).
+are multiples of the same small power of two. Two more parts leave an error below 1.5 units in the last place of the result
+up to :func:`limit`, near the zeros too. Beyond it each lane is first brought into ±π with the C library's sin, cos and
+atan2, which reduce correctly; the error is then 2.5 units of a result near 1 (tests/test_sincos.py measures all this).
 Polynomials: S. Moshier, Cephes Mathematical Library, 1984–1992.
 """
 
 from __future__ import annotations
+
+import struct
 
 from .machine import Precision
 from .writer import Writer
@@ -17,7 +19,7 @@ __all__ = ["limit", "sincos", "wrap", "wrapper"]
 TWO_OVER_PI = 0.6366197723675814
 
 HALF_PI = {
-    64: (1.5707963267948966, 6.123233995736766e-17),
+    64: (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33),
     32: (1.5707963705062866, -4.371138828673793e-08, -1.7151244749032155e-15),
 }
 """π/2 as a sum of numbers of the precision, by its bits."""
@@ -36,7 +38,13 @@ COSINE = {
 
 def limit(precision: Precision) -> float:
     """The largest angle the fast reduction is used for."""
-    return 2.0**22 if precision.bits == 64 else 2.0**15
+    return 2.0**30 if precision.bits == 64 else 2.0**15
+
+
+def _limit_pattern(precision: Precision) -> int:
+    """The bits of the limit as an integer."""
+    formats = ("<d", "<q") if precision.bits == 64 else ("<f", "<i")
+    return int(struct.unpack(formats[1], struct.pack(formats[0], limit(precision)))[0])
 
 
 def sincos(w: Writer, angles: list[str]) -> list[tuple[str, str]]:
@@ -92,10 +100,10 @@ def wrap(w: Writer, angles: list[str], block: str) -> tuple[list[str], str]:
 
     Takes the label control comes from; returns the angles to use and the label control is in afterwards.
     """
-    bound, huge = w.splat(limit(w.precision)), None
-    for x in angles:
-        size = w.intrinsic("fabs", x)
-        over = w.new(f"fcmp ogt {w.vector} {size}, {bound}")
+    bound, huge = w.bits(_limit_pattern(w.precision)), None
+    for x in angles:  # compared as integers, which order like the sizes; a comparison of NaNs would raise a flag
+        size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
+        over = w.new(f"icmp sgt {w.integer} {size}, {bound}")
         huge = over if huge is None else w.new(f"or {w.mask} {huge}, {over}")
     some = w.new(f"bitcast {w.mask} {huge} to i{w.lanes}")
     some = w.new(f"icmp ne i{w.lanes} {some}, 0")
@@ -127,7 +135,8 @@ def wrapper(precision: Precision, lanes: int) -> str:
         if precision.bits == 32:
             angle = w.new(f"fptrunc {double} {angle} to {w.element}")
         size = w.new(f"call {w.element} @llvm.fabs.f{precision.bits}({w.element} {x})")
-        over = w.new(f"fcmp ogt {w.element} {size}, {w.number(limit(precision))}")
+        pattern = w.new(f"bitcast {w.element} {size} to i{precision.bits}")
+        over = w.new(f"icmp sgt i{precision.bits} {pattern}, {_limit_pattern(precision)}")
         value = w.new(f"select i1 {over}, {w.element} {angle}, {w.element} {x}")
         result = w.new(f"insertelement {w.vector} {result}, {w.element} {value}, i32 {lane}")
     body = "\n".join(w.lines)

@@ -18,7 +18,7 @@ __all__ = ["robots", "robots_with_states", "seeds"]
 
 def seeds() -> SearchStrategy[int]:
     """Seeds of random generators: a failing example shrinks to a small number that can be typed."""
-    return _strategies().integers(0, 2**32 - 1)  # type: ignore[no-any-return]
+    return _strategies().integers(0, 2**32 - 1)
 
 
 def robots(joints: int = 4, kinds: Sequence[str] = KINDS, **options: Any) -> SearchStrategy[Robot]:
@@ -28,7 +28,7 @@ def robots(joints: int = 4, kinds: Sequence[str] = KINDS, **options: Any) -> Sea
     True
     """
     st = _strategies()
-    return st.builds(  # type: ignore[no-any-return]
+    return st.builds(
         lambda seed, count: random_robot(seed, count, kinds, **options), seed=seeds(), count=st.integers(1, joints)
     )
 
@@ -38,7 +38,7 @@ def robots_with_states(
 ) -> SearchStrategy[tuple[Robot, State]]:
     """Random robots, each with a random state."""
     st = _strategies()
-    return st.builds(  # type: ignore[no-any-return]
+    return st.builds(
         lambda robot, seed: (robot, random_state(robot, seed)), robot=robots(joints, kinds, **options), seed=seeds()
     )
 
