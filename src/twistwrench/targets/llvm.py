@@ -51,9 +51,7 @@ _INTRINSICS = (("fma", 3), ("sqrt", 1), ("fabs", 1), ("copysign", 2))
 
 def _declarations(w: Writer) -> str:
     v, e, bits = w.vector, w.element, w.precision.bits
-    lines = [
-        f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS)
-    ]
+    lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS]
     lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
     return "\n".join([*lines, "declare double @atan2(double, double)", ""])
 
