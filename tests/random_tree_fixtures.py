@@ -1,4 +1,7 @@
-"""Fixtures over the random trees: a pytest plugin of the tests of laws."""
+"""Fixtures over the random trees: a pytest plugin of the tests of laws.
+
+PYTEST_DONT_REWRITE: there are no assertions here, and the search for doctests imports it before it is a plugin.
+"""
 
 from __future__ import annotations
 

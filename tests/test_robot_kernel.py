@@ -66,8 +66,8 @@ def test_too_many_arrays_are_refused(bundled):
         ((np.zeros(2), np.zeros(2), 1.0), r"ddq has shape \(\)"),
         ((np.zeros((2, 0)), np.zeros(2), np.zeros(2)), r"q has shape \(2, 0\)"),
         ((np.zeros((3, 2)), np.zeros((4, 2)), np.zeros(2)), r"the batch shapes do not broadcast: q \(3,\), dq \(4,\)"),
-        (([[1, 2], [3]], np.zeros(2), np.zeros(2)), "q is not an array of numbers"),
-        ((np.zeros(2), ["a", "b"], np.zeros(2)), "dq is not an array of numbers"),
+        (([[1, 2], [3]], np.zeros(2), np.zeros(2)), "q is not an array of real numbers"),
+        ((np.zeros(2), ["a", "b"], np.zeros(2)), "dq is not an array of real numbers"),
     ],
 )
 def test_wrong_shapes_are_explained(monkeypatch, arguments, told, jit):

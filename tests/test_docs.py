@@ -1,0 +1,58 @@
+"""Everything shown is executed: the Python blocks and the commands of the README and of docs/."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from twistwrench.cli import main
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [text for lang, rest, text in BLOCK.findall(page.read_text("utf-8")) if lang == language and "no-run" not in rest]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_python_blocks_run_one_after_another(page, capsys):
+    scope: dict[str, object] = {}
+    for text in blocks(page, "python"):
+        exec(compile(text, str(page), "exec"), scope)
+
+
+COMMANDS = [
+    pytest.param(line[2:], id=line[2:])
+    for page in PAGES
+    for text in blocks(page, "console")
+    for line in text.splitlines()
+    if line.startswith("$ ")
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_run(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    program, *arguments = shlex.split(command)
+    assert program == "twistwrench"
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text("utf-8")):
+        if "://" not in target:
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_pages_and_makefile_agree_on_the_commands():
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    for word in re.findall(r"\bmake ([a-z-]+)", (ROOT / "README.md").read_text("utf-8")):
+        assert re.search(rf"^{word}:", makefile, re.MULTILINE), f"make {word}"
