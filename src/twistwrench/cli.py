@@ -242,7 +242,7 @@ def _check_extra(plot_path: str | None) -> None:
 
 def _motion_path(name: str, robot: str) -> Path:
     """The path given, or for ``demo`` the motion bundled with that robot."""
-    if name != _DEMO or Path(name).exists():
+    if name != _DEMO or Path(name).is_file():
         return Path(name)
     folder = Path(__file__).parent / "robots"
     path = folder / f"{robot}_{_DEMO}.csv"
