@@ -17,7 +17,9 @@ BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    return [text for lang, rest, text in BLOCK.findall(page.read_text("utf-8")) if lang == language and "no-run" not in rest]
+    return [
+        text for lang, rest, text in BLOCK.findall(page.read_text("utf-8")) if lang == language and "no-run" not in rest
+    ]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
