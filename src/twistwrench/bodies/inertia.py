@@ -78,7 +78,7 @@ class SpatialInertia:
     @property
     def mass(self) -> Any:
         """Mass [kg]."""
-        return self.parameters[0]
+        return self.parameters.item(0)
 
     @property
     def first_moment(self) -> Array:

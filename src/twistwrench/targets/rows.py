@@ -93,29 +93,41 @@ class RowLoader(_Rows):
 
 
 class RowStorer(_Rows):
-    """Columns of an output array, stored piece by piece as they become complete."""
+    """Columns of an output array, stored tile by tile as they become complete.
+
+    Storing is what limits wide results, so a tile is two pieces wide where the row is long enough: half as many stores.
+    """
 
     def __init__(self, w: Writer, base: str, columns: int) -> None:
         super().__init__(w, base, columns)
+        self.span = 2 * self.width if columns >= 2 * self.width else self.width
         self._ready: dict[int, str] = {}
-        self._open = dict.fromkeys(self.starts)
+        self._open = dict.fromkeys(_pieces(columns, self.span))
+        self._single = not self._open
 
     def put(self, c: int, vector: str) -> None:
         """Hand over one column."""
         self._ready[c] = vector
-        if not self.starts:
+        if self._single:
             self._scatter(c, vector)
         for start in list(self._open):
-            if all(start + k in self._ready for k in range(self.width)):
+            if all(start + k in self._ready for k in range(self.span)):
                 del self._open[start]
                 self._store(start)
 
     def _store(self, start: int) -> None:
-        w, width = self.w, self.width
-        for k, vector in enumerate(self.transpose([self._ready[start + k] for k in range(width)])):
+        w, width, span = self.w, self.width, self.span
+        tile = f"<{span} x {w.element}>"
+        left, right = self._transposed(start), self._transposed(start + span - width)
+        for k in range(width):
             for g in range(self.groups):
-                part = w.shuffle(vector, "poison", range(g * width, g * width + width))
-                w.do(f"store {self.piece} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
+                group = list(range(g * width, g * width + width))
+                both = group + [w.lanes + i for i in group] if span > width else group
+                part = w.shuffle(left[k], right[k], both)
+                w.do(f"store {tile} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
+
+    def _transposed(self, start: int) -> list[str]:
+        return self.transpose([self._ready[start + k] for k in range(self.width)])
 
     def _scatter(self, c: int, vector: str) -> None:
         w = self.w
