@@ -87,6 +87,7 @@ def kernel_times(case: Case, rounds: int = 3) -> dict[str, dict[str, float]]:
 
 def _python(code: str, cache: str) -> str:
     environment = {**os.environ, CACHE: cache}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # a user's second start finds byte code
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
     )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import twistwrench as tw
+from twistwrench.quantities import checked_options, program_of
 from bench.cases import Case, States
 from bench.timing import Contender, calls
 
@@ -83,7 +84,10 @@ class Ours:
     def operations(self, quantity: str) -> dict[str, int]:
         """How many operations of each kind one state takes, and two sums of them."""
         program = self.robot.program(quantity, **_frame(self.case, quantity))
-        return {**program.counts(), "multiplications": program.multiplications, "flops": program.flops}
+        options = checked_options(self.robot.model, quantity, _frame(self.case, quantity))
+        before = program_of(self.robot.model, quantity, options, regroup=False)
+        sums = {"multiplications": program.multiplications, "flops": program.flops}
+        return {**program.counts(), **sums, "flops before regrouping": before.flops}
 
 
 def _repeat(function: Callable[..., object], arrays: tuple[np.ndarray, ...]) -> Callable[[int], None]:

@@ -89,12 +89,13 @@ def _single_call(results: dict[str, Any]) -> Row:
 
 
 def _operations(results: dict[str, Any], need: int) -> Row:
-    what = "operations in panda inverse dynamics, as compiled"
+    what = "operations in panda inverse dynamics, before any regrouping"
     quantities = results["robots"].get("panda", {"quantities": {}})["quantities"]
     counted = quantities.get("inverse_dynamics", {}).get("operations")
     if counted is None:
         return Row(what, f"at most {need} flops", "–", None)
-    return Row(what, f"at most {need} flops", f"{counted['flops']} flops", need / counted["flops"])
+    before, after = counted["flops before regrouping"], counted["flops"]
+    return Row(what, f"at most {need} flops", f"{before} flops ({after} as compiled)", need / before)
 
 
 def _seconds(what: str, need: float, got: float | None) -> Row:

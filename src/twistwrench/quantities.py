@@ -113,8 +113,11 @@ def _require_plain_rates(model: Model) -> None:
             )
 
 
-def program_of(model: Model, name: str, options: Mapping[str, Any]) -> Program:
-    """Trace one quantity of one robot. Wrench frames, if any, become further inputs after the usual ones."""
+def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: bool = True) -> Program:
+    """Trace one quantity of one robot. Wrench frames, if any, become further inputs after the usual ones.
+
+    ``regroup=False`` leaves every inertia where the robot's file has it, to count what regrouping saves.
+    """
     from .program.trace import trace
 
     quantity = QUANTITIES[name]
@@ -124,7 +127,7 @@ def program_of(model: Model, name: str, options: Mapping[str, Any]) -> Program:
     inputs += [(f"wrench at {frame}", (6,)) for frame in frames]
     usual = len(quantity.inputs)
 
-    if quantity.felt:
+    if quantity.felt and regroup:
         model = regrouped(model)
 
     def on_symbols(*arrays: Any) -> Any:
