@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.quantities import checked_options, program_of
 from bench.cases import Case, States
 from bench.timing import Contender, calls
+from twistwrench.quantities import checked_options, program_of
 
 KERNEL, METHOD = "twistwrench kernel", "twistwrench method"
 
