@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import quantities
 from .bodies.inertia import SpatialInertia
 from .errors import ShapeError, SingularMassMatrixError, UnknownNameError
-from .model import edit
+from .model import configuration, edit
 from .model.model import Limits, Model
 from .program.program import Program
 
@@ -158,70 +158,22 @@ class Robot:
         >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
         [0.0, 0.5]
         """
-        q = self.neutral
-        by_name = {b.joint.name: b for b in self.model.leaders}
-        for name, value in joints.items():
-            if name not in by_name:
-                raise UnknownNameError.of("joint", name, by_name)
-            body = by_name[name]
-            given = np.atleast_1d(np.asarray(value, float))
-            if given.shape != (body.joint.nq,):
-                raise ShapeError(
-                    f"joint {name!r} ({body.joint.kind}) takes {body.joint.nq} numbers, got shape {given.shape}."
-                )
-            q[body.q_index : body.q_index + body.joint.nq] = given
-        return q
+        return configuration.from_names(self.model, joints)
 
     def random_configuration(
         self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()
     ) -> Array:
         """Random q inside the limits; unbounded joints within ±π or ±1 m; (*size, nq)."""
-        rng = np.random.default_rng(rng)
         shape = (size,) if isinstance(size, int) else tuple(size)
-        parts = []
-        for body in self.model.leaders:
-            joint, v = body.joint, body.v_index
-            turning = np.any(joint.axes[:, :3] != 0, axis=1)
-            reach = np.where(turning, np.pi, 1.0)
-            lower = np.where(
-                np.isfinite(self.limits.lower[v : v + joint.nv]), self.limits.lower[v : v + joint.nv], -reach
-            )
-            upper = np.where(
-                np.isfinite(self.limits.upper[v : v + joint.nv]), self.limits.upper[v : v + joint.nv], reach
-            )
-            if joint.kind == "floating":
-                quat = rng.standard_normal((*shape, 4))
-                parts += [quat / np.linalg.norm(quat, axis=-1, keepdims=True), rng.uniform(-1.0, 1.0, (*shape, 3))]
-            elif joint.kind == "planar":  # axes are (omega, v, v), coordinates (x, y, theta)
-                parts.append(rng.uniform(np.roll(lower, -1), np.roll(upper, -1), (*shape, 3)))
-            else:
-                parts.append(rng.uniform(lower, upper, (*shape, joint.nv)))
-        return np.concatenate([np.zeros((*shape, 0)), *parts], axis=-1)
+        return configuration.random_configuration(self.model, np.random.default_rng(rng), shape)
 
     def add(self, q: ArrayLike, dv: ArrayLike) -> Array:
         """q ⊕ dv: move each joint along its constant joint twist for unit time; (nq), (nv) → (nq)."""
-        q, dv = np.asarray(q, float), np.asarray(dv, float)
-        self._check_shapes("add", {"q": (q, self.nq), "dv": (dv, self.nv)})
-        parts = [b.joint.integrate(*self._slices(b, q, dv)) for b in self.model.leaders]
-        return np.concatenate([np.zeros((*np.broadcast_shapes(q.shape[:-1], dv.shape[:-1]), 0)), *parts], axis=-1)
+        return configuration.add(self.model, np.asarray(q, float), np.asarray(dv, float))
 
     def subtract(self, q1: ArrayLike, q0: ArrayLike) -> Array:
         """q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1; (nq), (nq) → (nv)."""
-        q1, q0 = np.asarray(q1, float), np.asarray(q0, float)
-        self._check_shapes("subtract", {"q1": (q1, self.nq), "q0": (q0, self.nq)})
-        q1, q0 = np.broadcast_arrays(q1, q0)
-        parts = [
-            b.joint.difference(q1[..., b.q_index : b.q_index + b.joint.nq], q0[..., b.q_index : b.q_index + b.joint.nq])
-            for b in self.model.leaders
-        ]
-        return np.concatenate([np.zeros((*q1.shape[:-1], 0)), *parts], axis=-1)
-
-    @staticmethod
-    def _slices(body: Any, q: Array, dv: Array) -> tuple[Array, Array]:
-        batch = np.broadcast_shapes(q.shape[:-1], dv.shape[:-1])
-        q, dv = np.broadcast_to(q, (*batch, q.shape[-1])), np.broadcast_to(dv, (*batch, dv.shape[-1]))
-        joint = body.joint
-        return q[..., body.q_index : body.q_index + joint.nq], dv[..., body.v_index : body.v_index + joint.nv]
+        return configuration.subtract(self.model, np.asarray(q1, float), np.asarray(q0, float))
 
     # ── edits ──
 
@@ -323,13 +275,6 @@ class Robot:
             listed = ", ".join(f"{label} {shape}" for label, shape in batches)
             return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
         return problem
-
-    def _check_shapes(self, name: str, arrays: Mapping[str, tuple[Array, int]]) -> None:
-        for label, (array, size) in arrays.items():
-            if array.ndim < 1 or array.shape[-1] != size:
-                raise ShapeError(
-                    f"{name}: {label} has shape {array.shape}, but robot {self.name!r} wants {size} in the last axis."
-                )
 
     def _require_invertible(self) -> None:
         """Raise SingularMassMatrixError if M has no inverse at a generic configuration, naming the joints involved."""
