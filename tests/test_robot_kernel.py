@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -49,12 +51,105 @@ def test_unknown_names_list_the_choices(bundled, quantity, options, error, told)
         bundled("planar_2r").kernel(quantity, **options)
 
 
-def test_too_many_arrays_are_refused(bundled):
-    robot = bundled("planar_2r")
+def a_hedgehog(spines):
+    """A turning link with many frames on it."""
+    links = "".join(f'<link name="l{k}"/>' for k in range(spines))
+    joint = '<joint name="j{k}" type="fixed"><parent link="body"/><child link="l{k}"/></joint>'
+    joints = "".join(joint.format(k=k) for k in range(spines))
+    body = '<link name="world"/><link name="body"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" '
+    body += 'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="turn" type="continuous"><parent link="world"/>'
+    return tw.load(f'<robot name="hedgehog">{body}<child link="body"/></joint>{links}{joints}</robot>')
+
+
+def test_too_many_arrays_are_refused():
+    robot = a_hedgehog(29)
     with pytest.raises(tw.KernelError, match="33 arrays; NumPy allows"):
-        robot.kernel("inverse_dynamics", wrenches=("tip",) * 29)
-    program = robot.program("inverse_dynamics", wrenches=("tip",) * 3)
+        robot.kernel("inverse_dynamics", wrenches=robot.frame_names[2:])
+    program = robot.program("inverse_dynamics", wrenches=robot.frame_names[2:5])
     assert make_ufunc(program, "few", "").nin == 6
+
+
+def test_a_frame_named_twice_is_refused(bundled):
+    with pytest.raises(tw.KernelError, match="named twice"):
+        bundled("planar_2r").kernel("inverse_dynamics", wrenches=("tip", "tip"))
+
+
+def test_methods_write_where_they_are_told(bundled):
+    robot = bundled("planar_2r")
+    q, out = np.ones((3, 2)), np.empty((3, 2))
+    assert robot.inverse_dynamics(q, q, q, friction=True, out=out) is out
+    assert np.array_equal(out, robot.inverse_dynamics(q, q, q, friction=True))
+    matrices = np.empty((3, 2, 2))
+    assert robot.mass_matrix(q, out=matrices) is matrices
+    assert np.array_equal(matrices, robot.mass_matrix(q))
+
+
+def test_a_robot_with_every_joint_locked_still_answers(bundled):
+    arm = bundled("planar_2r")
+    still = arm.lock({"joint1": 0.3, "joint2": -0.2})
+    nothing = np.zeros(0)
+    assert np.allclose(still.forward_kinematics(nothing, "tip"), arm.forward_kinematics([0.3, -0.2]))
+    assert still.inverse_dynamics(nothing, nothing, nothing).shape == (0,)
+    assert still.mass_matrix(nothing).shape == (0, 0)
+    assert still.christoffel(nothing).shape == (0, 0, 0)
+    assert np.isnan(still.center_of_mass(nothing)).all()
+
+
+def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(bundled, monkeypatch):
+    robot = bundled("cart_pole")
+    kernel = tw.Robot(robot.model).kernel("inverse_dynamics")
+    x = np.ones((5, 2), np.float32)
+
+    def fails(*_):
+        raise tw.KernelError("on purpose")
+
+    monkeypatch.setattr("twistwrench.kernels.ufunc.compiled", fails)
+    told = []
+    monkeypatch.setattr("sys.unraisablehook", lambda what: told.append(what.exc_type))
+    out = np.zeros((5, 4), np.float32)[:, ::2]
+    kernel(x, x, x, out)
+    assert np.isnan(out).all() and told == [tw.KernelError]
+    monkeypatch.undo()
+    assert np.isfinite(kernel(x, x, x)).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda r: r.with_payload(5.0),
+        lambda r: r.lock(["joint1"]),
+        lambda r: r.inverse_dynamics([0, 0], [0, 0], [0, 0], wrench_by_robot=np.zeros(6)),
+        lambda r: r.holding_torques(
+            [0, 0], wrench_by_robot={"tip": np.zeros((2, 6))}, wrench_on_robot={"tip": np.zeros((3, 6))}
+        ),
+        lambda r: r.add([0, 0], [[1, 2], [3]]),
+        lambda r: r.add("ab", [0, 0]),
+        lambda r: r.subtract(np.zeros((2, 2)), np.zeros((3, 2))),
+        lambda r: r.coordinates(joint1="x"),
+        lambda r: r.random_configuration("x"),
+        lambda r: r.random_configuration(0, 3.5),
+        lambda r: r.random_configuration(0, -1),
+        lambda r: r.reference("mass_matrix"),
+        lambda r: r.forward_dynamics([0, 0], [0, 0], [0, 0, 0], friction=True),
+    ],
+)
+def test_wrong_arguments_raise_errors_of_our_tree(bundled, wrong):
+    with pytest.raises(tw.TwistWrenchError):
+        wrong(bundled("planar_2r"))
+
+
+def test_models_are_read_only(bundled):
+    with pytest.raises(ValueError, match="read-only"):
+        bundled("planar_2r").limits.upper[:] = 0.01
+
+
+def test_one_bound_far_out_leaves_room_for_a_random_configuration():
+    text = '<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" '
+    text += 'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="prismatic"><parent link="a"/><child link="b"/>'
+    robot = tw.load(text + '<limit lower="5" upper="1e9"/></joint></robot>')
+    far = tw.Robot(dataclasses.replace(robot.model, limits=dataclasses.replace(robot.limits, upper=np.array([np.inf]))))
+    q = far.random_configuration(0, 1000)
+    assert q.min() >= 5 and q.max() <= 6
 
 
 @pytest.mark.parametrize("jit", ["0", "1"])

@@ -101,6 +101,10 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         full["wrenches"] = (frames,) if isinstance(frames, str) else tuple(frames)
         for frame in full["wrenches"]:
             model.frame(frame)
+        if len(set(full["wrenches"])) < len(full["wrenches"]):
+            raise KernelError(
+                f"{name}: a frame is named twice in wrenches={full['wrenches']}. Add its wrenches up first."
+            )
     return full
 
 

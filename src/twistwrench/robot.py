@@ -5,6 +5,7 @@ Every method takes any leading batch shape and broadcasts, as NumPy does. Shapes
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import quantities
 from .bodies.inertia import SpatialInertia
-from .errors import ShapeError, SingularMassMatrixError, UnknownNameError
+from .errors import ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
 from .model import configuration, edit
 from .model.model import Limits, Model
 from .program.program import Program
@@ -164,16 +165,26 @@ class Robot:
         self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()
     ) -> Array:
         """Random q inside the limits; unbounded joints within ±π or ±1 m; (*size, nq)."""
-        shape = (size,) if isinstance(size, int) else tuple(size)
-        return configuration.random_configuration(self.model, np.random.default_rng(rng), shape)
+        try:
+            shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
+            generator = np.random.default_rng(rng)
+        except (TypeError, ValueError):
+            raise ValueRangeError(
+                f"rng={rng!r}, size={size!r}: give a seed or a numpy Generator, and whole numbers of samples."
+            ) from None
+        if any(n < 0 for n in shape):
+            raise ValueRangeError(f"size={size!r} has a negative number of samples.")
+        return configuration.random_configuration(self.model, generator, shape)
 
     def add(self, q: ArrayLike, dv: ArrayLike) -> Array:
         """q ⊕ dv: move each joint along its constant joint twist for unit time; (nq), (nv) → (nq)."""
-        return configuration.add(self.model, np.asarray(q, float), np.asarray(dv, float))
+        q, dv = _numbers("add", q=q, dv=dv)
+        return configuration.add(self.model, q, dv).astype(np.result_type(q, dv), copy=False)
 
     def subtract(self, q1: ArrayLike, q0: ArrayLike) -> Array:
         """q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1; (nq), (nq) → (nv)."""
-        return configuration.subtract(self.model, np.asarray(q1, float), np.asarray(q0, float))
+        q1, q0 = _numbers("subtract", q1=q1, q0=q0)
+        return configuration.subtract(self.model, q1, q0).astype(np.result_type(q1, q0), copy=False)
 
     # ── edits ──
 
@@ -186,9 +197,11 @@ class Robot:
         >>> bool(abs(loaded.gravity_forces(ur5.neutral)[1]) > abs(ur5.gravity_forces(ur5.neutral)[1]))
         True
         """
-        name = self.model.tip if frame is None else frame
-        self.model.frame(name)
-        return Robot(edit.with_payload(self.model, payload, str(name)))
+        if not isinstance(payload, SpatialInertia):
+            raise ShapeError(
+                f"a payload is a SpatialInertia, got {payload!r}: for a point mass, tw.SpatialInertia.from_com(mass, com)."
+            )
+        return Robot(edit.with_payload(self.model, payload, frame))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """The same robot under another gravity, (3,) m/s² in the base frame."""
@@ -196,6 +209,8 @@ class Robot:
 
     def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
         """A robot whose named joints are fixed at the given coordinates."""
+        if not isinstance(joints, Mapping):
+            raise ShapeError(f"lock takes a dict {{joint: position}}, got {joints!r}.")
         return Robot(edit.lock(self.model, joints))
 
     # ── kernels ──
@@ -231,7 +246,11 @@ class Robot:
         quantity, rest = quantities.QUANTITIES[name], dict(full)
         symbols = [np.asarray(a, float).astype(object) for a in arrays]
         usual = len(quantity.inputs)
-        shapes = quantity.shapes(self.model) + [("wrench", (6,))] * (len(symbols) - usual)
+        shapes = quantity.shapes(self.model) + [("wrench", (6,))] * len(full.get("wrenches", ()))
+        if len(symbols) != len(shapes):
+            raise ShapeError(
+                f"reference {name}: {len(symbols)} arrays given, {', '.join(n for n, _ in shapes)} wanted."
+            )
         for (label, shape), array in zip(shapes, symbols, strict=True):
             if array.shape != shape:
                 raise ShapeError(f"reference {name}: {label} has shape {array.shape}, one state has {shape}.")
@@ -239,7 +258,7 @@ class Robot:
             rest["wrenches"] = dict(zip(frames, symbols[usual:], strict=True))
         return np.asarray(quantity.algorithm(self.model, *symbols[:usual], **rest), float)
 
-    def _call(self, name: str, *arrays: ArrayLike, **options: Any) -> Any:
+    def _call(self, name: str, *arrays: ArrayLike, out: Array | None = None, **options: Any) -> Any:
         key = (name, *options.values()) if options else name
         try:
             kernel = self._called[key]
@@ -247,7 +266,7 @@ class Robot:
             kernel = self.kernel(name, **options)
             self._called[key] = kernel
         try:
-            return kernel(*arrays)
+            return kernel(*arrays) if out is None else kernel(*arrays, out=out)
         except (TypeError, ValueError) as problem:
             raise self._explained(problem, name, arrays) from None
 
@@ -278,16 +297,17 @@ class Robot:
 
     def _require_invertible(self) -> None:
         """Raise SingularMassMatrixError if M has no inverse at a generic configuration, naming the joints involved."""
-        M = self.reference("mass_matrix", self.random_configuration(0))
         if self.nv == 0:
             return
+        M = self.reference("mass_matrix", self.random_configuration(0))
         names = [b.joint.name for b in self.model.leaders for _ in range(b.joint.nv)]
-        d = np.sqrt(np.maximum(np.diagonal(M), 0.0))
+        d = np.sqrt(np.abs(np.diagonal(M)))
         scale = np.where(d > 0, d, 1.0)
         values, vectors = np.linalg.eigh(M / np.outer(scale, scale))
-        if values[0] > 1e-13 * self.nv:
+        null = np.abs(values) <= 1e-13 * self.nv
+        if not null.any():
             return
-        lost = np.abs(vectors[:, values <= 1e-13 * self.nv]).max(axis=1)
+        lost = np.abs(vectors[:, null]).max(axis=1)
         guilty = list(dict.fromkeys(n for n, x in zip(names, lost, strict=True) if x > 0.1))
         raise SingularMassMatrixError(
             f"the mass matrix of robot {self.name!r} has no inverse: joints {', '.join(guilty)} move nothing with inertia "
@@ -296,35 +316,48 @@ class Robot:
 
     # ── kinematics ──
 
-    def forward_kinematics(self, q: ArrayLike, frame: str | None = None) -> Array:
+    def forward_kinematics(self, q: ArrayLike, frame: str | None = None, *, out: Array | None = None) -> Array:
         """T_s,frame, pose of a frame in the base frame; (nq) → (4, 4)."""
-        return self._call("forward_kinematics", q, frame=frame)
+        return self._call("forward_kinematics", q, frame=frame, out=out)
 
-    def link_poses(self, q: ArrayLike) -> Array:
+    def link_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """T_s,link of all of :attr:`link_names` at once; (nq) → (nlinks, 4, 4)."""
-        return self._call("link_poses", q)
+        return self._call("link_poses", q, out=out)
 
-    def jacobian(self, q: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
+    def jacobian(
+        self, q: ArrayLike, frame: str | None = None, kind: str = "body", *, out: Array | None = None
+    ) -> Array:
         """J with V = J dq; (nq) → (6, nv), angular rows first. MR eq. 5.11, 5.18.
 
         ``kind``: ``"body"``, the twist in the frame itself; ``"space"``, at the base origin; ``"world_aligned"``, at the
         frame's origin with the base's axes.
         """
-        return self._call("jacobian", q, frame=frame, kind=kind)
+        return self._call("jacobian", q, frame=frame, kind=kind, out=out)
 
-    def jacobian_rate(self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
+    def jacobian_rate(
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body", *, out: Array | None = None
+    ) -> Array:
         """d/dt of :meth:`jacobian`; (nq), (nv) → (6, nv)."""
-        return self._call("jacobian_rate", q, dq, frame=frame, kind=kind)
+        return self._call("jacobian_rate", q, dq, frame=frame, kind=kind, out=out)
 
-    def frame_velocity(self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body") -> Array:
+    def frame_velocity(
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body", *, out: Array | None = None
+    ) -> Array:
         """Twist (omega, v) of a frame; (nq), (nv) → (6)."""
-        return self._call("frame_velocity", q, dq, frame=frame, kind=kind)
+        return self._call("frame_velocity", q, dq, frame=frame, kind=kind, out=out)
 
     def frame_acceleration(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str | None = None, kind: str = "body"
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        frame: str | None = None,
+        kind: str = "body",
+        *,
+        out: Array | None = None,
     ) -> Array:
         """d/dt of :meth:`frame_velocity`, gravity not included; (nq), (nv), (nv) → (6)."""
-        return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind)
+        return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind, out=out)
 
     # ── dynamics ──
 
@@ -337,6 +370,7 @@ class Robot:
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
+        out: Array | None = None,
     ) -> Array:
         """τ = M q̈ + h + Σ J'F_by - Σ J'F_on; (nq), (nv), (nv) → (nv). MR eq. 8.54.
 
@@ -349,13 +383,13 @@ class Robot:
         >>> np.round(robot.inverse_dynamics([0, 0], [0, 0], [0, 0]), 2).tolist()
         [29.43, 9.81]
         """
-        if wrench_by_robot is None and wrench_on_robot is None and not friction:
+        if wrench_by_robot is None and wrench_on_robot is None and not friction and out is None:
             try:
                 return self._called["inverse_dynamics"](q, dq, ddq)
             except (KeyError, TypeError, ValueError):
                 return self._call("inverse_dynamics", q, dq, ddq)
-        tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot)
-        return tau + self.friction_forces(dq) if friction else tau
+        tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
+        return np.add(tau, self.friction_forces(dq), out=out) if friction else tau
 
     def forward_dynamics(
         self,
@@ -366,6 +400,7 @@ class Robot:
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
+        out: Array | None = None,
     ) -> Array:
         """q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on); (nq), (nv), (nv) → (nv). MR section 8.5.
 
@@ -374,53 +409,60 @@ class Robot:
         if friction:
             lost = self.friction_forces(dq)
             try:
-                tau = np.asarray(tau) - lost
-            except (TypeError, ValueError) as problem:
+                tau = _numbers("forward_dynamics", tau=tau)[0] - lost
+            except ValueError as problem:
                 raise self._explained(problem, "forward_dynamics", (q, dq, tau)) from None
-        return self._with_wrenches("forward_dynamics", (q, dq, tau), wrench_by_robot, wrench_on_robot)
+        return self._with_wrenches("forward_dynamics", (q, dq, tau), wrench_by_robot, wrench_on_robot, out)
 
-    def mass_matrix(self, q: ArrayLike) -> Array:
+    def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """M, symmetric and full; (nq) → (nv, nv). MR eq. 8.57."""
-        return self._call("mass_matrix", q)
+        return self._call("mass_matrix", q, out=out)
 
-    def bias_forces(self, q: ArrayLike, dq: ArrayLike) -> Array:
+    def bias_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> Array:
         """h = c + g, what remains of τ at q̈ = 0; (nq), (nv) → (nv)."""
-        return self._call("bias_forces", q, dq)
+        return self._call("bias_forces", q, dq, out=out)
 
-    def coriolis_forces(self, q: ArrayLike, dq: ArrayLike) -> Array:
+    def coriolis_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> Array:
         """c, the velocity-product terms; (nq), (nv) → (nv)."""
-        return self._call("coriolis_forces", q, dq)
+        return self._call("coriolis_forces", q, dq, out=out)
 
-    def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike) -> Array:
+    def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> Array:
         """C with C dq = c and dM/dt - 2C skew; (nq), (nv) → (nv, nv). The Christoffel one on one-degree joints."""
-        return self._call("coriolis_matrix", q, dq)
+        return self._call("coriolis_matrix", q, dq, out=out)
 
-    def christoffel(self, q: ArrayLike) -> Array:
+    def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Γ_ijk, Christoffel symbols of the first kind; (nq) → (nv, nv, nv). MR eq. 8.12.
 
         Raises ValueRangeError on robots with planar or floating joints, whose rates are not derivatives of coordinates.
         """
-        return self._call("christoffel", q)
+        return self._call("christoffel", q, out=out)
 
-    def gravity_forces(self, q: ArrayLike) -> Array:
+    def gravity_forces(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """g, the torques that hold the robot against gravity; (nq) → (nv)."""
-        return self._call("gravity_forces", q)
+        return self._call("gravity_forces", q, out=out)
 
-    def friction_forces(self, dq: ArrayLike) -> Array:
+    def friction_forces(self, dq: ArrayLike, *, out: Array | None = None) -> Array:
         """The torques that overcome joint friction, viscous and Coulomb; (nv) → (nv)."""
-        return self._call("friction_forces", dq)
+        return self._call("friction_forces", dq, out=out)
 
     # ── statics ──
 
-    def wrench_torques(self, q: ArrayLike, wrench_by_robot: ArrayLike, frame: str | None = None) -> Array:
+    def wrench_torques(
+        self, q: ArrayLike, wrench_by_robot: ArrayLike, frame: str | None = None, *, out: Array | None = None
+    ) -> Array:
         """J_b' F alone, for a wrench the robot applies at the frame; (nq), (6) → (nv). MR eq. 5.26."""
-        return self._call("wrench_torques", q, wrench_by_robot, frame=frame)
+        return self._call("wrench_torques", q, wrench_by_robot, frame=frame, out=out)
 
     def holding_torques(
-        self, q: ArrayLike, *, wrench_by_robot: Wrenches | None = None, wrench_on_robot: Wrenches | None = None
+        self,
+        q: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Array | None = None,
     ) -> Array:
         """g + Σ J'F_by - Σ J'F_on, the torques of static equilibrium; (nq) → (nv)."""
-        return self._with_wrenches("gravity_forces", (q,), wrench_by_robot, wrench_on_robot)
+        return self._with_wrenches("gravity_forces", (q,), wrench_by_robot, wrench_on_robot, out)
 
     def joint_wrenches(
         self,
@@ -430,55 +472,87 @@ class Robot:
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
+        out: Array | None = None,
     ) -> Array:
         """The wrench each moving body receives across its joint, in its own frame; → (nbodies, 6)."""
-        return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot)
+        return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
 
-    def _with_wrenches(self, name: str, arrays: tuple[ArrayLike, ...], by: Wrenches | None, on: Wrenches | None) -> Any:
+    def _with_wrenches(
+        self,
+        name: str,
+        arrays: tuple[ArrayLike, ...],
+        by: Wrenches | None,
+        on: Wrenches | None,
+        out: Array | None,
+    ) -> Any:
         """Call a kernel that takes the wrenches applied by the robot as further inputs."""
-        total = {frame: self._wrench(frame, F) for frame, F in (by or {}).items()}
-        for frame, F in (on or {}).items():
-            total[frame] = total.get(frame, 0.0) - self._wrench(frame, F)
+        total: dict[str, Array] = {}
+        for sign, wrenches in ((1.0, by), (-1.0, on)):
+            if wrenches is not None and not isinstance(wrenches, Mapping):
+                raise ShapeError("wrenches are a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
+            for frame, F in (wrenches or {}).items():
+                mine = sign * self._wrench(frame, F)
+                try:
+                    total[frame] = total[frame] + mine if frame in total else mine
+                except ValueError:
+                    raise ShapeError(
+                        f"the wrenches by and on the robot at {frame!r} have batch shapes that do not broadcast: "
+                        f"{total[frame].shape[:-1]} and {mine.shape[:-1]}."
+                    ) from None
         if not total:
-            return self._call(name, *arrays)
-        return self._call(name, *arrays, *total.values(), wrenches=tuple(total))
+            return self._call(name, *arrays, out=out)
+        frames = sorted(total)  # whatever the order they were given in, one kernel
+        return self._call(name, *arrays, *(total[f] for f in frames), out=out, wrenches=tuple(frames))
 
     def _wrench(self, frame: str, F: ArrayLike) -> Array:
         self.model.frame(frame)
-        try:
-            array = np.asarray(F)
-        except ValueError:
-            array = np.asarray(None)
-        if not np.can_cast(array.dtype, float) or array.shape[-1:] != (6,):
-            raise ShapeError(f"the wrench at {frame!r} is {str(F)[:60]}, expected six numbers (m, f), moment first.")
+        array = _numbers("wrench", **{f"the one at {frame!r}": F})[0]
+        if array.shape[-1:] != (6,):
+            raise ShapeError(
+                f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first."
+            )
         return array
 
     # ── energies, momentum, centre of mass ──
 
-    def kinetic_energy(self, q: ArrayLike, dq: ArrayLike) -> Any:
+    def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> Any:
         """½ dq' M dq; (nq), (nv) → (), J."""
-        return self._call("kinetic_energy", q, dq)
+        return self._call("kinetic_energy", q, dq, out=out)
 
-    def potential_energy(self, q: ArrayLike) -> Any:
+    def potential_energy(self, q: ArrayLike, *, out: Array | None = None) -> Any:
         """Of the moving bodies, zero with their centre of mass at the base origin; (nq) → (), J."""
-        return self._call("potential_energy", q)
+        return self._call("potential_energy", q, out=out)
 
-    def momentum(self, q: ArrayLike, dq: ArrayLike, frame: str = "base") -> Array:
+    def momentum(self, q: ArrayLike, dq: ArrayLike, frame: str = "base", *, out: Array | None = None) -> Array:
         """Spatial momentum (angular, linear) of the moving bodies at the base origin; (nq), (nv) → (6).
 
         ``frame="com"``: about the centre of mass, axes of the base (centroidal momentum).
         """
         if frame not in ("base", "com"):
             raise UnknownNameError.of("momentum frame", frame, ("base", "com"))
-        return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq)
+        return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq, out=out)
 
-    def center_of_mass(self, q: ArrayLike) -> Array:
+    def center_of_mass(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Of the moving bodies, in the base frame; (nq) → (3), m."""
-        return self._call("center_of_mass", q)
+        return self._call("center_of_mass", q, out=out)
 
-    def com_jacobian(self, q: ArrayLike) -> Array:
+    def com_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """J with d(center_of_mass)/dt = J dq; (nq) → (3, nv)."""
-        return self._call("com_jacobian", q)
+        return self._call("com_jacobian", q, out=out)
+
+
+def _numbers(name: str, **arrays: ArrayLike) -> list[Array]:
+    """Arrays of float64, or of float32 where that is what was given."""
+    found = []
+    for label, given in arrays.items():
+        try:
+            array = np.asarray(given)
+        except ValueError:  # ragged
+            array = np.asarray(None)
+        if not np.can_cast(array.dtype, float):
+            raise ShapeError(f"{name}: {label} is not an array of real numbers: {str(given)[:60]!r}.")
+        found.append(array if array.dtype == np.float32 else array.astype(float))
+    return found
 
 
 LARGEST_COMPILED = 120_000
@@ -486,7 +560,9 @@ LARGEST_COMPILED = 120_000
 
 
 def _make_kernel(program: Program, name: str, doc: str) -> Any:
-    if os.environ.get("TWISTWRENCH_JIT", "1") == "0" or len(program.instructions) > LARGEST_COMPILED:
+    # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked.
+    empty = any(port.size == 0 for port in [*program.inputs, *program.outputs])
+    if empty or os.environ.get("TWISTWRENCH_JIT", "1") == "0" or len(program.instructions) > LARGEST_COMPILED:
         from .targets.numpy import NumpyKernel
 
         return NumpyKernel(program, name, doc)

@@ -38,7 +38,7 @@ class ClosedForm:
 
 
 def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> ClosedForm:
-    """All terms at one state, by block matrices of size 6n. MR eq. 8.75–8.87."""
+    """All terms at one state, by block matrices of size 6n. MR section 8.4."""
     n, nv = len(model.bodies), model.nv
     T = [np.asarray(X, float) for X in joint_poses(model, np.asarray(q, float))]
     A, G, W = np.zeros((6 * n, nv)), np.zeros((6 * n, 6 * n)), np.zeros((6 * n, 6 * n))
@@ -59,7 +59,7 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
     L = np.linalg.inv(np.eye(6 * n) - W)
     V = L @ A @ dq
     ad_V, ad_Adq = _block_diagonal(V), _block_diagonal(A @ dq)
-    dV = L @ (-ad_Adq @ (W @ V))  # velocity products alone; MR eq. 8.79
+    dV = L @ (-ad_Adq @ (W @ V))  # velocity products alone
     wrench = G @ dV - ad_V.T @ (G @ V)
     return ClosedForm(
         M=A.T @ L.T @ G @ L @ A,

@@ -1,4 +1,4 @@
-"""The Coriolis matrix and the Christoffel symbols. Modern Robotics section 8.1.3; Echeandia and Wensing, 2021.
+"""The Coriolis matrix and the Christoffel symbols. Modern Robotics section 8.1.2; Echeandia and Wensing, 2021.
 
 For a body, let K = ∫ ẋ r' dm and p = ∫ ẋ dm, velocities ẋ and positions r of its points in the body's frame. Then
 
@@ -85,5 +85,8 @@ def _add(C: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
 
 
 def christoffel(model: Model, q: Array) -> Array:
-    """Γ_ijk, first kind; (nv, nv, nv). C is linear in dq, so Γ_··k is C at the k-th unit velocity. MR eq. 8.12."""
-    return np.stack([coriolis_matrix(model, q, e) for e in np.eye(model.nv).astype(object)], axis=-1)
+    """Γ_ijk, first kind; (nv, nv, nv). C is linear in dq, so Γ_··k is C at the k-th unit velocity. MR section 8.1.2."""
+    gamma = zeros(model.nv, model.nv, model.nv)
+    for k, e in enumerate(np.eye(model.nv).astype(object)):
+        gamma[:, :, k] = coriolis_matrix(model, q, e)
+    return gamma

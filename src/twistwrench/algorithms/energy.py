@@ -37,7 +37,7 @@ def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
 
 
 def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
-    """½ Σ V' G V; J. MR eq. 8.36."""
+    """½ Σ V' G V; J. MR section 8.1.2."""
     V = body_velocities(model, joint_poses(model, q), dq)
     return sum((0.5 * (v @ (body.inertia @ v)) for body, v in zip(model.bodies, V, strict=True)), start=0.0)
 
@@ -57,9 +57,9 @@ def potential_energy(model: Model, q: Array) -> Any:
 
 
 def center_of_mass(model: Model, q: Array) -> Array:
-    """Centre of mass of the moving bodies in the base frame; (3,)."""
+    """Centre of mass of the moving bodies in the base frame, NaN where they have no mass; (3,)."""
     mass, h = _first_moments(model, q)
-    return h / mass
+    return h * (1.0 / mass if mass else np.nan)
 
 
 def com_jacobian(model: Model, q: Array) -> Array:
@@ -71,7 +71,8 @@ def com_jacobian(model: Model, q: Array) -> Array:
         for b, S in enumerate(body.joint.axes):
             c = body.v_index + b
             J[:, c] = J[:, c] + body.ratio * (T_s[i][:3, :3] @ (G[i] @ S)[3:])
-    return J / sum(body.inertia.mass for body in model.bodies)
+    mass = sum(body.inertia.mass for body in model.bodies)
+    return J * (1.0 / mass if mass else np.nan)
 
 
 def momentum(model: Model, q: Array, dq: Array) -> Array:

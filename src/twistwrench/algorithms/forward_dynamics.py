@@ -16,7 +16,7 @@ __all__ = ["factored", "forward_dynamics", "solved"]
 
 
 def forward_dynamics(model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None) -> Array:
-    """q̈ = M⁻¹ (τ - h - Σ J'F_by); (nv,). MR eq. 8.27."""
+    """q̈ = M⁻¹ (τ - h - Σ J'F_by); (nv,). MR section 8.5."""
     L, D = factored(mass_matrix(model, q))
     return solved(L, D, tau - bias_forces(model, q, dq, wrenches))
 

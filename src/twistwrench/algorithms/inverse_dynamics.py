@@ -96,7 +96,7 @@ def inverse_dynamics(model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wr
 
 
 def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> Array:
-    """h = c + g; (nv,). MR eq. 8.55."""
+    """h = c + g; (nv,). MR section 8.4."""
     return inverse_dynamics(model, q, dq, zeros(model.nv), wrenches)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bodies.inertia import SpatialInertia
-from ..errors import ModelError, ShapeError
+from ..errors import InertiaError, ModelError, ShapeError
 from ..lie import se3
 from ..lie.adjoint import Ad
 from ..model.builder import ModelBuilder
@@ -112,11 +112,11 @@ def from_screws(
     home, parent = np.eye(4), "base"
     for i in range(n):
         home = home @ steps[i]
-        A = Ad(se3.inverse(home)) @ S[:, i]  # MR eq. 8.49: the screw in its own link's frame
+        A = Ad(se3.inverse(home)) @ S[:, i]  # the screw in its own link's frame, MR section 8.3.1
         if not non_unit_screws:
             _check_unit(S[:, i], i, names[i])
         link = f"link{i + 1}"
-        builder.add_link(link, SpatialInertia.from_matrix(G[i]))
+        builder.add_link(link, _link_inertia(G[i], link))
         kind = "prismatic" if not np.any(A[:3]) else "helical"
         builder.add_joint(names[i], kind, parent, link, placement=steps[i], axis=A, normalise_axes=False)
         parent = link
@@ -125,6 +125,18 @@ def from_screws(
     if M is not None:
         _check_home(np.asarray(M, float), home @ steps[n])
     return builder.build(tip="end_effector", gravity=gravity, inertia=inertia, snap=0.0)
+
+
+def _link_inertia(G: Array, link: str) -> SpatialInertia:
+    """The inertia of a 6×6 matrix that has the form of one, [[I, m[c]], [-m[c], m 1]]."""
+    inertia = SpatialInertia.from_matrix(G)
+    gap = float(np.abs(inertia.matrix - G).max())
+    if not gap <= 1e-6 * float(np.abs(G).max()):
+        raise InertiaError(
+            f"the matrix of {link} is no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: it is off by "
+            f"{gap:.3g}. Is its linear part first? Then swap the blocks."
+        )
+    return inertia
 
 
 def _check_unit(S: Array, i: int, joint: str) -> None:
@@ -141,7 +153,7 @@ def _check_home(given: Array, product: Array) -> None:
     if given.shape != (4, 4):
         raise ShapeError(f"M has shape {given.shape}, expected (4, 4).")
     gap = float(np.abs(given - product).max())
-    if gap > 1e-6:
+    if not gap <= 1e-6:
         raise ModelError(
             f"M and the product of Mlist differ by up to {gap:.3g}: they must describe the same end-effector frame at zero. "
             "Pass M=None to take the product."

@@ -67,7 +67,7 @@ def _origin(element: Element) -> tuple[Array, Array]:
 
 
 def rotation_of_rpy(rpy: Array) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll) of angles (3,) about fixed axes; (3, 3). MR appendix B.1.2."""
+    """Rz(yaw) Ry(pitch) Rx(roll) of angles (3,) about fixed axes; (3, 3). MR appendix B.2."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
     return np.array(
         [

@@ -55,7 +55,7 @@ class _Owner:
     def __init__(self, program: Program, name: str, doc: str) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
-            raise KernelError(f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}.")
+            raise KernelError(f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be.")
         self.program = program
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE)}
         self.stand_in = _LOOP(self._single)
@@ -69,8 +69,31 @@ class _Owner:
         self.name, self.doc = ctypes.create_string_buffer(name.encode()), ctypes.create_string_buffer(doc.encode())
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> None:
-        """Stand in for the float32 loop: compile it, put it in the table, run it."""
-        _LOOP(self.address(SINGLE))(args, dims, steps, data)
+        """Stand in for the float32 loop: compile it, put it in the table, run it.
+
+        An exception cannot leave a callback; Python prints it as ignored. So if compiling fails, or is interrupted, the
+        results are NaN, never what happened to be in memory; the next call tries again.
+        """
+        try:
+            address = self.address(SINGLE)
+        except BaseException:
+            self._spoil(args, dims, steps)
+            raise
+        _LOOP(address)(args, dims, steps, data)
+
+    def _spoil(self, args: int, dims: int, steps: int) -> None:
+        """Write NaN into every float32 result of a call of the loop."""
+        ports = [*self.program.inputs, *self.program.outputs]
+        samples = ctypes.c_ssize_t.from_address(dims).value
+        distances = list((ctypes.c_ssize_t * (len(ports) + sum(len(p.shape) for p in ports))).from_address(steps))
+        inner = distances[len(ports) :]
+        for k, port in enumerate(ports):
+            strides, inner = inner[: len(port.shape)], inner[len(port.shape) :]
+            if k >= len(self.program.inputs):
+                start = ctypes.c_void_p.from_address(args + k * ctypes.sizeof(ctypes.c_void_p)).value
+                for index in np.ndindex(samples, *port.shape):
+                    offset = sum(i * step for i, step in zip(index, [distances[k], *strides], strict=True))
+                    ctypes.c_float.from_address((start or 0) + offset).value = float("nan")
 
     def address(self, precision: Precision) -> int:
         with LOCK:

@@ -82,7 +82,7 @@ class Ad(_Operator):
 
 
 class ad(_Operator):
-    """The Lie bracket with a twist: ``ad(V1) @ V2 = [V1, V2]``; its transpose acts on wrenches. MR eq. 8.38.
+    """The Lie bracket with a twist: ``ad(V1) @ V2 = [V1, V2]``; its transpose acts on wrenches. MR section 8.2.2.
 
     >>> (ad([0, 0, 1, 0, 0, 0]) @ [1, 0, 0, 0, 0, 0]).tolist()
     [0, 1, 0, 0, 0, 0]

@@ -24,7 +24,10 @@ def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
         if name not in by_name:
             raise UnknownNameError.of("joint", name, by_name)
         body = by_name[name]
-        given = np.atleast_1d(np.asarray(value, float))
+        try:
+            given = np.atleast_1d(np.asarray(value, float))
+        except (TypeError, ValueError):
+            raise ShapeError(f"the coordinate of joint {name!r} is {value!r}, expected a number.") from None
         if given.shape != (body.joint.nq,):
             raise ShapeError(
                 f"joint {name!r} ({body.joint.kind}) takes {body.joint.nq} numbers, got shape {given.shape}."

@@ -127,6 +127,10 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
     # 1e-6: rotations typed with six digits are meant as rotations; anything worse is another kind of matrix.
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.any(T[3] != (0, 0, 0, 1)):
         raise ModelError(f"the placement of {who} is no pose: it needs a rotation, a position and a last row 0 0 0 1.")
+    if np.abs(R.T @ R - np.eye(3)).max() > 1e-14:  # the nearest rotation: algorithms take a transpose for an inverse
+        left, _, right = np.linalg.svd(R)
+        T = T.copy()
+        T[:3, :3] = left @ right
     return T
 
 

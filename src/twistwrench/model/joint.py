@@ -42,11 +42,6 @@ class Joint:
         return 7 if self.kind == "floating" else self.nv
 
     @property
-    def bounded_angle(self) -> bool:
-        """Whether the coordinate may be taken modulo 2π without changing the robot's pose."""
-        return self.kind in ("revolute", "continuous")
-
-    @property
     def neutral(self) -> Array:
         """Coordinates at which the child's frame coincides with the joint's; (nq,)."""
         return np.array([1.0, 0, 0, 0, 0, 0, 0]) if self.kind == "floating" else np.zeros(self.nq)
@@ -102,6 +97,7 @@ class Joint:
         if self.kind == "planar":
             c, s = np.cos(q0[..., 2]), np.sin(q0[..., 2])
             (x, y, w) = np.moveaxis(q1 - q0, -1, 0)
+            w = w - 2 * np.pi * np.round(w / (2 * np.pi))  # the short way round; whole turns would divide by zero
             dx, dy = c * x + s * y, c * y - s * x
             a, b = np.sinc(w / np.pi), 0.5 * w * np.sinc(0.5 * w / np.pi) ** 2
             n = a * a + b * b

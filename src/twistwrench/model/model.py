@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -92,17 +93,23 @@ class Model:
     snap: float = 0.0
     """How near to 0 or ±1 an entry of a fixed rotation was to be to count as exactly that; edits keep to it."""
 
-    @property
+    def __post_init__(self) -> None:
+        arrays = [self.damping, self.friction, self.gravity, *vars(self.limits).values()]
+        arrays += [frame.pose for frame in self.frames.values()]
+        for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
+            array.setflags(write=False)  # robots share these, and kernels have them compiled in
+
+    @cached_property
     def nq(self) -> int:
         """Number of coordinates."""
         return sum(b.joint.nq for b in self.leaders)
 
-    @property
+    @cached_property
     def nv(self) -> int:
         """Number of velocities."""
         return sum(b.joint.nv for b in self.leaders)
 
-    @property
+    @cached_property
     def leaders(self) -> tuple[Body, ...]:
         """The bodies whose joints have coordinates of their own, in the order of q: all but followers of mimic joints."""
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
