@@ -2,8 +2,8 @@
 
 ``void loop(char **args, intp *dims, intp *steps, void *data)`` is the shape of a gufunc's inner loop: ``dims[0]`` samples,
 ``steps`` first the distance between samples of each operand, then the distances within one. Where all operands are
-contiguous rows the block reads and writes them in place. Other strides, broadcasting and the last few rows are copied into
-buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of their own.
+contiguous rows the block reads and writes them in place. What has other strides or is broadcast, and the last few rows, are
+copied through buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of their own.
 """
 
 from __future__ import annotations
@@ -66,12 +66,22 @@ def _body(w: Writer, ports: list[Port], inputs: int) -> None:
         rest = w.new(f"sub i64 {samples}, {first}")
         short = w.new(f"icmp slt i64 {rest}, {w.lanes}")
         count = w.new(f"select i1 {short}, i64 {rest}, i64 {w.lanes}")
-        places = [w.at(bases[k], w.new(f"mul i64 {first}, {step[k][0]}")) for k in range(len(ports))]
-        for k in range(inputs):
-            _call_copy(w, "gather", buffers[k], places[k], count, ports[k], step[k])
-        _call(w, buffers)
+        whole_rows = w.new(f"xor i1 {short}, true")
+        later = w.new(f"icmp sgt i64 {block}, 0")
+        places, pointers, copied = [], [], []
+        for k in range(len(ports)):
+            places.append(w.at(bases[k], w.new(f"mul i64 {first}, {step[k][0]}")))
+            in_place = w.new(f"and i1 {direct[k]}, {whole_rows}")
+            pointers.append(w.new(f"select i1 {in_place}, ptr {places[k]}, ptr {buffers[k]}"))
+            copied.append(w.new(f"xor i1 {in_place}, true"))
+        for k in range(inputs):  # a sample given once for all is copied once
+            same = w.new(f"and i1 {later}, {w.new(f'icmp eq i64 {step[k][0]}, 0')}")
+            with w.when(w.new(f"and i1 {copied[k]}, {w.new(f'xor i1 {same}, true')}")):
+                _call_copy(w, "gather", buffers[k], places[k], count, ports[k], step[k])
+        _call(w, pointers)
         for k in range(inputs, len(ports)):
-            _call_copy(w, "scatter", buffers[k], places[k], count, ports[k], step[k])
+            with w.when(copied[k]):
+                _call_copy(w, "scatter", buffers[k], places[k], count, ports[k], step[k])
 
 
 def _is_direct(w: Writer, port: Port, outer: str, inner: list[str], size: int) -> str:

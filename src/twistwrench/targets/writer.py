@@ -100,6 +100,17 @@ class Writer:
     # ── control ──
 
     @contextmanager
+    def when(self, condition: str) -> Iterator[None]:
+        """What is emitted inside runs where the i1 ``condition`` holds."""
+        inside, end = self.label("then"), self.label("done")
+        self.do(f"br i1 {condition}, label %{inside}, label %{end}")
+        self.begin(inside)
+        yield
+        self.do(f"br label %{end}")
+        self.begin(end)
+        self.after = end
+
+    @contextmanager
     def loop(self, count: str, block: str) -> Iterator[str]:
         """Count an i64 from 0 to ``count``; ``block`` is the label control comes from. Ends in a block named ``.end``.
 
