@@ -16,9 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import quantities
 from .bodies.inertia import SpatialInertia
-from .errors import ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
+from .errors import ShapeError, SingularMassMatrixError, TwistWrenchError, UnknownNameError, ValueRangeError
 from .model import configuration, edit
 from .model.model import Limits, Model
+from .model.snap import DEFAULT_SNAP
 from .program.program import Program
 
 Array = NDArray[Any]
@@ -27,11 +28,23 @@ Wrenches = Mapping[str, ArrayLike]
 __all__ = ["Robot", "from_screws", "load"]
 
 
-def load(source: str | Path, **options: Any) -> Robot:
+def load(
+    source: str | Path,
+    *,
+    floating_base: bool = False,
+    lock: Mapping[str, ArrayLike] | None = None,
+    tip: str | None = None,
+    mimic: str = "follow",
+    inertia: str = "error",
+    snap: float = DEFAULT_SNAP,
+    gravity: ArrayLike = (0.0, 0.0, -9.81),
+) -> Robot:
     """Read a robot from a file, or from XML text (first non-blank character ``<``).
 
-    Options: ``floating_base=False``, ``lock={joint: value}``, ``tip=frame``, ``mimic="follow"|"independent"``,
-    ``inertia="error"|"accept"|"repair"``, ``snap=1e-9``, ``gravity=(0, 0, -9.81)``.
+    ``floating_base`` lets the root link float; ``lock`` ``{joint: position}`` fixes joints; ``tip`` is the frame meant when
+    none is named; ``mimic`` is ``"follow"`` or ``"independent"``; ``inertia`` says what to do with impossible ones:
+    ``"error"``, ``"accept"`` or ``"repair"``; entries of fixed rotations within ``snap`` of 0 or ±1 are exactly that;
+    ``gravity`` (3,) m/s² is in the base frame.
 
     Raises: NotFoundError, RobotFileError, ModelError, InertiaError, UnknownNameError.
 
@@ -42,7 +55,18 @@ def load(source: str | Path, **options: Any) -> Robot:
     """
     from .io import load_model
 
-    return Robot(load_model(source, **options))
+    return Robot(
+        load_model(
+            source,
+            floating_base=floating_base,
+            lock=lock,
+            tip=tip,
+            mimic=mimic,
+            inertia=inertia,
+            snap=snap,
+            gravity=gravity,
+        )
+    )
 
 
 def from_screws(*lists: Any, **options: Any) -> Robot:
@@ -103,6 +127,11 @@ class Robot:
         return tuple(b.joint.name + s for b in self.model.leaders for s in b.joint.coordinate_suffixes)
 
     @property
+    def body_names(self) -> tuple[str, ...]:
+        """The moving bodies, each by the link its joint carries, in the order of :meth:`joint_wrenches`."""
+        return tuple(body.link for body in self.model.bodies)
+
+    @property
     def link_names(self) -> tuple[str, ...]:
         """Every link of the file, in document order."""
         return tuple(self.model.frames)
@@ -134,7 +163,7 @@ class Robot:
 
     @property
     def neutral(self) -> Array:
-        """Every joint at zero; (nq,)."""
+        """Every joint at zero, inside its limits or not; (nq,)."""
         return self.model.neutral
 
     @property
@@ -261,8 +290,10 @@ class Robot:
     def _call(self, name: str, *arrays: ArrayLike, out: Array | None = None, **options: Any) -> Any:
         key = (name, *options.values()) if options else name
         try:
-            kernel = self._called[key]
-        except (KeyError, TypeError):  # not yet, or an option nothing can be kept under: checked in kernel()
+            kernel = self._called.get(key)
+        except TypeError:  # an option nothing can be kept under; kernel() says what is wrong with it
+            kernel = None
+        if kernel is None:
             kernel = self.kernel(name, **options)
             self._called[key] = kernel
         try:
@@ -272,6 +303,8 @@ class Robot:
 
     def _explained(self, problem: Exception, name: str, arrays: Sequence[Any]) -> Exception:
         """A shape error that names the argument, or the original problem where shapes are not to blame."""
+        if isinstance(problem, TwistWrenchError):
+            return problem
         wanted = quantities.QUANTITIES[name].shapes(self.model)
         wanted += [("wrench", (6,))] * (len(arrays) - len(wanted))
         batches = []
@@ -317,7 +350,7 @@ class Robot:
     # ── kinematics ──
 
     def forward_kinematics(self, q: ArrayLike, frame: str | None = None, *, out: Array | None = None) -> Array:
-        """T_s,frame, pose of a frame in the base frame; (nq) → (4, 4)."""
+        """T_s,frame, pose of a frame (None: the tip) in the base frame; (nq) → (4, 4)."""
         return self._call("forward_kinematics", q, frame=frame, out=out)
 
     def link_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
@@ -327,7 +360,7 @@ class Robot:
     def jacobian(
         self, q: ArrayLike, frame: str | None = None, kind: str = "body", *, out: Array | None = None
     ) -> Array:
-        """J with V = J dq; (nq) → (6, nv), angular rows first. MR eq. 5.11, 5.18.
+        """J with V = J dq, of a frame (None: the tip); (nq) → (6, nv), angular rows first. MR eq. 5.11, 5.18.
 
         ``kind``: ``"body"``, the twist in the frame itself; ``"space"``, at the base origin; ``"world_aligned"``, at the
         frame's origin with the base's axes.
@@ -343,7 +376,7 @@ class Robot:
     def frame_velocity(
         self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body", *, out: Array | None = None
     ) -> Array:
-        """Twist (omega, v) of a frame; (nq), (nv) → (6)."""
+        """Twist (omega, v) of a frame (None: the tip), ``kind`` as for the Jacobian; (nq), (nv) → (6)."""
         return self._call("frame_velocity", q, dq, frame=frame, kind=kind, out=out)
 
     def frame_acceleration(
@@ -356,7 +389,11 @@ class Robot:
         *,
         out: Array | None = None,
     ) -> Array:
-        """d/dt of :meth:`frame_velocity`, gravity not included; (nq), (nv), (nv) → (6)."""
+        """d/dt of :meth:`frame_velocity`, gravity not included; (nq), (nv), (nv) → (6).
+
+        The rate of a twist's six numbers: the acceleration of a body's point has ω × v beside it, unless ``kind`` is
+        ``"world_aligned"``.
+        """
         return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind, out=out)
 
     # ── dynamics ──
@@ -384,10 +421,11 @@ class Robot:
         [29.43, 9.81]
         """
         if wrench_by_robot is None and wrench_on_robot is None and not friction and out is None:
+            kernel = self._called.get("inverse_dynamics")  # the kilohertz loop's own way: no call in between
             try:
-                return self._called["inverse_dynamics"](q, dq, ddq)
-            except (KeyError, TypeError, ValueError):
-                return self._call("inverse_dynamics", q, dq, ddq)
+                return self._call("inverse_dynamics", q, dq, ddq) if kernel is None else kernel(q, dq, ddq)
+            except (TypeError, ValueError) as problem:
+                raise self._explained(problem, "inverse_dynamics", (q, dq, ddq)) from None
         tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
         return np.add(tau, self.friction_forces(dq), out=out) if friction else tau
 
@@ -450,7 +488,7 @@ class Robot:
     def wrench_torques(
         self, q: ArrayLike, wrench_by_robot: ArrayLike, frame: str | None = None, *, out: Array | None = None
     ) -> Array:
-        """J_b' F alone, for a wrench the robot applies at the frame; (nq), (6) → (nv). MR eq. 5.26."""
+        """J_b' F alone, for a wrench the robot applies at the frame (None: the tip); (nq), (6) → (nv). MR eq. 5.26."""
         return self._call("wrench_torques", q, wrench_by_robot, frame=frame, out=out)
 
     def holding_torques(
@@ -474,7 +512,7 @@ class Robot:
         wrench_on_robot: Wrenches | None = None,
         out: Array | None = None,
     ) -> Array:
-        """The wrench each moving body receives across its joint, in its own frame; → (nbodies, 6)."""
+        """The wrench each moving body receives across its joint, in its own frame; → (nbodies, 6), as in body_names."""
         return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
 
     def _with_wrenches(
@@ -501,6 +539,9 @@ class Robot:
                     ) from None
         if not total:
             return self._call(name, *arrays, out=out)
+        if all(getattr(a, "dtype", None) == np.float32 for a in arrays):  # wrenches as lists do not make them double
+            given = {**(by or {}), **(on or {})}
+            total = {f: F if hasattr(given[f], "dtype") else F.astype(np.float32) for f, F in total.items()}
         frames = sorted(total)  # whatever the order they were given in, one kernel
         return self._call(name, *arrays, *(total[f] for f in frames), out=out, wrenches=tuple(frames))
 
