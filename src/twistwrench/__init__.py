@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from . import robots
 from .bodies.inertia import SpatialInertia
+from .bodies.rigid_body import RigidBody
 from .errors import (
     FrameError,
     InertiaError,
@@ -23,6 +24,9 @@ from .errors import (
 from .lie import se3, so3
 from .lie.adjoint import Ad, ad
 from .robot import Robot, from_screws, load
+from .screws.pose import Pose
+from .screws.twist import Twist
+from .screws.wrench import Wrench
 
 __version__ = "0.1.0"
 
@@ -35,15 +39,19 @@ __all__ = [
     "ModelError",
     "ModelWarning",
     "NotFoundError",
+    "Pose",
+    "RigidBody",
     "Robot",
     "RobotFileError",
     "ShapeError",
     "SingularMassMatrixError",
     "SpatialInertia",
     "TrajectoryError",
+    "Twist",
     "TwistWrenchError",
     "UnknownNameError",
     "ValueRangeError",
+    "Wrench",
     "ad",
     "from_screws",
     "load",

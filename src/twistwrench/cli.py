@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .errors import MissingExtraError, ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from .statics.command import payload_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -230,6 +231,18 @@ def verify(options: RobotOptions) -> None:
     _console().print(render(report))
     if not report.passed:
         sys.exit(_FOUND_A_PROBLEM)
+
+
+@main.command()
+@payload_options
+@robot_command
+def payload(options: RobotOptions, **given: Any) -> None:
+    """The largest payload held at rest at a pose, the joint that limits it, and the forces the robot can apply."""
+    from .statics.command import payload_answer
+
+    _check_extra(given["plot_path"])
+    for part in payload_answer(options.load(), degrees=options.degrees, **given):
+        _console().print(part)
 
 
 def _check_extra(plot_path: str | None) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import quantities
 from .bodies.inertia import SpatialInertia
-from .errors import ShapeError, SingularMassMatrixError, TwistWrenchError, UnknownNameError, ValueRangeError
+from .errors import ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
 from .model import configuration, edit
 from .model.model import Limits, Model
 from .model.snap import DEFAULT_SNAP
@@ -89,6 +89,7 @@ class Robot:
         self.model = model
         self._kernels: dict[Any, Any] = {}
         self._called: dict[Any, Any] = {}
+        self._inverse_dynamics: Any = None
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}>"
@@ -303,8 +304,6 @@ class Robot:
 
     def _explained(self, problem: Exception, name: str, arrays: Sequence[Any]) -> Exception:
         """A shape error that names the argument, or the original problem where shapes are not to blame."""
-        if isinstance(problem, TwistWrenchError):
-            return problem
         wanted = quantities.QUANTITIES[name].shapes(self.model)
         wanted += [("wrench", (6,))] * (len(arrays) - len(wanted))
         batches = []
@@ -421,9 +420,11 @@ class Robot:
         [29.43, 9.81]
         """
         if wrench_by_robot is None and wrench_on_robot is None and not friction and out is None:
-            kernel = self._called.get("inverse_dynamics")  # the kilohertz loop's own way: no call in between
+            kernel = self._inverse_dynamics  # the kilohertz loop's own way: nothing between it and the kernel
+            if kernel is None:
+                kernel = self._inverse_dynamics = self.kernel("inverse_dynamics")
             try:
-                return self._call("inverse_dynamics", q, dq, ddq) if kernel is None else kernel(q, dq, ddq)
+                return kernel(q, dq, ddq)
             except (TypeError, ValueError) as problem:
                 raise self._explained(problem, "inverse_dynamics", (q, dq, ddq)) from None
         tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)

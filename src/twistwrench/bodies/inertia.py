@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InertiaError, ShapeError
 from ..lie import so3
+from . import mesh as meshes
+from . import parameters as forms
+from . import solids
 
 Array = NDArray[Any]
 
@@ -73,7 +76,20 @@ class SpatialInertia:
         """No mass, no inertia."""
         return cls.from_parameters(np.zeros(10))
 
+    from_points = classmethod(solids.from_points)
+    box = classmethod(solids.box)
+    sphere = classmethod(solids.sphere)
+    cylinder = classmethod(solids.cylinder)
+    capsule = classmethod(solids.capsule)
+    cone = classmethod(solids.cone)
+    ellipsoid = classmethod(solids.ellipsoid)
+    mesh = classmethod(meshes.mesh)
+    from_pseudo_inertia = classmethod(forms.from_pseudo_inertia)
+    from_log_cholesky = classmethod(forms.from_log_cholesky)
+
     # ── ways out ──
+
+    log_cholesky = forms.log_cholesky
 
     @property
     def mass(self) -> Any:
@@ -121,10 +137,12 @@ class SpatialInertia:
         return np.block([[self.second_moment, h[:, None]], [h[None, :], np.full((1, 1), self.mass)]])
 
     def principal(self) -> tuple[Array, Array]:
-        """Principal moments about the centre of mass, ascending (3,), and their axes as columns of a rotation (3, 3)."""
+        """Principal moments about the centre of mass, ascending (3,), and their axes as columns of a rotation (3, 3).
+
+        Where moments repeat, the axes are the ones that follow the frame's; those of a ball are the frame's own.
+        """
         moments, axes = np.linalg.eigh(self.moment_about_com)
-        axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])
-        return moments, axes
+        return moments, forms.aligned_axes(moments, axes)
 
     # ── change of frame, sums ──
 
@@ -212,3 +230,7 @@ class SpatialInertia:
         values, axes = np.linalg.eigh(S)
         S = axes * np.maximum(values, 0.0) @ axes.T
         return SpatialInertia.from_com(self.mass, self.com, S.trace() * np.eye(3) - S)
+
+    def repair(self) -> forms.Repair:
+        """:meth:`nearest_consistent` with a report of what moved and why: a :class:`Repair`."""
+        return forms.Repair(self, self.nearest_consistent())

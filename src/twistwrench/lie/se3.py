@@ -1,29 +1,50 @@
 """Rigid motions: se(3) and SE(3). Twists are (omega, v), angular part first; Modern Robotics section 3.3.
 
-Any leading batch shape. ``T_ab`` is the pose of frame {b} seen from {a}.
+Any leading batch shape. ``T_ab`` is the pose of frame {b} seen from {a}. Largest error of an entry against 50-digit
+arithmetic, 400 random twists of angle up to π and |v| = 1: ``exp`` 7.3e-16, ``log`` 6.7e-16, ``left_jacobian`` 2.8e-16,
+``left_jacobian_inverse`` 2.3e-16; linear in |v|. The bounds are asserted in ``tests/test_lie_accuracy.py``.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import so3
+from ..errors import MissingExtraError
+from . import checks, series, so3
 from .adjoint import Ad, ad
+from .quadratic import angle, quadratic, slope
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
 
 Array = NDArray[Any]
 
-__all__ = ["Ad", "ad", "exp", "hat", "inverse", "log", "pose", "vee"]
+__all__ = [
+    "Ad",
+    "ad",
+    "as_scipy",
+    "exp",
+    "from_scipy",
+    "hat",
+    "inverse",
+    "left_jacobian",
+    "left_jacobian_inverse",
+    "log",
+    "pose",
+    "project",
+    "vee",
+]
 
 
 def pose(R: ArrayLike, p: ArrayLike) -> Array:
     """The 4×4 matrix of a rotation and a position; (..., 3, 3), (..., 3) → (..., 4, 4). Works on symbols too."""
     R, p = np.asarray(R), np.asarray(p)
     top = np.concatenate([R, p[..., None]], axis=-1)
-    bottom = np.broadcast_to(np.array([0.0, 0.0, 0.0, 1.0]), (*top.shape[:-2], 1, 4))
-    return np.concatenate([top, bottom], axis=-2)
+    bottom = np.array([0.0, 0.0, 0.0, 1.0], np.float32 if top.dtype == np.float32 else float)
+    return np.concatenate([top, np.broadcast_to(bottom, (*top.shape[:-2], 1, 4))], axis=-2)
 
 
 def hat(V: ArrayLike) -> Array:
@@ -52,13 +73,94 @@ def exp(V: ArrayLike) -> Array:
     >>> exp([0, 0, 0, 1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    V = np.asarray(V, float)
+    V = checks.real(V)
     w, v = V[..., :3], V[..., 3:]
-    return pose(so3.exp(w), (so3.left_jacobian(w) @ v[..., None])[..., 0])
+    theta = angle(w)
+    b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
+    wv = so3.cross(w, v)
+    T = np.zeros((*V.shape[:-1], 4, 4), V.dtype)
+    T[..., :3, :3] = quadratic(w, series.sinc(theta), b)
+    T[..., :3, 3] = v + b[..., None] * wv + c[..., None] * so3.cross(w, wv)  # left_jacobian(w) v
+    T[..., 3, 3] = 1
+    return T
 
 
 def log(T: ArrayLike) -> Array:
-    """The twist, with |omega| ≤ π, that leads from the identity to T in unit time; (..., 4, 4) → (..., 6)."""
-    T = np.asarray(T, float)
+    """The twist, with |omega| ≤ π, that leads from the identity to T in unit time; (..., 4, 4) → (..., 6).
+
+    A matrix that is no pose is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
+
+    >>> log(exp([0.1, 0.2, 0.3, 4, 5, 6])).round(12).tolist()
+    [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
+    """
+    T = checks.pose(T)
     w = so3.log(T[..., :3, :3])
     return np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
+
+
+def left_jacobian(V: ArrayLike) -> Array:
+    """J with exp(V + dV) = exp(J dV) exp(V) to first order; (..., 6) → (..., 6, 6), [[J, 0], [Q, J]].
+
+    Q is the derivative of the SO(3) Jacobian along v, because ad(omega, v) is [omega + ε v] with ε² = 0. At every angle.
+    Source: Barfoot & Furgale, "Associating uncertainty with three-dimensional poses", IEEE T-RO 30(3), 2014, for Q.
+
+    >>> left_jacobian([0, 0, 0, 2, 0, 0])[3:, :3].tolist()
+    [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
+    """
+    V = checks.real(V)
+    w, v = V[..., :3], V[..., 3:]
+    theta = angle(w)
+    b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
+    db, dc = series.one_minus_cos_slope(theta), series.theta_minus_sin_slope(theta)
+    return _dual(quadratic(w, b, c), slope(w, v, b, c, db, dc))
+
+
+def left_jacobian_inverse(V: ArrayLike) -> Array:
+    """Inverse of :func:`left_jacobian`; (..., 6) → (..., 6, 6). Grows without bound as |omega| nears 2π, 4π, …
+
+    >>> V = [0.3, -2.0, 1.0, 0.5, 0.1, -0.4]
+    >>> bool(abs(left_jacobian(V) @ left_jacobian_inverse(V) - np.eye(6)).max() < 1e-15)
+    True
+    """
+    V = checks.real(V)
+    w, v = V[..., :3], V[..., 3:]
+    theta = angle(w)
+    b, c = np.full_like(theta, -0.5), series.cot_term(theta)
+    return _dual(quadratic(w, b, c), slope(w, v, b, c, np.zeros_like(theta), series.cot_slope(theta)))
+
+
+def project(M: ArrayLike, within: float = 0.1) -> Array:
+    """The pose nearest to a matrix: its rotation by :func:`twistwrench.so3.project`, its position as it is, its last row exact.
+
+    (..., 4, 4) → (..., 4, 4). A rotation or a last row further than ``within`` off is a
+    :class:`~twistwrench.ValueRangeError` that says how far.
+
+    >>> T = exp([0.1, 0.2, 0.3, 4, 5, 6])
+    >>> bool(abs(project(T.round(3)) - T).max() < 1e-3)
+    True
+    """
+    M = checks.finite(M, "a pose", (4, 4))
+    checks.last_row(M, within)
+    return pose(so3.project(M[..., :3, :3], within), M[..., :3, 3])
+
+
+def as_scipy(T: ArrayLike) -> RigidTransform:
+    """The ``scipy.spatial.transform.RigidTransform`` (SciPy ≥ 1.16) of a pose (..., 4, 4); same order (omega, v).
+
+    >>> as_scipy(exp([0, 0, 0.5, 1, 2, 3])).as_exp_coords().round(12).tolist()
+    [0.0, 0.0, 0.5, 1.0, 2.0, 3.0]
+    """
+    try:
+        from scipy.spatial.transform import RigidTransform
+    except ImportError:
+        raise MissingExtraError.of("scipy>=1.16", "all", "se3.as_scipy") from None
+    return RigidTransform.from_matrix(checks.pose(T))
+
+
+def from_scipy(transform: RigidTransform) -> Array:
+    """The pose (..., 4, 4) of a ``scipy.spatial.transform.RigidTransform``."""
+    return np.asarray(transform.as_matrix())
+
+
+def _dual(J: Array, Q: Array) -> Array:
+    return np.concatenate([np.concatenate([J, np.zeros_like(J)], axis=-1), np.concatenate([Q, J], axis=-1)], axis=-2)

@@ -1,17 +1,37 @@
-"""Rotations: so(3) and SO(3). Any leading batch shape; Modern Robotics section 3.2."""
+"""Rotations: so(3) and SO(3). Any leading batch shape; Modern Robotics section 3.2.
+
+Largest error of an entry against 50-digit arithmetic, 400 random rotations of angle up to π: ``exp`` 7.3e-16, ``log``
+6.7e-16, ``left_jacobian`` 2.8e-16, ``left_jacobian_inverse`` 1.8e-16. Beyond π the rounding of the angle itself, eps |w|, is
+added. The bounds are asserted in ``tests/test_lie_accuracy.py``.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import quaternion, series
+from . import checks, quaternion, series
+from .quadratic import angle, quadratic
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Array = NDArray[Any]
 
-__all__ = ["cross", "exp", "hat", "left_jacobian", "left_jacobian_inverse", "log", "vee"]
+__all__ = [
+    "as_scipy",
+    "cross",
+    "exp",
+    "from_scipy",
+    "hat",
+    "left_jacobian",
+    "left_jacobian_inverse",
+    "log",
+    "project",
+    "vee",
+]
 
 
 def hat(w: ArrayLike) -> Array:
@@ -46,31 +66,77 @@ def exp(w: ArrayLike) -> Array:
     >>> np.allclose(exp([0, 0, np.pi / 2]) @ [1, 0, 0], [0, 1, 0])
     True
     """
-    w = np.asarray(w, float)
-    theta = np.linalg.norm(w, axis=-1)[..., None, None]
-    W = hat(w)
-    return np.eye(3) + series.sinc(theta) * W + series.one_minus_cos_over_square(theta) * (W @ W)
+    w = checks.real(w)
+    theta = angle(w)
+    return quadratic(w, series.sinc(theta), series.one_minus_cos_over_square(theta))
 
 
 def log(R: ArrayLike) -> Array:
     """Exponential coordinates of a rotation matrix, 0 ≤ |w| ≤ π; (..., 3, 3) → (..., 3).
 
-    Through the quaternion, so right at every angle, π and its neighbours included.
+    Through the quaternion, so right at every angle, π and its neighbours included; at π itself w and -w are the same
+    rotation, and one of them is returned. A matrix that is no rotation is a :class:`~twistwrench.ValueRangeError`.
+
+    >>> log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(12).tolist()
+    [0.0, 0.0, 1.570796326795]
     """
-    return quaternion.log(quaternion.from_matrix(R))
+    R = checks.rotation(R)
+    return quaternion.log(quaternion.from_matrix(R)).astype(R.dtype, copy=False)
 
 
 def left_jacobian(w: ArrayLike) -> Array:
-    """J with exp(w + dw) = exp(J dw) exp(w) to first order; (..., 3) → (..., 3, 3)."""
-    w = np.asarray(w, float)
-    theta = np.linalg.norm(w, axis=-1)[..., None, None]
-    W = hat(w)
-    return np.eye(3) + series.one_minus_cos_over_square(theta) * W + series.theta_minus_sin_over_cube(theta) * (W @ W)
+    """J with exp(w + dw) = exp(J dw) exp(w) to first order; (..., 3) → (..., 3, 3).
+
+    It turns rates of the coordinates into the angular velocity in {s}: ω_s = J(w) dw/dt.
+
+    >>> left_jacobian([0, 0, 0]).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    w = checks.real(w)
+    theta = angle(w)
+    return quadratic(w, series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta))
 
 
 def left_jacobian_inverse(w: ArrayLike) -> Array:
-    """Inverse of :func:`left_jacobian`, for |w| < 2π; (..., 3) → (..., 3, 3)."""
-    w = np.asarray(w, float)
-    theta = np.linalg.norm(w, axis=-1)[..., None, None]
-    W = hat(w)
-    return np.eye(3) - 0.5 * W + series.cot_term(theta) * (W @ W)
+    """Inverse of :func:`left_jacobian`; (..., 3) → (..., 3, 3). Grows without bound as |w| nears 2π, 4π, …
+
+    >>> w = [0.3, -2.0, 1.0]
+    >>> bool(abs(left_jacobian(w) @ left_jacobian_inverse(w) - np.eye(3)).max() < 1e-15)
+    True
+    """
+    w = checks.real(w)
+    theta = angle(w)
+    return quadratic(w, np.full_like(theta, -0.5), series.cot_term(theta))
+
+
+def project(M: ArrayLike, within: float = 0.1) -> Array:
+    """The rotation nearest to a matrix (in the Frobenius norm), by its singular values; (..., 3, 3) → (..., 3, 3).
+
+    A matrix with an entry further than ``within`` from that rotation is a :class:`~twistwrench.ValueRangeError` that says
+    how far: it is not a rotation with rounding, and a reflection never is.
+
+    >>> project([[0.707, -0.707, 0], [0.707, 0.707, 0], [0, 0, 1]]).round(9)[0].tolist()
+    [0.707106781, -0.707106781, 0.0]
+    """
+    M = checks.finite(M, "a rotation matrix", (3, 3))
+    U, _, Vt = np.linalg.svd(M)
+    U[..., :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1, 1)[..., None]
+    R = U @ Vt
+    checks.refuse(np.abs(R - M), within, "not a rotation with rounding: the nearest one is {gap:.3g} away")
+    return np.asarray(R)
+
+
+def as_scipy(R: ArrayLike) -> Rotation:
+    """The ``scipy.spatial.transform.Rotation`` of a rotation matrix (..., 3, 3). Needs a rotation, as :func:`log` does.
+
+    >>> as_scipy(exp([0, 0, 0.5])).as_rotvec().round(12).tolist()
+    [0.0, 0.0, 0.5]
+    """
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(checks.rotation(R))
+
+
+def from_scipy(rotation: Rotation) -> Array:
+    """The rotation matrix (..., 3, 3) of a ``scipy.spatial.transform.Rotation``."""
+    return np.asarray(rotation.as_matrix())

@@ -31,6 +31,8 @@ class Columns:
     """For ``q``, ``dq`` and ``ddq``: the columns in the robot's order, or None where the file has none."""
     factors: dict[str, Array]
     """What takes each of them to SI units."""
+    angle: float
+    """What takes the file's angles to radians."""
 
     @classmethod
     def of(cls, text: str, coordinates: Coordinates, where: str, *, degrees: bool) -> Columns:
@@ -55,6 +57,7 @@ class Columns:
                 for part, names in expected.items()
             },
             factors={"q": np.where(coordinates.angular, angle, 1.0), "dq": rates, "ddq": rates},
+            angle=angle,
         )
 
     def take(self, table: Array, part: str) -> Any:

@@ -17,8 +17,6 @@ Array = NDArray[Any]
 __all__ = ["Coordinates", "joint_rates"]
 
 _VELOCITY_SUFFIXES = {"floating": (".wx", ".wy", ".wz", ".vx", ".vy", ".vz"), "planar": (".w", ".vx", ".vy")}
-_ANGULAR_Q = {"prismatic": (False,), "planar": (False, False, True), "floating": (False,) * 7}
-_ANGULAR_V = {"prismatic": (False,), "planar": (True, False, False), "floating": (True,) * 3 + (False,) * 3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +34,9 @@ class Coordinates:
     position_of: Array
     """(nv,) which entry of q the velocity belongs to; -1 where none does (planar and floating joints)."""
     endless: Array
-    """(nq,) bool: a continuous joint's angle, which a log may wrap at ±π."""
+    """(nq,) bool: an angle that a log may wrap at ±π, a continuous joint's or a planar joint's theta."""
+    quaternions: tuple[slice, ...]
+    """Where in q the quaternions of floating joints stand."""
 
     @classmethod
     def of(cls, model: Model) -> Coordinates:
@@ -46,19 +46,26 @@ class Coordinates:
         for b in model.leaders:
             if b.joint.nv == 1:
                 position_of[b.v_index] = b.q_index
+        entries = [(j, s) for j in joints for s in j.coordinate_suffixes]
         return cls(
-            names=tuple(j.name + s for j in joints for s in j.coordinate_suffixes),
+            names=tuple(j.name + s for j, s in entries),
             velocity_names=tuple(j.name + s for j in joints for s in _VELOCITY_SUFFIXES.get(j.kind, ("",))),
-            angular=np.array([a for j in joints for a in _ANGULAR_Q.get(j.kind, (True,))], bool),
-            angular_velocity=np.array([a for j in joints for a in _ANGULAR_V.get(j.kind, (True,))], bool),
+            angular=np.array([s == ".theta" or (not s and _turns(j)[0]) for j, s in entries], bool),
+            angular_velocity=np.array([a for j in joints for a in _turns(j)], bool),
             position_of=position_of,
-            endless=np.array([j.kind == "continuous" for j in joints for _ in range(j.nq)], bool),
+            endless=np.array([s == ".theta" or j.kind == "continuous" for j, s in entries], bool),
+            quaternions=tuple(slice(b.q_index, b.q_index + 4) for b in model.leaders if b.joint.kind == "floating"),
         )
 
     @property
     def torque_units(self) -> tuple[str, ...]:
         """``N m`` or ``N`` for each velocity."""
         return tuple("N m" if a else "N" for a in self.angular_velocity)
+
+
+def _turns(joint: Joint) -> list[bool]:
+    """Of each of the joint's velocities: whether it turns, as opposed to slides."""
+    return [bool(axis[:3].any()) for axis in joint.axes]
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:

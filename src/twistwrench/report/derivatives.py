@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import TrajectoryError
 from ..model.model import Model
+from .continuity import Continuity
 from .coordinates import Coordinates, joint_rates
 from .smoothing import best_strength, margin_of, smooth
 from .survey import Survey, survey
@@ -34,24 +36,27 @@ class States:
 
     time: Array
     q: Array
+    """As differentiated: smoothed if asked, and without the jumps of wrapped angles."""
     dq: Array
     ddq: Array
+    logged: Array
+    """(n, nq) q as the file has it, in SI units: what position limits are about."""
 
     def __len__(self) -> int:
         return len(self.time)
 
     def at(self, rows: Any) -> States:
         """Some of the rows."""
-        return States(self.time[rows], self.q[rows], self.dq[rows], self.ddq[rows])
+        return States(self.time[rows], self.q[rows], self.dq[rows], self.ddq[rows], self.logged[rows])
 
     def copy(self) -> States:
         """The same, holding on to no larger arrays."""
-        return States(self.time.copy(), self.q.copy(), self.dq.copy(), self.ddq.copy())
+        return States(self.time.copy(), self.q.copy(), self.dq.copy(), self.ddq.copy(), self.logged.copy())
 
     @classmethod
     def none(cls, nq: int, nv: int) -> States:
         """No states at all."""
-        return cls(np.zeros(0), np.zeros((0, nq)), np.zeros((0, nv)), np.zeros((0, nv)))
+        return cls(np.zeros(0), np.zeros((0, nq)), np.zeros((0, nv)), np.zeros((0, nv)), np.zeros((0, nq)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +74,8 @@ class Differentiation:
     """(k,) the columns that are differentiated."""
     strengths: Array
     """(k,) smoothing strengths of those; 0 for none."""
+    continuity: Continuity
+    """What makes curves of the columns of q."""
     sigma_ddq: Array
     """(nv,) standard deviation of the accelerations that follows from the noise of the log; 0 where they are given."""
 
@@ -85,21 +92,27 @@ class Differentiation:
 
         excerpts = trajectory.excerpts(_EXCERPTS, _EXCERPT_ROWS)
         times = [table[:, trajectory.columns.time] for table in excerpts]
-        parts = [table[:, places] for table in excerpts]
+        parts = curves = [table[:, places] for table in excerpts]
         if derives and sum(map(len, times)) < _FEWEST:
             raise _too_few(trajectory, sum(map(len, times)), "accelerations" if source != "given" else "velocities")
-        quality = survey(times, parts)
+        coordinates, turn = Coordinates.of(model), math.tau / trajectory.columns.angle
+        where = has["q"]
+        continuity = Continuity.of(coordinates, [table[:, where] for table in excerpts], turn)
+        if differentiated == "q" and derives:
+            curves = [continuity.curves(x, turn) for x in parts]
+        quality = survey(times, parts, curves)
         strengths = np.zeros(len(places))
         if smoothing:
             for k, noise in enumerate(quality.noise):
-                strengths[k] = best_strength(times, [x[:, k] for x in parts], float(noise), quality.step)
+                strengths[k] = best_strength(times, [x[:, k] for x in curves], float(noise), quality.step)
         sigma_ddq = np.zeros(model.nv)
         if source != "given":
             order = 1 if source == "velocities" else 2
-            gains = [noise_gain(order, float(s), quality.step) for s in strengths]
-            sigma = quality.noise * trajectory.columns.factors[differentiated] * np.array(gains)
+            gain = {s: noise_gain(order, s, quality.step) for s in set(strengths.tolist())}
+            gains = np.array([gain[s] for s in strengths.tolist()])
+            sigma = quality.noise * trajectory.columns.factors[differentiated] * gains
             sigma_ddq = sigma if source == "velocities" else _to_joints(model, sigma)
-        return cls(trajectory, model, quality, source, derives_velocities, places, strengths, sigma_ddq)
+        return cls(trajectory, model, quality, source, derives_velocities, places, strengths, continuity, sigma_ddq)
 
     @property
     def derives(self) -> bool:
@@ -117,24 +130,14 @@ class Differentiation:
     def _complete(self, motion: Motion) -> States:
         """Add what the file does not give; all at rows of one window."""
         t, q, dq, ddq = motion.time, motion.q, motion.dq, motion.ddq
-        if self.source == "velocities":
-            assert dq is not None  # what the source being "velocities" means
+        if dq is None:
+            q = self._smoothed(t, self.continuity.curves(q))
+            dq, derived = joint_rates(self.model, q, *spline_rates(t, q))
+            ddq = derived if ddq is None else ddq
+        elif ddq is None:
             dq = self._smoothed(t, dq)
             ddq, _ = spline_rates(t, dq)
-        elif self.derives_velocities:
-            q, rates1, rates2 = self._position_rates(t, q)
-            dq, derived = joint_rates(self.model, q, rates1, rates2)
-            ddq = derived if ddq is None else ddq
-        assert dq is not None and ddq is not None
-        return States(t, q, dq, ddq)
-
-    def _position_rates(self, t: Array, q: Array) -> tuple[Array, Array, Array]:
-        endless = Coordinates.of(self.model).endless
-        unwrapped = q.copy()
-        unwrapped[:, endless] = np.unwrap(q[:, endless], axis=0)
-        continuous = _continuous_signs(self.model, unwrapped)
-        smoothed = self._smoothed(t, continuous)
-        return (smoothed, *spline_rates(t, smoothed))
+        return States(t, q, dq, ddq, motion.q)
 
     def _smoothed(self, t: Array, x: Array) -> Array:
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
@@ -183,13 +186,3 @@ def _to_joints(model: Model, spread: Array) -> Array:
         else:
             found[here] = part
     return found
-
-
-def _continuous_signs(model: Model, q: Array) -> Array:
-    """Turn quaternions to the sign that continues their predecessor's: p and -p are one rotation, but not one curve."""
-    for b in model.leaders:
-        if b.joint.kind == "floating":
-            p = q[:, b.q_index : b.q_index + 4]
-            flips = np.sign(np.sum(p[1:] * p[:-1], axis=1))
-            q[:, b.q_index : b.q_index + 4] = p * np.cumprod(np.r_[1.0, np.where(flips == 0, 1.0, flips)])[:, None]
-    return q

@@ -35,7 +35,10 @@ class JointTorque:
     terms: dict[str, float]
     """The causes of the peak, by name; they add up to it."""
     uncertainty: float
-    """Standard deviation of the torque from noise of the log, at its largest; 0 where accelerations are given."""
+    """Standard deviation of the torque from noise of the log; 0 where accelerations are given.
+
+    It varies with the pose. This is the largest over some 32 states, evenly spaced, of each chunk of rows worked on.
+    """
 
     @property
     def share(self) -> float:
@@ -59,6 +62,7 @@ class Excess:
     kind: str
     """``effort``, ``velocity``, ``lower`` or ``upper``."""
     value: float
+    """With its sign; the limit of a torque or velocity holds for its magnitude."""
     limit: float
     time: float
     unit: str

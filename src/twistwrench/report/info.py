@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
 
-from ..model.model import BASE, Model
+from ..model.model import BASE, Body, Model
 from .coordinates import Coordinates
 
 if TYPE_CHECKING:
@@ -53,14 +53,23 @@ def _joints(model: Model, *, degrees: bool) -> Table:
     for i, b in enumerate(model.bodies):
         for k in range(b.v_index, b.v_index + b.joint.nv):
             factor = math.degrees(1.0) if degrees and c.angular_velocity[k] else 1.0
+            if b.follows:
+                kind = f"{b.joint.kind},\n{_rule(b, c.velocity_names[k], factor)}"
+                table.add_row(*map(Text, (b.joint.name, kind, _link(model, i))))
+                continue
             first = k == b.v_index
-            kind = f"{b.joint.kind}, follows {c.velocity_names[k]}" if b.follows else b.joint.kind
-            name = b.joint.name if b.follows else c.velocity_names[k]
             cells = [factor * limits.lower[k], factor * limits.upper[k], factor * limits.velocity[k], limits.effort[k]]
             cells += [model.damping[k], model.friction[k]] if extra else []
-            words = (name, kind if first else "", _link(model, i) if first else "")
+            words = (c.velocity_names[k], b.joint.kind if first else "", _link(model, i) if first else "")
             table.add_row(*map(Text, words), *map(_figure, cells))
     return table
+
+
+def _rule(follower: Body, leader: str, factor: float) -> str:
+    """What a mimic joint does: limits, damping and friction are its leader's."""
+    ratio = "" if follower.ratio == 1.0 else f"{follower.ratio:.5g} × "
+    offset = f" {factor * follower.offset:+.5g}" if follower.offset else ""
+    return f"follows {ratio}{leader}{offset}"
 
 
 def _inertias(model: Model) -> Table:

@@ -15,6 +15,8 @@ from .coordinates import Coordinates
 __all__ = ["read_limits"]
 
 _KINDS = ("lower", "upper", "velocity", "effort")
+_Line = tuple[int, list[str]]
+"""A line's number, counting from 1, and its cells."""
 
 
 def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Limits:
@@ -24,6 +26,28 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
     :class:`~twistwrench.ValueRangeError`, naming file, line and column.
     """
     path = Path(path)
+    header, rows = _open(path)
+    joints = Coordinates.of(model)
+    angles = np.where(joints.angular_velocity & degrees, math.radians(1.0), 1.0)
+    found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
+    seen: set[str] = set()
+    for line, cells in rows:
+        where = f"{path}: line {line}"
+        joint, values = _row(header, cells, where)
+        k = _check(joint, values, joints, seen, where)
+        seen.add(joint)
+        for kind, value in values.items():
+            found[kind][k] = value * (1.0 if kind == "effort" else angles[k])
+        if found["lower"][k] > found["upper"][k]:
+            raise ValueRangeError(
+                f"{where}: the lower limit of {joint!r}, {found['lower'][k]:g}, is above the upper, "
+                f"{found['upper'][k]:g}. Swap them."
+            )
+    return Limits(**found)
+
+
+def _open(path: Path) -> tuple[list[str], list[_Line]]:
+    """The header, and the lines after it that are neither blank nor comments."""
     try:
         lines = path.read_text("utf-8-sig").splitlines()
     except FileNotFoundError:
@@ -39,38 +63,38 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
         raise ValueRangeError(
             f"{path}: the file is empty. Its header is joint,{','.join(_KINDS)}, then a line per joint."
         )
-    header = _header(rows[0], path)
-    coordinates = Coordinates.of(model)
-    known = {name: k for k, name in enumerate(coordinates.velocity_names)}
-    angles = np.where(coordinates.angular_velocity & degrees, math.radians(1.0), 1.0)
-    found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
-    seen: set[str] = set()
-    for line, cells in rows[1:]:
-        where = f"{path}: line {line}"
-        if len(cells) != len(header):
-            raise ValueRangeError(
-                f"{where} has {len(cells)} values, and the header names {len(header)}. Leave blanks, keep commas."
-            )
-        row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
-        joint = row.pop("joint")
-        if joint not in known:
-            raise ValueRangeError(f"{where}: {UnknownNameError.of('joint', joint, known)}")
-        if joint in seen:
-            raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
-        seen.add(joint)
-        k = known[joint]
-        for kind, text in row.items():
-            if text:
-                found[kind][k] = _limit(text, kind, where) * (1.0 if kind == "effort" else angles[k])
-        if found["lower"][k] > found["upper"][k]:
-            raise ValueRangeError(
-                f"{where}: the lower limit of {joint!r}, {found['lower'][k]:g}, is above the upper, "
-                f"{found['upper'][k]:g}. Swap them."
-            )
-    return Limits(**found)
+    return _header(rows[0], path), rows[1:]
 
 
-def _header(row: tuple[int, list[str]], path: Path) -> list[str]:
+def _row(header: list[str], cells: list[str], where: str) -> tuple[str, dict[str, float]]:
+    """The joint of a line and the limits it gives, as they stand there."""
+    if len(cells) != len(header):
+        raise ValueRangeError(
+            f"{where} has {len(cells)} values, and the header names {len(header)}. Leave blanks, keep commas."
+        )
+    row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
+    joint = row.pop("joint")
+    return joint, {kind: _limit(text, kind, where) for kind, text in row.items() if text}
+
+
+def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
+    """Refuse unknown joints, joints seen before, and positions where there is none; which velocity the joint is."""
+    known = joints.velocity_names
+    if joint not in known:
+        raise ValueRangeError(f"{where}: {UnknownNameError.of('joint', joint, known)}")
+    if joint in seen:
+        raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
+    k = known.index(joint)
+    bounded = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]
+    if joints.position_of[k] < 0 and bounded:
+        raise ValueRangeError(
+            f"{where}, column {bounded[0]!r}: {joint!r} is a velocity in the frame of a moving body, and no position "
+            "belongs to it. Give limits of velocity and effort, and leave lower and upper blank."
+        )
+    return k
+
+
+def _header(row: _Line, path: Path) -> list[str]:
     line, cells = row
     header = [cell.strip().lower() for cell in cells]
     unknown = [name for name in header if name not in ("joint", *_KINDS)]

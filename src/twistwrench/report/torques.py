@@ -30,7 +30,7 @@ _AROUND = 2048  # rows kept on either side of the worst peak
 _GAP = 5.0  # usual steps of time from which a step is a gap
 _MASS_SAMPLES = 32  # states of each chunk whose mass matrix carries noise of accelerations into torques
 _SLACK = 1e-9
-"""A limit passed by less than this share of it is round-off."""
+"""A limit passed by less than this, in its unit, is round-off; of limits above 1, by less than this share of them."""
 
 
 class _Pass:
@@ -43,9 +43,10 @@ class _Pass:
         self.rows = 0
         self.begin = self.end = np.nan
         self.peak, self.rms = Extreme(nv), Rms(nv)
-        self.signed = np.zeros(nv)
+        self.signed = {kind: np.zeros(nv) for kind in ("effort", "lower", "upper", "velocity")}
         self.terms = {name: np.zeros(nv) for name in TERMS}
         self.passed = {kind: Extreme(nv) for kind in ("lower", "upper", "velocity")}
+        """By how much; ``signed`` has the values themselves at their worst."""
         self.envelope = Envelope()
         self.around: States | None = None
         self.gaps = Gaps(_GAP * usual_step)
@@ -65,7 +66,7 @@ class _Pass:
             terms = self.load.terms(s.at(rows))
             for name, values in terms.items():
                 self.terms[name][joints] = values[np.arange(len(joints)), joints]
-            self.signed[joints] = torques[rows, joints]
+            self.signed["effort"][joints] = torques[rows, joints]
             # A joint becomes the worst only by a new peak of its own, so its surroundings are at hand now.
             worst = worst_joint(self.peak.value, self.limits.effort)
             for joint, row in fresh:
@@ -80,10 +81,14 @@ class _Pass:
 
     def _check_motion(self, s: States) -> None:
         at, limits = self.coordinates.position_of, self.limits
-        q = np.where(at >= 0, s.q[:, np.maximum(at, 0)], 0.0) if s.q.shape[1] else s.dq
-        self.passed["lower"].add(s.time, np.where(at >= 0, limits.lower, -np.inf) - q)
-        self.passed["upper"].add(s.time, q - np.where(at >= 0, limits.upper, np.inf))
-        self.passed["velocity"].add(s.time, np.abs(s.dq) - limits.velocity)
+        q = np.where(at >= 0, s.logged[:, np.maximum(at, 0)], 0.0)
+        for kind, values, beyond in (
+            ("lower", q, np.where(at >= 0, limits.lower, -np.inf) - q),
+            ("upper", q, q - np.where(at >= 0, limits.upper, np.inf)),
+            ("velocity", s.dq, np.abs(s.dq) - limits.velocity),
+        ):
+            for joint, row in self.passed[kind].add(s.time, beyond):
+                self.signed[kind][joint] = values[row, joint]
 
     def excesses(self) -> tuple[Excess, ...]:
         """The limits that were passed, worst effort first."""
@@ -95,14 +100,8 @@ class _Pass:
             for k in np.flatnonzero(over > _SLACK * np.maximum(1.0, np.where(np.isfinite(bound), np.abs(bound), 1.0))):
                 angular = bool(c.angular_velocity[k])
                 unit = {"effort": ("N", "N m"), "velocity": ("m/s", "rad/s")}.get(kind, ("m", "rad"))[angular]
-                value = (
-                    float(self.signed[k])
-                    if kind == "effort"
-                    else float(bound[k] + (-over[k] if kind == "lower" else over[k]))
-                )
-                found.append(
-                    Excess(c.velocity_names[k], kind, value, float(bound[k]), float(extreme.time[k]), unit, angular)
-                )
+                value, limit, time = float(self.signed[kind][k]), float(bound[k]), float(extreme.time[k])
+                found.append(Excess(c.velocity_names[k], kind, value, limit, time, unit, angular))
         return tuple(
             sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0))
         )
@@ -114,7 +113,7 @@ class _Pass:
             JointTorque(
                 joint=name,
                 unit=c.torque_units[k],
-                peak=float(self.signed[k]),
+                peak=float(self.signed["effort"][k]),
                 time=float(self.peak.time[k]),
                 rms=float(rms[k]),
                 limit=float(self.limits.effort[k]),
