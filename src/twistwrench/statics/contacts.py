@@ -1,0 +1,79 @@
+"""A point contact with friction, and its cone as edges, from inside and from outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+
+Array = NDArray[Any]
+
+__all__ = ["Contact"]
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A point where the world pushes: a force within the friction cone about ``normal``, \\|tangential\\| ≤ μ · normal part.
+
+    For one body, ``point`` and ``normal`` are in the frame of its wrench. For a robot, ``point`` is in ``frame``, a link
+    of it, and ``normal`` in the base frame, so that the floor's is (0, 0, 1) at every foot. The normal points into what
+    is held, and is made of unit length. Raises ShapeError, ValueRangeError.
+
+    >>> Contact((0, 0, 0), normal=(0, 0, 2), friction=0.5).edges(4)[1].round(3).tolist()
+    [0.0, 0.5, 1.0]
+    """
+
+    point: Any = (0.0, 0.0, 0.0)
+    """(3,) m."""
+    normal: Any = (0.0, 0.0, 1.0)
+    """(3,), into the body held."""
+    friction: float = 0.5
+    """μ, the Coulomb coefficient; 0 for none."""
+    frame: str | None = None
+    """The robot's link that touches; the tip if None. Of no meaning for a single body."""
+
+    def __post_init__(self) -> None:
+        for name in ("point", "normal"):
+            value = np.array(getattr(self, name), float)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise ShapeError(f"a contact's {name} is {getattr(self, name)!r}, expected three finite numbers.")
+            object.__setattr__(self, name, value)
+        size = float(np.linalg.norm(self.normal))
+        if size == 0:
+            raise ValueRangeError("a contact's normal has no length. Give the direction in which the world can push.")
+        if not 0 <= self.friction < np.inf:
+            raise ValueRangeError(f"a contact's friction is {self.friction:g}. Give a coefficient of at least zero.")
+        object.__setattr__(self, "normal", self.normal / size)
+
+    def edges(self, count: int, *, around: bool = False) -> Array:
+        """Forces (count, 3) with unit normal part whose cone lies inside the friction cone, or ``around`` it; (1, 3) for μ = 0.
+
+        Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count).
+        """
+        if self.friction == 0:
+            return self.normal[None].copy()
+        if count < 3:
+            raise ValueRangeError(f"a cone of {count} edges has no inside. Give at least 3.")
+        lean = self.friction / np.cos(np.pi / count) if around else self.friction
+        first = _across(self.normal)
+        second = np.cross(self.normal, first)
+        angle = 2 * np.pi * np.arange(count)[:, None] / count
+        return self.normal + lean * (np.cos(angle) * first + np.sin(angle) * second)
+
+    def allows(self, force: ArrayLike, slack: float = 1e-9) -> bool:
+        """Whether ``force`` (3,) lies in the friction cone itself, to ``slack`` of its size."""
+        f = np.asarray(force, float)
+        along = float(self.normal @ f)
+        sideways = float(np.linalg.norm(f - along * self.normal))
+        return sideways <= self.friction * along + slack * max(1.0, float(np.linalg.norm(f)))
+
+
+def _across(n: Array) -> Array:
+    """A unit vector perpendicular to ``n``: the first axis, made so, or where that is near the normal, the second."""
+    axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    t = axis - (axis @ n) * n
+    return t / np.linalg.norm(t)

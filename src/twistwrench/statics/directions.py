@@ -1,0 +1,128 @@
+"""The largest wrench along a direction, and the direction in which a robot is weakest: both in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from .ellipsoid import part_rows
+from .limits import effort_limits, growth, require_fixed_base, velocity_names
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["LargestWrench", "largest_wrench", "weakest_direction"]
+
+
+@dataclass(frozen=True, eq=False)
+class LargestWrench:
+    """A direction and how much the robot can apply along it at rest. Leading axes are the poses' and directions'."""
+
+    magnitude: Array
+    """(...) N (N m for a moment): 0 where the robot cannot hold even itself, inf where the structure bears it."""
+    wrench: Array
+    """(..., 6): the direction, of unit length, as (m, f)."""
+    joint: Array
+    """(...) of int: the joint that is then at its limit; -1 if none."""
+    side: Array
+    """(...): +1 if at its upper limit, -1 at its lower; 0 if none."""
+    joint_names: tuple[str, ...]
+
+    def __str__(self) -> str:
+        if self.magnitude.ndim:
+            return f"largest wrenches: {self.magnitude.min():.4g} to {self.magnitude.max():.4g}"
+        name = self.joint_names[int(self.joint)] if self.joint >= 0 else "no joint"
+        along = ", ".join(f"{round(x, 12) + 0.0:.3g}" for x in self.wrench)  # no minus zeros
+        return f"{self.magnitude:.4g} along ({along}), limited by {name}"
+
+
+def largest_wrench(
+    robot: Robot,
+    q: ArrayLike,
+    direction: ArrayLike,
+    *,
+    frame: str | None = None,
+    kind: str = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> LargestWrench:
+    """The largest s such that the robot at rest applies s · direction within its torque limits; (nq), (3) or (6) → ().
+
+    A direction of three numbers is a force at zero moment, of six a wrench (m, f); it is made of unit length. Closed form:
+    the least over the joints of (L - sign(a) g) / abs(a), with a = J' direction and g the torques of gravity.
+    Raises ShapeError, ValueRangeError, FrameError, UnknownNameError.
+
+    >>> import twistwrench as tw
+    >>> print(largest_wrench(tw.robots.planar_2r(), [0.0, 0.0], (0, 0, 1), limits=[50.0, 20.0]))
+    10.19 along (0, 0, 0, 0, 0, 1), limited by joint2
+    """
+    require_fixed_base(robot, "the largest wrench")
+    F = _unit_wrench(direction)
+    J = np.asarray(robot.jacobian(q, frame, kind))
+    return _along(robot, np.asarray(robot.gravity_forces(q)), J, F, effort_limits(robot, limits))
+
+
+def weakest_direction(
+    robot: Robot,
+    q: ArrayLike,
+    *,
+    frame: str | None = None,
+    part: str = "force",
+    kind: str = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> LargestWrench:
+    """The direction in which the robot at rest can apply least; (nq) → (), with ``part`` as in :func:`wrench_ellipsoid`.
+
+    The polytope's nearest facet decides: it belongs to the joint and sign with the least (L ∓ g_i) / |J_i|, where J_i is
+    the joint's column of J, and its normal ±J_i / |J_i| is the direction. Raises what :func:`largest_wrench` raises.
+
+    >>> import twistwrench as tw
+    >>> print(weakest_direction(tw.robots.planar_2r(), [0.0, 0.0], limits=[50.0, 20.0]))
+    10.19 along (0, 0, 0, 0, 0, 1), limited by joint2
+    """
+    require_fixed_base(robot, "the weakest direction")
+    rows, L = part_rows(part), effort_limits(robot, limits)
+    g, J = np.asarray(robot.gravity_forces(q)), np.asarray(robot.jacobian(q, frame, kind))
+    lever = np.linalg.norm(J[..., rows, :], axis=-2)
+    felt = lever > 1e-12 * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
+    if not felt.any(axis=-1).all():
+        raise ValueRangeError(
+            f"no joint of {robot.name!r} feels any {part} there: the structure bears it all. Name a frame it moves."
+        )
+    distance = np.where(felt, (L - np.abs(g)) / np.where(felt, lever, 1.0), np.inf)
+    joint = np.argmin(distance, axis=-1)[..., None]
+    sign = np.where(np.take_along_axis(g, joint, axis=-1) < 0, -1.0, 1.0)
+    column = sign * np.take_along_axis(J, joint[..., None, :], axis=-1)[..., 0]
+    F = np.zeros_like(column)
+    F[..., rows] = column[..., rows]
+    F /= np.linalg.norm(F, axis=-1, keepdims=True)
+    return _along(robot, g, J, F, L)
+
+
+def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrench:
+    a = np.einsum("...ij,...i->...j", J, F)
+    s = growth(g, a, L)
+    holds = np.all(np.abs(g) <= L, axis=-1)
+    return LargestWrench(
+        np.where(np.isnan(g).any(axis=-1), np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0)),
+        np.broadcast_to(F, (*a.shape[:-1], 6)).copy(),
+        np.where(holds, s.joint, -1),
+        np.where(holds, s.side, 0),
+        velocity_names(robot),
+    )
+
+
+def _unit_wrench(direction: ArrayLike) -> Array:
+    d = np.asarray(direction, float)
+    if d.shape[-1:] not in ((3,), (6,)):
+        raise ShapeError(f"direction has shape {d.shape}, expected three numbers, a force, or six, (m, f).")
+    size = np.linalg.norm(d, axis=-1, keepdims=True)
+    if not (np.isfinite(size).all() and (size > 0).all()):
+        raise ValueRangeError("a direction of zero or not finite length points nowhere. Give one with a finite length.")
+    d = d / size
+    return d if d.shape[-1] == 6 else np.concatenate([np.zeros_like(d), d], axis=-1)

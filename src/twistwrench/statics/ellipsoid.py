@@ -1,0 +1,104 @@
+"""The wrench ellipsoid: what torques of unit norm can press with, direction by direction. Modern Robotics section 5.4."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import UnknownNameError
+from .limits import effort_limits
+from .torques import RANK_TOLERANCE
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["PARTS", "WrenchEllipsoid", "wrench_ellipsoid"]
+
+PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
+"""The rows of a wrench that each part means."""
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchEllipsoid:
+    """All x (n,) with x' A x ≤ 1, centred where the torques of gravity would put nothing. Leading axes are the poses'."""
+
+    matrix: Array
+    """(..., n, n): A = J W⁻² J', with the rows of J that are meant and W the scale of each torque."""
+    axes: Array
+    """(..., n, n): the directions of the semi-axes, as columns, strongest first."""
+    semi_axes: Array
+    """(..., n): their lengths, descending; inf along what the structure bears."""
+    part: str
+    kind: str
+
+    @property
+    def condition(self) -> Array:
+        """(...): the longest semi-axis over the shortest; inf at singular poses."""
+        return self.semi_axes[..., 0] / self.semi_axes[..., -1]
+
+    def reach(self, direction: ArrayLike) -> Array:
+        """(...): how far the ellipsoid extends along ``direction`` (..., n), which is made of unit length."""
+        d = np.asarray(direction, float)
+        d = d / np.linalg.norm(d, axis=-1, keepdims=True)
+        square = np.einsum("...i,...ij,...j->...", d, self.matrix, d)
+        none = square <= RANK_TOLERANCE**2 * np.trace(self.matrix, axis1=-2, axis2=-1)
+        return np.where(none, np.inf, 1.0 / np.sqrt(np.where(none, 1.0, square)))
+
+
+def wrench_ellipsoid(
+    robot: Robot,
+    q: ArrayLike,
+    frame: str | None = None,
+    *,
+    part: str = "force",
+    kind: str = "world_aligned",
+    limits: ArrayLike | None = None,
+) -> WrenchEllipsoid:
+    """Wrenches whose torques have norm at most 1, without gravity; (nq) → (n) semi-axes.
+
+    ``part``: "force", at zero moment, the book's force ellipsoid f' J_v J_v' f = 1; "moment", at zero force; or "wrench",
+    all six numbers (m, f), whose axes depend on the unit of length. ``kind`` as in :meth:`Robot.jacobian`. With
+    ``limits`` (nv,) [N m or N] each torque counts as a share of its limit, and the ellipsoid lies inside the polytope of
+    :func:`~twistwrench.statics.wrench_polytope` without gravity. Raises UnknownNameError, ShapeError, ValueRangeError.
+
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> wrench_ellipsoid(arm, [0.0, np.pi / 2]).semi_axes.round(6).tolist()  # the golden ratio, and one over it
+    [inf, 1.618034, 0.618034]
+    """
+    J = np.asarray(robot.jacobian(q, frame, kind))[..., part_rows(part), :]
+    if limits is not None:
+        J = J * effort_weights(robot, limits)
+    A = J @ np.swapaxes(J, -1, -2)
+    U, s, _ = np.linalg.svd(J, full_matrices=True)
+    n = J.shape[-2]
+    sigma = np.concatenate([s, np.zeros((*s.shape[:-1], n - s.shape[-1]))], axis=-1)
+    flat = sigma <= RANK_TOLERANCE * np.maximum(sigma.max(axis=-1, keepdims=True), 1e-300)
+    semi_axes = np.where(flat, np.inf, 1.0 / np.where(flat, 1.0, sigma))
+    return WrenchEllipsoid(A, U[..., ::-1], semi_axes[..., ::-1], part, kind)
+
+
+def effort_weights(robot: Robot, limits: ArrayLike | None) -> Array:
+    """One over each limit, (nv,); zero where a joint has none. Raises ValueRangeError for a limit of zero."""
+    from ..errors import ValueRangeError
+
+    L = effort_limits(robot, limits)
+    if (L == 0).any():
+        raise ValueRangeError(
+            "a torque limit of zero leaves the ellipsoid and the polytope no inside. "
+            "Give limits above zero, or ask statics.robot_equilibrium, which takes joints that nothing drives."
+        )
+    return 1.0 / L
+
+
+def part_rows(part: str) -> slice:
+    """The rows of a wrench meant by ``part``; UnknownNameError lists the choices."""
+    try:
+        return PARTS[part]
+    except (KeyError, TypeError):
+        raise UnknownNameError.of("part of a wrench", part, PARTS) from None

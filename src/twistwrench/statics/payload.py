@@ -1,0 +1,191 @@
+"""The largest mass a robot can hold at a pose: in closed form, since gravity's torques are linear in the mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from .limits import effort_limits, growth, one_configuration, require_fixed_base, velocity_names
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["LargestPayload", "RegionPayload", "largest_payload", "payload_in_region", "torques_per_kilogram"]
+
+
+@dataclass(frozen=True, eq=False)
+class LargestPayload:
+    """The largest mass held at rest, and the joint that is then at its limit. Leading axes are the poses'."""
+
+    mass: Array
+    """(...) kg: 0 where the robot cannot hold even itself, inf where no joint feels the mass, nan where q is nan."""
+    joint: Array
+    """(...) of int: index of the limiting joint in ``joint_names``; -1 if none."""
+    side: Array
+    """(...): +1 if that joint is at its upper limit, -1 at its lower; 0 if none."""
+    holds: Array
+    """(...) of bool: whether the robot holds itself, with nothing in its hand."""
+    unloaded: Array
+    """(..., nv): g(q), the torques that hold the robot alone [N m or N]."""
+    per_kilogram: Array
+    """(..., nv): what each kilogram adds to them."""
+    per_joint: Array
+    """(..., nv) kg: the mass each joint could hold, were it the only weak one."""
+    limits: Array
+    """(nv,): the limits used."""
+    joint_names: tuple[str, ...]
+
+    @property
+    def torques(self) -> Array:
+        """(..., nv): the holding torques with the largest payload; without one where that is not finite."""
+        mass = np.where(np.isfinite(self.mass), self.mass, 0.0)
+        return self.unloaded + mass[..., None] * self.per_kilogram
+
+    @property
+    def share(self) -> Array:
+        """(..., nv): those torques as shares of the limits, 1 for the limiting joint."""
+        idle = np.where(self.torques == 0, 0.0, np.inf)  # a joint that can give nothing
+        return np.divide(np.abs(self.torques), self.limits, out=idle, where=self.limits > 0)
+
+    def __str__(self) -> str:
+        if self.mass.ndim:
+            return f"largest payloads of {self.mass.size} poses: {self.mass.min():.4g} to {self.mass.max():.4g} kg"
+        if not self.holds:
+            k = int(np.argmax(np.abs(self.unloaded) - self.limits))
+            return (
+                f"no payload: {self.joint_names[k]} needs {abs(self.unloaded[k]):.4g} of {self.limits[k]:.4g} "
+                "to hold the robot alone"
+            )
+        if self.joint < 0:
+            return "any payload: no joint with a limit feels it"
+        k = int(self.joint)
+        return f"{self.mass:.4g} kg, then {self.joint_names[k]} is at {self.side * self.limits[k]:+.4g}"
+
+
+def torques_per_kilogram(
+    robot: Robot, q: ArrayLike, com: ArrayLike = (0.0, 0.0, 0.0), frame: str | None = None
+) -> Array:
+    """The torques that hold one kilogram at ``com`` (3,) of a frame, the robot's own weight left out; (nq) → (nv).
+
+    τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26.
+
+    >>> import twistwrench as tw
+    >>> torques_per_kilogram(tw.robots.planar_2r(), [0.0, 0.0]).round(2).tolist()
+    [19.62, 9.81]
+    """
+    c = points(com)
+    R = np.asarray(robot.forward_kinematics(q, frame))[..., :3, :3]
+    f = -np.einsum("...ji,j->...i", R, robot.gravity)
+    F = np.concatenate([np.cross(c, f), np.broadcast_to(f, np.broadcast_shapes(c.shape, f.shape))], axis=-1)
+    return robot.wrench_torques(q, F, frame)
+
+
+def largest_payload(
+    robot: Robot,
+    q: ArrayLike,
+    com: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    frame: str | None = None,
+    limits: ArrayLike | None = None,
+) -> LargestPayload:
+    """The largest mass held at rest with its centre of mass at ``com`` (3,) [m] of a frame; (nq) → ().
+
+    ``limits`` (nv,) [N m or N] stand in for the robot's own. Any batch of q and com broadcasts. Joint friction, which helps
+    to hold, is left out. Raises :class:`~twistwrench.ValueRangeError` without effort limits or with a floating base, and
+    ShapeError, FrameError, UnknownNameError as the robot's methods do.
+
+    >>> import twistwrench as tw
+    >>> found = largest_payload(tw.robots.planar_2r(), [0.0, 0.0], limits=[50.0, 20.0])
+    >>> print(found)
+    1.039 kg, then joint2 is at +20
+    """
+    require_fixed_base(robot, "the largest payload")
+    L = effort_limits(robot, limits)
+    unloaded = np.asarray(robot.gravity_forces(q))
+    per_kilogram = torques_per_kilogram(robot, q, com, frame)
+    unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
+    s = growth(unloaded, per_kilogram, L)
+    holds = np.all(np.abs(unloaded) <= L, axis=-1)
+    unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
+    mass = np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0))
+    return LargestPayload(
+        mass,
+        np.where(holds, s.joint, -1),
+        np.where(holds, s.side, 0),
+        holds,
+        unloaded,
+        per_kilogram,
+        s.per_joint,
+        L,
+        velocity_names(robot),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RegionPayload:
+    """The largest mass when the centre of mass is only known, or may be chosen, within a convex region."""
+
+    sure: float
+    """kg held wherever in the region the centre of mass is."""
+    worst_com: Array
+    """(3,) m: the corner of the region that allows no more."""
+    best: float
+    """kg held with the centre of mass where it suits the robot most."""
+    best_com: Array
+    """(3,) m: that place."""
+
+
+def payload_in_region(
+    robot: Robot, q: ArrayLike, region: ArrayLike, *, frame: str | None = None, limits: ArrayLike | None = None
+) -> RegionPayload:
+    """The largest mass with its centre of mass in the convex hull of ``region`` (k, 3) [m], at one pose; (nq), (k, 3) → ().
+
+    What is held surely is the least of the corners, since torques are affine in the centre of mass. The best place
+    is a linear programme: maximise Σ λ over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits, where m = Σ λ and m c = Σ λ_k c_k.
+
+    Raises what :func:`largest_payload` raises.
+
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> found = payload_in_region(arm, [0.0, 0.0], [[0.0, 0, 0], [0.5, 0, 0]], limits=[50.0, 20.0])
+    >>> round(found.sure, 4), round(found.best, 4), found.best_com.tolist()
+    (0.6925, 1.0387, [0.0, 0.0, 0.0])
+    """
+    corners = np.atleast_2d(points(region))
+    if corners.ndim != 2 or not len(corners):
+        raise ShapeError(f"region has shape {np.shape(region)}, expected (k, 3): the corners of a convex region [m].")
+    q = one_configuration(robot, q, "payload_in_region")
+    at_corners = largest_payload(robot, q, corners, frame=frame, limits=limits)
+    worst = int(np.argmin(at_corners.mass))
+    if not at_corners.holds.all():
+        return RegionPayload(0.0, corners[worst], 0.0, corners[worst])
+    weights = _best_mixture(at_corners.unloaded[0], at_corners.per_kilogram, at_corners.limits)
+    best = float(weights.sum())
+    com = weights @ corners / best if 0 < best < np.inf else corners[int(np.argmax(at_corners.mass))]
+    return RegionPayload(float(at_corners.mass[worst]), corners[worst], best, com)
+
+
+def _best_mixture(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
+    """The λ (k,) of the linear programme; inf where it is unbounded."""
+    from scipy.optimize import linprog
+
+    bounded = np.isfinite(limits)
+    A, L, g = per_kilogram.T[bounded], limits[bounded], unloaded[bounded]
+    found = linprog(-np.ones(A.shape[1]), A_ub=np.vstack([A, -A]), b_ub=np.concatenate([L - g, L + g]), method="highs")
+    return np.asarray(found.x) if found.status == 0 else np.full(A.shape[1], np.inf)
+
+
+def points(com: ArrayLike) -> Array:
+    """``com`` as floats (..., 3), or a ShapeError or ValueRangeError that says what is wanted."""
+    c = np.asarray(com, float)
+    if c.shape[-1:] != (3,):
+        raise ShapeError(f"com has shape {c.shape}, expected (..., 3): x, y, z [m] in the frame.")
+    if not np.isfinite(c).all():
+        raise ValueRangeError("com has an entry that is not a finite number. Give x, y, z [m] in the frame.")
+    return c

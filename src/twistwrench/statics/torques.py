@@ -1,0 +1,152 @@
+"""From torques back to the wrench: what the joints produce, what the structure bears, and what nothing balances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from .limits import one_configuration, velocity_names
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["RANK_TOLERANCE", "TorqueWrench", "wrench_from_torques"]
+
+RANK_TOLERANCE = 1e-9
+"""Singular values below this share of the largest count as zero: the pose is then singular."""
+_ROWS = ("mx", "my", "mz", "fx", "fy", "fz")
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueWrench:
+    """The wrench a set of torques produces at rest, and the parts of both worlds that the other never sees.
+
+    Balance reads τ - g(q) = J' F + ``unbalanced``. Every F = ``wrench`` + ``borne`` @ x, for any x (6 - rank), fits it
+    equally: what the structure bears takes no torque, and torques cannot tell it. ``print`` it for the whole in words.
+    """
+
+    wrench: Array
+    """(6,): (m, f) by the robot on the world, the smallest of those that fit [N m, N]."""
+    unbalanced: Array
+    """(nv,): the part of τ - g that no wrench at the frame balances; it would set the robot in motion."""
+    producible: Array
+    """(6, rank): an orthonormal basis of the wrenches that torques make, the smallest of their kind; range of J."""
+    borne: Array
+    """(6, 6 - rank): a basis of the wrenches the structure bears without torque, null space of J'; sparse."""
+    idle: Array
+    """(nv, nv - rank): a basis of the joint motions that leave the frame at rest, null space of J; sparse."""
+    singular_values: Array
+    """Of J with lengths in units of ``length``, descending."""
+    gravity: Array
+    """(nv,): g(q), taken off first; use ``robot.with_gravity((0, 0, 0))`` to leave it out."""
+    joint_names: tuple[str, ...]
+    frame: str
+    kind: str
+    length: float
+
+    @property
+    def rank(self) -> int:
+        """How many independent wrenches the torques make."""
+        return self.producible.shape[1]
+
+    @property
+    def balanced(self) -> bool:
+        """Whether the wrench balances the torques entirely, to a billionth of them."""
+        scale = np.abs(self.wrench).max(initial=0.0) + np.abs(self.gravity).max(initial=0.0)
+        return bool(np.abs(self.unbalanced).max(initial=0.0) <= 1e-9 * max(scale, 1e-3))
+
+    def __str__(self) -> str:
+        return "\n".join(self._sentences())
+
+    def _sentences(self) -> Iterator[str]:
+        yield f"wrench at {self.frame} ({self.kind}): {_combination(self.wrench, _ROWS, 'none', 1e-9)}"
+        n = len(self.joint_names)
+        singular = f", a singular pose (rank {self.rank} of {min(6, n)})" if self.rank < min(6, n) else ""
+        yield f"{n} joints make {self.rank} independent wrenches{singular}"
+        for column in self.borne.T:
+            yield f"borne by the structure: {_combination(column, _ROWS)}"
+        for column in self.idle.T:
+            yield f"moves nothing there: {_combination(column, self.joint_names)}"
+        if not self.balanced:
+            yield f"no wrench balances: {_combination(self.unbalanced, self.joint_names)}"
+
+
+def wrench_from_torques(
+    robot: Robot, q: ArrayLike, tau: ArrayLike, frame: str | None = None, *, kind: str = "body", length: float = 1.0
+) -> TorqueWrench:
+    """The wrench the robot at rest applies at a frame with torques ``tau`` [N m or N]; (nq), (nv) → (6) and its company.
+
+    Solves τ - g(q) = J' F by singular values, MR eq. 5.26, section 5.2; right at singular poses and for any number of
+    joints. ``kind`` as in :meth:`Robot.jacobian`: "body", "space" or "world_aligned". The smallest of many wrenches is
+    that with the least \\|f\\|² + \\|m\\|² / length², ``length`` in m; what torques and structure can do does not depend on it.
+
+    One state at a time, as the rank differs from pose to pose. Raises ShapeError, ValueRangeError, FrameError,
+    UnknownNameError.
+
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r().with_gravity((0, 0, 0))
+    >>> found = wrench_from_torques(arm, [0.0, np.pi / 2], [1.0, 1.0], kind="world_aligned")
+    >>> found.rank, found.balanced
+    (2, True)
+    >>> stretched = wrench_from_torques(arm, [0.0, 0.0], [2.0, 1.0])
+    >>> bool(np.allclose(arm.wrench_torques([0.0, 0.0], stretched.wrench), [2.0, 1.0]))
+    True
+    """
+    q, tau = one_configuration(robot, q, "wrench_from_torques"), np.asarray(tau, float)
+    if tau.shape != (robot.nv,) or not np.isfinite(tau).all():
+        raise ShapeError(
+            f"wrench_from_torques takes tau ({robot.nv},) of finite numbers, got shape {tau.shape}: {tau}."
+        )
+    if not length > 0:
+        raise ValueRangeError(f"length is {length:g} m. Give a positive length, such as the robot's reach.")
+    g = np.asarray(robot.gravity_forces(q))
+    J = np.asarray(robot.jacobian(q, frame, kind))
+    scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m
+    U, s, Vt = np.linalg.svd(scale[:, None] * J)
+    rank = int(np.sum(s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)))
+    F = U[:, :rank] @ ((Vt[:rank] @ (tau - g)) / s[:rank])
+    return TorqueWrench(
+        wrench=scale * F,
+        unbalanced=Vt[rank:].T @ (Vt[rank:] @ (tau - g)),
+        producible=np.linalg.qr(scale[:, None] * U[:, :rank])[0],
+        borne=_sparse_basis(scale[:, None] * U[:, rank:]),
+        idle=_sparse_basis(Vt[rank:].T),
+        singular_values=s,
+        gravity=g,
+        joint_names=velocity_names(robot),
+        frame=str(robot.tip if frame is None else frame),
+        kind=kind,
+        length=length,
+    )
+
+
+def _sparse_basis(B: Array) -> Array:
+    """A basis (n, k) of the same space with as many zeros as elimination brings, each column's largest entry 1."""
+    rows = B.T.copy()
+    for k in range(len(rows)):
+        r, c = divmod(int(np.argmax(np.abs(rows[k:]))), rows.shape[1])
+        rows[[k, k + r]] = rows[[k + r, k]]
+        rows[k] /= rows[k, c]
+        for other in range(len(rows)):
+            if other != k:
+                rows[other] -= rows[other, c] * rows[k]
+                rows[other, c] = 0.0
+    rows[np.abs(rows) < 1e-12] = 0.0
+    peaks = rows[np.arange(len(rows)), np.argmax(np.abs(rows), axis=1)] if rows.size else np.ones(len(rows))
+    return (rows / peaks[:, None]).T
+
+
+def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", least: float = 1e-9) -> str:
+    """Numbers with their names, round-off left out: ``0.5 mx − 2 fz``."""
+    shown = [(v, n) for v, n in zip(x, names, strict=True) if abs(v) > least]
+    if not shown:
+        return nothing
+    words = [f"{'-' if v < 0 else '+'} {'' if abs(abs(v) - 1) < 1e-9 else f'{abs(v):.4g} '}{n}" for v, n in shown]
+    return " ".join(words).removeprefix("+ ").replace("-", "−")

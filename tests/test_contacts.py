@@ -1,0 +1,231 @@
+"""Static equilibrium under contacts: every yes comes with forces that balance, every no with a motion that proves it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import twistwrench as tw
+from twistwrench.statics import Contact, body_equilibrium, robot_equilibrium
+
+FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
+
+
+def grasp(rng, count):
+    points, normals = rng.standard_normal((count, 3)), rng.standard_normal((count, 3))
+    return [Contact(p, n, mu) for p, n, mu in zip(points, normals, rng.uniform(0, 1.2, count), strict=True)]
+
+
+def check_body(contacts, F, found):
+    """Verify an answer by its proof alone."""
+    if found.holds:
+        total = np.array(F, float)
+        for c, f in zip(contacts, found.forces, strict=True):
+            assert c.allows(f, slack=1e-6)
+            total += np.concatenate([np.cross(c.point, f), f])
+        assert_allclose(total, 0, atol=1e-6 * np.abs(F).max())
+    elif found.holds is False:
+        check_certificate([(c, found.motion[3:] + np.cross(found.motion[:3], c.point)) for c in contacts])
+        assert_allclose(F @ found.motion, found.power, rtol=1e-9)
+        assert found.power > 0
+
+
+def check_certificate(velocities):
+    """No force of the true cone does negative work: the velocity lies in the cone's polar, turned."""
+    for c, v in velocities:
+        away = c.normal @ v
+        sliding = np.linalg.norm(v - away * c.normal)
+        assert away >= c.friction * sliding - 1e-6
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_every_answer_about_a_body_proves_itself(seed):
+    rng = np.random.default_rng(seed)
+    contacts, F = grasp(rng, rng.integers(1, 8)), rng.standard_normal(6)
+    found = body_equilibrium(contacts, F)
+    assert found.holds is not None
+    check_body(contacts, F, found)
+
+
+def test_both_answers_occur():
+    answers = [
+        body_equilibrium(grasp(rng, 7), rng.standard_normal(6)).holds for rng in map(np.random.default_rng, range(30))
+    ]
+    assert {True, False} <= set(answers)
+
+
+@pytest.mark.parametrize(("friction", "holds"), [(0.577, False), (0.578, True)])
+def test_a_block_slides_where_the_tangent_of_the_slope_passes_its_friction(friction, holds):
+    """Slope of 30°: tan 30° = 0.57735, told apart to one part in a thousand by cutting the cones finer."""
+    slope = np.radians(30)
+    weight = 10 * np.array([np.sin(slope), 0, -np.cos(slope)])
+    corners = [Contact((x, y, 0), friction=friction) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+    F = np.concatenate([np.cross([0, 0, 0.2], weight), weight])
+    turned = [Contact(c.point, c.normal, friction) for c in corners]
+    for angle in (0.0, 0.3):  # down the slope along an edge of the cones, and between two of them
+        R = tw.so3.exp([0, 0, angle])
+        rotated = [Contact(R @ c.point, c.normal, friction) for c in turned]
+        found = body_equilibrium(rotated, np.concatenate([R @ F[:3], R @ F[3:]]))
+        assert found.holds is holds
+        check_body(rotated, np.concatenate([R @ F[:3], R @ F[3:]]), found)
+
+
+def test_exactly_on_the_cone_between_edges_is_said_to_be_marginal():
+    lean = np.pi / 8 + 1e-3
+    F = -np.array([0, 0, 0, 0.5 * np.cos(lean), 0.5 * np.sin(lean), 1.0])
+    found = body_equilibrium([Contact(friction=0.5)], F)
+    assert found.holds is None
+    assert "marginal" in str(found)
+
+
+def test_a_block_tips_over_its_edge():
+    legs = [Contact((x, y, 0), friction=0.3) for x, y in ((1, 0), (-1, 1), (-1, -1))]
+    found = body_equilibrium(legs, [0, 0, 0, 0, 12.0, -30.0])
+    assert found.holds is False
+    check_body(legs, np.array([0, 0, 0, 0, 12.0, -30.0]), found)
+    assert "cannot hold: no contact resists the motion" in str(found)
+    assert body_equilibrium([], [0, 0, 0, 0, 0, -1.0]).holds is False
+    assert body_equilibrium([], np.zeros(6)).holds is True
+
+
+def test_two_fingers_hold_what_friction_lets_them():
+    """Antipodal fingers with μ hold a weight in the plane; without friction they drop it straight down."""
+    F = np.array([0, 0, 0, 0, 0, -2.0])
+    for friction in (0.0, 0.4):
+        fingers = [Contact((-1, 0, 0), (1, 0, 0), friction), Contact((1, 0, 0), (-1, 0, 0), friction)]
+        found = body_equilibrium(fingers, F)
+        check_body(fingers, F, found)
+        assert found.holds is (friction > 0)
+        if found.holds:
+            assert_allclose(found.forces[:, 2], 1.0, atol=1e-7)
+            assert (np.abs(found.forces[:, 0]) >= 1.0 / friction - 1e-6).all()
+
+
+# ── robots ──
+
+
+@pytest.fixture(scope="module")
+def dog():
+    return tw.robots.quadruped()
+
+
+@pytest.fixture(scope="module")
+def standing(dog):
+    legs = {
+        f"{leg}_{part}_joint": x for leg in ("FL", "FR", "RL", "RR") for part, x in (("thigh", 0.8), ("calf", -1.6))
+    }
+    return dog.coordinates(**legs)
+
+
+def on_floor(friction=0.6, feet=FEET):
+    return [Contact(frame=foot, friction=friction) for foot in feet]
+
+
+def check_robot(robot, q, contacts, found, limits, on=None):
+    if found.holds:
+        wrenches = dict(on or {})
+        for c, f in zip(contacts, found.forces, strict=True):
+            assert c.allows(f, slack=1e-6)
+            local = robot.forward_kinematics(q, c.frame)[:3, :3].T @ f
+            wrenches[c.frame] = wrenches.get(c.frame, 0) + np.concatenate([np.cross(c.point, local), local])
+        tau = robot.holding_torques(q, wrench_on_robot=wrenches)
+        assert_allclose(tau, found.torques, atol=1e-5)
+        assert (np.abs(tau) <= limits + 1e-5).all()
+        driven = (limits > 0) & np.isfinite(limits)
+        assert_allclose((np.abs(tau[driven]) / limits[driven]).max(), found.share, atol=1e-6)
+    else:
+        moves = []
+        for c in contacts:
+            V = robot.jacobian(q, c.frame, "world_aligned") @ found.motion
+            arm = robot.forward_kinematics(q, c.frame)[:3, :3] @ c.point
+            moves.append((c, V[3:] + np.cross(V[:3], arm)))
+        check_certificate(moves)
+        load = -robot.holding_torques(q, wrench_on_robot=on)
+        resisted = np.where(
+            found.motion == 0, 0.0, np.where(np.isfinite(limits), limits, 0) * np.abs(found.motion)
+        ).sum()
+        assert_allclose(load @ found.motion - resisted, found.power, rtol=1e-6)
+        assert found.power > 0
+
+
+def test_a_quadruped_stands_on_its_feet(dog, standing):
+    found = robot_equilibrium(dog, standing, on_floor())
+    limits = np.concatenate([np.zeros(6), dog.limits.effort[6:]])
+    assert found.holds
+    check_robot(dog, standing, on_floor(), found, limits)
+    weight = 9.81 * sum(b.inertia.mass for b in dog.model.bodies)
+    assert_allclose(found.forces[:, 2].sum(), weight, rtol=1e-7)
+    assert found.share < 0.2
+    pushed = {"trunk": np.array([0, 0, 0, 30.0, 0, -100.0])}
+    loaded = robot_equilibrium(dog, standing, on_floor(), wrench_on_robot=pushed)
+    check_robot(dog, standing, on_floor(), loaded, limits, pushed)
+    assert loaded.share > found.share
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_every_answer_about_a_robot_proves_itself(dog, standing, seed):
+    """Contacts anywhere on turned links, with normals of any direction, and a push."""
+    rng = np.random.default_rng(seed)
+    q = dog.add(standing, 0.3 * rng.standard_normal(dog.nv))
+    links = rng.choice([name for name in dog.link_names if "calf" in name or name == "trunk"], rng.integers(3, 7))
+    contacts = [
+        Contact(rng.uniform(-0.3, 0.3, 3), rng.normal((0, 0, 2)), rng.uniform(0.2, 1), frame=str(link))
+        for link in links
+    ]
+    on = {"trunk": 20 * rng.standard_normal(6)}
+    limits = np.concatenate([np.zeros(6), dog.limits.effort[6:]])
+    found = robot_equilibrium(dog, q, contacts, wrench_on_robot=on)
+    assert found.holds is not None
+    check_robot(dog, q, contacts, found, limits, on)
+
+
+def test_it_cannot_stand_on_two_feet_of_one_side_nor_with_weak_motors_nor_on_ice_when_pushed(dog, standing):
+    strong = np.concatenate([np.zeros(6), dog.limits.effort[6:]])
+    weak = 0.01 * strong
+    on = {"trunk": np.array([0, 0, 0, 50.0, 0, 0])}
+    for contacts, limits, pushed in (
+        (on_floor(feet=FEET[:2]), strong, None),
+        (on_floor(), weak, None),
+        (on_floor(friction=0.0), strong, on),
+        ([], strong, None),
+    ):
+        found = robot_equilibrium(dog, standing, contacts, limits=limits, wrench_on_robot=pushed)
+        assert found.holds is False
+        check_robot(dog, standing, contacts, found, limits, pushed)
+
+
+def test_the_least_share_is_where_standing_ends(dog, standing):
+    found = robot_equilibrium(dog, standing, on_floor())
+    full = np.where(np.isfinite(dog.limits.effort), dog.limits.effort, 0)
+    assert robot_equilibrium(dog, standing, on_floor(), limits=1.001 * found.share * full).holds
+    assert robot_equilibrium(dog, standing, on_floor(), limits=0.99 * found.share * full).holds is False
+
+
+def test_an_arm_without_contacts_holds_itself_exactly_when_its_torques_suffice():
+    arm, q = tw.robots.planar_2r(), np.zeros(2)
+    strong = robot_equilibrium(arm, q, [], limits=[30.0, 10.0])
+    assert strong.holds
+    assert_allclose(strong.torques, arm.gravity_forces(q))
+    weak = robot_equilibrium(arm, q, [], limits=[29.0, 10.0])
+    assert weak.holds is False
+    check_robot(arm, q, [], weak, np.array([29.0, 10.0]))
+    propped = [Contact(frame="tip", friction=0.2)]
+    assert robot_equilibrium(arm, q, propped, limits=[29.0, 10.0]).holds
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (lambda: Contact((0, 0)), tw.ShapeError, "point"),
+        (lambda: Contact(normal=(0, 0, 0)), tw.ValueRangeError, "normal has no length"),
+        (lambda: Contact(friction=-0.1), tw.ValueRangeError, "friction"),
+        (lambda: body_equilibrium([], [1, 2, 3]), tw.ShapeError, "wrench_on_body"),
+        (lambda: body_equilibrium([Contact()], [0] * 6, edges=2), tw.ValueRangeError, "no inside"),
+        (lambda: robot_equilibrium(tw.robots.ur5(), np.zeros((2, 6)), []), tw.ShapeError, "one q"),
+        (lambda: robot_equilibrium(tw.robots.ur5(), np.zeros(6), [Contact(frame="paw")]), tw.UnknownNameError, "paw"),
+    ],
+)
+def test_errors_name_the_offender(call, error, words):
+    with pytest.raises(error, match=words):
+        call()

@@ -1,0 +1,131 @@
+"""The payload command: what it prints, the files it writes, its options and its exit codes."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+
+import twistwrench as tw
+from twistwrench import statics
+from twistwrench.cli import main
+
+POSE = ("--at", "shoulder_lift_joint=-0.6", "--at", "elbow_joint=0.9")
+
+
+@pytest.fixture
+def run():
+    def run(*arguments):
+        result = CliRunner().invoke(main, ["payload", *map(str, arguments)])
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        return result.exit_code, result.output
+
+    return run
+
+
+@pytest.fixture
+def weak_limits(tmp_path):
+    path = tmp_path / "limits.csv"
+    path.write_text("joint,effort\njoint1,50\njoint2,20\n")
+    return path
+
+
+def test_it_prints_what_the_library_finds(run):
+    ur5 = tw.robots.ur5()
+    found = statics.largest_payload(ur5, [0, -0.6, 0.9, 0, 0, 0], (0, 0, 0.1))
+    code, output = run("ur5", *POSE, "--com", "0,0,0.1")
+    assert code == 0
+    assert f"{found.mass:.4g} kg: the largest payload held at rest, limited by shoulder_lift_joint" in output
+    assert "payload at tool0 + [0, 0, 0.1] m" in output
+    assert "Weakest along" in output
+
+
+def test_poses_may_be_given_whole_or_in_degrees(run):
+    outputs = {
+        run("ur5", "--configuration", "0,-0.6,0.9,0,0,0")[1],
+        run("ur5", *POSE)[1],
+        run("ur5", "--configuration", "9,9,9,0,0,0", *POSE, "--at", "shoulder_pan_joint=0")[1],
+    }
+    assert len(outputs) == 1
+    degrees = run(
+        "ur5", "--degrees", "--at", f"shoulder_lift_joint={np.degrees(-0.6)}", "--at", f"elbow_joint={np.degrees(0.9)}"
+    )
+    assert degrees[1].splitlines()[-2:] == outputs.pop().splitlines()[-2:]
+    assert "[°]" in degrees[1]
+
+
+def test_the_csv_has_all_digits(run, tmp_path):
+    code, _ = run("ur5", *POSE, "--csv", tmp_path / "out.csv")
+    assert code == 0
+    with (tmp_path / "out.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    found = statics.largest_payload(tw.robots.ur5(), [0, -0.6, 0.9, 0, 0, 0])
+    assert [r["joint"] for r in rows] == list(found.joint_names)
+    assert_allclose([float(r["with_payload"]) for r in rows], found.torques, rtol=0)
+    assert max(float(r["share"]) for r in rows) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_pictures_and_maps_are_drawn(run, tmp_path, suffix):
+    pytest.importorskip("matplotlib")
+    out = tmp_path / f"out.{suffix}"
+    code, output = run("ur5", *POSE, "--map", "xz", "--samples", 3000, "--plot", out)
+    assert code == 0, output
+    assert out.stat().st_size > 10_000
+    assert "map, xz slice" in output
+
+
+@pytest.mark.parametrize("pose", ["joint2=1.5", "joint2=0"])
+def test_planar_arms_are_drawn_in_their_plane(run, weak_limits, tmp_path, pose):
+    pytest.importorskip("matplotlib")
+    code, output = run("planar_2r", "--limits", weak_limits, "--at", pose, "--plot", tmp_path / "out.png")
+    assert code == 0, output
+    assert (tmp_path / "out.png").stat().st_size > 10_000
+
+
+def test_a_pose_that_cannot_be_held_is_said_so_and_drawn(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
+    code, output = run("planar_2r", "--limits", limits, "--plot", tmp_path / "out.png")
+    assert code == 0
+    assert "NONE: joint1 needs 29.43 of 20" in output
+    limits.write_text("joint,effort\njoint1,50\njoint2,20\n")
+    code, output = run("planar_2r", "--limits", limits, "--at", "joint1=1.5707963267948966")
+    assert code == 0
+    assert "ANY: no joint" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["planar_2r"], "gives no effort limits"),
+        (["ur5", "--at", "elbow"], "is not JOINT=VALUE"),
+        (["ur5", "--at", "elbow=1"], "Did you mean 'elbow_joint'"),
+        (["ur5", "--at", "elbow_joint=bent"], "expected 1 number"),
+        (["ur5", "--configuration", "1,2"], "expected 6 numbers"),
+        (["ur5", "--com", "1"], "expected x,y,z"),
+        (["ur5", "--frame", "hand"], "no frame named 'hand'"),
+        (["ur5", "--map", "zz"], "no slice named 'zz'"),
+        (["ur5", "--plot", "out.nope"], "cannot draw"),
+        (["quadruped", "--frame", "FL_foot"], "needs a fixed base"),
+        (["nothing"], "no robot file"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(run, arguments, words):
+    code, output = run(*arguments)
+    assert code == 2
+    assert words in output
+    assert "Traceback" not in output
+
+
+def test_help_answers_without_loading_what_is_heavy():
+    import subprocess
+    import sys
+
+    code = "import sys; from twistwrench.cli import main; print('scipy' in sys.modules, 'matplotlib' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
