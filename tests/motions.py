@@ -9,6 +9,9 @@ from twistwrench.report.load import LoadedRobot, Payload
 from twistwrench.report.torques import analyse
 from twistwrench.report.trajectory import Trajectory
 
+SLED = """<robot name="sled"><link name="ground"/><link name="sled"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
+<inertia ixx="0.1" iyy="0.2" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="planar"><parent link="ground"/><child link="sled"/><axis xyz="0 0 1"/></joint></robot>"""
 WRENCH = np.array([0.3, -0.2, 0.5, 4.0, -7.0, 11.0])
 LOAD = {"payloads": (Payload(3.0, (0.0, 0.02, 0.1)),), "wrenches": {"tool0": WRENCH}}
 
@@ -19,6 +22,17 @@ def write_motion(path, robot, t, columns, parts=("", ".vel", ".acc"), order=None
     order = np.arange(table.shape[1]) if order is None else order
     header = np.array(["time", *names])[order]
     path.write_text(",".join(header) + "\n" + "".join(",".join(map(repr, r)) + "\n" for r in table[:, order].tolist()))
+    return path
+
+
+def wrapped(angles):
+    """The same angles within ±π, as most logs have them."""
+    return np.arctan2(np.sin(angles), np.cos(angles))
+
+
+def write_positions(path, robot, t, q, form="%.17g"):
+    header = ",".join(["time", *robot.coordinate_names])
+    np.savetxt(path, np.column_stack([t, q]), form, ",", header=header, comments="")
     return path
 
 

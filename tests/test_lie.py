@@ -18,7 +18,7 @@ from twistwrench.lie.adjoint import Ad, ad
 
 EPS = np.finfo(float).eps
 ROUNDING = 30 * EPS
-SWITCHES = (0.6, 1.0, 2.0)  # of cot_term and theta_minus_sin_over_cube; 2.0 for half angles of 1
+SWITCHES = (0.6, 1.0, 2.0, series.SWITCH)  # 2.0 for half angles of 1
 ACROSS = [np.nextafter(s, side) for s in SWITCHES for side in (0.0, 9.0)]
 ANGLES = [0.0, 1e-300, 1e-160, 1e-20, 1e-9, 1e-7, 1e-4, 0.01, 0.3, *ACROSS, 1.5, 2.5, 3.0, np.pi - 1e-3, np.pi - 1e-7]
 AXES = [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0.6, -0.48, 0.64), (-0.28, 0.96, 1e-9), (1e-5, 1e-5, -1)]

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motions import wrapped
 from twistwrench import robots
 from twistwrench.errors import ModelWarning
 from twistwrench.io import load_model
+from twistwrench.report.continuity import Continuity
 from twistwrench.report.coordinates import Coordinates, joint_rates
 from twistwrench.report.derivatives import Differentiation, noise_gain, spline_rates
 from twistwrench.report.smoothing import best_strength, margin_of, smooth
@@ -163,6 +165,22 @@ def test_a_log_of_five_decimals_at_a_millisecond_is_cured_by_smoothing(model, wr
     np.testing.assert_allclose(claimed[True], spread[True], rtol=0.25)
 
 
+def test_a_slow_joint_with_a_coarse_encoder_is_cured_by_smoothing(model, write):
+    """Its error is slower than what shows as noise: each point of the grid lasts for dozens of samples."""
+    t, grid = np.arange(20000) * 1e-3, 2 * np.pi / 4096
+    A, w = np.array([0.05, 0.3]), np.array([0.3, 0.05])
+    path = motion_file(write, t, np.round(A * np.sin(np.outer(t, w)) / grid) * grid)
+    exact = -A * w**2 * np.sin(np.outer(t, w))
+    spread = {}
+    for smoothing in (False, True):
+        plan = Differentiation.plan(Trajectory.open(path, model), model, smoothing=smoothing)
+        (states,) = plan.states(10**6)
+        spread[smoothing] = (states.ddq - exact)[3000:-3000].std(axis=0)
+        np.testing.assert_allclose(plan.quality.quantum, grid)
+        np.testing.assert_allclose(plan.sigma_ddq, spread[smoothing], rtol=0.5 if smoothing else 0.1)
+    assert (spread[True] < spread[False] / 50).all()
+
+
 def test_wrapped_angles_of_continuous_joints_are_unwrapped(write):
     model = load_model(robots.path_of("pendulum"))
     (name,) = Coordinates.of(model).names
@@ -173,6 +191,58 @@ def test_wrapped_angles_of_continuous_joints_are_unwrapped(write):
     path = write(f"time,{name}\n" + "".join(f"{a!r},{b!r}\n" for a, b in np.column_stack([t, q]).tolist()))
     (states,) = Differentiation.plan(Trajectory.open(path, model), model).states(10**6)
     np.testing.assert_allclose(states.dq, 2.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [False, True])
+@pytest.mark.parametrize("from_zero", [False, True])
+def test_wrapping_is_no_noise(write, degrees, from_zero):
+    model = load_model(robots.path_of("pendulum"))
+    t = np.arange(6000) * 1e-3
+    angle = 4 * t + np.sin(3 * t)
+    turn = 360.0 if degrees else 2 * np.pi
+    q = (wrapped(angle) % (2 * np.pi) if from_zero else wrapped(angle)) * turn / (2 * np.pi)
+    path = write("time,hinge\n" + "".join(f"{a!r},{b!r}\n" for a, b in np.column_stack([t, q]).tolist()))
+    plan = Differentiation.plan(Trajectory.open(path, model, degrees=degrees), model)
+    assert plan.quality.noise[0] < 1e-14 * turn
+    (states,) = plan.states(10**6)
+    np.testing.assert_allclose(states.dq[:, 0], 4 + 3 * np.cos(3 * t), atol=1e-8)
+
+
+def test_noise_and_strength_are_those_of_the_unwrapped_log(write):
+    model = load_model(robots.path_of("pendulum"))
+    t = np.arange(6000) * 1e-3
+    angle = 4 * t + np.sin(3 * t) + 1e-4 * np.random.default_rng(4).normal(size=6000)
+    plans = []
+    for q in (angle, wrapped(angle)):
+        path = write("time,hinge\n" + "".join(f"{a!r},{b!r}\n" for a, b in np.column_stack([t, q]).tolist()))
+        plans.append(Differentiation.plan(Trajectory.open(path, model), model, smoothing=True))
+    plain, turned = plans
+    assert plain.quality.noise[0] == pytest.approx(1e-4, rel=0.05)
+    np.testing.assert_allclose(turned.quality.noise, plain.quality.noise, rtol=1e-6)
+    np.testing.assert_array_equal(turned.strengths, plain.strengths)
+
+
+def test_signs_of_quaternions_are_no_noise(write):
+    model = load_model(robots.path_of("floating_box"), floating_base=True)
+    t = np.arange(3000) * 1e-3
+    q = np.zeros((3000, 7))
+    q[:, 0], q[:, 2] = np.cos(t), np.sin(t)
+    flipped = q.copy()
+    flipped[1000:2000, :4] *= -1
+    noises = []
+    for table in (q, flipped):
+        rows = "".join(",".join(map(repr, row)) + "\n" for row in np.column_stack([t, table]).tolist())
+        path = write(f"time,{','.join(Coordinates.of(model).names)}\n{rows}")
+        noises.append(Differentiation.plan(Trajectory.open(path, model), model).quality.noise)
+    np.testing.assert_array_equal(*noises)
+
+
+def test_a_log_that_counts_turns_is_not_unwrapped():
+    coordinates = Coordinates.of(load_model(robots.path_of("pendulum")))
+    fast = np.arange(50.0)[:, None] * 4.0  # more than half a turn a sample
+    np.testing.assert_array_equal(Continuity.of(coordinates, [fast]).curves(fast), fast)
+    slow = np.arange(50.0)[:, None]
+    np.testing.assert_allclose(Continuity.of(coordinates, [wrapped(slow)]).curves(wrapped(slow)), slow, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["floating_box"])
@@ -241,6 +311,25 @@ def test_a_clean_log_has_no_noise_and_no_grid():
     assert found.noise[0] < 1e-15
     assert found.noise[1] == 0
     np.testing.assert_array_equal(found.quantum, 0)
+
+
+@pytest.mark.parametrize("rest", [0, 1000])
+def test_a_steady_speed_is_no_grid(rest):
+    """Its increments are all alike, as those of a coarse encoder are not."""
+    t = np.arange(4000) * 1e-3
+    x = 0.3 * np.maximum(t - rest * 1e-3, 0.0)
+    x = np.array([float(f"{value:.15g}") for value in x])
+    found = survey([t], [x[:, None]])
+    assert found.quantum[0] == 0
+    assert found.noise[0] < (1e-15 if rest == 0 else 0.05 * 3e-4 / np.sqrt(12))
+
+
+@pytest.mark.parametrize("grid", [1e-3, 2 * np.pi / 4096])
+def test_a_coarse_encoder_is_a_grid_and_its_noise_is_rounding(grid):
+    t = np.arange(20000) * 1e-3
+    found = survey([t], [(np.round(1.2 * np.sin(3 * t) / grid) * grid)[:, None]])
+    assert found.quantum[0] == pytest.approx(grid, rel=1e-6)
+    assert found.noise[0] == pytest.approx(grid / np.sqrt(12), rel=0.1)
 
 
 @pytest.mark.parametrize("grid", [1e-5, 1e-3, 2 * np.pi / 4096])

@@ -7,8 +7,8 @@ import warnings
 import numpy as np
 import pytest
 
-from motions import LOAD, WRENCH, report_of, rough_motion, write_motion
-from twistwrench import robots
+from motions import LOAD, SLED, WRENCH, report_of, rough_motion, wrapped, write_motion, write_positions
+from twistwrench import load, robots
 from twistwrench.bodies.inertia import SpatialInertia
 from twistwrench.errors import ModelWarning
 from twistwrench.model.model import Limits
@@ -133,7 +133,51 @@ def test_rates_beyond_joint_limits_are_found_with_their_time(ur5, motion, motion
     slow = Limits(inside.lower, inside.upper, np.r_[1e-3, np.full(5, 99.0)], inside.effort)
     (e,) = report_of(ur5, motion_file, limits=slow).excesses
     assert (e.joint, e.kind, e.unit) == (ur5.joint_names[0], "velocity", "rad/s")
-    assert e.value == pytest.approx(np.abs(dq[:, 0]).max())
+    assert e.value == dq[np.abs(dq[:, 0]).argmax(), 0]  # with its sign
+
+
+def test_a_velocity_over_its_limit_keeps_its_sign(ur5, tmp_path):
+    one = np.ones((2, 6))
+    path = write_motion(tmp_path / "m.csv", ur5, [0.0, 1.0], [one, -one * [[1], [2]], 0 * one])
+    slow = Limits(np.full(6, -9.0), np.full(6, 9.0), np.full(6, 1.5), np.full(6, 999.0))
+    assert {e.value for e in report_of(ur5, path, limits=slow).excesses} == {-2.0}
+
+
+def test_position_limits_are_about_the_numbers_of_the_file_whatever_the_chunks(tmp_path):
+    pendulum = robots.pendulum()
+    t = np.arange(4000) * 5e-3
+    path = write_positions(tmp_path / "m.csv", pendulum, t, wrapped(3 * t))
+    none = np.full(1, np.inf)
+    for bound, kinds in ((50.0, set()), (3.0, {"lower", "upper"})):
+        limits = Limits(np.full(1, -bound), np.full(1, bound), none, none)
+        found = [report_of(pendulum, path, limits=limits, chunk=chunk).excesses for chunk in (300, 1000, 4000)]
+        assert {e.kind for e in found[0]} == kinds
+        assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("smoothing", [False, True])
+@pytest.mark.parametrize("robot", ["pendulum", "sled"])
+def test_wrapping_changes_no_torque(tmp_path, robot, smoothing):
+    (tmp_path / "sled.urdf").write_text(SLED)
+    robot = load(tmp_path / "sled.urdf") if robot == "sled" else robots.pendulum()
+    t = np.arange(4000) * 2e-3
+    q = np.column_stack([0.3 * np.sin(t), 0.2 * np.cos(2 * t), 2 * t + 0.5 * np.sin(t)])[:, -robot.nq :]
+    q[:, -1] += 1e-5 * smoothing * np.random.default_rng(0).normal(size=len(t))
+    turned = np.column_stack([q[:, :-1], wrapped(q[:, -1])])
+    plain, found = (
+        report_of(robot, write_positions(tmp_path / "m.csv", robot, t, x), smoothing=smoothing) for x in (q, turned)
+    )
+    for a, b in zip(plain.joints, found.joints, strict=True):
+        assert b.peak == pytest.approx(a.peak, rel=1e-6, abs=1e-6)
+        assert b.uncertainty == pytest.approx(a.uncertainty, rel=1e-6, abs=1e-6)
+
+
+def test_a_joint_at_steady_speed_is_no_coarse_encoder(ur5, tmp_path):
+    t = np.arange(4000) * 1e-3
+    q = 0.3 * np.sin(np.outer(t, [1.0, 1.2, 0.8, 0.5, 0.9, 1.1])) - 0.5
+    q[:, 0] = 0.3 * t
+    for joint in report_of(ur5, write_positions(tmp_path / "m.csv", ur5, t, q, "%.15g")).joints:
+        assert joint.uncertainty < 1e-6
 
 
 def test_torque_noise_is_that_of_repeated_noisy_logs(ur5, tmp_path):

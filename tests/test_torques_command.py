@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from motions import LOAD, report_of, rough_motion, write_motion
-from twistwrench import robots
+from motions import LOAD, SLED, report_of, rough_motion, write_motion
+from twistwrench import load, robots
 from twistwrench.cli import main
 from twistwrench.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from twistwrench.report.limits_file import read_limits
@@ -118,6 +118,21 @@ def test_bad_limit_files_are_refused(ur5, tmp_path, text, said):
     path.write_text(text)
     with pytest.raises(TwistWrenchError, match=re.escape(said)):
         read_limits(path, ur5.model)
+
+
+def test_positions_of_planar_and_floating_velocities_have_no_limits(tmp_path):
+    urdf, path = tmp_path / "sled.urdf", tmp_path / "limits.csv"
+    urdf.write_text(SLED)
+    for robot, velocity in ((load(urdf), "vx"), (robots.floating_box(), "wx")):
+        joint = f"{robot.model.leaders[0].joint.name}.{velocity}"
+        path.write_text(f"joint,lower,upper,velocity,effort\n{joint},,inf,2,3\n")
+        limits = read_limits(path, robot.model)
+        assert 2.0 in limits.velocity
+        assert 3.0 in limits.effort
+        for row, kind in (("-1,,,", "lower"), (",1,,", "upper")):
+            path.write_text(f"joint,lower,upper,velocity,effort\n{joint},{row}\n")
+            with pytest.raises(ValueRangeError, match=f"line 2, column '{kind}': '{joint}' is a velocity"):
+                read_limits(path, robot.model)
 
 
 # ── options ──
@@ -257,6 +272,22 @@ def test_info_tells_what_a_robot_is_made_of(run, ur5):
     assert "360" in text
 
 
+@pytest.mark.parametrize("flags, offset", [([], "+0.2"), (["--degrees"], "+11.459")])
+def test_info_tells_whom_a_joint_follows_and_no_limits_of_its_own(run, tmp_path, flags, offset):
+    text = robots.path_of("planar_2r").read_text()
+    mimic = '<mimic joint="joint1" multiplier="-2" offset="0.2"/>'
+    head, tail = text.split('<joint name="joint2"', 1)
+    path = tmp_path / "follower.urdf"
+    path.write_text(head + '<joint name="joint2"' + tail.replace("</joint>", mimic + "</joint>", 1))
+    code, said = run("info", path, *flags)
+    assert code == 0, said
+    lines = said.splitlines()
+    k = next(k for k, line in enumerate(lines) if line.split()[:1] == ["joint2"])
+    assert lines[k].split()[1] == "continuous,"
+    assert f"follows -2 × joint1 {offset}" in lines[k + 1]
+    assert len(lines[k].split()) == 3  # name, kind, link
+
+
 def test_names_are_not_taken_for_markup(run, tmp_path):
     text = robots.path_of("planar_2r").read_text().replace("joint1", "[red]1").replace("joint2", "[/]2")
     path = tmp_path / "odd.urdf"
@@ -327,16 +358,19 @@ def test_the_bundled_motion_is_the_one_its_comments_describe():
 # ── memory ──
 
 TEN_MILLION = """
-import resource, sys
+import pathlib, re, sys
 from click.testing import CliRunner
 from twistwrench.cli import main
 result = CliRunner().invoke(main, ["torques", "panda", "--trajectory", sys.argv[1]])
 print(result.output)
-print("code", result.exit_code, "MiB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+# Not ru_maxrss: that starts from the size of the process that forked this one.
+peak = re.search(r"VmHWM:\\s+(\\d+)", pathlib.Path("/proc/self/status").read_text())
+print("code", result.exit_code, "MiB", int(peak[1]) / 1024)
 """
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads the peak from /proc")
 def test_ten_million_rows_go_through_under_a_gibibyte(tmp_path):
     t = np.arange(10000)
     q = 0.5 * np.sin(np.outer(t, np.arange(1, 8)) * 2 * np.pi / 10000) + [0, 0, 0, -1.5, 0, 1.8, 0]

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .errors import MissingExtraError, ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from .sensing.command import sensor_group
 from .statics.command import payload_options
 
 if TYPE_CHECKING:
@@ -293,3 +294,6 @@ def _progress(trajectory: Trajectory) -> Iterator[Callable[[int], None] | None]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(trajectory.path.name, total=trajectory.size)
         yield lambda size: bar.advance(task, size)
+
+
+main.add_command(sensor_group(_plain_errors, _console, _check_extra))

@@ -55,7 +55,9 @@ class _Owner:
     def __init__(self, program: Program, name: str, doc: str) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
-            raise KernelError(f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be.")
+            raise KernelError(
+                f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
+            )
         self.program = program
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE)}
         self.stand_in = _LOOP(self._single)

@@ -153,7 +153,9 @@ def as_scipy(T: ArrayLike) -> RigidTransform:
     try:
         from scipy.spatial.transform import RigidTransform
     except ImportError:
-        raise MissingExtraError.of("scipy>=1.16", "all", "se3.as_scipy") from None
+        raise MissingExtraError(
+            "se3.as_scipy needs RigidTransform, which came with SciPy 1.16: pip install 'scipy>=1.16'."
+        ) from None
     return RigidTransform.from_matrix(checks.pose(T))
 
 

@@ -113,7 +113,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     """The rotation nearest to a matrix (in the Frobenius norm), by its singular values; (..., 3, 3) → (..., 3, 3).
 
     A matrix with an entry further than ``within`` from that rotation is a :class:`~twistwrench.ValueRangeError` that says
-    how far: it is not a rotation with rounding, and a reflection never is.
+    how far: it is not a rotation with rounding. A reflection is always at least 2/3 away.
 
     >>> project([[0.707, -0.707, 0], [0.707, 0.707, 0], [0, 0, 1]]).round(9)[0].tolist()
     [0.707106781, -0.707106781, 0.0]
@@ -122,7 +122,9 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     U, _, Vt = np.linalg.svd(M)
     U[..., :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1, 1)[..., None]
     R = U @ Vt
-    checks.refuse(np.abs(R - M), within, "not a rotation with rounding: the nearest one is {gap:.3g} away")
+    checks.refuse(
+        np.abs(R - M), within, "not a rotation with rounding: the nearest one is {gap:.3g} away, allowed {allowed:g}"
+    )
     return np.asarray(R)
 
 

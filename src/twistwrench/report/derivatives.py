@@ -102,15 +102,17 @@ class Differentiation:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)
         strengths = np.zeros(len(places))
+        # Differentiating brings out the noise; smoothing leaves what is slow, and so has to know the whole error.
+        deviation = quality.error if smoothing else quality.noise
         if smoothing:
-            for k, noise in enumerate(quality.noise):
-                strengths[k] = best_strength(times, [x[:, k] for x in curves], float(noise), quality.step)
+            for k, error in enumerate(deviation.tolist()):
+                strengths[k] = best_strength(times, [x[:, k] for x in curves], error, quality.step)
         sigma_ddq = np.zeros(model.nv)
         if source != "given":
             order = 1 if source == "velocities" else 2
             gain = {s: noise_gain(order, s, quality.step) for s in set(strengths.tolist())}
             gains = np.array([gain[s] for s in strengths.tolist()])
-            sigma = quality.noise * trajectory.columns.factors[differentiated] * gains
+            sigma = deviation * trajectory.columns.factors[differentiated] * gains
             sigma_ddq = sigma if source == "velocities" else _to_joints(model, sigma)
         return cls(trajectory, model, quality, source, derives_velocities, places, strengths, continuity, sigma_ddq)
 

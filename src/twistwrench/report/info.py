@@ -54,7 +54,7 @@ def _joints(model: Model, *, degrees: bool) -> Table:
         for k in range(b.v_index, b.v_index + b.joint.nv):
             factor = math.degrees(1.0) if degrees and c.angular_velocity[k] else 1.0
             if b.follows:
-                kind = f"{b.joint.kind},\n{_rule(b, c.velocity_names[k], factor)}"
+                kind = f"{b.joint.kind},\n{_rule(b, c.velocity_names[k], factor, degrees=degrees)}"
                 table.add_row(*map(Text, (b.joint.name, kind, _link(model, i))))
                 continue
             first = k == b.v_index
@@ -65,11 +65,13 @@ def _joints(model: Model, *, degrees: bool) -> Table:
     return table
 
 
-def _rule(follower: Body, leader: str, factor: float) -> str:
-    """What a mimic joint does: limits, damping and friction are its leader's."""
-    ratio = "" if follower.ratio == 1.0 else f"{follower.ratio:.5g} × "
+def _rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -> str:
+    """What a mimic joint does, in the table's units: it has no limits, damping and friction, but its leader has."""
+    factor = math.degrees(1.0) if degrees and follower.joint.axes[0, :3].any() else 1.0
+    ratio = follower.ratio * (factor / leader_factor)
+    share = "" if ratio == 1.0 else f"{ratio:.5g} × "
     offset = f" {factor * follower.offset:+.5g}" if follower.offset else ""
-    return f"follows {ratio}{leader}{offset}"
+    return f"follows {share}{leader}{offset}"
 
 
 def _inertias(model: Model) -> Table:

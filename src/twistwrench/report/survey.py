@@ -18,9 +18,11 @@ _ORDERS = range(3, 9)
 _FINEST_DECIMAL = 11
 _ROUND_OFF = 4e-16
 """Noise below this share of the values is arithmetic, not measurement."""
-_LEAST_MARK = 0.1
-"""Share of q/√12, the noise of rounding to a grid q, that is seen of it at least: less where the motion is so slow that it
-keeps to one point of the grid for hundreds of samples."""
+_LEAST_SEEN = 0.02
+"""Share of q/√12, the error of rounding to a grid q, that shows as noise at least: a motion that keeps to each point of the
+grid for hundreds of samples shows only so much of it."""
+_FEWEST_MARKS = 30
+"""Places where a column must not move as a parabola does for its grid to be one: kinks of planned motions are fewer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,11 @@ class Survey:
     noise: Array
     """(columns,) standard deviation of what is not smooth motion; 0 where that is round-off or nothing moves."""
 
+    @property
+    def error(self) -> Array:
+        """(columns,) standard deviation with what is too slow to show as noise: that of rounding, where a grid shows."""
+        return np.maximum(self.noise, self.quantum / math.sqrt(12.0))
+
 
 def survey(times: Sequence[Array], parts: Sequence[Array], curves: Sequence[Array] | None = None) -> Survey:
     """Judge excerpts of consecutive rows: their times (n,) and the columns in question (n, columns), as written.
@@ -44,21 +51,26 @@ def survey(times: Sequence[Array], parts: Sequence[Array], curves: Sequence[Arra
     steps = np.concatenate([np.diff(t) for t in times])
     found = np.where(_moves(parts), noise(times, parts if curves is None else curves), 0.0)
     quanta = np.array([quantum([x[:, k] for x in parts]) for k in range(parts[0].shape[1])])
-    # Rounding to a grid leaves its marks. Without them the steps are the motion's own, as those of a steady speed are.
-    quanta = np.where(found > _LEAST_MARK * quanta / math.sqrt(12.0), quanta, 0.0)
+    # Rounding makes noise. Without it the steps are the motion's own, as those of a steady speed are.
+    quanta = np.where(found > _LEAST_SEEN * quanta / math.sqrt(12.0), quanta, 0.0)
     return Survey(float(np.median(steps)) if steps.size else math.nan, quanta, found)
 
 
 def quantum(parts: Sequence[Array]) -> float:
-    """The grid that a column's values lie on, 0 if none shows: a power of ten, or the smallest step of an encoder."""
+    """The grid that a column's values lie on, 0 if none shows: a power of ten, or the smallest step of an encoder.
+
+    At a steady speed, or a steady acceleration, all increments are multiples of one, too: that is no grid.
+    """
     values = np.concatenate(parts)
     size = float(np.abs(values).max(initial=0.0))
-    increments = np.concatenate([np.diff(part) for part in parts])
-    increments[np.abs(increments) <= 1e-13 * size] = 0.0
-    if not increments.any():
+    increments = np.concatenate([np.abs(np.diff(part)) for part in parts])
+    increments = increments[increments > 1e-13 * size]
+    if increments.size == 0:
         return 0.0
     decimal = next((10.0**-d for d in range(_FINEST_DECIMAL + 1) if _on_grid(values, 10.0**d, size)), 0.0)
-    return max(_common_step(increments), decimal)
+    found = max(_common_step(increments), decimal)
+    marks = sum(int((np.abs(np.diff(part, 3)) > 0.5 * found).sum()) for part in parts)
+    return found if marks >= _FEWEST_MARKS else 0.0
 
 
 def _on_grid(values: Array, scale: float, size: float) -> bool:
@@ -67,18 +79,13 @@ def _on_grid(values: Array, scale: float, size: float) -> bool:
 
 
 def _common_step(increments: Array) -> float:
-    """The smallest increment, if enough small ones are there and are its multiples, as good as exactly; else 0.
-
-    They must be several of its multiples, rests and signs counting: at a steady speed all increments are the same.
-    """
-    sizes = np.abs(increments[increments != 0.0])
-    smallest = float(sizes.min())
-    ratios = sizes[sizes < 20 * smallest] / smallest
+    """The smallest increment, if enough small ones are there and are its multiples, as good as exactly; else 0."""
+    smallest = float(increments.min())
+    ratios = increments[increments < 20 * smallest] / smallest
     regular = np.abs(ratios - np.round(ratios)) < 0.05
-    multiples = np.unique(np.round(increments[np.abs(increments) < 20 * smallest] / smallest))
-    if ratios.size < 30 or regular.mean() < 0.98 or multiples.size < 2:
+    if ratios.size < 30 or regular.mean() < 0.98:
         return 0.0
-    return float(np.median(sizes[sizes < 1.5 * smallest]))
+    return float(np.median(increments[increments < 1.5 * smallest]))
 
 
 def noise(times: Sequence[Array], parts: Sequence[Array]) -> Array:

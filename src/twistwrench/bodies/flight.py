@@ -1,0 +1,318 @@
+"""Free motion of one rigid body, and how far its invariants drifted.
+
+The body is integrated in principal axes at its centre of mass, where it turns and travels independently. The state is
+the pose and the *spatial* momentum: without a wrench the momentum is a constant, not something to integrate, the centre of
+mass moves on a straight line, and only the rotation takes steps (:mod:`twistwrench.bodies.splitting`). A wrench acts as
+impulses between half steps of free motion, each an implicit midpoint rule in the momentum, so that the whole stays
+symmetric, the orders of the compositions hold for wrenches that depend on velocity too, and work is exactly the gain of energy.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InertiaError, ShapeError, ValueRangeError
+from ..lie import quaternion, se3, so3
+from .inertia import SpatialInertia
+from .splitting import COMPOSITIONS, Quat, Rotor, Vec
+
+Array = NDArray[Any]
+WrenchLaw = Callable[[float, Array, Array], ArrayLike]
+"""A wrench (6,) in {b} from the time [s], the pose T_sb (4, 4) and the body twist (6,)."""
+
+__all__ = ["Drift", "Flight", "WrenchLaw", "fly"]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How far a flight is from what mechanics keeps: momentum less impulse, energy less work. All relative; 0 is exact."""
+
+    momentum: float
+    """Largest change of the spatial momentum about the origin of {s}, over the largest of the terms it is made of."""
+    energy: float
+    """Largest change of the kinetic energy, over its largest value."""
+    energy_trend: float
+    """The part of that which grows: the slope of the straight line through it, times the duration."""
+    rotation: float
+    """Largest entry of RᵀR − 1 over all poses."""
+
+    def __str__(self) -> str:
+        return (
+            f"momentum {self.momentum:.1e}, energy {self.energy:.1e} (trend {self.energy_trend:+.1e}), "
+            f"rotation {self.rotation:.1e}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A recorded free motion: n + 1 states, the first at time 0."""
+
+    times: Array
+    """(n + 1,) [s]."""
+    poses: Array
+    """(n + 1, 4, 4), T_sb."""
+    twists: Array
+    """(n + 1, 6), of the body in {b}, angular part first [rad/s, m/s]."""
+    momentum: Array
+    """(n + 1, 6), Ad(T_bs)ᵀ G V about the origin of {s} [N m s, N s], from the poses and twists above."""
+    energy: Array
+    """(n + 1,), ½ Vᵀ G V [J]."""
+    impulse: Array
+    """(n + 1, 6), of the wrench so far, about the origin of {s} [N m s, N s]."""
+    work: Array
+    """(n + 1,), of the wrench so far [J]."""
+    drift: Drift = field(init=False)
+
+    def __post_init__(self) -> None:
+        R, p = self.poses[:, :3, :3], self.poses[:, :3, 3]
+        l, f = self.momentum[:, :3], self.momentum[:, 3:]
+        dP = self.momentum - self.impulse - self.momentum[0]
+        terms = np.abs(l).max() + np.abs(p).max() * np.abs(f).max(), np.abs(f).max()
+        moved = (np.abs(dP[:, :3]).max(), np.abs(dP[:, 3:]).max())
+        momentum = max(float(d / s) if s else 0.0 for d, s in zip(moved, terms, strict=True))
+        scale = float(self.energy.max()) or 1.0
+        dE = (self.energy - self.work - self.energy[0]) / scale
+        t = self.times / self.times[-1] - 0.5
+        trend = float((t - t.mean()) @ dE / ((t - t.mean()) @ t))
+        rotation = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
+        object.__setattr__(self, "drift", Drift(momentum, float(np.abs(dE).max()), trend, rotation))
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """The body in its principal frame {c} at the centre of mass, and the way to {b}."""
+
+    mass: float
+    moments: Array
+    T_bc: Array
+
+    def state(self, T_sb: Array, V_b: Array) -> tuple[Array, Array, Array, Array]:
+        """Quaternion (4,), position (3,), spatial angular momentum about the centre of mass and linear momentum (3,)."""
+        T, V = T_sb @ self.T_bc, se3.Ad(se3.inverse(self.T_bc)) @ V_b
+        R = T[:3, :3]
+        return quaternion.from_matrix(R), T[:3, 3], R @ (self.moments * V[:3]), self.mass * (R @ V[3:])
+
+    def motion(self, q: Array, p: Array, l: Array, f: Array) -> tuple[Array, Array]:
+        """Pose of {b} (..., 4, 4) and its twist (..., 6)."""
+        R = quaternion.rotation(q)
+        Rt = np.swapaxes(R, -1, -2)
+        w, v = (Rt @ l[..., None])[..., 0] / self.moments, (Rt @ f[..., None])[..., 0] / self.mass
+        V = se3.Ad(self.T_bc) @ np.concatenate([w, v], axis=-1)
+        return se3.pose(R, p) @ se3.inverse(self.T_bc), V
+
+    def push(self, law: WrenchLaw, t: float, q: Array, p: Array, l: Array, f: Array) -> tuple[Array, float]:
+        """The wrench (6,) on the body about its centre of mass in the axes of {s}, and its power [W]."""
+        T, V = self.motion(q, p, l, f)
+        F = _six("the wrench", law(t, T, V))
+        F_c = se3.Ad(self.T_bc).T @ F
+        R = quaternion.rotation(q)
+        return np.concatenate([R @ F_c[:3], R @ F_c[3:]]), float(F @ V)
+
+
+def fly(
+    inertia: SpatialInertia,
+    T0: ArrayLike,
+    V0: ArrayLike,
+    duration: float,
+    dt: float,
+    wrench: ArrayLike | WrenchLaw | None = None,
+    *,
+    order: int = 4,
+    tolerance: float | None = None,
+    every: int = 1,
+) -> Flight:
+    """Free motion of a body from pose T0 (4, 4) and body twist V0 (6,).
+
+    Parameters
+    ----------
+    duration, dt: s; ``dt`` is shortened so that a whole number of steps fills the duration.
+    wrench: in {b}: constant (6,), or a function of time, T_sb and V_b; none is torque-free flight.
+    order: 2, 4 or 6: the error of the motion falls as that power of dt. A body with two equal moments moves exactly.
+    tolerance: relative error per step; given, the steps are SciPy's DOP853 and adapt, and ``dt`` only spaces the record.
+        The spatial momentum of torque-free flight stays exact, the energy slowly drifts.
+    every: keep one state in so many, and the last.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError: for arguments of the wrong shape, not finite, or a T0 that is not a pose.
+    InertiaError: for a body without inertia about some axis.
+    """
+    moments, axes = inertia.principal()
+    if not (inertia.mass > 0 and moments[0] > 1e-14 * moments[2]):
+        raise InertiaError(
+            f"a body of mass {inertia.mass:g} kg with principal moments {moments.tolist()} kg m² has no definite rotation. "
+            "Give it mass, and some thickness."
+        )
+    body = _Body(float(inertia.mass), moments, se3.pose(axes, inertia.com))
+    n = _steps(duration, dt, every)
+    h = float(duration) / n
+    if order not in COMPOSITIONS:
+        raise ValueRangeError(f"order {order} is not available; choose one of {sorted(COMPOSITIONS)}.")
+    if tolerance is not None and not 1e-13 <= tolerance <= 1e-2:
+        raise ValueRangeError(f"tolerance is {tolerance}, and must be between 1e-13 and 1e-2.")
+    start = body.state(_pose(T0), _six("V0", V0))
+    kept = np.append(np.arange(0, n, every), n)
+    law = wrench if wrench is None or callable(wrench) else _constant(wrench)
+    if tolerance is not None:
+        rows = _adaptive(body, start, kept * h, law, tolerance)
+    elif law is None:
+        rows = _torque_free(body, start, h, n, every, COMPOSITIONS[order])
+    else:
+        rows = _pushed(body, start, h, n, every, COMPOSITIONS[order], law)
+    q, p, l, f, impulse, work = rows
+    T, V = body.motion(q, p, l, f)
+    P = inertia @ V
+    energy = 0.5 * np.einsum("ij,ij->i", V, P)
+    return Flight(kept * h, T, V, se3.Ad(se3.inverse(T)).T @ P, energy, impulse, work)
+
+
+Rows = tuple[Array, Array, Array, Array, Array, Array]
+"""Of a record: quaternion (k, 4), position, angular and linear momentum (k, 3), impulse (k, 6), work (k,)."""
+
+
+def _torque_free(
+    body: _Body, start: tuple[Array, ...], h: float, n: int, every: int, fractions: tuple[float, ...]
+) -> Rows:
+    q0, p, l, f = start
+    rotor = Rotor.of(_vec(body.moments))
+    turns, last = rotor.schedule(h, fractions)
+    q = _quat(q0)
+    L = _vec(l)
+    record = array("d", q)
+    for i in range(1, n + 1):
+        q = rotor.step(q, L, h, turns, last)
+        if i % every == 0 or i == n:
+            record.extend(q)
+    Q = np.frombuffer(record).reshape(-1, 4)
+    k = len(Q)
+    t = np.append(np.arange(0, n, every), n) * h
+    return (
+        Q,
+        p + np.multiply.outer(t, f / body.mass),
+        np.broadcast_to(l, (k, 3)),
+        np.broadcast_to(f, (k, 3)),
+        np.zeros((k, 6)),
+        np.zeros(k),
+    )
+
+
+def _pushed(
+    body: _Body, start: tuple[Array, ...], h: float, n: int, every: int, fractions: tuple[float, ...], law: WrenchLaw
+) -> Rows:
+    """Each fraction of a step: half of it free, the impulse of all of it, the other half free."""
+    q, p, l, f = start
+    rotor = Rotor.of(_vec(body.moments))
+    halves = [(0.5 * c * h, *rotor.schedule(0.5 * c * h, COMPOSITIONS[2])) for c in fractions]
+    impulse, work = np.zeros(6), 0.0
+    record = [(q, p, l, f, impulse, work)]
+    for i in range(1, n + 1):
+        t = (i - 1) * h
+        for half, turns, last in halves:
+            q, p, t = np.array(rotor.step(_quat(q), _vec(l), half, turns, last)), p + half / body.mass * f, t + half
+            F, power = _midpoint(body, law, t, q, p, l, f, 2.0 * half)
+            l, f = l + 2.0 * half * F[:3], f + 2.0 * half * F[3:]
+            about_origin = np.concatenate([F[:3] + so3.cross(p, F[3:]), F[3:]])
+            impulse, work = impulse + 2.0 * half * about_origin, work + 2.0 * half * power
+            q, p, t = np.array(rotor.step(_quat(q), _vec(l), half, turns, last)), p + half / body.mass * f, t + half
+        if i % every == 0 or i == n:
+            record.append((q, p, l, f, impulse, work))
+    q, p, l, f, J, W = (np.array(x) for x in zip(*record, strict=True))
+    return q, p, l, f, J, W
+
+
+def _midpoint(
+    body: _Body, law: WrenchLaw, t: float, q: Array, p: Array, l: Array, f: Array, h: float
+) -> tuple[Array, float]:
+    """The wrench of an impulse of length ``h``, taken at the mean of the momenta before and after it."""
+    F, power = body.push(law, t, q, p, l, f)
+    change = np.inf
+    for _ in range(60):
+        old, before, size = F, change, np.abs(F).max()
+        F, power = body.push(law, t, q, p, l + 0.5 * h * old[:3], f + 0.5 * h * old[3:])
+        change = np.abs(F - old).max()
+        if change <= 1e-15 * size or before <= change <= 1e-12 * size:  # settled, or down to rounding
+            return F, power
+        if change > 2.0 * before:
+            break
+    raise ValueRangeError(
+        f"at t = {t:g} s the wrench depends on the twist so steeply that a step of {abs(h):g} s finds no balance. "
+        "Take a smaller dt, or a tolerance."
+    )
+
+
+def _adaptive(body: _Body, start: tuple[Array, ...], times: Array, law: WrenchLaw | None, tolerance: float) -> Rows:
+    from scipy.integrate import solve_ivp
+
+    q, p, l, f = start
+
+    def rate(t: float, y: Array) -> Array:
+        q, p, l, f = y[:4] / np.linalg.norm(y[:4]), y[4:7], y[7:10], y[10:13]
+        w = (quaternion.rotation(q).T @ l) / body.moments
+        F, power = (np.zeros(6), 0.0) if law is None else body.push(law, t, q, p, l, f)
+        dq = 0.5 * quaternion.multiply(q, np.append(0.0, w))
+        return np.concatenate([dq, f / body.mass, F, F[:3] + so3.cross(p, F[3:]), F[3:], [power]])
+
+    # Absolute tolerances in units of the body: its radius of gyration, and one radius or radian per flight.
+    T, m, r = times[-1], body.mass, float(np.sqrt(body.moments[2] / body.mass))
+    speed = r / T + np.linalg.norm(f) / m + np.linalg.norm(l) / (m * r)
+    sizes = [1.0] * 4 + [r] * 3 + [m * r * speed] * 3 + [m * speed] * 3 + [m * r * speed] * 3 + [m * speed] * 3
+    atol = tolerance * np.array([*sizes, m * speed**2])
+    y0 = np.concatenate([q, p, l, f, np.zeros(7)])
+    out = solve_ivp(rate, (0.0, T), y0, method="DOP853", t_eval=times, rtol=tolerance, atol=atol)
+    if not out.success:
+        raise ValueRangeError(f"the adaptive integration stopped at t = {out.t[-1]:g} s: {out.message}")
+    y = out.y.T
+    return y[:, :4], y[:, 4:7], y[:, 7:10], y[:, 10:13], y[:, 13:19], y[:, 19]
+
+
+# ── the door ──
+
+
+def _steps(duration: float, dt: float, every: int) -> int:
+    for name, x in (("duration", duration), ("dt", dt)):
+        if not 0.0 < x < np.inf:
+            raise ValueRangeError(f"{name} is {x}, and must be a positive number of seconds.")
+    if int(every) != every or every < 1:
+        raise ValueRangeError(f"every is {every}, and must be a whole number of steps, at least 1.")
+    return max(1, int(np.ceil(duration / dt * (1.0 - 1e-12))))
+
+
+def _pose(T: ArrayLike) -> Array:
+    T = np.asarray(T, float)
+    if T.shape != (4, 4):
+        raise ShapeError(f"T0 has shape {T.shape}, expected (4, 4).")
+    off = np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max()
+    if not (off <= 1e-6 and np.linalg.det(T[:3, :3]) > 0 and np.isfinite(T).all() and (T[3] == [0, 0, 0, 1]).all()):
+        raise ValueRangeError(
+            f"T0 is not a pose: RᵀR differs from 1 by {off:.3g} and det R is {np.linalg.det(T[:3, :3]):.6g}; the last row "
+            f"is {T[3].tolist()}. Build one with se3.exp or se3.pose."
+        )
+    return T
+
+
+def _six(name: str, x: ArrayLike) -> Array:
+    x = np.asarray(x, float)
+    if x.shape != (6,):
+        raise ShapeError(f"{name} has shape {x.shape}, expected (6,): angular part first.")
+    if not np.isfinite(x).all():
+        raise ValueRangeError(f"{name} is {x.tolist()}, and must be finite.")
+    return x
+
+
+def _constant(wrench: ArrayLike) -> WrenchLaw:
+    F = _six("wrench", wrench)
+    return lambda _t, _T, _V: F
+
+
+def _vec(x: Array) -> Vec:
+    return float(x[0]), float(x[1]), float(x[2])
+
+
+def _quat(x: Array) -> Quat:
+    return float(x[0]), float(x[1]), float(x[2]), float(x[3])

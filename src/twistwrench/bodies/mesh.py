@@ -1,0 +1,115 @@
+"""Inertia of a uniform solid bounded by a closed triangle mesh.
+
+The solid is the signed sum of the tetrahedra that a point makes with each face; the integrals over a tetrahedron are
+polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or other mass properties) of a 3D
+solid body represented by a triangle mesh", 2004.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import MissingExtraError, ModelError, NotFoundError, ShapeError, ValueRangeError
+from .solids import total_mass
+
+if TYPE_CHECKING:
+    from .inertia import SpatialInertia
+
+Array = NDArray[Any]
+
+__all__ = ["mesh"]
+
+
+def mesh(
+    cls: type[SpatialInertia],
+    surface: str | Path | tuple[ArrayLike, ArrayLike],
+    *,
+    mass: float | None = None,
+    density: float | None = None,
+    scale: float = 1.0,
+) -> SpatialInertia:
+    """A uniform solid bounded by a mesh, in the mesh's own frame. Give mass [kg] or density [kg/m³].
+
+    ``surface`` is a file that trimesh reads (extra ``mesh``), or vertices (n, 3) and triangles (k, 3) of vertex numbers, which
+    need nothing. ``scale`` turns the mesh's unit into metres: 0.001 for millimetres. A surface that is not closed has no
+    inside and is a :class:`~twistwrench.ModelError` that says where; one that is inside out is turned.
+
+    >>> from twistwrench import SpatialInertia
+    >>> corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    >>> G = SpatialInertia.mesh(corner, density=6.0)
+    >>> round(G.mass, 12), G.com.round(12).tolist()
+    (1.0, [0.25, 0.25, 0.25])
+    """
+    if not 0.0 < scale < np.inf:
+        raise ValueRangeError(f"mesh: scale is {scale}, and must be positive and finite.")
+    name, vertices, faces = _read(surface)
+    _require_closed(name, vertices, faces)
+    vertices = scale * vertices
+    centre = vertices.mean(axis=0)  # near the solid, so that far ones lose no digits
+    a = (vertices - centre)[faces]
+    six = np.linalg.det(a)  # six times the signed volume of each tetrahedron
+    volume = six.sum() / 6.0
+    if not abs(volume) > 1e-15 * np.ptp(vertices, axis=0).max() ** 3:
+        raise ModelError(f"{name} encloses no volume ({volume:.3g} m³).")
+    sums = a.sum(axis=1)
+    h = six @ sums / 24.0
+    S = (np.einsum("k,kia,kib->ab", six, a, a) + np.einsum("k,ka,kb->ab", six, sums, sums)) / 120.0
+    m = total_mass("mesh", abs(float(volume)), mass, density)
+    rho, c = m / volume, h / volume
+    S = rho * S - m * np.outer(c, c)
+    return cls.from_com(m, c + centre, S.trace() * np.eye(3) - S)
+
+
+def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array, Array]:
+    if isinstance(surface, str | Path):
+        return (str(surface), *_load(Path(surface)))
+    try:
+        vertices, faces = (np.asarray(x) for x in surface)
+    except (TypeError, ValueError):
+        raise ShapeError("a mesh is a file name or a pair (vertices (n, 3), faces (k, 3)).") from None
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not faces.size:
+        raise ShapeError(f"vertices have shape {vertices.shape} and faces {faces.shape}, expected (n, 3) and (k, 3).")
+    if not np.issubdtype(faces.dtype, np.integer) or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueRangeError(f"faces must be whole numbers of the {len(vertices)} vertices, 0 to {len(vertices) - 1}.")
+    return "the mesh", np.asarray(vertices, float), faces
+
+
+def _load(path: Path) -> tuple[Array, Array]:
+    try:
+        import trimesh
+    except ImportError:
+        raise MissingExtraError.of("trimesh", "mesh", f"Reading the mesh {path.name}") from None
+    if not path.is_file():
+        raise NotFoundError(f"no mesh file {str(path)!r}.")
+    try:
+        loaded: Any = trimesh.load(path, force="mesh")
+    except Exception as error:
+        raise ModelError(f"{path} cannot be read as a mesh: {error}") from error
+    if not hasattr(loaded, "faces") or not len(loaded.faces):
+        raise ModelError(f"{path} holds no triangles.")
+    loaded.merge_vertices(merge_tex=True, merge_norm=True)  # files such as STL repeat each corner
+    return np.asarray(loaded.vertices, float), np.asarray(loaded.faces)
+
+
+def _require_closed(name: str, vertices: Array, faces: Array) -> None:
+    """Each edge of each face must be met by exactly one other face that runs along it the other way."""
+    if not np.isfinite(vertices[faces]).all():
+        raise ValueRangeError(f"{name} has corners that are not finite numbers.")
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    there, back = (edges[:, i] * len(vertices) + edges[:, 1 - i] for i in (0, 1))
+    keys, first, counts = np.unique(there, return_index=True, return_counts=True)
+    alone = edges[first[~np.isin(keys, back)]]
+    for bad, what in (
+        (alone, "is not watertight: {n} edges have a face on one side only"),
+        (edges[first[counts > 1]], "has {n} edges along which two faces run the same way (flipped or doubled)"),
+    ):
+        if len(bad):
+            shown = "; ".join(f"{vertices[i].round(6).tolist()} to {vertices[j].round(6).tolist()}" for i, j in bad[:3])
+            raise ModelError(
+                f"{name} {what.format(n=len(bad))}, the first at {shown}. Close it (trimesh.repair can), or take a solid "
+                "that bounds it, such as SpatialInertia.box."
+            )

@@ -1,0 +1,179 @@
+"""Inertia of bodies of known shape: point masses and uniform solids.
+
+Each function is a named constructor of :class:`~twistwrench.SpatialInertia`, which takes it as a class method. All solids but
+the mesh are centred: the frame's origin is the centre of mass, the axes are principal, and an axis of symmetry is z.
+Moments of the solids: Lynch and Park, Modern Robotics, figure 8.5, and any table of mechanics.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+
+if TYPE_CHECKING:
+    from .inertia import SpatialInertia
+
+Array = NDArray[Any]
+
+__all__ = ["box", "capsule", "cone", "cylinder", "ellipsoid", "from_points", "sphere", "total_mass"]
+
+
+def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike) -> SpatialInertia:
+    """Of point masses (n,) [kg] at points (n, 3) [m], about the frame's origin: I = -Σ m_i [r_i]². MR section 8.2.1.
+
+    >>> from twistwrench import SpatialInertia
+    >>> G = SpatialInertia.from_points([1.0, 3.0], [[0, 0, 1], [0, 0, -1]])
+    >>> G.mass, G.com.tolist(), G.moment_about_origin.diagonal().tolist()
+    (4.0, [0.0, 0.0, -0.5], [4.0, 4.0, 0.0])
+    """
+    m, r = np.asarray(masses, float), np.asarray(points, float)
+    if m.ndim != 1 or r.shape != (m.size, 3):
+        raise ShapeError(f"masses have shape {m.shape} and points {r.shape}, expected (n,) and (n, 3).")
+    bad = np.flatnonzero(~((m >= 0) & (m < np.inf) & np.isfinite(r).all(axis=1)))
+    if bad.size:
+        i = bad[0]
+        raise ValueRangeError(f"point {i}, mass {m[i]:g} kg at {r[i]}, must be finite with a mass of at least 0.")
+    S = (m * r.T) @ r  # second moments; -[r]² = r'r 1 - r r'
+    I = S.trace() * np.eye(3) - S
+    return cls.from_parameters([m.sum(), *(m @ r), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
+
+def box(
+    cls: type[SpatialInertia], size: ArrayLike, *, mass: float | None = None, density: float | None = None
+) -> SpatialInertia:
+    """A box with full edge lengths ``size`` (3,) [m] along x, y, z; origin at its centre. Give mass [kg] or density [kg/m³].
+
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.box((1, 2, 3), mass=12).moment_about_com.diagonal().tolist()
+    [13.0, 10.0, 5.0]
+    """
+    a = _lengths("size", size, 3)
+    return _centred(cls, "box", float(a.prod()), (a @ a - a**2) / 12.0, mass, density)
+
+
+def ellipsoid(
+    cls: type[SpatialInertia], semi_axes: ArrayLike, *, mass: float | None = None, density: float | None = None
+) -> SpatialInertia:
+    """An ellipsoid with ``semi_axes`` (3,) [m] along x, y, z; origin at its centre. Give mass [kg] or density [kg/m³].
+
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.ellipsoid((1, 2, 3), mass=5).moment_about_com.diagonal().tolist()
+    [13.0, 10.0, 5.0]
+    """
+    a = _lengths("semi_axes", semi_axes, 3)
+    return _centred(cls, "ellipsoid", 4.0 / 3.0 * np.pi * float(a.prod()), (a @ a - a**2) / 5.0, mass, density)
+
+
+def sphere(
+    cls: type[SpatialInertia], radius: float, *, mass: float | None = None, density: float | None = None
+) -> SpatialInertia:
+    """A ball of ``radius`` [m]; origin at its centre. Give mass [kg] or density [kg/m³].
+
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.sphere(1.0, mass=5.0).moment_about_com.diagonal().tolist()
+    [2.0, 2.0, 2.0]
+    """
+    (r,) = _lengths("radius", radius, 1)
+    return ellipsoid(cls, (r, r, r), mass=mass, density=density)
+
+
+def cylinder(
+    cls: type[SpatialInertia],
+    radius: float,
+    length: float,
+    *,
+    mass: float | None = None,
+    density: float | None = None,
+) -> SpatialInertia:
+    """A cylinder of ``radius`` and ``length`` [m] along z; origin at its centre. Give mass [kg] or density [kg/m³].
+
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.cylinder(2.0, 6.0, mass=1.0).moment_about_com.diagonal().tolist()
+    [4.0, 4.0, 2.0]
+    """
+    (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
+    across = r * r / 4.0 + h * h / 12.0
+    return _centred(cls, "cylinder", np.pi * r * r * h, (across, across, r * r / 2.0), mass, density)
+
+
+def capsule(
+    cls: type[SpatialInertia],
+    radius: float,
+    length: float,
+    *,
+    mass: float | None = None,
+    density: float | None = None,
+) -> SpatialInertia:
+    """A cylinder along z with a half ball on each end; origin at its centre. Give mass [kg] or density [kg/m³].
+
+    ``length`` [m] is that of the cylinder; from tip to tip the capsule measures length + 2 radius.
+
+    >>> from twistwrench import SpatialInertia
+    >>> ball, pill = SpatialInertia.sphere(0.1, density=1e3), SpatialInertia.capsule(0.1, 1e-12, density=1e3)
+    >>> bool(np.allclose(ball.parameters, pill.parameters))
+    True
+    """
+    (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
+    tube, ball = np.pi * r * r * h, 4.0 / 3.0 * np.pi * r**3
+    # A half ball's centre of mass is 3r/8 above its flat face: Steiner from the ball's centre to there, and on by h/2.
+    across = tube * (r * r / 4.0 + h * h / 12.0) + ball * (2.0 / 5.0 * r * r + h * h / 4.0 + 3.0 / 8.0 * h * r)
+    along = tube * r * r / 2.0 + ball * 2.0 / 5.0 * r * r
+    return _centred(cls, "capsule", tube + ball, np.array([across, across, along]) / (tube + ball), mass, density)
+
+
+def cone(
+    cls: type[SpatialInertia],
+    radius: float,
+    height: float,
+    *,
+    mass: float | None = None,
+    density: float | None = None,
+) -> SpatialInertia:
+    """A cone with its tip towards +z. The origin is its centre of mass, height/4 above the base, not the base itself.
+
+    ``radius`` of the base and ``height`` in m. Give mass [kg] or density [kg/m³].
+
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.cone(2.0, 4.0, mass=10.0).moment_about_com.diagonal().tolist()
+    [12.0, 12.0, 12.0]
+    """
+    (r,), (h,) = _lengths("radius", radius, 1), _lengths("height", height, 1)
+    across = 3.0 / 20.0 * r * r + 3.0 / 80.0 * h * h
+    return _centred(cls, "cone", np.pi / 3.0 * r * r * h, (across, across, 3.0 / 10.0 * r * r), mass, density)
+
+
+def total_mass(shape: str, volume: float, mass: float | None, density: float | None) -> float:
+    """The mass [kg] of ``volume`` [m³], when exactly one of mass and density is given, positive and finite."""
+    if (mass is None) == (density is None):
+        given = "neither" if mass is None else "both"
+        raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {given}.")
+    name, value = ("mass", mass) if mass is not None else ("density", density)
+    assert value is not None
+    if not 0.0 < value < np.inf:
+        raise ValueRangeError(f"{shape}: {name} is {value}, and must be positive and finite.")
+    return float(value) if name == "mass" else float(value) * volume
+
+
+def _lengths(name: str, value: ArrayLike, count: int) -> Array:
+    a = np.asarray(value, float)
+    if a.shape != ((count,) if count > 1 else ()):
+        raise ShapeError(f"{name} has shape {a.shape}, expected {f'({count},)' if count > 1 else 'one number'}.")
+    if not ((a > 0) & (a < np.inf)).all():
+        raise ValueRangeError(f"{name} is {a.tolist()}; lengths must be positive and finite, in metres.")
+    return a.reshape(count)
+
+
+def _centred(
+    cls: type[SpatialInertia],
+    shape: str,
+    volume: float,
+    moments_per_mass: ArrayLike,
+    mass: float | None,
+    density: float | None,
+) -> SpatialInertia:
+    m = total_mass(shape, float(volume), mass, density)
+    return cls.from_com(m, moment_about_com=m * np.diag(np.asarray(moments_per_mass, float)))

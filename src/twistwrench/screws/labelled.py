@@ -1,0 +1,139 @@
+"""What a twist and a wrench have in common: six numbers, the name of their frame, and a sum that checks it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import FrameError, ShapeError, ValueRangeError
+
+Array = NDArray[Any]
+
+__all__ = ["Labelled", "frame_name", "missing_pose", "symbol"]
+
+
+def frame_name(name: object, role: str) -> str:
+    """The name of a frame, after making sure that it is one."""
+    if not isinstance(name, str) or not name:
+        raise FrameError(f"{role} is {name!r}; a frame's name is a text that is not empty, such as 'b' or 'tool0'.")
+    return name
+
+
+def symbol(letter: str, *frames: str) -> str:
+    """A letter with its frames as the book writes it: T_ab, F_b, T_tool0_base.
+
+    >>> symbol("T", "a", "b"), symbol("T", "tool0", "base")
+    ('T_ab', 'T_tool0_base')
+    """
+    return f"{letter}_{('' if all(len(f) == 1 for f in frames) else '_').join(frames)}"
+
+
+def missing_pose(to: str, of: str) -> str:
+    """How to write the pose that is missing."""
+    return f"{symbol('T', to, of)} = Pose(…, to={to!r}, of={of!r})"
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled(ABC):
+    """Six numbers (..., 6), angular part first, and the name of the frame that they are expressed in."""
+
+    values: Array
+    frame: str
+
+    __array_ufunc__ = None  # array + labelled is refused rather than done entry by entry
+    _kind: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        values = np.array(self.values)
+        if values.dtype not in (np.float32, object):  # symbols stay what they are
+            values = values.astype(float)
+        if values.shape[-1:] != (6,):
+            raise ShapeError(f"a {self._kind} has six numbers, angular part first: shape (..., 6), got {values.shape}.")
+        values.setflags(write=False)
+        object.__setattr__(self, "values", values)
+        frame_name(self.frame, f"the frame of a {self._kind}")
+
+    @property
+    @abstractmethod
+    def symbol(self) -> str:
+        """The book's letter with the frame: V_b, F_b."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The batch shape: that of :attr:`values` without the last axis."""
+        return self.values.shape[:-1]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.array(self.values, dtype, copy=copy)
+
+    def __getitem__(self, rows: Any) -> Self:
+        try:
+            picked = np.arange(self.values.size // 6).reshape(self.shape)[rows]
+        except IndexError as error:
+            raise ShapeError(f"no row {rows!r} in a {self._kind} of batch shape {self.shape}: {error}.") from None
+        return type(self)(self.values.reshape(-1, 6)[picked], self.frame)
+
+    def __iter__(self) -> Iterator[Self]:
+        if not self.shape:
+            raise ShapeError(f"one {self._kind} has no rows to go through; its six numbers are .values.")
+        return (type(self)(row, self.frame) for row in self.values)
+
+    def __add__(self, other: Any) -> Self:
+        if not isinstance(other, Labelled) and np.ndim(other) == 0 and other == 0:  # so that sum() works
+            return self
+        return type(self)(self.values + self._same(other, "+"), self.frame)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Self:
+        return type(self)(self.values - self._same(other, "−"), self.frame)
+
+    def __neg__(self) -> Self:
+        return type(self)(-self.values, self.frame)
+
+    def __mul__(self, factor: ArrayLike) -> Self:
+        if isinstance(factor, Labelled):
+            raise ValueRangeError(f"{self._kind} * {factor._kind}: power is F @ V, and * is for numbers.")
+        return type(self)(self.values * np.asarray(factor)[..., None], self.frame)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: ArrayLike) -> Self:
+        return self * (1.0 / np.asarray(divisor))
+
+    def __matmul__(self, other: Labelled) -> Any:
+        if not isinstance(other, Labelled) or type(other) is type(self):
+            name = other._kind if isinstance(other, Labelled) else type(other).__name__
+            raise ValueRangeError(
+                f"{self._kind} @ {name}: power is wrench @ twist, both with their frames; the Lie bracket of two twists is "
+                "V1.bracket(V2)."
+            )
+        self._in_frame_of(other, f"{self._kind} in {self.frame!r} @ {other._kind}")
+        return np.sum(self.values * other.values, axis=-1)
+
+    def _same(self, other: Any, sign: str) -> Array:
+        """The numbers of another of this kind in this frame."""
+        if not isinstance(other, Labelled):
+            raise FrameError(
+                f"{self._kind} in {self.frame!r} {sign} {type(other).__name__}: plain numbers name no frame; write "
+                f"{type(self).__name__}(…, {self.frame!r}), or work on {self.symbol}.values."
+            )
+        if type(other) is not type(self):
+            raise ValueRangeError(
+                f"{self._kind} {sign} {other._kind}: a {self._kind} goes with another {self._kind}; the power of the "
+                "two is F @ V."
+            )
+        self._in_frame_of(other, f"{self._kind} in {self.frame!r} {sign} {other._kind}")
+        return other.values
+
+    def _in_frame_of(self, other: Labelled, what: str) -> None:
+        if other.frame != self.frame:
+            raise FrameError(
+                f"{what} in {other.frame!r}: move one first, {symbol('T', other.frame, self.frame)} @ {self.symbol} with "
+                f"Pose(…, to={other.frame!r}, of={self.frame!r})."
+            )

@@ -1,0 +1,106 @@
+"""Poses with the names of both frames, which cancel in products. Modern Robotics sections 3.3.1 and 3.4."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FrameError
+from ..lie import checks, se3
+from ..lie.adjoint import Ad
+from .labelled import frame_name, missing_pose, symbol
+from .twist import Twist
+from .wrench import Wrench
+
+Array = NDArray[Any]
+
+__all__ = ["Pose"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The pose T_ab (..., 4, 4) of the frame ``of="b"`` seen from the frame ``to="a"``: it brings things of {b} to {a}.
+
+    ``T_ab @ T_bc`` is T_ac, ``T_ab @ V_b`` a twist in {a}, ``T_ab @ F_b`` a wrench in {a}; letters that do not cancel are a
+    :class:`~twistwrench.FrameError`. A matrix that is no pose is a :class:`~twistwrench.ValueRangeError`.
+
+    >>> T_ab = Pose(se3.exp([0, 0, 0, 2, 0, 0]), to="a", of="b")
+    >>> T_ab @ Wrench([0, 0, 0, 0, 3, 0], "b")
+    Wrench(values=array([0., 0., 6., 0., 3., 0.]), frame='a')
+    """
+
+    matrix: Array
+    to: str
+    of: str
+
+    __array_ufunc__ = None  # array @ pose is refused rather than done without labels
+
+    def __post_init__(self) -> None:
+        matrix = np.array(self.matrix)
+        if matrix.dtype != object:  # symbols are taken as they are
+            matrix = checks.pose(matrix)
+        matrix.setflags(write=False)
+        object.__setattr__(self, "matrix", matrix)
+        frame_name(self.to, "the frame that a pose leads to")
+        frame_name(self.of, "the frame that a pose is of")
+
+    @property
+    def symbol(self) -> str:
+        """The book's letter with both frames: T_ab."""
+        return symbol("T", self.to, self.of)
+
+    @property
+    def rotation(self) -> Array:
+        """R_ab (..., 3, 3)."""
+        return self.matrix[..., :3, :3]
+
+    @property
+    def position(self) -> Array:
+        """The origin of {b} in {a} (..., 3) [m]."""
+        return self.matrix[..., :3, 3]
+
+    @property
+    def inverse(self) -> Pose:
+        """T_ba."""
+        return _follows(se3.inverse(self.matrix), to=self.of, of=self.to)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.array(self.matrix, dtype, copy=copy)
+
+    @overload
+    def __matmul__(self, other: Pose) -> Pose: ...
+    @overload
+    def __matmul__(self, other: Twist) -> Twist: ...
+    @overload
+    def __matmul__(self, other: Wrench) -> Wrench: ...
+
+    def __matmul__(self, other: Pose | Twist | Wrench) -> Pose | Twist | Wrench:
+        if not isinstance(other, (Pose, Twist, Wrench)):
+            raise FrameError(
+                f"{self.symbol} @ {type(other).__name__}: plain numbers name no frame; write Twist(…, {self.of!r}) or "
+                f"Wrench(…, {self.of!r}), or use Ad(T) @ V and Ad(T).T @ F on arrays."
+            )
+        inner = other.to if isinstance(other, Pose) else other.frame
+        if inner != self.of:
+            raise FrameError(
+                f"{self.symbol} @ {other.symbol}: the inner frames {self.of!r} and {inner!r} do not cancel; missing is "
+                f"{missing_pose(self.of, inner)}."
+            )
+        if isinstance(other, Pose):
+            return _follows(self.matrix @ other.matrix, to=self.to, of=other.of)
+        if isinstance(other, Twist):
+            return Twist(Ad(self.matrix) @ other.values, self.to)
+        return Wrench(Ad(se3.inverse(self.matrix)).T @ other.values, self.to)
+
+
+def _follows(matrix: Array, to: str, of: str) -> Pose:
+    """A pose that follows from checked ones, whose rounding may add up to more than a new one is allowed."""
+    pose = object.__new__(Pose)
+    matrix.setflags(write=False)
+    for name, value in (("matrix", matrix), ("to", to), ("of", of)):
+        object.__setattr__(pose, name, value)
+    return pose

@@ -1,0 +1,105 @@
+"""Wrenches with the name of their frame. Modern Robotics section 3.4."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError
+from ..lie import se3, so3
+from ..lie.adjoint import Ad
+from .axis import Axis, kinds, line_of_action
+from .labelled import Labelled, symbol
+
+if TYPE_CHECKING:
+    from .twist import Twist
+
+Array = NDArray[Any]
+
+__all__ = ["Wrench", "move_covariance"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Wrench(Labelled):
+    """A wrench F = (m, f) [N m, N], (..., 6), expressed in a named frame.
+
+    ``F1 + F2`` checks the frames (:class:`~twistwrench.FrameError`), ``F @ V`` is power in W, ``T_ab @ F_b`` moves it, and
+    ``np.asarray(F)`` or ``F.values`` are the plain numbers.
+
+    >>> F = Wrench.of_force([0, 3, 0], "s", at=[2, 0, 0])
+    >>> F.values.tolist(), F.kind
+    ([0.0, 0.0, 6.0, 0.0, 3.0, 0.0], 'pure force')
+    """
+
+    _kind: ClassVar[str] = "wrench"
+
+    @classmethod
+    def of_force(cls, f: ArrayLike, frame: str, at: ArrayLike = (0.0, 0.0, 0.0)) -> Wrench:
+        """The wrench (r × f, f) of a pure force f (..., 3) [N] that acts at the point r = ``at`` (..., 3) [m]."""
+        f = np.asarray(f, float)
+        m, f = np.broadcast_arrays(so3.cross(np.asarray(at, float), f), f)
+        return cls(np.concatenate([m, f], axis=-1), frame)
+
+    @classmethod
+    def of_couple(cls, m: ArrayLike, frame: str) -> Wrench:
+        """The wrench (m, 0) of a pure couple m (..., 3) [N m]: the same about every point."""
+        m = np.asarray(m, float)
+        return cls(np.concatenate([m, np.zeros_like(m)], axis=-1), frame)
+
+    @property
+    def symbol(self) -> str:
+        """The book's letter with the frame: F_b."""
+        return symbol("F", self.frame)
+
+    @property
+    def m(self) -> Array:
+        """Moment (..., 3) [N m] about the frame's origin."""
+        return self.values[..., :3]
+
+    @property
+    def f(self) -> Array:
+        """Force (..., 3) [N]."""
+        return self.values[..., 3:]
+
+    @property
+    def axis(self) -> Axis:
+        """Line of action, pitch and size; see :func:`twistwrench.screws.axis.line_of_action`."""
+        return line_of_action(self.values)
+
+    @property
+    def kind(self) -> Any:
+        """``"pure force"``, ``"pure couple"``, ``"wrench"`` or ``"nothing"``; an array of these for a batch."""
+        return kinds(self.f, self.m, ("pure force", "pure couple", "wrench", "nothing"))
+
+    def is_reciprocal_to(self, V: Twist, within: float = 1e-12) -> Any:
+        """Whether the power on V is zero, to ``within`` of |m| |omega| + |f| |v|; a bool, or an array of them for a batch.
+
+        A hinge carries exactly the wrenches that are reciprocal to its twist.
+        """
+        power = self @ V
+        norm = np.linalg.norm
+        size = norm(self.m, axis=-1) * norm(V.omega, axis=-1) + norm(self.f, axis=-1) * norm(V.v, axis=-1)
+        return abs(power) <= within * size
+
+
+def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
+    """Covariance of F_a from that of F_b: C_a = X C_b X' with F_a = X F_b, X = Ad(T_ba)'.
+
+    (..., 4, 4), (..., 6, 6) → (..., 6, 6), in the products of the units (N m, N). ``T_ab`` may be a
+    :class:`~twistwrench.Pose`.
+
+    >>> C_b = np.diag([0, 0, 0, 1.0, 1.0, 1.0])            # 1 N of noise in each direction
+    >>> T_ab = se3.exp([0, 0, 0, 2.0, 0, 0])               # felt 2 m away
+    >>> np.diag(move_covariance(T_ab, C_b)).tolist()
+    [0.0, 4.0, 4.0, 1.0, 1.0, 1.0]
+    """
+    C = np.asarray(C_b, float)
+    if C.shape[-2:] != (6, 6):
+        raise ShapeError(f"the covariance of a wrench has shape (..., 6, 6), got {C.shape}.")
+    X = Ad(se3.inverse(np.asarray(T_ab))).T.matrix
+    moved = X @ C @ np.swapaxes(X, -1, -2)
+    return np.asarray(0.5 * (moved + np.swapaxes(moved, -1, -2)))

@@ -1,0 +1,278 @@
+"""The commands ``twistwrench sensor identify | compensate | poses``. What is heavy is imported inside the one that needs it."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ValueRangeError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from .log import ReadingLog
+
+__all__ = ["sensor_group"]
+
+_FOUND_A_PROBLEM = 1
+_DEMOS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
+_HERE = Path(__file__).parent
+_SIGN = click.option(
+    "--sign",
+    type=click.Choice(["on_sensor", "by_sensor"]),
+    default="on_sensor",
+    show_default=True,
+    help="Readings are what the load does to the sensor, or what the sensor does to it.",
+)
+_GRAVITY = click.option(
+    "--gravity", type=float, default=9.81, show_default=True, help="Its size [m/s²]; -z of the world."
+)
+_CSV = click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the readings without bias and load.")
+_PLOT = click.option("--plot", "plot_path", metavar="OUT.png", help="Draw the readings before and after.")
+
+
+def sensor_group(
+    plain_errors: Callable[[], AbstractContextManager[None]],
+    console: Callable[[], Console],
+    check_extra: Callable[[str | None], None],
+) -> click.Group:
+    """The command group, with the shell's own ways to end on errors, to print, and to refuse pictures early."""
+
+    def plain(function: Callable[..., None]) -> Callable[..., None]:
+        @wraps(function)
+        def command(**given: Any) -> None:
+            with plain_errors():
+                check_extra(given.get("plot_path"))
+                function(console=console(), **given)
+
+        return command
+
+    @click.group()
+    def sensor() -> None:
+        """Six-axis force-torque sensors: find the tool's mass, remove its weight, propose poses.
+
+        LOG is a CSV file with mx,my,mz,fx,fy,fz and an orientation (qw,qx,qy,qz or r11…r33 or gx,gy,gz),
+        or 'demo' or 'demo-motion', which are bundled.
+        """
+
+    sensor.add_command(_identify(plain))
+    sensor.add_command(_compensate(plain))
+    sensor.add_command(_poses(plain))
+    return sensor
+
+
+def _identify(plain: Callable[..., Any]) -> click.Command:
+    @click.command("identify")
+    @click.argument("log", metavar="LOG")
+    @_SIGN
+    @_GRAVITY
+    @click.option("--inertia", is_flag=True, help="Also the six inertia numbers; the log needs wx … vz and dwx … dvz.")
+    @click.option(
+        "--orientation", is_flag=True, help="Also how the sensor's axes are turned against the frame of the poses."
+    )
+    @click.option("--bias", metavar="m,m,m,f,f,f", help="A known bias, which is then not looked for.")
+    @click.option("--noise", metavar="M,F", help="Known noise of moments [N m] and forces [N]; estimated if not given.")
+    @click.option("--keep-outliers", is_flag=True, help="Use readings that the others contradict, too.")
+    @click.option("--save", "save_path", metavar="SENSOR.json", help="Write the sensor for `compensate`.")
+    @_CSV
+    @_PLOT
+    @plain
+    def identify_command(
+        *,
+        console: Console,
+        log: str,
+        sign: Any,
+        gravity: float,
+        inertia: bool,
+        orientation: bool,
+        bias: str | None,
+        noise: str | None,
+        keep_outliers: bool,
+        save_path: str | None,
+        csv_path: str | None,
+        plot_path: str | None,
+    ) -> None:
+        """Bias, mass and centre of mass of what the sensor carries, and how well they are known.
+
+        Exit code 1 if readings contradict the others, or if no body has the inertia found.
+        """
+        from .identification import identify
+        from .sensor_file import write_sensor
+        from .tables import identification_view
+
+        readings = _read(log, gravity)
+        found = identify(
+            readings,
+            sign=sign,
+            inertia=inertia,
+            orientation=orientation,
+            bias=None if bias is None else _numbers(bias, "--bias", 6),
+            noise=None if noise is None else _noise(noise),
+            outliers="keep" if keep_outliers else "trim",
+        )
+        console.print(identification_view(found, readings))
+        if save_path is not None:
+            write_sensor(found.sensor, save_path, found.noise)
+        if csv_path is not None:
+            _write(readings, readings.compensated(found.sensor), csv_path)
+        if plot_path is not None:
+            from .plot import plot_compensation
+
+            plot_compensation(readings, found.sensor, found.noise, plot_path, marked=~found.kept, mark="left out")
+        _tell(save_path, csv_path, plot_path)
+        if found.doubtful:
+            sys.exit(_FOUND_A_PROBLEM)
+
+    return identify_command
+
+
+def _compensate(plain: Callable[..., Any]) -> click.Command:
+    @click.command("compensate")
+    @click.argument("log", metavar="LOG")
+    @click.option(
+        "--sensor", "sensor_path", metavar="SENSOR.json", required=True, help="From `identify --save`; or 'demo'."
+    )
+    @_GRAVITY
+    @click.option(
+        "--contacts",
+        "false_alarms",
+        metavar="RATE",
+        type=float,
+        help="Look for contacts, with at most this share of readings called one by noise (1e-6).",
+    )
+    @_CSV
+    @_PLOT
+    @plain
+    def compensate_command(
+        *,
+        console: Console,
+        log: str,
+        sensor_path: str,
+        gravity: float,
+        false_alarms: float | None,
+        csv_path: str | None,
+        plot_path: str | None,
+    ) -> None:
+        """Readings without bias, weight and inertial load of what the sensor carries.
+
+        Exit code 1 if --contacts finds one.
+        """
+        import numpy as np
+
+        from .contact import CollisionThreshold
+        from .sensor_file import read_sensor
+        from .tables import compensation_view
+
+        bundled = sensor_path == "demo" and not Path(sensor_path).is_file()
+        sensor, noise = read_sensor(_HERE / "demo_sensor.json" if bundled else sensor_path)
+        threshold = None if false_alarms is None else CollisionThreshold.of_noise(noise, false_alarms)
+        readings = _read(log, gravity)
+        rest = readings.compensated(sensor)
+        console.print(compensation_view(readings, sensor.sign, rest, threshold))
+        if csv_path is not None:
+            _write(readings, rest, csv_path)
+        hits = np.zeros(len(readings), bool) if threshold is None else threshold(rest)
+        if plot_path is not None:
+            from .plot import plot_compensation
+
+            plot_compensation(readings, sensor, noise, plot_path, marked=hits, mark="contact")
+        _tell(csv_path, plot_path)
+        if hits.any():
+            sys.exit(_FOUND_A_PROBLEM)
+
+    return compensate_command
+
+
+def _poses(plain: Callable[..., Any]) -> click.Command:
+    @click.command("poses")
+    @click.argument("log", metavar="[LOG]", required=False)
+    @click.option("--count", type=int, default=6, show_default=True, help="How many.")
+    @click.option("--within", type=float, default=180.0, show_default=True, metavar="DEGREES", help="The largest tilt.")
+    @click.option(
+        "--noise", metavar="M,F", default="0.01,0.3", show_default=True, help="Of moments [N m] and forces [N]."
+    )
+    @click.option("--mass", type=float, default=1.0, show_default=True, help="About how heavy the load is [kg].")
+    @_GRAVITY
+    @click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the poses.")
+    @plain
+    def poses_command(
+        *,
+        console: Console,
+        log: str | None,
+        count: int,
+        within: float,
+        noise: str,
+        mass: float,
+        gravity: float,
+        csv_path: str | None,
+    ) -> None:
+        """The next orientations to read: those that tell most, after the readings of LOG or from nothing."""
+        import numpy as np
+
+        from ..lie import quaternion
+        from ..report.table_file import TableFile
+        from .poses import propose_poses
+        from .tables import proposal_view
+
+        if not (mass > 0 and math.isfinite(mass)):
+            raise ValueRangeError(f"--mass {mass!r} is no mass. Give about how many kilograms the load has.")
+        past = None if log is None else _read(log, gravity)
+        proposal = propose_poses(count, log=past, within=math.radians(within), noise=_noise(noise))
+        quat = quaternion.from_matrix(proposal.rotations)
+        console.print(proposal_view(proposal, quat, mass))
+        unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)
+        with TableFile.writing(csv_path, ["qw", "qx", "qy", "qz", "gx", "gy", "gz"]) as file:
+            if file is not None:
+                file.write(np.concatenate([quat, unit], axis=1))
+        _tell(csv_path)
+
+    return poses_command
+
+
+def _read(name: str, gravity: float) -> ReadingLog:
+    from .log_file import read_log
+
+    if not (gravity > 0 and math.isfinite(gravity)):
+        raise ValueRangeError(f"--gravity {gravity!r} is no size of gravity. Give it in m/s², such as 9.81.")
+    path = _HERE / _DEMOS[name] if name in _DEMOS and not Path(name).is_file() else Path(name)
+    return read_log(path, gravity=(0.0, 0.0, -gravity))
+
+
+def _write(log: ReadingLog, compensated: Any, path: str) -> None:
+    import numpy as np
+
+    from ..report.table_file import TableFile
+    from .log import AXES
+
+    head = [] if log.time is None else ["time"]
+    rows = compensated if log.time is None else np.column_stack([log.time, compensated])
+    with TableFile.writing(path, [*head, *AXES]) as file:
+        if file is not None:
+            file.write(rows)
+
+
+def _noise(text: str) -> tuple[float, float]:
+    moment, force = _numbers(text, "--noise", 2)
+    return moment, force
+
+
+def _numbers(text: str, option: str, count: int) -> list[float]:
+    try:
+        numbers = [float(x) for x in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ValueRangeError(f"{option} {text!r} is not {count} numbers separated by commas.")
+    return numbers
+
+
+def _tell(*paths: str | None) -> None:
+    for path in filter(None, paths):
+        click.echo(f"wrote {path}")

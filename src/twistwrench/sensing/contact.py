@@ -1,0 +1,141 @@
+"""Where a wrench comes from, if from one point; and how large one must be to be no noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from ..lie import so3
+
+Array = NDArray[Any]
+
+__all__ = ["CollisionThreshold", "contact_nearest", "contact_on_plane", "contact_on_sphere", "stray_couple"]
+
+
+def stray_couple(F: ArrayLike) -> Array:
+    """The moment about the line of action (...,) [N m] of wrenches F (..., 6).
+
+    A point contact without grip has none: what it is more than noise denies that there is one point.
+    """
+    m, f, size = _halves(F)
+    return np.asarray((m * f).sum(-1) / size)
+
+
+def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array:
+    """Where forces act if it is on the plane through ``point`` with that ``normal`` (..., 3) → (..., 3) [m].
+
+    F (..., 6) is the wrench on the load; all in one frame. NaN where there is no force, or it acts along the plane.
+
+    >>> contact_on_plane([0.2, 0, 0, 0, 0, 2], point=[0, 0, 0.3], normal=[0, 0, 1]).tolist()  # 2 N upwards at y = 0.1
+    [0.0, 0.1, 0.3]
+    """
+    start, along = _line(F)
+    n = np.asarray(normal, float)
+    slope = (along * n).sum(-1)
+    slope = np.where(np.abs(slope) < 1e-12 * np.linalg.norm(n, axis=-1), np.nan, slope)
+    return np.asarray(start + (((np.asarray(point, float) - start) * n).sum(-1) / slope)[..., None] * along)
+
+
+def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
+    """Where forces F (..., 6) on the load push into a ball of it (..., 3) [m]; NaN where their lines miss it."""
+    start, along = _line(F)
+    offset = start - np.asarray(centre, float)
+    middle = (offset * along).sum(-1)
+    square = middle**2 - (offset * offset).sum(-1) + radius**2
+    first = -middle - np.sqrt(np.where(square < 0, np.nan, square))  # where the line enters: there it pushes inwards
+    return np.asarray(start + first[..., None] * along)
+
+
+def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
+    """The point (..., 3) [m] of the line of action of F (..., 6) that is nearest to ``point`` (..., 3)."""
+    start, along = _line(F)
+    return np.asarray(start + ((np.asarray(point, float) - start) * along).sum(-1, keepdims=True) * along)
+
+
+def _line(F: ArrayLike) -> tuple[Array, Array]:
+    """The point nearest to the origin and the direction (..., 3) of lines of action; NaN where there is no force.
+
+    :func:`twistwrench.screws.axis.line_of_action` for streams: a row of zeros is no error here.
+    """
+    m, f, size = _halves(F)
+    return so3.cross(f, m) / size[..., None] ** 2, f / size[..., None]
+
+
+def _halves(F: ArrayLike) -> tuple[Array, Array, Array]:
+    F = np.asarray(F, float)
+    if F.shape[-1:] != (6,):
+        raise ShapeError(f"F has shape {F.shape}, expected (..., 6): (m, f).")
+    size = np.linalg.norm(F[..., 3:], axis=-1)
+    return F[..., :3], F[..., 3:], np.where(size == 0, np.nan, size)
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionThreshold:
+    """Tells wrenches from noise: a reading is a contact when its distance from the noise's middle passes a limit."""
+
+    middle: Array
+    """(6,) mean of compensated readings without contact."""
+    covariance: Array
+    """(6, 6) of one of them."""
+    limit: float
+    """The squared Mahalanobis distance from which a reading is called a contact."""
+    false_alarms: float
+    """Share of readings without contact that pass it."""
+
+    @classmethod
+    def of_noise(cls, noise: tuple[float, float], false_alarms: float = 1e-6) -> CollisionThreshold:
+        """From known standard deviations of moments [N m] and forces [N], independent and normal: a χ² test of six."""
+        from scipy import special
+
+        _check_rate(false_alarms)
+        sigma = np.asarray(noise, float)
+        if sigma.shape != (2,) or not (sigma > 0).all():
+            raise ValueRangeError(f"noise {noise!r} is not two positive numbers: of moments [N m] and of forces [N].")
+        return cls(np.zeros(6), np.diag(np.repeat(sigma, 3) ** 2), float(special.chdtri(6, false_alarms)), false_alarms)
+
+    @classmethod
+    def of_residuals(cls, residuals: ArrayLike, false_alarms: float = 1e-6) -> CollisionThreshold:
+        """From n > 6 compensated readings (n, 6) without contact: Hotelling's test, which minds that n is finite.
+
+        Source: Hotelling, "The generalization of Student's ratio", Ann. Math. Stat. 2, 1931.
+        """
+        from scipy import special
+
+        _check_rate(false_alarms)
+        r = np.asarray(residuals, float)
+        if r.ndim != 2 or r.shape[1] != 6:
+            raise ShapeError(f"residuals have shape {r.shape}, expected (n, 6).")
+        n = len(r)
+        if n < 8 or not np.isfinite(r).all():
+            raise ValueRangeError(
+                f"{n} residuals say too little of the noise. Give at least 8 finite readings at rest."
+            )
+        factor = 6 * (n + 1) * (n - 1) / (n * (n - 6))
+        limit = factor * float(special.fdtri(6, n - 6, 1 - false_alarms))
+        return cls(r.mean(axis=0), np.cov(r.T), limit, false_alarms)
+
+    def __call__(self, compensated: ArrayLike) -> Array:
+        """Whether each compensated reading (..., 6) is a contact."""
+        return np.asarray(self.distance(compensated) > self.limit)
+
+    def distance(self, compensated: ArrayLike) -> Array:
+        """Squared Mahalanobis distance (...,) of compensated readings (..., 6)."""
+        r = np.asarray(compensated, float) - self.middle
+        return np.asarray((r * np.linalg.solve(self.covariance, r[..., None])[..., 0]).sum(-1))
+
+    @property
+    def per_axis(self) -> Array:
+        """The smallest moments [N m] and forces [N] (6,) that pass, each acting along its axis alone."""
+        return math.sqrt(self.limit) / np.sqrt(np.diag(np.linalg.inv(self.covariance)))
+
+
+def _check_rate(false_alarms: float) -> None:
+    if not 0 < false_alarms < 1:
+        raise ValueRangeError(
+            f"a false-alarm rate of {false_alarms!r} is not between 0 and 1. Give 1e-6 for one in a million."
+        )

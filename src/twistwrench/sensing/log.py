@@ -1,0 +1,151 @@
+"""A log of readings: gravity in the sensor's frame, motion if known, and what the sensor said."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ModelWarning, ShapeError, ValueRangeError
+from .directions import GRAVITY, gravity_in_frame, rotations_of_quaternions
+from .sensor import ForceTorqueSensor
+
+Array = NDArray[Any]
+
+__all__ = ["AXES", "ReadingLog"]
+
+AXES = ("mx", "my", "mz", "fx", "fy", "fz")
+_STRONG = 500.0  # N; tools and the sensors that carry them stay below, a log in grams of a kilogram does not
+_LONG_LEVER = 5.0  # m; N mm read as N m make levers a thousand times too long
+_FAST = 50.0  # rad/s; no arm turns so fast, but in degrees per second any does
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingLog:
+    """n readings with what is needed to explain them, in SI units and in {f}, the frame whose poses are known.
+
+    >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
+    >>> len(log), log.gravity.tolist()
+    (1, [[0.0, 0.0, -9.81]])
+    """
+
+    readings: Array
+    """(n, 6): mx, my, mz [N m], fx, fy, fz [N]."""
+    gravity: Array
+    """(n, 3) gravity in {f} [m/s²]."""
+    V: Array | None = None
+    """(n, 6) twist of {f} in {f}, or None where the sensor stood still."""
+    dV: Array | None = None
+    """(n, 6) its rate, or None."""
+    time: Array | None = None
+    """(n,) s."""
+    name: str = "log"
+    """What errors and reports call it."""
+
+    @classmethod
+    def of(
+        cls,
+        readings: ArrayLike,
+        *,
+        pose: ArrayLike | None = None,
+        quaternion: ArrayLike | None = None,
+        gravity: ArrayLike = GRAVITY,
+        V: ArrayLike | None = None,
+        dV: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+        name: str = "log",
+    ) -> ReadingLog:
+        """From arrays: readings (n, 6), orientations, and where the sensor moved V and dV (n, 6).
+
+        Orientations are poses T_wf (n, 4, 4), rotations R_wf (n, 3, 3), or unit quaternions (n, 4), scalar first, with
+        ``gravity`` (3,) in {w}; or, without any of them, ``gravity`` (n, 3) in {f} itself.
+
+        Raises :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` for empty logs, values that are
+        not finite, and orientations that are none; warns (:class:`~twistwrench.ModelWarning`) of units that look wrong.
+        """
+        r = np.array(readings, float)
+        if r.size == 0:
+            raise ValueRangeError(f"{name}: the log is empty. Give at least one reading.")
+        if r.ndim != 2 or r.shape[1] != 6:
+            raise ShapeError(f"{name}: readings have shape {r.shape}, expected (n, 6): {', '.join(AXES)}.")
+        if pose is not None and quaternion is not None:
+            raise ValueRangeError(f"{name}: both pose and quaternion are given. Keep one of them.")
+        if quaternion is not None:
+            pose = rotations_of_quaternions(quaternion, f"{name}: quaternion")
+        g = np.array(gravity, float) if pose is None else gravity_in_frame(pose, gravity)
+        arrays = {"gravity": (g, 3), "V": (V, 6), "dV": (dV, 6)}
+        checked = {key: _rows(value, len(r), width, f"{name}: {key}") for key, (value, width) in arrays.items()}
+        if not np.isfinite(r).all():
+            row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(r)))
+            raise ValueRangeError(
+                f"{name}: {AXES[column]} of reading {row} is {r[row, column]}. Readings must be finite: fill or remove it."
+            )
+        if checked["gravity"] is None or not np.any(checked["gravity"], axis=1).all():
+            raise ValueRangeError(
+                f"{name}: gravity is zero in a reading, so nothing has a weight. Give 9.81 m/s² of it."
+            )
+        if (V is None) != (dV is None):
+            raise ValueRangeError(f"{name}: V and dV come together. Give both, or none for a sensor that stands still.")
+        t = None if time is None else np.array(time, float)
+        if t is not None and (t.shape != (len(r),) or not np.isfinite(t).all()):
+            raise ShapeError(f"{name}: time has shape {t.shape}, expected ({len(r)},) finite numbers [s].")
+        log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name)
+        for doubt in log.doubts():
+            warnings.warn(f"{name}: {doubt}", ModelWarning, stacklevel=2)
+        return log
+
+    def __len__(self) -> int:
+        return len(self.readings)
+
+    def rows(self, which: Any) -> ReadingLog:
+        """The log of some of the readings only; ``which`` is a slice, a mask or indices."""
+        V, dV, time = (None if x is None else x[which] for x in (self.V, self.dV, self.time))
+        return ReadingLog(self.readings[which], self.gravity[which], V, dV, time, self.name)
+
+    def doubts(self) -> list[str]:
+        """Units that look wrong, in words; empty when all look right."""
+        found = []
+        centred = self.readings - np.median(self.readings, axis=0)
+        moment, force = (float(np.abs(self.readings[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
+        if force > _STRONG:
+            found.append(
+                f"forces reach {force:.4g}; in newtons that is the weight of {force / 9.81:.0f} kg. If they are in grams, "
+                "multiply them by 0.00981, if in counts by the sensor's scale."
+            )
+        spread_m, spread_f = (float(np.linalg.norm(centred[:, k])) for k in (slice(0, 3), slice(3, 6)))
+        if moment > 10 and spread_f and spread_m / spread_f > _LONG_LEVER:
+            found.append(
+                f"moments change as if forces had a lever of {spread_m / spread_f:.3g} m. If they are in N mm, "
+                "divide them by 1000."
+            )
+        if self.V is not None and float(np.abs(self.V[:, :3]).max()) > _FAST:
+            fastest = float(np.abs(self.V[:, :3]).max())
+            found.append(
+                f"angular velocities reach {fastest:.4g} rad/s. If they are in degrees per second, convert them."
+            )
+        return found
+
+    def predicted(self, sensor: ForceTorqueSensor) -> Array:
+        """What that sensor would read (n, 6) in these poses and motions."""
+        return sensor.predict(np.eye(3), self.V, self.dV, gravity=self.gravity)
+
+    def compensated(self, sensor: ForceTorqueSensor) -> Array:
+        """The readings (n, 6) without that sensor's bias, weight and inertial load."""
+        return self.readings - self.predicted(sensor)
+
+
+def _rows(value: ArrayLike | None, count: int, width: int, where: str) -> Any:
+    if value is None:
+        return None
+    x = np.array(value, float)
+    if x.shape == (width,):
+        x = np.tile(x, (count, 1))
+    if x.shape != (count, width):
+        raise ShapeError(f"{where} has shape {x.shape}, expected ({count}, {width}), a row for each reading.")
+    if not np.isfinite(x).all():
+        row = int(np.nonzero(~np.isfinite(x).all(axis=1))[0][0])
+        raise ValueRangeError(f"{where} of reading {row} has a value that is not a finite number. Fill or remove it.")
+    return x

@@ -1,0 +1,184 @@
+"""Logs of readings as CSV files: a header that names the columns in any order, then a row for each reading."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import NotFoundError, ValueRangeError
+from ..report.numbers import parse_table
+from ..report.table_file import TableFile
+from .directions import GRAVITY, rotations_of_quaternions
+from .log import AXES, ReadingLog
+
+Array = NDArray[Any]
+
+__all__ = ["read_log", "write_log"]
+
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
+_GRAVITY = ("gx", "gy", "gz")
+_V = ("wx", "wy", "wz", "vx", "vy", "vz")
+_DV = tuple(f"d{name}" for name in _V)
+_POSITION = ("px", "py", "pz")
+_KNOWN = ("time", *_QUATERNION, *_MATRIX, *_GRAVITY, *AXES, *_V, *_DV, *_POSITION)
+_ALIASES = {"t": "time", "tx": "mx", "ty": "my", "tz": "mz"}
+_UNITS = {
+    "m": ("n m", "nm", "n*m", "n·m"),
+    "f": ("n",),
+    "w": ("rad/s", "1/s"),
+    "v": ("m/s",),
+    "dw": ("rad/s²", "rad/s^2", "rad/s2", "1/s²", "1/s^2"),
+    "dv": ("m/s²", "m/s^2", "m/s2"),
+    "time": ("s",),
+    "p": ("m",),
+    "g": ("", "1", "-", "m/s²", "m/s^2", "m/s2"),
+}
+
+
+def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
+    """Read a log. Columns, in any order, each perhaps followed by its unit as in ``fx [N]``:
+
+    ``mx, my, mz, fx, fy, fz`` readings [N m, N]; the orientation as ``qw, qx, qy, qz`` or ``r11, r12, …, r33`` (R_wf, row by
+    row) or ``gx, gy, gz`` (the direction of gravity in {f}, of any length); optionally ``time`` [s], ``wx … vz`` and
+    ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz``, which nothing depends on. ``gravity`` (3,) is that of {w}.
+
+    Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`, which name the file, line and column.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text("utf-8-sig")
+    except FileNotFoundError:
+        raise NotFoundError(f"no log {str(path)!r}. Give the path of a CSV file.") from None
+    except (OSError, UnicodeDecodeError):
+        raise ValueRangeError(f"{path}: cannot be read as a UTF-8 text file. Save the log as CSV.") from None
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    if not lines:
+        raise ValueRangeError(
+            f"{path}: the log is empty. A log has a header ({', '.join(AXES)} and an orientation), then rows."
+        )
+    names = _names(lines[0][1], f"{path}: line {lines[0][0]}")
+    if len(lines) == 1:
+        raise ValueRangeError(f"{path}: no readings after the header. Give at least one row.")
+    body = "\n".join(line for _, line in lines[1:]) + "\n"
+    table = parse_table(body.encode(), len(names))
+    if table is None or not np.isfinite(table).all():
+        raise _blame(path, lines[1:], names)
+    return _log(path, {name: table[:, k] for k, name in enumerate(names)}, gravity)
+
+
+def _names(text: str, where: str) -> list[str]:
+    if "," not in text:
+        raise ValueRangeError(
+            f"{where}: the columns are not separated by commas. Separate them so; decimals take points."
+        )
+    names = []
+    for column in text.split(","):
+        match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", column.strip().strip('"'))
+        name = (match[1] if match else column).strip().lower()
+        name = _ALIASES.get(name, name)
+        if name not in _KNOWN:
+            if re.fullmatch(r"[-+.\deE]+", name):
+                raise ValueRangeError(f"{where}: the header is missing; the first line has numbers. Name the columns.")
+            near = difflib.get_close_matches(name, _KNOWN, n=1)
+            hint = f"Did you mean {near[0]!r}? " if near else ""
+            raise ValueRangeError(f"{where}: column {column.strip()!r} is not known. {hint}Known: {_listed(_KNOWN)}.")
+        if match and match[2] is not None:
+            _check_unit(name, match[2], where)
+        names.append(name)
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueRangeError(f"{where}: column {name!r} is there {names.count(name)} times. Keep one of them.")
+    _check_complete(names, where)
+    return names
+
+
+def _check_unit(name: str, unit: str, where: str) -> None:
+    kind = name if name in _UNITS else name.rstrip("xyz")
+    allowed = _UNITS.get(kind)
+    if allowed is not None and unit.strip().lower() not in allowed:
+        raise ValueRangeError(
+            f"{where}: column {name!r} is in {unit.strip()!r}. Convert it to {allowed[0] or 'a plain direction'} (SI units)."
+        )
+
+
+def _check_complete(names: list[str], where: str) -> None:
+    if missing := [name for name in AXES if name not in names]:
+        raise ValueRangeError(f"{where}: no column for {_listed(missing)}. A reading has {_listed(AXES)}.")
+    kinds = [kind for kind in (_QUATERNION, _MATRIX, _GRAVITY) if any(name in names for name in kind)]
+    if len(kinds) != 1:
+        said = "no orientation" if not kinds else "more than one orientation"
+        raise ValueRangeError(
+            f"{where}: {said}. Give one of: {_listed(_QUATERNION)}; r11, r12, …, r33; {_listed(_GRAVITY)} (gravity's "
+            "direction in the sensor's frame)."
+        )
+    moving = _V + _DV if any(name in names for name in _V + _DV) else ()
+    if missing := [name for name in (*kinds[0], *moving) if name not in names]:
+        raise ValueRangeError(f"{where}: no column for {_listed(missing)}, although others of its kind are there.")
+
+
+def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLog:
+    def take(names: tuple[str, ...]) -> Array | None:
+        return np.stack([columns[n] for n in names], axis=1) if names[0] in columns else None
+
+    pose, direction, quaternion, matrix = None, gravity, take(_QUATERNION), take(_MATRIX)
+    if quaternion is not None:
+        pose = rotations_of_quaternions(quaternion, f"{path}: quaternion")
+    elif matrix is not None:
+        pose = matrix.reshape(-1, 3, 3)
+    elif (along := take(_GRAVITY)) is not None:
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        if not length.all():
+            row = int(np.flatnonzero(length[:, 0] == 0)[0])
+            raise ValueRangeError(f"{path}: gx, gy, gz of reading {row} are zero. Give the direction of gravity.")
+        direction = along / length * np.linalg.norm(np.asarray(gravity, float))
+    readings = np.stack([columns[n] for n in AXES], axis=1)
+    return ReadingLog.of(
+        readings, pose=pose, gravity=direction, V=take(_V), dV=take(_DV), time=columns.get("time"), name=str(path)
+    )
+
+
+def _blame(path: Path, lines: list[tuple[int, str]], names: list[str]) -> ValueRangeError:
+    """The error of the first row that is not ``len(names)`` finite numbers."""
+    for number, line in lines:
+        fields = line.split(",")
+        where = f"{path}: line {number}"
+        if len(fields) != len(names):
+            return ValueRangeError(
+                f"{where} has {len(fields)} values, the header names {len(names)}. Complete the row."
+            )
+        for name, field in zip(names, fields, strict=True):
+            try:
+                good = bool(np.isfinite(float(field))) and "_" not in field
+            except ValueError:
+                good = False
+            if not good:
+                return ValueRangeError(
+                    f"{where}, column {name!r} is {field.strip()!r}, not a finite number. Fill or remove the row."
+                )
+    return ValueRangeError(f"{path}: rows that cannot be read as numbers. Save the log as plain CSV.")
+
+
+def write_log(log: ReadingLog, path: str | Path) -> None:
+    """Write a log that :func:`read_log` reads back; orientations become gravity's direction ``gx, gy, gz``."""
+    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    parts: list[tuple[tuple[str, ...], Array | None]] = [
+        (("time",), None if log.time is None else log.time[:, None]),
+        (_GRAVITY, unit),
+        (_V, log.V),
+        (_DV, log.dV),
+        (AXES, log.readings),
+    ]
+    present = [(names, values) for names, values in parts if values is not None]
+    with TableFile.writing(path, [n for names, _ in present for n in names]) as file:
+        if file is not None:
+            file.write(np.concatenate([values for _, values in present], axis=1))
+
+
+def _listed(names: Any) -> str:
+    return ", ".join(names)

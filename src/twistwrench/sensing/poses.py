@@ -1,0 +1,115 @@
+"""Which orientations to read next: those that shrink the unknowns' ellipsoid most."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from .directions import GRAVITY, rotations_to_gravity
+from .fit import Unknowns
+from .log import ReadingLog
+
+Array = NDArray[Any]
+
+__all__ = ["PoseProposal", "propose_poses"]
+
+_CANDIDATES = 400
+_BELIEF = 1e3  # what is taken to be possible of each unknown before the first reading, in its own scale
+
+
+@dataclass(frozen=True, eq=False)
+class PoseProposal:
+    """Orientations in the order to read them, and what will then be known."""
+
+    gravity: Array
+    """(count, 3) gravity in {f} [m/s²]."""
+    rotations: Array
+    """R_wf (count, 3, 3) that bring it there: the least turn from upright. Turns about the vertical are free."""
+    mass_deviation: Array
+    """(count,) standard deviation of the mass [kg] after each, for that noise; inf until it can be told."""
+    first_moment_deviation: Array
+    """(count,) the largest of the first moment m c [kg m] after each; divide by the mass for the centre of mass."""
+
+
+def propose_poses(
+    count: int,
+    *,
+    log: ReadingLog | None = None,
+    candidates: ArrayLike | None = None,
+    within: float = math.pi,
+    noise: tuple[float, float] = (0.01, 0.3),
+) -> PoseProposal:
+    """The next ``count`` orientations for a static identification, D-optimal one by one, after those of ``log``.
+
+    ``candidates`` (n, 3) are gravity directions in {f} to choose from, by default 400 spread evenly;
+    ``within`` [rad] keeps those that tilt the tool by no more than that from upright (gravity along -z of {f}).
+    ``noise`` is the standard deviation of moments [N m] and forces [N].
+    Raises :class:`~twistwrench.ValueRangeError` if there is nothing to choose from.
+    Source: Fedorov, "Theory of Optimal Experiments", 1972: det(M + A'A) = det M · det(1 + A M⁻¹ A').
+
+    >>> proposal = propose_poses(12)
+    >>> proposal.gravity.shape, bool(proposal.mass_deviation[-1] < 0.01)
+    ((12, 3), True)
+    """
+    if count < 1:
+        raise ValueRangeError(f"count {count} proposes nothing. Ask for at least one pose.")
+    sigma = np.asarray(noise, float)
+    if sigma.shape != (2,) or not (sigma > 0).all():
+        raise ValueRangeError(f"noise {noise!r} is not two positive numbers: of moments [N m] and of forces [N].")
+    directions = _choices(candidates, within)
+    unknowns, weight = Unknowns(), (1.0 / np.repeat(sigma, 3))[:, None]
+    size = float(np.linalg.norm(GRAVITY))
+    rows = _design(size * directions, unknowns) * weight
+    information = np.diag(1.0 / (_BELIEF * unknowns.scales) ** 2)
+    if log is not None:
+        past = _design(log.gravity, unknowns) * weight
+        information = information + np.einsum("nki,nkj->ij", past, past)
+    chosen, deviations = [], []
+    for _ in range(count):
+        covariance = np.linalg.inv(information)
+        gain = np.linalg.slogdet(np.eye(6) + rows @ covariance @ np.swapaxes(rows, -1, -2))[1]
+        # Of equally good ones (to rounding) the first: the choice is the same on every machine.
+        best = int(np.flatnonzero(gain > gain.max() - 1e-9)[0])
+        chosen.append(best)
+        information = information + rows[best].T @ rows[best]
+        known = np.sqrt(np.diag(np.linalg.inv(information)))[unknowns.load]
+        deviations.append((known[0], known[1:].max()))
+    gravity = size * directions[chosen]
+    spread = np.array(deviations)
+    spread[spread > 10.0] = math.inf  # still only what was believed
+    return PoseProposal(gravity, rotations_to_gravity(gravity), spread[:, 0], spread[:, 1])
+
+
+def _design(gravity: Array, unknowns: Unknowns) -> Array:
+    still = ReadingLog(np.zeros((len(gravity), 6)), gravity)
+    return unknowns.design(still, 1.0, np.eye(3))
+
+
+def _choices(candidates: ArrayLike | None, within: float) -> Array:
+    """Unit gravity directions (n, 3)."""
+    if candidates is None:
+        k = np.arange(_CANDIDATES) + 0.5  # Fibonacci's lattice over what is allowed; upright is tried first
+        cap = 1.0 - math.cos(min(within, math.pi))
+        z, turn = cap * k / _CANDIDATES - 1.0, math.pi * (1.0 + math.sqrt(5.0)) * k
+        radius = np.sqrt(1.0 - z * z)
+        d = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=-1)
+        d = np.concatenate([[[0.0, 0.0, -1.0]], d])
+    else:
+        d = np.asarray(candidates, float)
+        if d.ndim != 2 or d.shape[1] != 3:
+            raise ShapeError(
+                f"candidates have shape {d.shape}, expected (n, 3): gravity directions in the sensor's frame."
+            )
+        length = np.linalg.norm(d, axis=1, keepdims=True)
+        if not (np.isfinite(d).all() and (length > 0).all()):
+            raise ValueRangeError("candidates must be finite and not zero: gravity directions in the sensor's frame.")
+        d = d / length
+    allowed = d[np.arccos(np.clip(-d[:, 2], -1.0, 1.0)) <= within + 1e-12]
+    if not len(allowed):
+        raise ValueRangeError(f"no candidate tilts the tool by {math.degrees(within):.3g}° or less. Allow more.")
+    return allowed

@@ -1,0 +1,146 @@
+"""A six-axis force-torque sensor with something mounted on it: what it reads, and what is left without that.
+
+The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and what the sensor does to it, so
+what it does to the sensor is ``F_on = G (0, g) - G dV + ad(V)' G V``. All of it is in {f}, the frame the sensor measures
+in; wrenches are (m, f) in N m and N, twists (omega, v).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import ShapeError, ValueRangeError
+from ..lie import so3
+from .directions import GRAVITY, checked_rotations, gravity_in_frame
+
+Array = NDArray[Any]
+Sign = Literal["on_sensor", "by_sensor"]
+
+__all__ = ["ForceTorqueSensor", "Sign", "load_regressor", "sign_factor"]
+
+
+def sign_factor(sign: str) -> float:
+    """+1 for readings of what the load applies to the sensor, -1 for what the sensor applies to the load."""
+    if sign not in get_args(Sign):
+        raise ValueRangeError(f"sign {sign!r} is not known. Choose one of: {', '.join(get_args(Sign))}.")
+    return 1.0 if sign == "on_sensor" else -1.0
+
+
+def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike | None = None) -> Array:
+    """Y with F_on = Y π: what a load with the ten parameters π does to the sensor.
+
+    ``gravity`` (..., 3) [m/s²] in {f}; the twist V (..., 6) of {f} and its rate dV (..., 6), zero when None → (..., 6, 10).
+    Source: Atkeson, An and Hollerbach, "Estimation of inertial parameters of manipulator loads and links", 1986.
+    """
+    g = np.asarray(gravity, float)
+    V = np.zeros(6) if V is None else np.asarray(V, float)
+    dV = np.zeros(6) if dV is None else np.asarray(dV, float)
+    shape = np.broadcast_shapes(g.shape[:-1], V.shape[:-1], dV.shape[:-1])
+    w, v, alpha = (np.broadcast_to(x, (*shape, 3)) for x in (V[..., :3], V[..., 3:], dV[..., :3]))
+    d = dV[..., 3:] + so3.cross(w, v) - g  # acceleration of the origin that is felt
+    W, Y = so3.hat(w), np.zeros((*shape, 6, 10))
+    Y[..., 3:, 0] = -d  # force of the mass
+    Y[..., :3, 1:4] = so3.hat(d)  # moment h × -d
+    Y[..., 3:, 1:4] = -(so3.hat(alpha) + W @ W)  # force of the first moment
+    Y[..., :3, 4:] = -(_times_inertia(alpha) + W @ _times_inertia(w))  # moment -(I α + ω × I ω)
+    return Y
+
+
+def _times_inertia(x: Array) -> Array:
+    """L with I x = L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz); (..., 3) → (..., 3, 6)."""
+    a, b, c = x[..., 0], x[..., 1], x[..., 2]
+    o = np.zeros_like(a)
+    rows = [a, b, o, c, o, o, o, a, b, o, c, o, o, o, o, a, b, c]
+    return np.stack(rows, axis=-1).reshape(*x.shape[:-1], 3, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceTorqueSensor:
+    """A sensor, its bias, and the load mounted on it. ``reading = bias ± R' F_on + what else touches the load``.
+
+    >>> from twistwrench import SpatialInertia
+    >>> sensor = ForceTorqueSensor(load=SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
+    >>> sensor.predict(np.eye(3)).round(6).tolist()  # upright: 3 kg hang on it
+    [0.0, 0.0, 0.0, 5.0, 0.0, -29.43]
+    """
+
+    load: SpatialInertia = field(default_factory=SpatialInertia.zero)
+    """In {f}, the frame whose poses are given."""
+    bias: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """(6,) reading [N m, N] with nothing on the sensor."""
+    sign: Sign = "on_sensor"
+    """``on_sensor``: readings are what the load applies to the sensor; ``by_sensor``: what the sensor applies to it."""
+    mounting: ArrayLike = field(default_factory=lambda: np.eye(3))
+    """R_fs (3, 3): the sensor's own axes in {f}; the identity for a sensor mounted as drawn."""
+
+    def __post_init__(self) -> None:
+        bias = np.array(self.bias, float)
+        if bias.shape != (6,):
+            raise ShapeError(f"bias has shape {bias.shape}, expected (6,): mx, my, mz, fx, fy, fz.")
+        if not np.isfinite(bias).all() or not np.isfinite(self.load.parameters.astype(float)).all():
+            raise ValueRangeError("the sensor's bias or load has a value that is not a finite number.")
+        sign_factor(self.sign)
+        R = checked_rotations(self.mounting, "mounting")
+        if R.shape != (3, 3):
+            raise ShapeError(f"mounting has shape {np.shape(self.mounting)}, expected one rotation (3, 3).")
+        for name, value in (("bias", bias), ("mounting", R)):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def predict(
+        self,
+        pose: ArrayLike,
+        V: ArrayLike | None = None,
+        dV: ArrayLike | None = None,
+        *,
+        gravity: ArrayLike = GRAVITY,
+    ) -> Array:
+        """The reading (..., 6) when nothing touches the load.
+
+        ``pose`` is T_wf (..., 4, 4) or R_wf (..., 3, 3); ``gravity`` (..., 3) in {w} [m/s²] (with ``pose=np.eye(3)``: in
+        {f}); V (..., 6) is the twist of {f} in {f}, dV (..., 6) its rate. They broadcast.
+        Raises :class:`~twistwrench.ShapeError` and :class:`~twistwrench.ValueRangeError`.
+        """
+        V, dV = _twist(V, "V"), _twist(dV, "dV")
+        F_on = load_regressor(gravity_in_frame(pose, gravity), V, dV) @ self.load.parameters.astype(float)
+        R = np.asarray(self.mounting)  # F_s = R_fs' F_f, origins coincide
+        turned = np.concatenate([F_on[..., :3] @ R, F_on[..., 3:] @ R], axis=-1)
+        return np.asarray(self.bias) + sign_factor(self.sign) * turned
+
+    def compensate(
+        self,
+        readings: ArrayLike,
+        pose: ArrayLike,
+        V: ArrayLike | None = None,
+        dV: ArrayLike | None = None,
+        *,
+        gravity: ArrayLike = GRAVITY,
+    ) -> Array:
+        """Readings (..., 6) without bias, weight and inertial load: what else acts, in the same sign and axes as they.
+
+        The other arguments are those of :meth:`predict`.
+        """
+        readings = np.asarray(readings, float)
+        if readings.shape[-1:] != (6,):
+            raise ShapeError(f"readings have shape {readings.shape}, expected (..., 6): mx, my, mz, fx, fy, fz.")
+        return readings - self.predict(pose, V, dV, gravity=gravity)
+
+    def contact_wrench(self, compensated: ArrayLike) -> Array:
+        """What the world does to the load, in {f} (..., 6), from compensated readings (..., 6) of either sign."""
+        F = sign_factor(self.sign) * np.asarray(compensated, float)
+        Rt = np.asarray(self.mounting).T
+        return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
+
+
+def _twist(V: ArrayLike | None, name: str) -> Array | None:
+    if V is None:
+        return None
+    V = np.asarray(V, float)
+    if V.shape[-1:] != (6,):
+        raise ShapeError(f"{name} has shape {V.shape}, expected (..., 6): (omega, v) in the sensor's frame.")
+    return V

@@ -1,0 +1,281 @@
+"""Twists, wrenches and poses with the names of their frames: the laws of part A, and mistakes that must not pass."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import twistwrench as tw
+from twistwrench.lie import se3, so3
+from twistwrench.screws.axis import axis_of, line_of_action, reciprocal_product, screw_axis, wrench_along
+from twistwrench.screws.wrench import move_covariance
+from twistwrench.testing.strategies import seeds
+
+EPS = np.finfo(float).eps
+quick = settings(max_examples=50, deadline=None)
+
+
+def random(seed: int, *size: int) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=size)
+
+
+def pose(seed: int, to: str, of: str, *batch: int) -> tw.Pose:
+    return tw.Pose(se3.exp(random(seed, *batch, 6)), to=to, of=of)
+
+
+def gap(a, b) -> float:
+    return float(np.max(np.abs(np.asarray(a) - np.asarray(b)), initial=0.0))
+
+
+# ── the worked example: a hand and an apple on a six-axis sensor ──
+
+T_HF = tw.Pose([[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], to="h", of="f")
+T_AF = tw.Pose([[1, 0, 0, -0.25], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], to="a", of="f")
+F_H = tw.Wrench([0, 0, 0, 0, -5, 0], "h")
+F_A = tw.Wrench([0, 0, 0, 0, 0, 1], "a")
+
+
+def test_hand_and_apple_to_the_last_digit():
+    F_f = T_HF.inverse @ F_H + T_AF.inverse @ F_A
+    assert F_f.frame == "f"
+    assert F_f.values.tolist() == [0, 0, -0.75, 0, -6, 0]
+    assert (tw.Ad(T_HF.matrix).T @ F_H.values + tw.Ad(T_AF.matrix).T @ F_A.values).tolist() == F_f.values.tolist()
+    assert sum([T_HF.inverse @ F_H, T_AF.inverse @ F_A]).values.tolist() == F_f.values.tolist()
+
+
+def test_the_wrong_forms_give_other_numbers():
+    right = np.array([0, 0, -0.75, 0, -6, 0])
+    h, a = T_HF.matrix, T_AF.matrix
+    without_transpose = tw.Ad(h) @ F_H.values + tw.Ad(a) @ F_A.values
+    inverse_instead = tw.Ad(se3.inverse(h)).T @ F_H.values + tw.Ad(se3.inverse(a)).T @ F_A.values
+    without_frames = F_H.values + F_A.values
+    for wrong in (without_transpose, inverse_instead, without_frames):
+        assert gap(wrong, right) > 0.2
+
+
+# ── laws ──
+
+
+def test_power_is_the_same_in_a_thousand_frames():
+    V_b, F_b = tw.Twist(random(0, 6), "b"), tw.Wrench(random(1, 6), "b")
+    T_ab = pose(2, "a", "b", 1000)
+    power = (T_ab @ F_b) @ (T_ab @ V_b)
+    assert power.shape == (1000,)
+    assert gap(power, F_b @ V_b) <= 1e-12
+    assert (T_ab @ V_b) @ (T_ab @ F_b) == pytest.approx(power, abs=1e-13)
+    forces_only = np.sum((T_ab @ F_b).f * (T_ab @ V_b).v, axis=-1)  # "power is F v" leaves the moment out
+    without_transpose = np.sum((tw.Ad(T_ab.matrix) @ F_b.values) * (T_ab @ V_b).values, axis=-1)
+    assert np.median(np.abs(forces_only - F_b.f @ V_b.v)) > 0.1
+    assert np.median(np.abs(without_transpose - F_b @ V_b)) > 0.1
+
+
+@quick
+@given(seeds())
+def test_poses_compose_and_undo(seed):
+    T_ab, T_bc = pose(seed, "a", "b"), pose(seed + 1, "b", "c")
+    V_c, F_c = tw.Twist(random(seed + 2, 6), "c"), tw.Wrench(random(seed + 3, 6), "c")
+    T_ac = T_ab @ T_bc
+    assert (T_ac.to, T_ac.of) == ("a", "c")
+    for x in (V_c, F_c):
+        moved = T_ab @ (T_bc @ x)
+        assert moved.frame == "a"
+        assert gap((T_ac @ x).values, moved.values) <= 1e-12
+        assert gap((T_ac.inverse @ moved).values, x.values) <= 1e-12
+    assert gap((T_ac.inverse @ T_ac).matrix, np.eye(4)) <= 1e-14
+    assert (T_ac.inverse.to, T_ac.inverse.of) == ("c", "a")
+
+
+@quick
+@given(seeds())
+def test_the_bracket_is_a_lie_bracket_and_moves_with_the_frame(seed):
+    U, V, W = (tw.Twist(x, "b") for x in random(seed, 3, 6))
+    T_ab = pose(seed, "a", "b")
+    assert np.array_equal(U.bracket(V).values, -V.bracket(U).values)
+    jacobi = U.bracket(V.bracket(W)) + V.bracket(W.bracket(U)) + W.bracket(U.bracket(V))
+    assert gap(jacobi.values, 0) <= 1e-12
+    assert gap((T_ab @ U.bracket(V)).values, (T_ab @ U).bracket(T_ab @ V).values) <= 1e-11
+    # A7 with its blocks exchanged, [[ω], [v]; 0, [ω]], is not the bracket.
+    wrong = np.concatenate([so3.cross(U.omega, V.omega) + so3.cross(U.v, V.v), so3.cross(U.omega, V.v)])
+    assert gap(wrong, U.bracket(V).values) > 1e-3
+
+
+@quick
+@given(seeds())
+def test_sums_are_linear_and_keep_their_frame(seed):
+    A, B = tw.Wrench(random(seed, 3, 6), "b"), tw.Wrench(random(seed + 1, 3, 6), "b")
+    assert gap((2 * A - B / 4 + -A).values, A.values - B.values / 4) <= 2e-14
+    assert (np.array([1.0, 2.0, 3.0]) * A).values[2] == pytest.approx(3 * A.values[2])
+    T_ab = pose(seed, "a", "b")
+    assert gap((T_ab @ (A + B)).values, ((T_ab @ A) + (T_ab @ B)).values) <= 1e-12
+
+
+# ── axes ──
+
+
+@quick
+@given(seeds(), st.floats(-3, 3) | st.just(np.inf))
+def test_axes_there_and_back(seed, pitch):
+    direction, point = random(seed, 2, 3)
+    axis = axis_of(2.5 * screw_axis(direction, point, pitch))
+    s = direction / np.linalg.norm(direction)
+    assert gap(axis.direction, s) <= 4 * EPS
+    assert axis.magnitude == pytest.approx(2.5)
+    assert axis.pitch == pytest.approx(pitch, abs=1e-14)
+    assert np.isinf(pitch) or gap(so3.cross(axis.point - point, s), 0) <= 1e-13  # on the same line
+    assert abs(axis.point @ s) <= 1e-14  # its nearest point
+    action = line_of_action(2.5 * wrench_along(direction, point, pitch))
+    assert all(gap(a, b) == 0 for a, b in zip(action[:2], axis[:2], strict=True))
+
+
+@quick
+@given(seeds())
+def test_the_screw_of_an_axis_fixes_it_and_its_axis_moves_with_the_frame(seed):
+    direction, point = random(seed, 2, 3)
+    V = screw_axis(direction, point, pitch=0.3)
+    s, q = axis_of(V)[:2]
+    assert gap(se3.exp(0.7 * V)[:3, :3] @ q + se3.exp(0.7 * V)[:3, 3], q + 0.7 * 0.3 * s) <= 1e-13
+    T = pose(seed + 5, "a", "b")
+    moved = (T @ tw.Twist(V, "b")).axis
+    assert gap(moved.direction, T.rotation @ s) <= 1e-14
+    assert moved.pitch == pytest.approx(0.3, abs=1e-13)
+    assert gap(so3.cross(T.rotation @ q + T.position - moved.point, moved.direction), 0) <= 1e-13
+
+
+def test_tiny_screws_have_axes():
+    axis = axis_of([0, 0, 1e-200, 0, -1e-200, 0])
+    assert axis.point.tolist() == [1, 0, 0]
+    assert axis.magnitude == 1e-200
+
+
+def test_kinds_are_named():
+    force, couple = tw.Wrench.of_force([1, 2, 3], "b", at=[0.3, -0.7, 1.1]), tw.Wrench.of_couple([1, 0, 0], "b")
+    kinds = [F.kind for F in (force, couple, force + couple, 0 * force)]
+    assert kinds == ["pure force", "pure couple", "wrench", "nothing"]
+    T_ab = pose(3, "a", "b")
+    assert (T_ab @ couple).m == pytest.approx(T_ab.rotation @ couple.m)  # a couple is the same about every point
+    assert ((T_ab @ couple).kind, (T_ab @ couple).axis.pitch) == ("pure couple", np.inf)
+    rows = tw.Twist([[0, 0, 1, 0, 2, 0], [0, 0, 0, 0, 2, 0], [0, 0, 1, 0, 0, 1], [0] * 6], "b")
+    assert rows.kind.tolist() == ["pure rotation", "pure translation", "screw motion", "rest"]
+
+
+def test_reciprocity():
+    hinge = tw.Twist(screw_axis([0, 0, 1], point=[1, 0, 0]), "b")
+    through, beside = (tw.Wrench.of_force([0.3, 1, 0.5], "b", at=p) for p in ([1, 0, 7], [0, 0, 0]))
+    assert through.is_reciprocal_to(hinge)
+    assert not beside.is_reciprocal_to(hinge)
+    lines = screw_axis([0, 0, 1], [1, 0, 0]), screw_axis([1, 2, 3], [1, 0, 5])  # they meet
+    assert abs(reciprocal_product(*lines)) <= 4 * EPS
+    assert reciprocal_product(lines[0], lines[0]) == 0
+
+
+# ── covariance ──
+
+
+def test_covariance_moves_like_the_wrench():
+    T_ab = pose(4, "a", "b", 3)
+    L = random(5, 6, 6)
+    C_b = L @ L.T
+    C_a = move_covariance(T_ab, C_b)
+    assert np.array_equal(C_a, np.swapaxes(C_a, -1, -2))
+    assert gap(move_covariance(T_ab.inverse, C_a), C_b) <= 1e-10
+    assert gap(np.linalg.det(C_a) / np.linalg.det(C_b), 1) <= 1e-8  # det Ad = 1
+    noise = np.random.default_rng(6).normal(size=(200_000, 6)) @ L.T
+    moved = tw.Pose(T_ab.matrix[0], "a", "b") @ tw.Wrench(noise, "b")
+    assert gap(np.cov(moved.values.T), C_a[0]) <= 0.02 * np.abs(C_a[0]).max()  # 1 / sqrt(200 000) = 0.0022
+
+
+# ── labels: arrays in, arrays out ──
+
+
+def test_labels_wrap_arrays_and_keep_their_own_copy():
+    values = np.arange(12.0).reshape(2, 6)
+    F = tw.Wrench(values, "b")
+    values[:] = 0
+    assert F.shape == (2,)
+    assert np.asarray(F)[1].tolist() == [6, 7, 8, 9, 10, 11]
+    assert [row.values[0] for row in F] == [0, 6]
+    assert F[1].f.tolist() == [9, 10, 11]
+    assert F[:1].shape == (1,)
+    with pytest.raises(ValueError, match="read-only"):
+        F.values[0] = 1
+    assert tw.Twist(np.zeros(6, np.float32), "b").values.dtype == np.float32
+    for x in (F, T_HF):
+        for again in (copy.deepcopy(x), pickle.loads(pickle.dumps(x))):
+            assert gap(again, x) == 0
+    assert np.asarray(T_HF).shape == (4, 4)
+
+
+# ── what is refused ──
+
+F_B, V_B = tw.Wrench([1, 2, 3, 4, 5, 6], "b"), tw.Twist([1, 2, 3, 4, 5, 6], "b")
+T_AB = tw.Pose(np.eye(4), to="a", of="b")
+BENT = np.diag([1.01, 1, 1, 1])
+REFUSED = {
+    "two frames": (
+        lambda: F_H + tw.Wrench(np.zeros(6), "f"),
+        "wrench in 'h' + wrench in 'f': move one first, T_fh @ F_h with Pose(…, to='f', of='h').",
+    ),
+    "a difference": (
+        lambda: tw.Twist(np.zeros(6), "base") - V_B,
+        "twist in 'base' − twist in 'b': move one first, T_b_base @ V_base with Pose(…, to='b', of='base').",
+    ),
+    "power": (
+        lambda: F_H @ V_B,
+        "wrench in 'h' @ twist in 'b': move one first, T_bh @ F_h with Pose(…, to='b', of='h').",
+    ),
+    "a bracket": (
+        lambda: V_B.bracket(tw.Twist(np.zeros(6), "s")),
+        "bracket of a twist in 'b' and a twist in 's': move one first, T_sb @ V_b with Pose(…, to='s', of='b').",
+    ),
+    "a bracket of a wrench": (lambda: V_B.bracket(F_B), "the bracket is of two twists, not of a twist and a Wrench."),
+    "a plain array": (
+        lambda: F_B + np.zeros(6),
+        "wrench in 'b' + ndarray: plain numbers name no frame; write Wrench(…, 'b'), or work on F_b.values.",
+    ),
+    "a plain array first": (lambda: np.zeros(6) + V_B, "write Twist(…, 'b'), or work on V_b.values."),
+    "a wrench and a twist": (lambda: F_B + V_B, "wrench + twist: a wrench goes with another wrench"),
+    "a product": (lambda: F_B * V_B, "wrench * twist: power is F @ V, and * is for numbers."),
+    "two wrenches": (lambda: F_B @ F_B, "wrench @ wrench: power is wrench @ twist"),
+    "two twists": (lambda: V_B @ V_B, "the Lie bracket of two twists is V1.bracket(V2)"),
+    "power with an array": (lambda: F_B @ np.zeros(6), "wrench @ ndarray: power is wrench @ twist"),
+    "a pose that does not cancel": (
+        lambda: T_AB @ F_H,
+        "T_ab @ F_h: the inner frames 'b' and 'h' do not cancel; missing is T_bh = Pose(…, to='b', of='h').",
+    ),
+    "two poses": (lambda: T_AB @ T_HF, "T_ab @ T_hf: the inner frames 'b' and 'h' do not cancel; missing is T_bh = "),
+    "a pose and an array": (
+        lambda: T_AB @ np.zeros(6),
+        "T_ab @ ndarray: plain numbers name no frame; write Twist(…, 'b') or Wrench(…, 'b'), or use Ad(T) @ V",
+    ),
+    "a bent pose": (lambda: tw.Pose(BENT, "a", "b"), "not a rotation: R' R is 0.0201 off the identity"),
+    "a pose of NaN": (lambda: tw.Pose(np.full((4, 4), np.nan), "a", "b"), "a pose has the entry nan at (0, 0)"),
+    "a pose without a name": (lambda: tw.Pose(np.eye(4), to="", of="b"), "the frame that a pose leads to is ''"),
+    "a frame that is no name": (lambda: tw.Wrench(np.zeros(6), 3), "the frame of a wrench is 3; a frame's name is a text"),
+    "five numbers": (lambda: tw.Twist(np.zeros(5), "b"), "a twist has six numbers, angular part first: shape (..., 6), got (5,)"),
+    "a row of one": (lambda: F_B[0], "no row 0 in a wrench of batch shape ()"),
+    "rows of one": (lambda: list(F_B), "one wrench has no rows to go through"),
+    "no axis": (lambda: (0 * F_B).axis, "a wrench needs six finite numbers that are not all zero to have an axis."),
+    "no direction": (lambda: screw_axis([0, 0, 0]), "an axis needs a direction"),
+    "a screw of five": (lambda: axis_of(np.zeros(5)), "a screw has six numbers"),
+    "a covariance of five": (lambda: move_covariance(T_AB, np.eye(5)), "has shape (..., 6, 6), got (5, 5)"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refusals_name_the_frames_and_what_is_missing(case):
+    action, message = REFUSED[case]
+    with pytest.raises(tw.TwistWrenchError) as caught:
+        action()
+    assert message in str(caught.value)
+    assert isinstance(caught.value, ValueError)
+
+
+@pytest.mark.parametrize("product", [lambda: np.eye(4) @ T_AB, lambda: np.eye(6) @ F_B], ids=["pose", "wrench"])
+def test_a_matrix_on_the_left_of_a_label_is_refused(product):
+    with pytest.raises(TypeError):
+        product()

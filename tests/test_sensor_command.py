@@ -1,0 +1,182 @@
+"""The sensor commands: the files they read and write, their options, their exit codes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import twistwrench as tw
+from twistwrench.cli import main
+from twistwrench.lie import quaternion
+from twistwrench.sensing.directions import rotations_to_gravity
+from twistwrench.sensing.identification import identify
+from twistwrench.sensing.log_file import read_log, write_log
+from twistwrench.sensing.sensor import ForceTorqueSensor
+from twistwrench.sensing.sensor_file import read_sensor, write_sensor
+from twistwrench.sensing.simulate import simulate
+
+SENSOR = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1)), [0.1, 0.2, -0.3, 5, -3, 8])
+READINGS = "mx,my,mz,fx,fy,fz"
+
+
+@pytest.fixture
+def run():
+    def run(*arguments):
+        result = CliRunner().invoke(main, ["sensor", *map(str, arguments)])
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        assert "Traceback" not in result.output
+        return result.exit_code, " ".join(result.output.split())
+
+    return run
+
+
+@pytest.fixture
+def log():
+    return simulate(SENSOR, 12, rng=3)
+
+
+def test_identify_then_compensate(run, tmp_path, log):
+    write_log(log, tmp_path / "log.csv")
+    sensor, rest, picture = tmp_path / "sensor.json", tmp_path / "rest.csv", tmp_path / "picture.png"
+    code, said = run("identify", tmp_path / "log.csv", "--save", sensor, "--csv", rest, "--plot", picture)
+    assert code == 0, said
+    assert "OK: 2.99" in said or "OK: 3.0" in said
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    found = identify(log)
+    np.testing.assert_allclose(np.loadtxt(rest, delimiter=",", skiprows=1), log.compensated(found.sensor), atol=1e-9)
+    read, noise = read_sensor(sensor)
+    np.testing.assert_allclose(read.load.parameters, found.sensor.load.parameters, rtol=1e-9)
+    assert noise == pytest.approx(found.noise)
+    code, said = run("compensate", tmp_path / "log.csv", "--sensor", sensor, "--contacts", "1e-4")
+    assert (code, "no contact" in said) == (0, True)
+
+
+def test_exit_code_1_says_look_again(run, tmp_path):
+    write_log(simulate(SENSOR, 12, touch={4: [0, 1, 0, 9, 0, 0]}), tmp_path / "log.csv")
+    code, said = run("identify", tmp_path / "log.csv")
+    assert (code, "LOOK AGAIN" in said, "contradict: 4 (from 0)" in said) == (1, True, True)
+    assert run("identify", tmp_path / "log.csv", "--keep-outliers")[0] == 0
+
+
+def test_the_bundled_push_is_found(run, tmp_path):
+    code, said = run(
+        "compensate", "demo-motion", "--sensor", "demo", "--contacts", "1e-6", "--plot", tmp_path / "p.png"
+    )
+    assert code == 1
+    assert "CONTACT: 19 of 301 readings, 4.020 to 4.380 s" in said
+    assert run("compensate", "demo-motion", "--sensor", "demo")[0] == 0
+
+
+def test_every_unknown_can_be_asked_for(run):
+    code, said = run("identify", "demo-motion", "--inertia", "--orientation", "--noise", "0.01,0.3")
+    assert code == 1  # the push
+    assert "mounting turned about z" in said
+    assert "Izz about the origin" in said
+    code, said = run("identify", "demo", "--bias", "0.21,-0.14,0.05,4.2,-7.5,11")
+    assert (code, "given" in said) == (0, True)
+
+
+def test_poses(run, tmp_path):
+    out = tmp_path / "poses.csv"
+    code, said = run("poses", "demo", "--count", 4, "--within", 60, "--mass", 3, "--csv", out)
+    assert (code, "Next poses" in said) == (0, True)
+    table = np.loadtxt(out, delimiter=",", skiprows=1)
+    np.testing.assert_allclose(-quaternion.rotation(table[:, :4])[:, 2], table[:, 4:], atol=1e-12)
+    assert run("poses")[0] == 0
+
+
+def test_logs_read_the_same_however_orientations_are_written(tmp_path, log):
+    R = rotations_to_gravity(log.gravity)
+    quat = quaternion.from_matrix(R)
+    np.savetxt(tmp_path / "q.csv", np.hstack([quat, log.readings]), delimiter=",", comments="", fmt="%.17g",
+               header=f"qw,qx,qy,qz,{READINGS}")  # fmt: skip
+    np.savetxt(tmp_path / "r.csv", np.hstack([log.readings[:, ::-1], R.reshape(-1, 9)]), delimiter=",", comments="",
+               fmt="%.17g", header="fz [N],fy [N],fx [N],Tz [Nm],Ty [Nm],Tx [Nm],r11,r12,r13,r21,r22,r23,r31,r32,r33")  # fmt: skip
+    write_log(log, tmp_path / "g.csv")
+    for name in "qrg":
+        read = read_log(tmp_path / f"{name}.csv")
+        np.testing.assert_allclose(read.gravity, log.gravity, atol=1e-12)
+        np.testing.assert_allclose(read.readings, log.readings, rtol=1e-15)
+
+
+def test_logs_in_motion_come_back(tmp_path):
+    log = simulate(SENSOR, 30, motion=1.0)
+    write_log(log, tmp_path / "log.csv")
+    read = read_log(tmp_path / "log.csv")
+    for part in ("readings", "V", "dV", "time"):
+        np.testing.assert_array_equal(getattr(read, part), getattr(log, part))
+
+
+ROW = "0,0,-1,0,0,0,0,0,-30"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the log is empty"),
+        (f"gx,gy,gz,{READINGS}\n", "no readings after the header"),
+        ("gx,gy,gz,mx,my,mz,fx,fy\n", "no column for fz"),
+        (f"{READINGS}\n0,0,0,0,0,0\n", "no orientation"),
+        (f"qw,qx,qy,{READINGS}\n", "no column for qz"),
+        (f"gx,gy,gz,wx,{READINGS}\n", "no column for wy"),
+        (f"gx,gy,gz,qw,{READINGS}\n", "more than one orientation"),
+        (f"gx,gy,gz,force_x,{READINGS}\n", "column 'force_x' is not known"),
+        (f"gx,gy,gz,gx,{READINGS}\n", "there 2 times"),
+        ("gx,gy,gz,mx,my,mz,fx [g],fy [g],fz [g]\n", "column 'fx' is in 'g'. Convert it to n"),
+        ("1,2,3,4,5,6,7,8,9\n", "the header is missing"),
+        ("gx;gy;gz\n", "not separated by commas"),
+        (f"gx,gy,gz,{READINGS}\n0,0,-1,0\n", "line 2 has 4 values, the header names 9"),
+        (f"gx,gy,gz,{READINGS}\n{ROW}\n0,0,-1,0,nan,0,0,0,0\n", "line 3, column 'my' is 'nan'"),
+        (f"gx,gy,gz,{READINGS}\n0,0,-1,0,,0,0,0,0\n", "line 2, column 'my' is ''"),
+        (f"gx,gy,gz,{READINGS}\n0,0,0,0,0,0,0,0,0\n", "are zero. Give the direction"),
+        (f"qw,qx,qy,qz,{READINGS}\n0,0,0,1.3,0,0,0,0,0,0\n", "length 1.3, off from 1 by 0.3"),
+        (f"gx,gy,gz,{READINGS}\n{ROW}\n", "1 reading, and 10 unknowns"),
+        (f"gx,gy,gz,{READINGS}\n" + 4 * f"{ROW}\n", "cannot be told apart"),
+    ],
+)
+def test_bad_logs_end_in_one_line_that_says_what_to_do(run, tmp_path, text, said):
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    code, output = run("identify", path)
+    assert code == 2
+    assert said.lower() in output.lower(), output
+
+
+def test_a_log_in_grams_is_noticed(run, tmp_path, log):
+    log.readings[:, 3:] *= 102
+    write_log(log, tmp_path / "log.csv")
+    assert "If they are in grams" in run("identify", tmp_path / "log.csv")[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["identify", "nowhere.csv"], "no log 'nowhere.csv'"),
+        (["identify", "demo", "--bias", "1,2"], "--bias '1,2' is not 6 numbers"),
+        (["identify", "demo", "--noise", "x"], "--noise 'x' is not 2 numbers"),
+        (["identify", "demo", "--sign", "by_sensor"], "other sign"),
+        (["identify", "demo", "--gravity", "0"], "--gravity 0.0"),
+        (["identify", "demo", "--plot", "x.exe"], "choose one of"),
+        (["identify", "demo", "--inertia"], "shows only in motion"),
+        (["compensate", "demo", "--sensor", "nowhere.json"], "identify LOG --save"),
+        (["compensate", "demo", "--sensor", "demo", "--contacts", "2"], "between 0 and 1"),
+        (["poses", "--mass", "-1"], "--mass -1.0"),
+        (["poses", "--count", "0"], "at least one"),
+    ],
+)
+def test_bad_options(run, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    code, output = run(*arguments)
+    assert code == 2
+    assert said in output, output
+
+
+def test_broken_sensor_files(tmp_path):
+    path = tmp_path / "sensor.json"
+    for text in ("", "{}", '{"load": [1]}'):
+        path.write_text(text)
+        with pytest.raises(tw.ValueRangeError):
+            read_sensor(path)
+    write_sensor(SENSOR, path, (0.01, 0.3))
+    assert read_sensor(path)[0].load.mass == 3.0
