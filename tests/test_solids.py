@@ -138,6 +138,15 @@ def test_a_cube_mesh_is_a_box_wherever_it_is_and_inside_out_too(seed):
     assert_close(far.moment_about_com, expected.moment_about_com, 1e-8)
 
 
+def test_a_pyramid_whose_corners_are_not_about_its_centre():
+    a, h, m = 0.4, 0.9, 3.0
+    corners = [[0, 0, 0], [a, 0, 0], [a, a, 0], [0, a, 0], [a / 2, a / 2, h], [9, 9, 9]]  # the last belongs to no face
+    G = SpatialInertia.mesh((corners, [[0, 2, 1], [0, 3, 2], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]), mass=m)
+    assert_close(G.com, [a / 2, a / 2, h / 4], 1e-14)
+    across = m * (a * a / 20 + 3 * h * h / 80)
+    assert_close(G.moment_about_com, np.diag([across, across, m * a * a / 10]), 1e-13)
+
+
 def test_a_mesh_that_is_open_says_where():
     with pytest.raises(tw.ModelError, match=r"not watertight: 3 edges .* \[0.0, 0.0, 0.0\] to \[0.0, 1.0, 1.0\]"):
         SpatialInertia.mesh((CUBE[0], CUBE[1][1:]), mass=1.0)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib as _importlib
+import typing as _typing
+
 from . import robots
 from .bodies.inertia import SpatialInertia
 from .bodies.rigid_body import RigidBody
@@ -59,3 +62,17 @@ __all__ = [
     "se3",
     "so3",
 ]
+
+if _typing.TYPE_CHECKING:
+    from . import sensing as sensing
+    from . import statics as statics
+    from . import testing as testing
+
+_LATER = ("sensing", "statics", "testing")
+"""Packages that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
+
+
+def __getattr__(name: str) -> object:
+    if name in _LATER:
+        return _importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -49,7 +49,7 @@ def mesh(
     name, vertices, faces = _read(surface)
     _require_closed(name, vertices, faces)
     vertices = scale * vertices
-    centre = vertices.mean(axis=0)  # near the solid, so that far ones lose no digits
+    centre = vertices[faces].mean(axis=(0, 1))  # near the solid, so that far ones lose no digits
     a = (vertices - centre)[faces]
     six = np.linalg.det(a)  # six times the signed volume of each tetrahedron
     volume = six.sum() / 6.0

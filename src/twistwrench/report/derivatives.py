@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..model.model import Model
 from .continuity import Continuity
 from .coordinates import Coordinates, joint_rates
 from .smoothing import best_strength, margin_of, smooth
+from .strays import residual_spread, strays
 from .survey import Survey, survey
 from .trajectory import Motion, Trajectory
 from .windows import windows
@@ -28,6 +29,10 @@ _FEWEST = _DEGREE + 1
 _SPLINE_MARGIN = 64
 """Samples. The pull of a sample on a quintic spline falls by 0.43 a sample: by 4e-24 over the margin."""
 _EXCERPTS, _EXCERPT_ROWS = 8, 2048
+_SURE = 5.0
+"""Standard deviations from which a velocity's sign is believed: of ten million rows at rest, six would be taken to move."""
+_ROUND_OFFS = 16.0
+"""Units in the last place of q that rounding of the samples and of the spline moves its slope by, over a step of time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,22 +46,28 @@ class States:
     ddq: Array
     logged: Array
     """(n, nq) q as the file has it, in SI units: what position limits are about."""
+    still: Array
+    """(n, nv) bool: the velocity is derived and within its own uncertainty, so that its sign means nothing."""
+    stray: Array
+    """(n, k) how far samples lie from the smoothed curve, in standard deviations; 0 but at samples that belong to no noise,
+    k = 0 if nothing was smoothed."""
 
     def __len__(self) -> int:
         return len(self.time)
 
     def at(self, rows: Any) -> States:
         """Some of the rows."""
-        return States(self.time[rows], self.q[rows], self.dq[rows], self.ddq[rows], self.logged[rows])
+        return States(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     def copy(self) -> States:
         """The same, holding on to no larger arrays."""
-        return States(self.time.copy(), self.q.copy(), self.dq.copy(), self.ddq.copy(), self.logged.copy())
+        return States(*(getattr(self, f.name).copy() for f in fields(self)))
 
     @classmethod
     def none(cls, nq: int, nv: int) -> States:
         """No states at all."""
-        return cls(np.zeros(0), np.zeros((0, nq)), np.zeros((0, nv)), np.zeros((0, nv)), np.zeros((0, nq)))
+        q, v = np.zeros((0, nq)), np.zeros((0, nv))
+        return cls(np.zeros(0), q, v, v, q, v.astype(bool), np.zeros((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +89,10 @@ class Differentiation:
     """What makes curves of the columns of q."""
     sigma_ddq: Array
     """(nv,) standard deviation of the accelerations that follows from the noise of the log; 0 where they are given."""
+    sigma_dq: Array
+    """(nv,) that of the velocities; 0 where they are given."""
+    spread: Array
+    """(k,) standard deviation of the samples about the smoothed curve, in SI units, strays aside; 0 for none."""
 
     @classmethod
     def plan(cls, trajectory: Trajectory, model: Model, *, smoothing: bool = False) -> Differentiation:
@@ -107,14 +122,30 @@ class Differentiation:
         if smoothing:
             for k, error in enumerate(deviation.tolist()):
                 strengths[k] = best_strength(times, [x[:, k] for x in curves], error, quality.step)
-        sigma_ddq = np.zeros(model.nv)
-        if source != "given":
-            order = 1 if source == "velocities" else 2
+        factors = trajectory.columns.factors[differentiated]
+
+        def sigma(order: int) -> Array:
             gain = {s: noise_gain(order, s, quality.step) for s in set(strengths.tolist())}
-            gains = np.array([gain[s] for s in strengths.tolist()])
-            sigma = deviation * trajectory.columns.factors[differentiated] * gains
-            sigma_ddq = sigma if source == "velocities" else _to_joints(model, sigma)
-        return cls(trajectory, model, quality, source, derives_velocities, places, strengths, continuity, sigma_ddq)
+            return np.asarray(deviation * factors * np.array([gain[s] for s in strengths.tolist()]))
+
+        none = np.zeros(model.nv)
+        return cls(
+            trajectory=trajectory,
+            model=model,
+            quality=quality,
+            source=source,
+            derives_velocities=derives_velocities,
+            places=places,
+            strengths=strengths,
+            continuity=continuity,
+            sigma_ddq=none
+            if source == "given"
+            else sigma(1)
+            if source == "velocities"
+            else _to_joints(model, sigma(2)),
+            sigma_dq=_to_joints(model, sigma(1)) if derives_velocities else none,
+            spread=residual_spread(times, curves, strengths, quality.step, deviation) * factors,
+        )
 
     @property
     def derives(self) -> bool:
@@ -132,14 +163,40 @@ class Differentiation:
     def _complete(self, motion: Motion) -> States:
         """Add what the file does not give; all at rows of one window."""
         t, q, dq, ddq = motion.time, motion.q, motion.dq, motion.ddq
+        still, stray = np.zeros((len(t), self.model.nv), bool), np.zeros((len(t), 0))
         if dq is None:
-            q = self._smoothed(t, self.continuity.curves(q))
+            curves = self.continuity.curves(q)
+            q = self._smoothed(t, curves)
+            stray = self._strays(curves - q)
             dq, derived = joint_rates(self.model, q, *spline_rates(t, q))
             ddq = derived if ddq is None else ddq
+            still = self._still(t, motion.q, dq)
         elif ddq is None:
-            dq = self._smoothed(t, dq)
+            logged, dq = dq, self._smoothed(t, dq)
+            stray = self._strays(logged - dq)
             ddq, _ = spline_rates(t, dq)
-        return States(t, q, dq, ddq, motion.q)
+        return States(t, q, dq, ddq, motion.q, still, stray)
+
+    def _strays(self, residual: Array) -> Array:
+        return strays(residual, self.spread, self.strengths) if self.strengths.any() else residual[:, :0]
+
+    def _still(self, t: Array, q: Array, dq: Array) -> Array:
+        """Where derived velocities (n, nv) are within their uncertainty: that of noise, and that of arithmetic."""
+        steps = np.diff(t)
+        step = np.minimum(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])
+        # A joint whose samples repeat stands, although the spline still rings there from where it moved; on a grid, where
+        # slow joints repeat samples too, the noise decides.
+        repeats = np.zeros((len(t), q.shape[1]), bool)
+        repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
+        repeats &= self.quality.quantum == 0
+        still = np.abs(dq) <= _SURE * self.sigma_dq
+        for b in self.model.leaders:
+            q_here = slice(b.q_index, b.q_index + b.joint.nq)
+            here = slice(b.v_index, b.v_index + b.joint.nv)
+            arithmetic = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_here]).max(axis=1, initial=0.0) / step
+            still[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
+            still[:, here] |= repeats[:, q_here].all(axis=1)[:, None]
+        return still
 
     def _smoothed(self, t: Array, x: Array) -> Array:
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .derivatives import Differentiation, States
 from .load import LoadedRobot
+from .strays import Stray
 from .survey import Survey
 from .tally import Gaps
 
@@ -86,6 +87,10 @@ class TorqueReport:
     load: LoadedRobot
     envelope: tuple[Array, Array, Array]
     """Times (b,), least and greatest torques (b, nv) of the bins that a plot draws."""
+    strays: tuple[Stray, ...]
+    """Samples that smoothing removed and noise does not explain."""
+    still: tuple[float, ...]
+    """Of each joint: the share of rows in which it rests, or moves, within the noise of its derived velocity."""
     around: States
     """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
 

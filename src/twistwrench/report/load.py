@@ -58,7 +58,8 @@ class LoadedRobot:
     def torques(self, s: States) -> Array:
         """Inverse dynamics with everything included; (n,) states → (n, nv)."""
         on = {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
-        return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=on, friction=self.friction))
+        tau = self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=on)
+        return np.asarray(tau + self._friction(s) if self.friction else tau)
 
     def terms(self, s: States) -> dict[str, Array]:
         """The causes, (n, nv) each, in the order of :data:`TERMS`; they add up to :meth:`torques`."""
@@ -72,9 +73,14 @@ class LoadedRobot:
             "coriolis": np.asarray(bare.coriolis_forces(s.q, s.dq)),
             "gravity": gravity,
             "payload": self._payload_torques(s) if self.payloads else zero,
-            "friction": np.broadcast_to(bare.friction_forces(s.dq), zero.shape) if self.friction else zero,
+            "friction": self._friction(s) if self.friction else zero,
             "wrench": wrench,
         }
+
+    def _friction(self, s: States) -> Array:
+        """Of joints and damping, without what Coulomb friction has where the sign of the velocity is unknown."""
+        tau = np.broadcast_to(self.bare.friction_forces(s.dq), s.dq.shape)
+        return np.asarray(tau - np.where(s.still, np.sign(s.dq) * self.bare.model.friction, 0.0))
 
     def _payload_torques(self, s: States) -> Array:
         return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))

@@ -21,6 +21,9 @@ _ROUND_OFF = 4e-16
 _LEAST_SEEN = 0.02
 """Share of q/√12, the error of rounding to a grid q, that shows as noise at least: a motion that keeps to each point of the
 grid for hundreds of samples shows only so much of it."""
+_GRID_STEPS = 1.5
+"""Most that rounding by half a grid step makes of a difference whose weights have unit norm: √(m+1)/2, order m ≤ 8."""
+_FEW, _ROUNDS = 0.02, 20
 _FEWEST_MARKS = 30
 """Places where a column must not move as a parabola does for its grid to be one: kinks of planned motions are fewer."""
 
@@ -49,8 +52,8 @@ def survey(times: Sequence[Array], parts: Sequence[Array], curves: Sequence[Arra
     2π lies on no grid.
     """
     steps = np.concatenate([np.diff(t) for t in times])
-    found = np.where(_moves(parts), noise(times, parts if curves is None else curves), 0.0)
     quanta = np.array([quantum([x[:, k] for x in parts]) for k in range(parts[0].shape[1])])
+    found = np.where(_moves(parts), noise(times, parts if curves is None else curves, quanta), 0.0)
     # Rounding makes noise. Without it the steps are the motion's own, as those of a steady speed are.
     quanta = np.where(found > _LEAST_SEEN * quanta / math.sqrt(12.0), quanta, 0.0)
     return Survey(float(np.median(steps)) if steps.size else math.nan, quanta, found)
@@ -88,19 +91,34 @@ def _common_step(increments: Array) -> float:
     return float(np.median(increments[increments < 1.5 * smallest]))
 
 
-def noise(times: Sequence[Array], parts: Sequence[Array]) -> Array:
+def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float = 0.0) -> Array:
     """Standard deviation of white noise on smooth motion, from high divided differences; excerpts (n, k) → (k,).
 
     A difference of order m annihilates polynomials below degree m and, with weights of unit norm, keeps the variance of
-    white noise. What smooth motion leaves in it shrinks with the order, so the least over several orders is taken.
+    white noise. What smooth motion leaves in it shrinks with the order, so the least over several orders is taken. A few
+    glitches are no noise; ``quanta`` (k,) are the grids of the columns, whose steps are.
     """
     size = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)
     least = np.full(parts[0].shape[1], np.inf)
     for order in _ORDERS:
         residuals = [_residuals(t, x, order) for t, x in zip(times, parts, strict=True) if len(t) > order]
         if residuals:
-            least = np.minimum(least, np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
+            least = np.minimum(least, _deviation(np.concatenate(residuals), _GRID_STEPS * np.asarray(quanta)))
     return np.asarray(np.where(np.isfinite(least) & (least > _ROUND_OFF * size), least, 0.0))
+
+
+def _deviation(residuals: Array, floor: Array) -> Array:
+    """Standard deviation (k,) of residuals (n, k), without the few beyond 5 of them and ``floor``, over and over."""
+    squares = residuals**2
+    found = whole = np.mean(squares, axis=0)
+    for _ in range(_ROUNDS):
+        kept = squares <= np.maximum(25.0 * found, floor**2)
+        if kept.all():
+            break
+        found = np.where(kept, squares, 0.0).sum(axis=0) / np.maximum(1, kept.sum(axis=0))
+        # Where many would go they are no glitches: the noise is of two sizes, and the motion's accuracy that of both.
+        found = np.where(kept.mean(axis=0) > 1.0 - _FEW, found, whole)
+    return np.asarray(np.sqrt(found))
 
 
 def _moves(parts: Sequence[Array]) -> Array:

@@ -15,6 +15,7 @@ from .decimation import Envelope
 from .derivatives import Differentiation, States
 from .findings import Excess, JointTorque, TorqueReport, worst_joint
 from .load import TERMS, LoadedRobot
+from .strays import Strays
 from .table_file import TableFile
 from .tally import Extreme, Gaps, Rms
 
@@ -51,6 +52,9 @@ class _Pass:
         self.around: States | None = None
         self.gaps = Gaps(_GAP * usual_step)
         self.uncertainty = np.zeros(nv)
+        self.strays = Strays()
+        self.still = np.zeros(nv, int)
+        """Rows in which the direction of motion is unknown."""
 
     def add(self, s: States, torques: Array, sigma_ddq: Array) -> None:
         """Take in consecutive states and their torques (n, nv)."""
@@ -73,6 +77,8 @@ class _Pass:
                 if joint == worst:
                     self.around = s.at(slice(max(0, row - _AROUND), row + _AROUND)).copy()
         self._check_motion(s)
+        self.still += s.still.sum(axis=0)
+        self.strays.add(s.time, s.stray)
         if sigma_ddq.any():
             some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
             M = self.load.loaded.mass_matrix(some.q)
@@ -164,6 +170,8 @@ def analyse(
         differentiation=differentiation,
         load=load,
         envelope=run.envelope.result(),
+        strays=run.strays.result(),
+        still=tuple((run.still / max(1, run.rows)).tolist()),
         around=run.around or States.none(load.bare.nq, nv),
     )
 

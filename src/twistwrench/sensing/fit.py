@@ -118,13 +118,13 @@ def fit(
             A = unknowns.design(log, factor, R, load)
         x, unit, leverage = _solve(A, target, sigma, weight, unknowns.scales, turning=load is not None)
         residuals = target - (A @ x)
-        before = sigma
+        before, weighed = sigma, weight
         if noise is None:
             sigma, freedom = _noise(residuals, leverage, weight, keep, floor, huber=huber)
         if huber:
             distance = _distance(residuals, sigma)
             weight = keep * np.minimum(1.0, _HUBER / np.maximum(distance, 1e-300))
-        moved = float(np.abs(sigma / before - 1.0).max())
+        moved = max(float(np.abs(sigma / before - 1.0).max()), float(np.abs(weight - weighed).mean()))
         if unknowns.turn:
             load = np.concatenate([x[unknowns.load], np.zeros(10 - len(x[unknowns.load]))])
             R = R @ so3.exp(x[-3:])
