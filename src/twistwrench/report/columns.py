@@ -33,10 +33,19 @@ class Columns:
     """What takes each of them to SI units."""
     angle: float
     """What takes the file's angles to radians."""
+    of_locked: tuple[str, ...] = ()
+    """Columns that belong to joints held still; they are ignored."""
+    extra: tuple[str, ...] = ()
+    """Columns that are nothing of this robot; they are ignored."""
+    quaternions: tuple[Array, ...] = ()
+    """The columns of each quaternion."""
 
     @classmethod
-    def of(cls, text: str, coordinates: Coordinates, where: str, *, degrees: bool) -> Columns:
-        """From the header line; ``where`` begins the errors (:class:`~twistwrench.TrajectoryError`)."""
+    def of(cls, text: str, coordinates: Coordinates, where: str, *, degrees: bool, locked: Sequence[str] = ()) -> Columns:
+        """From the header line; ``where`` begins the errors (:class:`~twistwrench.TrajectoryError`).
+
+        Columns of the joints ``locked`` are ignored.
+        """
         header = tuple(name.strip().strip('"').strip() for name in text.split(","))
         _check_shape(header, text, where)
         expected = {
@@ -45,7 +54,11 @@ class Columns:
             "ddq": tuple(f"{n}.acc" for n in coordinates.velocity_names),
         }
         time = _time_column(header, where)
-        _check_names(header, time, expected, where)
+        known = {name for names in expected.values() for name in names}
+        others = [name for k, name in enumerate(header) if k != time and name not in known]
+        of_locked = tuple(n for n in others if any(n == j or n.startswith(f"{j}.") for j in locked))
+        extra = tuple(n for n in others if n not in of_locked)
+        _check_names(header, extra, expected, where)
         place = {name: k for k, name in enumerate(header)}
         angle = math.radians(1.0) if degrees else 1.0
         rates = np.where(coordinates.angular_velocity, angle, 1.0)
@@ -58,6 +71,11 @@ class Columns:
             },
             factors={"q": np.where(coordinates.angular, angle, 1.0), "dq": rates, "ddq": rates},
             angle=angle,
+            of_locked=of_locked,
+            extra=extra,
+            quaternions=tuple(
+                np.array([place[n] for n in coordinates.names[part]], int) for part in coordinates.quaternions
+            ),
         )
 
     def take(self, table: Array, part: str) -> Any:
@@ -96,28 +114,29 @@ def _time_column(header: Sequence[str], where: str) -> int:
     return found[0]
 
 
-def _check_names(header: Sequence[str], time: int, expected: dict[str, tuple[str, ...]], where: str) -> None:
-    given = [name for k, name in enumerate(header) if k != time]
-    known = [name for names in expected.values() for name in names]
-    unknown = [name for name in given if name not in known]
+def _check_names(
+    given: Sequence[str], unknown: Sequence[str], expected: dict[str, tuple[str, ...]], where: str
+) -> None:
     missing = [name for name in expected["q"] if name not in given]
     listed = f"Expected: {_listed(expected['q'])}, and for all of them or none '.vel' and '.acc' columns."
-    if unknown:
-        near = difflib.get_close_matches(unknown[0], known, n=1, cutoff=0.6)
-        hint = f" Did you mean {near[0]!r}?" if near else " Remove it, or lock or rename the joint."
-        others = f" (and {len(unknown) - 1} more)" if len(unknown) > 1 else ""
-        raise TrajectoryError(f"{where}: column {unknown[0]!r}{others} is no joint of this robot.{hint} {listed}")
     if missing:
+        hint = next((_alike(name, missing) for name in unknown if _alike(name, missing)), "")
         raise TrajectoryError(
-            f"{where}: no column for {_listed(missing)}. {listed} A joint that never moves can be locked (--lock)."
+            f"{where}: no column for {_listed(missing)}.{hint} {listed} A joint that never moves can be locked (--lock)."
         )
     for part in ("dq", "ddq"):
         absent = [name for name in expected[part] if name not in given]
         if absent and len(absent) < len(expected[part]):
+            hint = next((_alike(name, absent) for name in unknown if _alike(name, absent)), "")
             raise TrajectoryError(
-                f"{where}: no column {_listed(absent)}, although others of its kind are there. "
+                f"{where}: no column {_listed(absent)}, although others of its kind are there.{hint} "
                 "Give them for every joint, or for none: then they are derived."
             )
+
+
+def _alike(name: str, choices: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, choices, n=1, cutoff=0.6)
+    return f" Column {name!r} is no joint of this robot. Did you mean {near[0]!r}?" if near else ""
 
 
 def _is_number(text: str) -> bool:

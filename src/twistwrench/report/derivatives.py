@@ -144,7 +144,7 @@ class Differentiation:
             if source == "velocities"
             else _to_joints(model, sigma(2)),
             sigma_dq=_to_joints(model, sigma(1)) if derives_velocities else none,
-            spread=residual_spread(times, curves, strengths, quality.step, deviation) * factors,
+            spread=residual_spread(times, curves, strengths, quality.step, deviation) * (factors if derives else 1.0),
         )
 
     @property

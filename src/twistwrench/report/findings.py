@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,18 @@ from .strays import Stray
 from .survey import Survey
 from .tally import Gaps
 
+if TYPE_CHECKING:
+    from ..model.model import Limits
+
 Array = NDArray[Any]
 
-__all__ = ["Excess", "JointTorque", "TorqueReport", "worst_joint"]
+ZERO = 1e-9
+_SMALL = 0.02
+"""Share of the robot's largest torque, or of its own limit, below which a joint's peak is no measure of its noise."""
+_AT_AN_END = 5.0
+"""How many times as uncertain derived accelerations are at the ends of a log."""
+
+__all__ = ["ZERO", "Excess", "JointTorque", "TorqueReport", "worst_joint"]
 
 
 @dataclass(frozen=True)
@@ -87,12 +97,42 @@ class TorqueReport:
     load: LoadedRobot
     envelope: tuple[Array, Array, Array]
     """Times (b,), least and greatest torques (b, nv) of the bins that a plot draws."""
+    largest: Array
+    """(nq,) the largest magnitude of each coordinate, in SI units."""
+    limits: Limits
+    """What was held against the motion."""
     strays: tuple[Stray, ...]
     """Samples that smoothing removed and noise does not explain."""
     still: tuple[float, ...]
     """Of each joint: the share of rows in which it rests, or moves, within the noise of its derived velocity."""
     around: States
     """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
+
+    @property
+    def scale(self) -> float:
+        """The largest torque; what is some 1e-9 of it is zero up to rounding."""
+        return max((abs(j.peak) for j in self.joints), default=0.0)
+
+    def is_zero(self, value: float) -> bool:
+        """Whether a torque is but rounding of the others."""
+        return abs(value) <= ZERO * self.scale
+
+    def reference(self, joint: JointTorque) -> float:
+        """What noise of that joint's torque is held against: its peak, unless that is next to nothing."""
+        known = joint.limit if np.isfinite(joint.limit) else 0.0
+        return max(abs(joint.peak), _SMALL * max(known, self.scale))
+
+    def at_an_end(self, joint: JointTorque) -> bool:
+        """Whether the joint's peak is where derived accelerations want for neighbours."""
+        d = self.differentiation
+        if d.source == "given":
+            return False
+        steps = 3 if not d.strengths.any() else math.ceil(d.strengths.max() ** (1 / 6))
+        return min(joint.time - self.begin, self.end - joint.time) < steps * self.quality.step
+
+    def reach(self, joint: JointTorque) -> float:
+        """How far the peak may be off: ``uncertainty``, and several times that at an end of the log."""
+        return joint.uncertainty * (_AT_AN_END if self.at_an_end(joint) else 1.0)
 
     @property
     def worst(self) -> int | None:

@@ -116,6 +116,8 @@ def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
 def _parse_wrench(text: str) -> tuple[str, Array]:
     frame, colon, numbers = text.rpartition(":")
     form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
+    if not colon and text.strip() and "," not in text:
+        raise ValueRangeError(f"wrench {text!r} lacks the numbers after the frame. Write {form}.")
     if not colon or not frame.strip():
         raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
     values = _numbers(numbers, f"wrench {text!r}", form)

@@ -111,13 +111,15 @@ def _deviation(residuals: Array, floor: Array) -> Array:
     """Standard deviation (k,) of residuals (n, k), without the few beyond 5 of them and ``floor``, over and over."""
     squares = residuals**2
     found = whole = np.mean(squares, axis=0)
+    many = np.zeros(found.shape, bool)
     for _ in range(_ROUNDS):
         kept = squares <= np.maximum(25.0 * found, floor**2)
         if kept.all():
             break
         found = np.where(kept, squares, 0.0).sum(axis=0) / np.maximum(1, kept.sum(axis=0))
         # Where many would go they are no glitches: the noise is of two sizes, and the motion's accuracy that of both.
-        found = np.where(kept.mean(axis=0) > 1.0 - _FEW, found, whole)
+        many |= kept.mean(axis=0) < 1.0 - _FEW
+        found = np.where(many, whole, found)
     return np.asarray(np.sqrt(found))
 
 

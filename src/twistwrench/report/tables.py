@@ -6,11 +6,14 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..model.model import BASE
+from .coordinates import Coordinates
 from .findings import Excess, JointTorque, TorqueReport
 from .load import TERMS
 
@@ -20,6 +23,9 @@ _LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 _BAR = 12
 _NOISY, _NEGLIGIBLE = 0.02, 0.001
 """Shares of a peak from which its noise is a reason to smooth, and worth a column."""
+_MOST_LISTED = 4
+_MANY_TURNS, _LONG_STEP = 4 * math.pi, 1.0
+"""Angles [rad] and time steps [s] beyond which the unit is in doubt."""
 _TITLES = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
 
 
@@ -77,14 +83,14 @@ def _cells(report: TorqueReport, joint: JointTorque) -> list[RenderableType]:
 def _peaks(report: TorqueReport) -> Table:
     table = _table(report, _title(report, "Torques"))
     unsure = _noise_matters(report)
-    for name in ("peak", *(["±"] if unsure else []), "rms", "limit"):
+    for name in ("peak", *(["± 1σ"] if unsure else []), "rms", "limit"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("share of limit", no_wrap=True)
     table.add_column("when \\[s]", justify="right", no_wrap=True)
     for j in report.joints:
         spread = [f"{j.uncertainty:.2g}"] if unsure else []
         limit = f"{j.limit:.4g}" if math.isfinite(j.limit) else "none"
-        table.add_row(*_cells(report, j), _number(j.peak), *spread, _number(j.rms), limit, _bar(j), f"{j.time:.3f}")
+        table.add_row(*_cells(report, j), _torque(report, j.peak), *spread, _number(j.rms), limit, _bar(j), f"{j.time:.3f}")
     return table
 
 
@@ -98,14 +104,15 @@ def _bar(joint: JointTorque) -> Text:
 
 def _split(report: TorqueReport) -> Table:
     table = _table(report, _title(report, "What the peak is made of"))
-    shown = [term for term in TERMS if any(j.terms[term] for j in report.joints)]
+    shown = [term for term in TERMS if any(not report.is_zero(j.terms[term]) for j in report.joints)]
     for term in shown:
         table.add_column(cause_label(term), justify="right", no_wrap=True)
     table.add_column("mostly", no_wrap=True)
     for j in report.joints:
         main, share = j.main_cause
-        cells = [Text(_number(j.terms[term]), style="bold" if term == main and j.peak else "") for term in shown]
-        table.add_row(*_cells(report, j), *cells, f"{cause_label(main)} {100 * share:.0f} %" if j.peak else "–")
+        some = not report.is_zero(j.peak)
+        cells = [Text(_torque(report, j.terms[term]), style="bold" if term == main and some else "") for term in shown]
+        table.add_row(*_cells(report, j), *cells, f"{cause_label(main)} {100 * share:.0f} %" if some else "–")
     return table
 
 
@@ -155,11 +162,80 @@ def notes(report: TorqueReport) -> Iterator[str]:
         j.joint for j in report.joints if not math.isfinite(j.limit) and j.joint.rpartition(".")[0] not in floating
     ]
     if unlimited:
-        yield f"No torque limit is known for {', '.join(unlimited)}. Give one with --limits."
+        asked = report.limits is not report.load.bare.model.limits
+        yield f"No torque limit is known for {', '.join(unlimited)}." + ("" if asked else " Give one with --limits.")
+    if resting := [
+        f"{p.frame or report.load.bare.model.tip}"
+        for p in report.load.payloads
+        if report.load.bare.model.frame(p.frame or report.load.bare.model.tip).body == BASE
+    ]:
+        yield f"The payload at {', '.join(resting)} rests on the fixed base and loads no joint."
+    yield from _friction_notes(report)
+    yield from _stray_notes(report)
+    yield from _column_notes(report)
+    yield from _unit_hints(report)
+
+
+def _friction_notes(report: TorqueReport) -> Iterator[str]:
+    friction = report.load.bare.model.friction
+    found = [
+        f"{j.joint} (±{friction[k]:.3g} {j.unit}, {100 * report.still[k]:.3g} % of the rows)"
+        for k, j in enumerate(report.joints)
+        if friction[k] > 0 and report.still[k] > 0
+    ]
+    if found and report.load.friction:
+        yield (
+            "Coulomb friction is undetermined for joints at rest within the noise of their derived velocities, and "
+            f"left out there: {', '.join(found)}."
+        )
+
+
+def _stray_notes(report: TorqueReport) -> Iterator[str]:
+    d = report.differentiation
+    shown = []
+    for s in report.strays[:_MOST_LISTED]:
+        place = int(d.places[s.column])
+        size = s.sigmas * d.spread[s.column] / d.trajectory.columns.factors["dq" if d.source == "velocities" else "q"][s.column]
+        count = f", {s.count} samples, the farthest" if s.count > 1 else ""
+        shown.append(
+            f"{d.trajectory.columns.header[place]}{count} at t = {s.time:.4f} s off by {size:.3g} "
+            f"({abs(s.sigmas):.0f} σ)".replace("-", "−")
+        )
+    if shown:
+        more = f"; and {len(report.strays) - len(shown)} columns more" if len(report.strays) > len(shown) else ""
+        yield (
+            f"WARNING: --smooth flattened samples that noise does not explain: {'; '.join(shown)}{more}, in the file's "
+            "unit. If the robot did move so, the torques there are far too low; if the log is wrong, remove the samples."
+        )
+
+
+def _column_notes(report: TorqueReport) -> Iterator[str]:
+    columns = report.differentiation.trajectory.columns
+    if columns.of_locked:
+        yield f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}."
+    if columns.extra:
+        yield f"Columns that are no coordinate of this robot are ignored: {', '.join(columns.extra)}."
+
+
+def _unit_hints(report: TorqueReport) -> Iterator[str]:
+    c = Coordinates.of(report.load.bare.model)
+    if report.differentiation.trajectory.columns.angle == 1.0 and c.angular.any():
+        at = c.position_of
+        bounded = [
+            c.velocity_names[k]
+            for k in range(len(at))
+            if at[k] >= 0 and c.angular[at[k]] and np.isfinite([report.limits.lower[k], report.limits.upper[k]]).any()
+        ]
+        over = {e.joint for e in report.excesses if e.kind in ("lower", "upper")} & set(bounded)
+        far = int((report.largest[c.angular] > _MANY_TURNS).sum())
+        if 2 * len(over) > len(bounded) or 2 * far > int(c.angular.sum()):
+            yield "Most angles are far out. Is the file in degrees? Did you mean --degrees?"
+    if report.quality.step > _LONG_STEP:
+        yield f"The usual time step is {report.quality.step:.4g} s. Is time in ms? It is taken to be in seconds."
 
 
 def _noise_matters(report: TorqueReport) -> bool:
-    return any(j.uncertainty > _NEGLIGIBLE * abs(j.peak) for j in report.joints)
+    return any(j.uncertainty > _NEGLIGIBLE * report.reference(j) for j in report.joints)
 
 
 def _quality_notes(report: TorqueReport) -> Iterator[str]:
@@ -177,16 +253,14 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
     yield (
         f"The log has noise of {q.noise[worst]:.2g} (1 σ, {d.trajectory.columns.header[d.places[worst]]}, "
         f"in the file's unit{grid}). It makes accelerations unsure by {d.sigma_ddq.max():.2g} {unit} ({joint.joint}) "
-        f"and torques by up to {loudest.uncertainty:.2g} {loudest.unit} ({loudest.joint}), see the ± column."
+        f"and torques by up to {loudest.uncertainty:.2g} {loudest.unit} ({loudest.joint}), see the column ± 1σ."
     )
-    steps = 3 if not d.strengths.any() else math.ceil(d.strengths.max() ** (1 / 6))
-    edge = steps * q.step
-    if late := [j.joint for j in report.joints if min(j.time - report.begin, report.end - j.time) < edge]:
+    if late := [j.joint for j in report.joints if report.at_an_end(j)]:
         yield (
             f"The peak of {', '.join(late)} lies at an end of the log, where derived accelerations are several times "
             "as uncertain as ± says, for want of neighbours. Log a little more before and after."
         )
-    if not d.strengths.any() and any(j.uncertainty > _NOISY * abs(j.peak) for j in report.joints):
+    if not d.strengths.any() and any(j.uncertainty > _NOISY * report.reference(j) for j in report.joints):
         yield (
             f"Noise makes more than {100 * _NOISY:.0f} % of a peak. Try --smooth, "
             "or log velocities and accelerations as well."
@@ -206,19 +280,46 @@ def verdict(report: TorqueReport) -> Text:
             )
         else:
             text = f"{e.joint} at t = {e.time:.3f} s passes its {_TITLES[e.kind]} limit"
-        others = [f"{e.joint} ({_TITLES[e.kind]})" for e in report.excesses[1:]]
-        also = f"; also {', '.join(others[:3])}" + (" and more" if len(others) > 3 else "") if others else ""
-        return Text.assemble(("OVER LIMIT", "bold red"), f": {text}{also}.")
+        others: dict[str, list[str]] = {}
+        for x in report.excesses[1:]:
+            kinds = others.setdefault(x.joint, [])
+            if _TITLES[x.kind] not in kinds and (x.joint, _TITLES[x.kind]) != (e.joint, _TITLES[e.kind]):
+                kinds.append(_TITLES[x.kind])
+        rest = [f"{joint} ({', '.join(kinds)})" for joint, kinds in others.items() if kinds]
+        also = f"; also {', '.join(rest[:3])}" + (" and more" if len(rest) > 3 else "") if rest else ""
+        doubt = ""
+        if all(x.kind == "effort" and abs(x.value) - report.reach(by_name[x.joint]) <= x.limit for x in report.excesses):
+            doubt = f", by less than its noise (± {report.reach(by_name[e.joint]):.2g} {e.unit})"
+        return Text.assemble(("OVER LIMIT", "bold red"), f": {text}{doubt}{also}.")
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     if not limited:
         return Text.assemble(("OK", "bold green"), ": no limit is passed; torque limits are not known.")
+    unsure = [j for j in limited if abs(j.peak) + report.reach(j) > j.limit]
+    if unsure:
+        j = max(unsure, key=lambda j: (abs(j.peak) + report.reach(j)) / j.limit)
+        end = " at an end of the log" if report.at_an_end(j) else ""
+        return Text.assemble(
+            ("UNSURE", "bold yellow"),
+            f": no limit is passed, but the noise of {j.joint}'s peak{end}, {_number(j.peak)} ± {report.reach(j):.2g} "
+            f"{j.unit} at t = {j.time:.3f} s, reaches over its limit, {j.limit:.4g}.",
+        )
+    if report.strays:
+        return Text.assemble(
+            ("UNSURE", "bold yellow"), ": no limit is passed, but only once samples were flattened that are no noise."
+        )
     j = max(limited, key=lambda j: j.share)
+    if report.is_zero(j.peak):
+        return Text.assemble(("OK", "bold green"), ": no limit is passed, and no joint has a torque to give.")
     cause, share = j.main_cause
     return Text.assemble(
         ("OK", "bold green"),
         f": nearest to its limit is {j.joint}, {100 * j.share:.0f} % at t = {j.time:.3f} s, "
         f"mostly {cause_label(cause)} ({100 * share:.0f} %).",
     )
+
+
+def _torque(report: TorqueReport, value: float) -> str:
+    return "0" if report.is_zero(value) else _number(value)
 
 
 def _number(value: float) -> str:

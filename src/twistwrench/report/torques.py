@@ -52,6 +52,7 @@ class _Pass:
         self.around: States | None = None
         self.gaps = Gaps(_GAP * usual_step)
         self.uncertainty = np.zeros(nv)
+        self.largest = np.zeros(load.bare.nq)
         self.strays = Strays()
         self.still = np.zeros(nv, int)
         """Rows in which the direction of motion is unknown."""
@@ -77,6 +78,7 @@ class _Pass:
                 if joint == worst:
                     self.around = s.at(slice(max(0, row - _AROUND), row + _AROUND)).copy()
         self._check_motion(s)
+        self.largest = np.maximum(self.largest, np.abs(s.logged).max(axis=0))
         self.still += s.still.sum(axis=0)
         self.strays.add(s.time, s.stray)
         if sigma_ddq.any():
@@ -170,6 +172,8 @@ def analyse(
         differentiation=differentiation,
         load=load,
         envelope=run.envelope.result(),
+        largest=run.largest,
+        limits=limits,
         strays=run.strays.result(),
         still=tuple((run.still / max(1, run.rows)).tolist()),
         around=run.around or States.none(load.bare.nq, nv),

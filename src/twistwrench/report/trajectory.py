@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -23,6 +23,7 @@ __all__ = ["Motion", "Trajectory"]
 
 _BLOCK = 1 << 18  # bytes read at a time: what parsing makes of them stays in the processor's cache
 _LONGEST_LINE = 1 << 22
+_NO_ROTATION = 1e-6  # norm of a quaternion
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +54,9 @@ class Trajectory:
     """Size of the file [bytes]."""
 
     @classmethod
-    def open(cls, path: str | Path, model: Model, *, degrees: bool = False) -> Trajectory:
-        """Read and check the header; angles of the file are in degrees if ``degrees``.
+    def open(cls, path: str | Path, model: Model, *, degrees: bool = False, locked: Sequence[str] = ()) -> Trajectory:
+        """Read and check the header; angles of the file are in degrees if ``degrees``, and columns of ``locked`` joints
+        are ignored.
 
         Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`.
         """
@@ -73,7 +75,7 @@ class Trajectory:
             raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
         except OSError as problem:
             raise TrajectoryError(f"{path}: cannot be read: {problem.strerror}. A regular file is needed.") from None
-        columns = Columns.of(header, Coordinates.of(model), f"{path}: line {line}", degrees=degrees)
+        columns = Columns.of(header, Coordinates.of(model), f"{path}: line {line}", degrees=degrees, locked=locked)
         return cls(path, columns, line, offset, size)
 
     def tables(self, progress: Callable[[int], None] | None = None) -> Iterator[Array]:
@@ -140,6 +142,14 @@ class Trajectory:
         good = table is not None and bool(np.isfinite(table).all())
         if table is None or not good or not _increases(table[:, self.columns.time], last):
             raise blame(text, self.path, line, self.columns.header, self.columns.time, last)
+        for place in self.columns.quaternions:
+            none = np.linalg.norm(table[:, place], axis=1) < _NO_ROTATION
+            if none.any():
+                rows = [k for k, row in enumerate(text.splitlines()) if row.strip()]
+                raise TrajectoryError(
+                    f"{self.path}: line {line + rows[int(none.argmax())]}, column {self.columns.header[place[0]]!r}: the "
+                    "quaternion is zero, which is no rotation. Write 1, 0, 0, 0 for none, or remove the row."
+                )
         return table
 
 
