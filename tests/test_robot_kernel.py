@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -138,9 +139,10 @@ def test_wrong_arguments_raise_errors_of_our_tree(bundled, wrong):
         wrong(bundled("planar_2r"))
 
 
-def test_models_are_read_only(bundled):
+@pytest.mark.parametrize("through", [lambda robot: robot, lambda robot: pickle.loads(pickle.dumps(robot))])
+def test_models_are_read_only(bundled, through):
     with pytest.raises(ValueError, match="read-only"):
-        bundled("planar_2r").limits.upper[:] = 0.01
+        through(bundled("planar_2r")).limits.upper[:] = 0.01
 
 
 def test_one_bound_far_out_leaves_room_for_a_random_configuration():

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from motions import LOAD, SLED, report_of, rough_motion, write_motion
+from motions import LOAD, SLED, report_of, rough_motion, write_motion, write_positions
 from twistwrench import load, robots
-from twistwrench.cli import main
+from twistwrench.cli import _in_shell_words, main
 from twistwrench.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from twistwrench.report.limits_file import read_limits
 from twistwrench.report.load import TERMS, parse_payload, parse_wrenches
 from twistwrench.report.table_file import replacing
+from twistwrench.report.tables import torque_label
 
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"
 
@@ -162,7 +163,12 @@ BAD_INPUT = {
     "wrench nowhere": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "hand:0,0,0,0,0,1"], "no frame named 'hand'"),
     "lock nothing": (["ur5", "--trajectory", DEMO, "--lock", "elbow_joint"], "is not JOINT=VALUE"),
     "lock unknown": (["ur5", "--trajectory", DEMO, "--lock", "elbow=1"], "elbow"),
-    "locked joint in motion": (["ur5", "--trajectory", DEMO, "--lock", "elbow_joint=1"], "'elbow_joint' is no joint"),
+    "locked twice": (["ur5", "--trajectory", DEMO, *("--lock", "elbow_joint=0") * 2], "is given twice"),
+    "demo in degrees": (["ur5", "--trajectory", "demo", "--degrees"], "is in radians"),
+    "wrench without numbers": (["ur5", "--trajectory", DEMO, "--wrench-on-robot", "tool0"], "lacks the numbers"),
+    "no such picture folder": (["ur5", "--trajectory", DEMO, "--plot", "no/such/o.png"], "cannot write"),
+    "no such option": (["ur5", "--trajectory", DEMO, "--plott", "o.png"], "--plot"),
+    "no trajectory": (["ur5"], "Missing option '--trajectory'"),
     "split without csv": (["ur5", "--trajectory", DEMO, "--split"], "Add --csv"),
     "no such folder": (["ur5", "--trajectory", DEMO, "--csv", "no/such/folder/o.csv"], "cannot write"),
     "no such picture": (["ur5", "--trajectory", DEMO, "--plot", "o.xyz"], "pictures of kind 'xyz'"),
@@ -360,7 +366,7 @@ def test_the_bundled_motion_is_the_one_its_comments_describe():
 TEN_MILLION = """
 import pathlib, re, sys
 from click.testing import CliRunner
-from twistwrench.cli import main
+from twistwrench.cli import _in_shell_words, main
 result = CliRunner().invoke(main, ["torques", "panda", "--trajectory", sys.argv[1]])
 print(result.output)
 # Not ru_maxrss: that starts from the size of the process that forked this one.
@@ -387,3 +393,190 @@ def test_ten_million_rows_go_through_under_a_gibibyte(tmp_path):
     code, memory = re.search(r"code (\d) MiB (\S+)", done.stdout).groups()
     assert code in "01"
     assert float(memory) < 1024
+
+
+# ── what a user meets ──
+
+
+def still_file(tmp_path, robot, rows=200):
+    q = np.tile([0.3, -0.3, 0.7], 4)[: robot.nq] * np.ones((rows, 1))
+    return write_positions(tmp_path / "still.csv", robot, np.arange(rows) * 0.01, q)
+
+
+@pytest.fixture
+def rubbing(tmp_path):
+    """A planar arm in the plane of gravity, with friction in every joint."""
+    text = robots.path_of("planar_2r").read_text()
+    text = re.sub(r"<dynamics[^>]*/>", "", text)
+    path = tmp_path / "rubbing.urdf"
+    path.write_text(re.sub(r"</joint>", '<dynamics friction="1" damping="1"/></joint>', text))
+    return path
+
+
+def test_a_joint_at_rest_has_no_coulomb_friction(run, rubbing, tmp_path):
+    robot, out = load(rubbing), tmp_path / "o.csv"
+    assert robot.model.friction.all()
+    code, text = run("torques", rubbing, "--trajectory", still_file(tmp_path, robot), "--csv", out)
+    assert code == 0, text
+    assert "Coulomb friction is undetermined" in text
+    found = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:]
+    held = np.broadcast_to(robot.gravity_forces(np.array([0.3, -0.3])), found.shape)
+    np.testing.assert_allclose(found, held, atol=1e-7)
+
+
+def test_a_joint_that_moves_has_coulomb_friction(run, rubbing, tmp_path):
+    robot, out = load(rubbing), tmp_path / "o.csv"
+    t = np.arange(200) * 0.01
+    path = write_positions(tmp_path / "m.csv", robot, t, np.outer(t, [0.1, -0.2]))
+    run("torques", rubbing, "--trajectory", path, "--csv", out, "--split")
+    lines = out.read_text().splitlines()[0].split(",")
+    table = np.loadtxt(out, delimiter=",", skiprows=1)
+    for joint, v in zip(robot.joint_names, (0.1, -0.2), strict=True):
+        np.testing.assert_allclose(table[:, lines.index(f"{joint}.friction")], v + np.sign(v), atol=1e-9)
+
+
+def test_smoothing_tells_of_the_glitch_it_removes(run, ur5, tmp_path):
+    t = np.arange(400) * 0.01
+    q = 0.3 * np.sin(np.outer(t, np.arange(1, 7) * 0.5)) + 1e-3 * np.random.default_rng(3).normal(size=(400, 6))
+    flags = ("torques", "ur5", "--trajectory", tmp_path / "m.csv", "--smooth")
+    write_positions(tmp_path / "m.csv", ur5, t, q)
+    assert "flattened" not in run(*flags)[1]
+    q[160, 2] += 0.5
+    write_positions(tmp_path / "m.csv", ur5, t, q)
+    said = " ".join(run(*flags)[1].split())
+    assert "flattened" in said
+    assert "elbow_joint at t = 1.6000 s off by 0.49" in said or "elbow_joint at t = 1.6000 s off by 0.5" in said
+    assert "UNSURE" in said
+
+
+def noisy_still(tmp_path, robot):
+    t = np.arange(400) * 0.01
+    q = np.array([0, -1.0, 1, 0, 0, 0]) + 1e-5 * np.random.default_rng(5).normal(size=(400, 6))
+    return write_positions(tmp_path / "m.csv", robot, t, q)
+
+
+@pytest.mark.parametrize("share, said, code", [(1.002, "UNSURE", 0), (0.998, "by less than its noise", 1)])
+def test_a_verdict_within_noise_says_so(run, ur5, tmp_path, share, said, code):
+    path = noisy_still(tmp_path, ur5)
+    joint = report_of(ur5, path).joints[1]
+    assert joint.uncertainty > 0.002 * abs(joint.peak)
+    limits = tmp_path / "l.csv"
+    limits.write_text(f"joint,effort\nshoulder_lift_joint,{abs(joint.peak) * share!r}\n")
+    found, text = run("torques", "ur5", "--trajectory", path, "--limits", limits)
+    assert said in " ".join(text.split())
+    assert found == code
+    assert "± 1σ" in text
+
+
+def test_units_in_doubt_are_asked_about(run, ur5, motion, tmp_path):
+    t, q, *_ = motion
+    turned = write_positions(tmp_path / "d.csv", ur5, t, 90 * q)
+    assert "Did you mean --degrees?" in run("torques", "ur5", "--trajectory", turned)[1]
+    assert "Did you mean --degrees?" not in run("torques", "ur5", "--trajectory", turned, "--degrees")[1]
+    slow = write_positions(tmp_path / "ms.csv", ur5, 1000 * t, q)
+    assert "Is time in ms?" in run("torques", "ur5", "--trajectory", slow)[1]
+
+
+def test_a_lock_outside_the_limits_is_noted(run):
+    assert "outside the joint's limits" in run("info", "ur5", "--lock", "elbow_joint=9")[1]
+    assert "outside the joint's limits" in run("info", "ur5", "--lock", "elbow_joint=200", "--degrees")[1]
+    assert "outside the joint's limits" not in run("info", "ur5", "--lock", "elbow_joint=1")[1]
+
+
+def test_outputs_never_replace_inputs_or_each_other(run, motion_file, tmp_path):
+    before, link, limits = motion_file.read_text(), tmp_path / "link.csv", tmp_path / "l.csv"
+    link.symlink_to(motion_file)
+    limits.write_text("joint,effort\n")
+    robot = tmp_path / "r.urdf"
+    robot.write_text(robots.path_of("ur5").read_text())
+    (tmp_path / "one.svg").hardlink_to(limits)
+    for flags in (
+        ["--csv", motion_file],
+        ["--csv", link],
+        ["--csv", limits],
+        ["--csv", robot],
+        ["--csv", tmp_path / "new.png", "--plot", tmp_path / "new"],
+        ["--plot", tmp_path / "one.svg"],
+    ):
+        code, text = run("torques", robot, "--trajectory", motion_file, "--limits", limits, *flags)
+        assert (code, "would overwrite" in text) == (2, True), text
+    assert motion_file.read_text() == before
+    assert not (tmp_path / "new.png").exists()
+
+
+def test_columns_of_locked_joints_and_others_are_ignored_with_a_note(run, ur5, motion, motion_file, tmp_path):
+    code, text = run("torques", "ur5", "--trajectory", motion_file, "--lock", "elbow_joint=1")
+    assert code in (0, 1), text
+    assert "Columns of locked joints are ignored: elbow_joint, elbow_joint.vel" in " ".join(text.split())
+    lines = motion_file.read_text().splitlines()
+    path = tmp_path / "x.csv"
+    path.write_text("\n".join([lines[0] + ",temp", *(f"{x},20" for x in lines[1:])]) + "\n")
+    said = " ".join(run("torques", "ur5", "--trajectory", path)[1].split())
+    assert "no coordinate of this robot are ignored: temp." in said
+
+
+def test_a_robot_without_joints_has_nothing_to_verify(run):
+    lock = [x for k in ("joint1", "joint2") for x in ("--lock", f"{k}=0")]
+    code, text = run("verify", "planar_2r", *lock)
+    assert code == 2
+    assert "nothing to check" in text
+
+
+def test_errors_speak_of_the_shells_options():
+    for text, said in (
+        ("load with inertia='repair' to", "load with --inertia repair to"),
+        ("Pass frame=…, or load with tip=….", "Name one with --tip FRAME."),
+        ("the name that floating_base=True gives", "the name that --floating-base gives"),
+    ):
+        assert said in _in_shell_words(text)
+
+
+def test_a_payload_on_the_base_and_a_limit_of_none_are_noted_once(run, motion_file, tmp_path):
+    limits = tmp_path / "l.csv"
+    limits.write_text("joint,effort\nelbow_joint,inf\n")
+    flags = ("--payload", "5@base_link", "--limits", limits)
+    said = " ".join(run("torques", "ur5", "--trajectory", motion_file, *flags)[1].split())
+    assert "rests on the fixed base and loads no joint" in said
+    assert "No torque limit is known for elbow_joint." in said
+    assert "Give one with --limits" not in said
+
+
+def test_a_joint_is_named_once_in_the_verdict(run, motion_file, tmp_path):
+    limits = tmp_path / "l.csv"
+    limits.write_text("joint,lower,upper,velocity\nelbow_joint,-0.1,0.1,0.1\n")
+    said = " ".join(run("torques", "ur5", "--trajectory", motion_file, "--limits", limits)[1].split())
+    assert said[said.rindex("OVER LIMIT") :].count("elbow_joint") <= 2
+
+
+def test_a_zero_quaternion_is_refused_by_line(run, tmp_path):
+    box = robots.floating_box()
+    q = np.tile(box.neutral, (10, 1))
+    q[6, :4] = 0
+    path = write_positions(tmp_path / "b.csv", box, np.arange(10) * 0.1, q)
+    code, text = run("torques", "floating_box", "--trajectory", path)
+    assert code == 2
+    assert "line 8, column" in text
+    assert "quaternion is zero" in text
+
+
+def test_info_names_a_defect_once(run, tmp_path):
+    text = robots.path_of("planar_2r").read_text()
+    path = tmp_path / "odd.urdf"
+    path.write_text(re.sub(r'ixx="[^"]*"', 'ixx="99"', text, count=1))
+    said = run("info", path, "--inertia", "accept")[1]
+    assert said.count("triangle inequality") == 1
+
+
+def test_lines_break_at_gaps_and_labels_are_the_tables(ur5, motion, tmp_path):
+    pytest.importorskip("matplotlib")
+    from twistwrench.report.plot import _broken, _title
+
+    time, curve = _broken(np.r_[0:5, 20:25] * 1.0, 5.0, np.arange(10.0))
+    assert np.flatnonzero(np.isnan(curve)).tolist() == [5]
+    assert len(time) == 11
+    t, *columns = motion
+    path = write_motion(tmp_path / "m.csv", ur5, t, columns)
+    report = report_of(ur5, path, friction=False, wrenches={"tool0": np.ones(6)})
+    assert _title(report) == "ur5 · m · wrench on tool0 · without friction"
+    assert torque_label(report, 1342.0) == "1342"
+    assert torque_label(report, 1e-9 * report.scale) == "0"

@@ -7,6 +7,7 @@ inside the command that needs it, so that ``--help`` answers at once.
 from __future__ import annotations
 
 import math
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -33,6 +34,43 @@ __all__ = ["main"]
 _FOUND_A_PROBLEM, _BAD_INPUT = 1, 2
 _LONG_FILE = 1 << 23  # bytes from which a progress bar is worth its flicker
 _DEMO = "demo"
+_SHELL_WORDS = (
+    # The library speaks Python; the shell's user knows options.
+    (r"\bPass frame=…, or load with tip=…", "Name one with --tip FRAME"),
+    (r"\b(inertia|mimic)='(\w+)'", r"--\1 \2"),
+    (r"\bfloating_base=True", "--floating-base"),
+    (r"\b(limits|tip|lock|frame)=(?:…|(?=[\s.,;]))", r"--\1"),
+)
+
+
+class _Commands(click.Group):
+    """Commands whose usage errors are one line, as all other errors are."""
+
+    def make_context(self, *args: Any, **options: Any) -> click.Context:
+        with _short_usage():
+            return super().make_context(*args, **options)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _short_usage():
+            return super().invoke(ctx)
+
+
+class _UsageLine(click.ClickException):
+    exit_code = _BAD_INPUT
+
+    def show(self, file: Any = None) -> None:
+        click.echo(f"error: {self.message}", file=file, err=True)
+
+
+@contextmanager
+def _short_usage() -> Iterator[None]:
+    try:
+        yield
+    except click.exceptions.NoArgsIsHelpError:
+        raise
+    except click.UsageError as error:
+        where = f" See {error.ctx.command_path} --help." if error.ctx else ""
+        raise _UsageLine(" ".join(error.format_message().split()) + where) from None
 
 
 @dataclass(frozen=True)
@@ -49,18 +87,45 @@ class RobotOptions:
 
     def load(self) -> Robot:
         """The robot meant: a bundled one by name, or a file by its path."""
+        return self._load()[0]
+
+    def load_and_locked(self) -> tuple[Robot, tuple[str, ...]]:
+        """The robot, and the names of all joints that the options hold still, those that follow them among them."""
+        return self._load()
+
+    @property
+    def file(self) -> str | None:
+        """The robot's file; None of bundled ones."""
+        return self.source if Path(self.source).is_file() else None
+
+    def _load(self) -> tuple[Robot, tuple[str, ...]]:
         make = self._maker()
         options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
         if self.floating_base:  # some bundled robots float of themselves
             options["floating_base"] = True
-        lock = self.lock
-        if self.degrees and lock:
-            # Which locked joints turn and which slide is known only once the robot is.
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ModelWarning)
-                kinds = {b.joint.name: b.joint.kind for b in make(**options).model.bodies}
-            lock = {n: v if kinds.get(n) == "prismatic" else math.radians(v) for n, v in lock.items()}
-        return make(lock=lock, **options)
+        if not self.lock:
+            return make(lock={}, **options), ()
+        # Which locked joints turn and which slide, and their limits, are known only once the robot is.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)
+            free = make(**{**options, "inertia": "accept"}).model
+        kinds = {b.joint.name: b.joint.kind for b in free.bodies}
+        degrees = {n: self.degrees and kinds.get(n) != "prismatic" for n in self.lock}
+        lock = {n: math.radians(v) if degrees[n] else v for n, v in self.lock.items()}
+        robot = make(lock=lock, **options)
+        for b in free.leaders:
+            name = b.joint.name
+            if name in lock and b.joint.nv == 1:
+                low, high = float(free.limits.lower[b.v_index]), float(free.limits.upper[b.v_index])
+                if not low - 1e-9 <= lock[name] <= high + 1e-9:
+                    unit = math.degrees(1.0) if degrees[name] else 1.0
+                    click.echo(
+                        f"note: --lock {name}={self.lock[name]:g} is outside the joint's limits, "
+                        f"{unit * low:.5g} to {unit * high:.5g}.",
+                        err=True,
+                    )
+        moving = {b.joint.name for b in robot.model.bodies}
+        return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
 
     def _maker(self) -> Callable[..., Robot]:
         from . import robots
@@ -99,7 +164,11 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
         **rest: Any,
     ) -> None:
         with _plain_errors():
-            held = dict(_parse_lock(text) for text in lock)
+            held: dict[str, float] = {}
+            for joint, value in map(_parse_lock, lock):
+                if joint in held:
+                    raise ValueRangeError(f"--lock {joint} is given twice. Keep one of them.")
+                held[joint] = value
             function(RobotOptions(source, floating_base, held, tip, mimic, inertia, degrees), **rest)
 
     return command
@@ -110,12 +179,21 @@ def _plain_errors() -> Iterator[None]:
     """Errors of the library end the program with one line on stderr; its warnings are a line each."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelWarning)
-        warnings.showwarning = lambda message, *_args, **_rest: click.echo(f"note: {message}", err=True)
+        warnings.showwarning = lambda message, *_args, **_rest: click.echo(
+            f"note: {_in_shell_words(str(message))}", err=True
+        )
         try:
             yield
         except TwistWrenchError as error:
-            click.echo(f"error: {' '.join(str(error).split())}", err=True)
+            click.echo(f"error: {' '.join(_in_shell_words(str(error)).split())}", err=True)
             sys.exit(_BAD_INPUT)
+
+
+def _in_shell_words(text: str) -> str:
+    """A sentence of the library with keyword arguments as the options they are here."""
+    for pattern, option in _SHELL_WORDS:
+        text = re.sub(pattern, option, text)
+    return text
 
 
 def _parse_lock(text: str) -> tuple[str, float]:
@@ -128,7 +206,7 @@ def _parse_lock(text: str) -> tuple[str, float]:
         raise ValueRangeError(f"lock {text!r} is not JOINT=VALUE, for example gripper=0.02.") from None
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="twistwrench")
 def main() -> None:
     """Robot dynamics from robot files. ROBOT is a path or the name of a bundled robot, such as ur5."""
@@ -178,11 +256,22 @@ def torques(
 ) -> None:
     """Which torques a motion takes, which joint is over its limit, and what causes it.
 
-    Exit code 1 if a limit of torque, velocity or position is passed.
+    Exit code 1 if a limit of torque, velocity or position is passed. UNSURE, where noise reaches over a limit, ends
+    with code 0.
     """
+    from .report.outputs import check_outputs, picture_path
+
     if split and csv_path is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
+    path = _motion_path(motion, options.source)
+    if options.degrees and path != Path(motion):
+        raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
     _check_extra(plot_path)
+    plot_path = None if plot_path is None else picture_path(plot_path)
+    check_outputs(
+        {"--csv": csv_path, "--plot": plot_path},
+        {"--trajectory": path, "--limits": limits_path, "ROBOT": options.file},
+    )
     from .report.derivatives import Differentiation
     from .report.limits_file import read_limits
     from .report.load import LoadedRobot, parse_payload, parse_wrenches
@@ -190,12 +279,12 @@ def torques(
     from .report.torques import analyse
     from .report.trajectory import Trajectory
 
-    robot = options.load()
+    robot, locked = options.load_and_locked()
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
     )
-    trajectory = Trajectory.open(_motion_path(motion, options.source), robot.model, degrees=options.degrees)
+    trajectory = Trajectory.open(path, robot.model, degrees=options.degrees, locked=locked)
     differentiation = Differentiation.plan(trajectory, robot.model, smoothing=smooth)
     if smooth and not differentiation.derives:
         click.echo("note: --smooth changes nothing: the file gives velocities and accelerations.", err=True)
@@ -206,8 +295,8 @@ def torques(
         from .report.plot import plot_report
 
         plot_report(report, plot_path)
-    for path in filter(None, (csv_path, plot_path)):
-        click.echo(f"wrote {path}")
+    for written in filter(None, (csv_path, plot_path)):
+        click.echo(f"wrote {written}")
     if report.excesses:
         sys.exit(_FOUND_A_PROBLEM)
 
@@ -218,7 +307,13 @@ def info(options: RobotOptions) -> None:
     """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
     from .report.info import info_view
 
-    _console().print(info_view(options.load(), degrees=options.degrees))
+    with warnings.catch_warnings(record=True) as remarks:
+        warnings.simplefilter("always", ModelWarning)
+        robot = options.load()
+    for remark in remarks:  # those of the model itself stand below its tree
+        if not any(defect in str(remark.message) for defect in robot.defects):
+            warnings.warn_explicit(remark.message, remark.category, remark.filename, remark.lineno)
+    _console().print(info_view(robot, degrees=options.degrees))
 
 
 @main.command()
@@ -228,7 +323,10 @@ def verify(options: RobotOptions) -> None:
     from .verify import render
     from .verify import verify as checked
 
-    report = checked(options.load())
+    robot = options.load()
+    if robot.nv == 0:
+        raise ValueRangeError(f"nothing to check: {robot.name!r} has no joint that moves; load with --floating-base.")
+    report = checked(robot)
     _console().print(render(report))
     if not report.passed:
         sys.exit(_FOUND_A_PROBLEM)
@@ -239,9 +337,16 @@ def verify(options: RobotOptions) -> None:
 @robot_command
 def payload(options: RobotOptions, **given: Any) -> None:
     """The largest payload held at rest at a pose, the joint that limits it, and the forces the robot can apply."""
+    from .report.outputs import check_outputs, picture_path
     from .statics.command import payload_answer
 
     _check_extra(given["plot_path"])
+    if given["plot_path"] is not None:
+        given["plot_path"] = picture_path(given["plot_path"])
+    check_outputs(
+        {"--csv": given["csv_path"], "--plot": given["plot_path"]},
+        {"--limits": given["limits_path"], "ROBOT": options.file},
+    )
     for part in payload_answer(options.load(), degrees=options.degrees, **given):
         _console().print(part)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -98,6 +98,13 @@ class Model:
         arrays += [frame.pose for frame in self.frames.values()]
         for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
             array.setflags(write=False)  # robots share these, and kernels have them compiled in
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # what is derived is derived again
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # arrays come out of a pickle writable
 
     @cached_property
     def nq(self) -> int:

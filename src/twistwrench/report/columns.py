@@ -41,7 +41,9 @@ class Columns:
     """The columns of each quaternion."""
 
     @classmethod
-    def of(cls, text: str, coordinates: Coordinates, where: str, *, degrees: bool, locked: Sequence[str] = ()) -> Columns:
+    def of(
+        cls, text: str, coordinates: Coordinates, where: str, *, degrees: bool, locked: Sequence[str] = ()
+    ) -> Columns:
         """From the header line; ``where`` begins the errors (:class:`~twistwrench.TrajectoryError`).
 
         Columns of the joints ``locked`` are ignored.

@@ -189,7 +189,7 @@ class Differentiation:
         repeats = np.zeros((len(t), q.shape[1]), bool)
         repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
         repeats &= self.quality.quantum == 0
-        still = np.abs(dq) <= _SURE * self.sigma_dq
+        still = np.asarray(np.abs(dq) <= _SURE * self.sigma_dq)
         for b in self.model.leaders:
             q_here = slice(b.q_index, b.q_index + b.joint.nq)
             here = slice(b.v_index, b.v_index + b.joint.nv)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MissingExtraError, ValueRangeError
-from .findings import JointTorque, TorqueReport
+from .findings import ZERO, JointTorque, TorqueReport
 from .table_file import replacing
-from .tables import cause_label
+from .tables import cause_label, torque_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,22 +93,46 @@ def _save(figure: Any, path: Path) -> None:
 
 def _title(report: TorqueReport) -> str:
     carried = " + ".join(f"{p.mass:g} kg" for p in report.load.payloads)
-    return f"{report.robot} · {Path(report.trajectory).stem}" + (f" · payload {carried}" if carried else "")
+    parts = [report.robot, Path(report.trajectory).stem]
+    parts += [f"payload {carried}"] if carried else []
+    parts += [f"wrench on {', '.join(report.load.wrenches)}"] if report.load.wrenches else []
+    parts += [] if report.load.friction else ["without friction"]
+    return " · ".join(parts)
+
+
+def _broken(time: Array, threshold: float, *curves: Array) -> list[Array]:
+    """The time and curves over it with a nan in every step longer than ``threshold``, where lines then break."""
+    if len(time) < 3 or not math.isfinite(threshold):
+        return [time, *curves]
+    steps = np.diff(time)
+    usual = float(np.median(steps))  # of bins of several rows, that many times the step of time
+    at = np.flatnonzero(steps > max(threshold, usual + threshold if usual > threshold / 2 else 0.0, 1.5 * usual)) + 1
+    return [np.insert(time, at, time[at - 1]), *(np.insert(x, at, np.nan) for x in curves)]
 
 
 def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None:
     joint = report.joints[k]
-    time, least, greatest = (report.envelope[0], report.envelope[1][:, k], report.envelope[2][:, k])
+    size = ZERO * report.scale
+    edges = (np.where(np.abs(x[:, k]) <= size, 0.0, x[:, k]) for x in report.envelope[1:])
+    time, least, greatest = _broken(report.envelope[0], report.gaps.threshold, *edges)
     colour = _OVER if joint.share > 1 else _LINE
     axis.axhline(0, color=_QUIET, linewidth=0.6)
     axis.fill_between(time, least, greatest, color=_LINE, linewidth=0)
     for edge in (least, greatest):  # a band of no width shows as a line
         axis.plot(time, edge, color=_LINE, linewidth=1.0)
-    _frame_limits(axis, joint, float(least.min()), float(greatest.max()))
-    axis.plot(joint.time, joint.peak, "o", color=colour, markersize=4.5, markeredgecolor="white", zorder=5)
+    _frame_limits(axis, joint, float(np.nanmin(least)), float(np.nanmax(greatest)))
+    axis.plot(
+        joint.time,
+        0.0 if report.is_zero(joint.peak) else joint.peak,
+        "o",
+        color=colour,
+        markersize=4.5,
+        markeredgecolor="white",
+        zorder=5,
+    )
     late, up = joint.time > 0.6 * report.end + 0.4 * report.begin, joint.peak >= 0
     axis.annotate(
-        f"{joint.peak:.3g}".replace("-", "−"),
+        torque_label(report, joint.peak),
         (joint.time, joint.peak),
         xytext=(-5 if late else 5, 4 if up else -4),
         textcoords="offset points",
@@ -143,26 +167,31 @@ def _frame_limits(axis: Axes, joint: JointTorque, low: float, high: float) -> No
 def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
     joint, states = report.joints[k], report.around
     terms = {name: values[:, k] for name, values in report.load.terms(states).items()}
-    above, below = np.zeros(len(states)), np.zeros(len(states))
+    time, *parts = _broken(states.time, report.gaps.threshold, *terms.values())
+    terms = dict(zip(terms, parts, strict=True))
+    above, below = np.zeros(len(time)), np.zeros(len(time))
+    lowest = highest = 0.0
     for name, values in terms.items():
-        if np.abs(values).max(initial=0.0) < 1e-9 * abs(joint.peak):
+        if np.nanmax(np.abs(values), initial=0.0) <= ZERO * report.scale:
             continue
         up, down = np.maximum(values, 0.0), np.minimum(values, 0.0)
         style: dict[str, Any] = {"color": _COLOURS[name], "alpha": 0.85, "linewidth": 0}
-        axis.fill_between(states.time, above, above + up, label=cause_label(name), **style)
-        axis.fill_between(states.time, below, below + down, **style)
+        axis.fill_between(time, above, above + up, label=cause_label(name), **style)
+        axis.fill_between(time, below, below + down, **style)
         above, below = above + up, below + down
-    axis.plot(states.time, np.sum(list(terms.values()), axis=0), color="black", linewidth=1.3, label="total")
+        lowest, highest = float(np.nanmin(below)), float(np.nanmax(above))
+    axis.plot(time, np.sum(list(terms.values()), axis=0), color="black", linewidth=1.3, label="total")
     axis.axhline(0, color="#555b63", linewidth=0.7)
     axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
-    _frame_limits(axis, joint, float(below.min()), float(above.max()))
+    _frame_limits(axis, joint, lowest, highest)
     whole = len(states) == report.rows
+    some = not report.is_zero(joint.peak)
     axis.set_title(
-        f"{joint.joint}: what its torque is made of{'' if whole else ', around its peak'}",
+        f"{joint.joint}: {'what its torque is made of' if some else 'no torque to give'}{'' if whole else ', around its peak'}",
         loc="left",
         fontweight="bold",
     )
-    peak = f"peak {joint.peak:.4g} {joint.unit} at {joint.time:.3f} s".replace("-", "−")
+    peak = f"peak {torque_label(report, joint.peak)} {joint.unit} at {joint.time:.3f} s"
     axis.set_title(peak, loc="right", color=_QUIET, fontsize=8)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("force [N]" if joint.unit == "N" else "torque [N m]")

@@ -20,6 +20,9 @@ __all__ = ["best_strength", "margin_of", "smooth"]
 
 _STRENGTHS = 10.0 ** np.arange(-1.0, 15.01, 0.5)
 _MOST_MARGIN = 16384
+_FAR, _NEAR, _REACH, _FEW = 6.0, 10.0, 5, 0.01
+"""A glitch is that many standard deviations off the curve of strength ``_NEAR``, more than ``_REACH`` samples on either
+side are, and there are few: else it is the motion that is fast."""
 _DECAY = 28.0
 """exp(-28) < 1e-12: what is left of a sample's influence beyond the margin."""
 
@@ -64,6 +67,7 @@ def best_strength(times: Sequence[Array], parts: Sequence[Array], noise: float, 
     if noise == 0.0:
         return 0.0
     best, least = 0.0, 2.0 * noise**2
+    parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
     for strength in _STRENGTHS:
         if margin_of(float(strength)) > _MOST_MARGIN:
             break
@@ -73,6 +77,22 @@ def best_strength(times: Sequence[Array], parts: Sequence[Array], noise: float, 
         if risk < least:
             best, least = float(strength), risk
     return best
+
+
+def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
+    """The column with lone samples far off replaced by what lies between their neighbours.
+
+    One glitch shall not keep its whole column from being smoothed.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    for _ in range(2):
+        size = np.abs(x - smooth(t, x, _NEAR, step))
+        far = (size > _FAR * noise) & (size >= maximum_filter1d(size, 2 * _REACH + 1, mode="nearest"))
+        if not 0 < np.count_nonzero(far) <= max(2, _FEW * len(x)):
+            break
+        x = np.where(far, np.interp(t, t[~far], x[~far]), x)
+    return x
 
 
 def _passed(strength: float) -> float:

@@ -23,7 +23,8 @@ _LEAST_SEEN = 0.02
 grid for hundreds of samples shows only so much of it."""
 _GRID_STEPS = 1.5
 """Most that rounding by half a grid step makes of a difference whose weights have unit norm: √(m+1)/2, order m ≤ 8."""
-_FEW, _ROUNDS = 0.02, 20
+_FEW, _TWO_GLITCHES, _ROUNDS = 0.02, 18, 20
+"""Residuals that may be left out: a share of many, of few those that two glitches spoil at the highest order."""
 _FEWEST_MARKS = 30
 """Places where a column must not move as a parabola does for its grid to be one: kinks of planned motions are fewer."""
 
@@ -112,13 +113,14 @@ def _deviation(residuals: Array, floor: Array) -> Array:
     squares = residuals**2
     found = whole = np.mean(squares, axis=0)
     many = np.zeros(found.shape, bool)
+    few = max(_FEW * len(residuals), min(_TWO_GLITCHES, len(residuals) / 8))
     for _ in range(_ROUNDS):
         kept = squares <= np.maximum(25.0 * found, floor**2)
         if kept.all():
             break
         found = np.where(kept, squares, 0.0).sum(axis=0) / np.maximum(1, kept.sum(axis=0))
         # Where many would go they are no glitches: the noise is of two sizes, and the motion's accuracy that of both.
-        many |= kept.mean(axis=0) < 1.0 - _FEW
+        many |= (~kept).sum(axis=0) > few
         found = np.where(many, whole, found)
     return np.asarray(np.sqrt(found))
 

@@ -17,7 +17,7 @@ from .coordinates import Coordinates
 from .findings import Excess, JointTorque, TorqueReport
 from .load import TERMS
 
-__all__ = ["cause_label", "notes", "report_view", "verdict"]
+__all__ = ["cause_label", "notes", "report_view", "torque_label", "verdict"]
 
 _LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 _BAR = 12
@@ -90,7 +90,9 @@ def _peaks(report: TorqueReport) -> Table:
     for j in report.joints:
         spread = [f"{j.uncertainty:.2g}"] if unsure else []
         limit = f"{j.limit:.4g}" if math.isfinite(j.limit) else "none"
-        table.add_row(*_cells(report, j), _torque(report, j.peak), *spread, _number(j.rms), limit, _bar(j), f"{j.time:.3f}")
+        table.add_row(
+            *_cells(report, j), torque_label(report, j.peak), *spread, _number(j.rms), limit, _bar(j), f"{j.time:.3f}"
+        )
     return table
 
 
@@ -111,7 +113,9 @@ def _split(report: TorqueReport) -> Table:
     for j in report.joints:
         main, share = j.main_cause
         some = not report.is_zero(j.peak)
-        cells = [Text(_torque(report, j.terms[term]), style="bold" if term == main and some else "") for term in shown]
+        cells = [
+            Text(torque_label(report, j.terms[term]), style="bold" if term == main and some else "") for term in shown
+        ]
         table.add_row(*_cells(report, j), *cells, f"{cause_label(main)} {100 * share:.0f} %" if some else "–")
     return table
 
@@ -195,7 +199,11 @@ def _stray_notes(report: TorqueReport) -> Iterator[str]:
     shown = []
     for s in report.strays[:_MOST_LISTED]:
         place = int(d.places[s.column])
-        size = s.sigmas * d.spread[s.column] / d.trajectory.columns.factors["dq" if d.source == "velocities" else "q"][s.column]
+        size = (
+            s.sigmas
+            * d.spread[s.column]
+            / d.trajectory.columns.factors["dq" if d.source == "velocities" else "q"][s.column]
+        )
         count = f", {s.count} samples, the farthest" if s.count > 1 else ""
         shown.append(
             f"{d.trajectory.columns.header[place]}{count} at t = {s.time:.4f} s off by {size:.3g} "
@@ -258,7 +266,7 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
     if late := [j.joint for j in report.joints if report.at_an_end(j)]:
         yield (
             f"The peak of {', '.join(late)} lies at an end of the log, where derived accelerations are several times "
-            "as uncertain as ± says, for want of neighbours. Log a little more before and after."
+            "as uncertain as ± 1σ says, for want of neighbours. Log a little more before and after."
         )
     if not d.strengths.any() and any(j.uncertainty > _NOISY * report.reference(j) for j in report.joints):
         yield (
@@ -288,7 +296,9 @@ def verdict(report: TorqueReport) -> Text:
         rest = [f"{joint} ({', '.join(kinds)})" for joint, kinds in others.items() if kinds]
         also = f"; also {', '.join(rest[:3])}" + (" and more" if len(rest) > 3 else "") if rest else ""
         doubt = ""
-        if all(x.kind == "effort" and abs(x.value) - report.reach(by_name[x.joint]) <= x.limit for x in report.excesses):
+        if all(
+            x.kind == "effort" and abs(x.value) - report.reach(by_name[x.joint]) <= x.limit for x in report.excesses
+        ):
             doubt = f", by less than its noise (± {report.reach(by_name[e.joint]):.2g} {e.unit})"
         return Text.assemble(("OVER LIMIT", "bold red"), f": {text}{doubt}{also}.")
     limited = [j for j in report.joints if math.isfinite(j.limit)]
@@ -318,7 +328,8 @@ def verdict(report: TorqueReport) -> Text:
     )
 
 
-def _torque(report: TorqueReport, value: float) -> str:
+def torque_label(report: TorqueReport, value: float) -> str:
+    """A torque with four digits; 0 for what is but rounding of the others."""
     return "0" if report.is_zero(value) else _number(value)
 
 
