@@ -174,3 +174,13 @@ def test_wrong_shapes_are_explained(monkeypatch, arguments, told, jit):
         robot.inverse_dynamics(*arguments)
     with pytest.raises((TypeError, ValueError)):  # the bare kernel refuses as well, in NumPy's words
         robot.kernel("inverse_dynamics")(*arguments)
+
+
+def test_labelled_wrenches_bring_their_frame(bundled):
+    arm, q, F = bundled("planar_2r"), [0.3, 0.4], [0, 0, 1, 2, 3, 0]
+    expected = arm.wrench_torques(q, F, frame="tip")
+    assert np.array_equal(arm.wrench_torques(q, tw.Wrench(F, "tip")), expected)
+    held = arm.holding_torques(q, wrench_by_robot={"tip": tw.Wrench(F, "tip")})
+    assert np.allclose(held - arm.gravity_forces(q), expected)
+    with pytest.raises(tw.FrameError, match="'link1'.*'tip'"):
+        arm.holding_torques(q, wrench_by_robot={"tip": tw.Wrench(F, "link1")})

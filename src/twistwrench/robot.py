@@ -16,14 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import quantities
 from .bodies.inertia import SpatialInertia
-from .errors import ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
+from .errors import FrameError, ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
 from .model import configuration, edit
 from .model.model import Limits, Model
 from .model.snap import DEFAULT_SNAP
 from .program.program import Program
+from .screws.wrench import Wrench
 
 Array = NDArray[Any]
-Wrenches = Mapping[str, ArrayLike]
+Wrenches = Mapping[str, ArrayLike | Wrench]
 
 __all__ = ["Robot", "from_screws", "load"]
 
@@ -487,9 +488,15 @@ class Robot:
     # ── statics ──
 
     def wrench_torques(
-        self, q: ArrayLike, wrench_by_robot: ArrayLike, frame: str | None = None, *, out: Array | None = None
+        self, q: ArrayLike, wrench_by_robot: ArrayLike | Wrench, frame: str | None = None, *, out: Array | None = None
     ) -> Array:
-        """J_b' F alone, for a wrench the robot applies at the frame (None: the tip); (nq), (6) → (nv). MR eq. 5.26."""
+        """J_b' F alone, for a wrench the robot applies at the frame (None: the tip); (nq), (6) → (nv). MR eq. 5.26.
+
+        A labelled wrench brings its own frame; a label that says otherwise is a FrameError.
+        """
+        if isinstance(wrench_by_robot, Wrench):
+            frame = wrench_by_robot.frame if frame is None else frame
+            wrench_by_robot = self._wrench(frame, wrench_by_robot)
         return self._call("wrench_torques", q, wrench_by_robot, frame=frame, out=out)
 
     def holding_torques(
@@ -546,8 +553,15 @@ class Robot:
         frames = sorted(total)  # whatever the order they were given in, one kernel
         return self._call(name, *arrays, *(total[f] for f in frames), out=out, wrenches=tuple(frames))
 
-    def _wrench(self, frame: str, F: ArrayLike) -> Array:
+    def _wrench(self, frame: str, F: ArrayLike | Wrench) -> Array:
         self.model.frame(frame)
+        if isinstance(F, Wrench):
+            if F.frame != frame:
+                raise FrameError(
+                    f"a wrench in {F.frame!r} was given for frame {frame!r}: move it first, T @ F with "
+                    f"T = Pose(…, to={frame!r}, of={F.frame!r})."
+                )
+            F = F.values
         array = _numbers("wrench", **{f"the one at {frame!r}": F})[0]
         if array.shape[-1:] != (6,):
             raise ShapeError(
