@@ -182,5 +182,5 @@ def test_labelled_wrenches_bring_their_frame(bundled):
     assert np.array_equal(arm.wrench_torques(q, tw.Wrench(F, "tip")), expected)
     held = arm.holding_torques(q, wrench_by_robot={"tip": tw.Wrench(F, "tip")})
     assert np.allclose(held - arm.gravity_forces(q), expected)
-    with pytest.raises(tw.FrameError, match="'link1'.*'tip'"):
+    with pytest.raises(tw.FrameError, match=r"'link1'.*'tip'"):
         arm.holding_torques(q, wrench_by_robot={"tip": tw.Wrench(F, "link1")})
