@@ -361,3 +361,11 @@ def test_the_gain_of_noise_is_that_of_random_noise():
         t = np.arange(30000) * 1e-2
         second = spline_rates(t, smooth(t, rng.normal(size=30000), strength, 1e-2)[:, None])[1][200:-200]
         assert noise_gain(2, strength, 1e-2) == pytest.approx(second.std(), rel=0.05)
+
+
+@pytest.mark.parametrize("rows", [200, 5000])
+def test_one_glitch_is_no_noise(rows):
+    t = np.arange(rows) * 0.01
+    x = 0.3 * np.sin(t) + 1e-3 * np.random.default_rng(8).normal(size=rows)
+    x[rows // 3] += 0.5
+    assert noise([t], [x[:, None]])[0] == pytest.approx(1e-3, rel=0.2)

@@ -14,12 +14,13 @@ from click.testing import CliRunner
 
 from motions import LOAD, SLED, report_of, rough_motion, write_motion, write_positions
 from twistwrench import load, robots
-from twistwrench.cli import _in_shell_words, main
+from twistwrench.cli import main
 from twistwrench.errors import ModelWarning, TwistWrenchError, ValueRangeError
 from twistwrench.report.limits_file import read_limits
 from twistwrench.report.load import TERMS, parse_payload, parse_wrenches
 from twistwrench.report.table_file import replacing
 from twistwrench.report.tables import torque_label
+from twistwrench.report.usage import in_shell_words
 
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"
 
@@ -366,7 +367,7 @@ def test_the_bundled_motion_is_the_one_its_comments_describe():
 TEN_MILLION = """
 import pathlib, re, sys
 from click.testing import CliRunner
-from twistwrench.cli import _in_shell_words, main
+from twistwrench.cli import main
 result = CliRunner().invoke(main, ["torques", "panda", "--trajectory", sys.argv[1]])
 print(result.output)
 # Not ru_maxrss: that starts from the size of the process that forked this one.
@@ -529,7 +530,7 @@ def test_errors_speak_of_the_shells_options():
         ("Pass frame=…, or load with tip=….", "Name one with --tip FRAME."),
         ("the name that floating_base=True gives", "the name that --floating-base gives"),
     ):
-        assert said in _in_shell_words(text)
+        assert said in in_shell_words(text)
 
 
 def test_a_payload_on_the_base_and_a_limit_of_none_are_noted_once(run, motion_file, tmp_path):
@@ -581,3 +582,12 @@ def test_lines_break_at_gaps_and_labels_are_the_tables(ur5, motion, tmp_path):
     assert _title(report) == "ur5 · m · wrench on tool0 · without friction"
     assert torque_label(report, 1342.0) == "1342"
     assert torque_label(report, 1e-9 * report.scale) == "0"
+
+
+def test_rounding_is_printed_as_no_torque_and_raises_no_alarm(run, ur5, tmp_path):
+    t = np.arange(300) * 0.01
+    q = np.tile([0.0, -1.0, 1.0, 0, 0, 0], (300, 1))
+    path = write_positions(tmp_path / "m.csv", ur5, t, q + 1e-14 * np.random.default_rng(2).normal(size=q.shape))
+    said = run("torques", "ur5", "--trajectory", path)[1]
+    assert "Try --smooth" not in said
+    assert re.search(r"shoulder_pan_joint .* –", said.split("made of")[1])

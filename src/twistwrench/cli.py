@@ -7,7 +7,6 @@ inside the command that needs it, so that ``--help`` answers at once.
 from __future__ import annotations
 
 import math
-import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .errors import MissingExtraError, ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from .report.usage import Commands, in_shell_words
 from .sensing.command import sensor_group
 from .statics.command import payload_options
 
@@ -34,43 +34,6 @@ __all__ = ["main"]
 _FOUND_A_PROBLEM, _BAD_INPUT = 1, 2
 _LONG_FILE = 1 << 23  # bytes from which a progress bar is worth its flicker
 _DEMO = "demo"
-_SHELL_WORDS = (
-    # The library speaks Python; the shell's user knows options.
-    (r"\bPass frame=…, or load with tip=…", "Name one with --tip FRAME"),
-    (r"\b(inertia|mimic)='(\w+)'", r"--\1 \2"),
-    (r"\bfloating_base=True", "--floating-base"),
-    (r"\b(limits|tip|lock|frame)=(?:…|(?=[\s.,;]))", r"--\1"),
-)
-
-
-class _Commands(click.Group):
-    """Commands whose usage errors are one line, as all other errors are."""
-
-    def make_context(self, *args: Any, **options: Any) -> click.Context:
-        with _short_usage():
-            return super().make_context(*args, **options)
-
-    def invoke(self, ctx: click.Context) -> Any:
-        with _short_usage():
-            return super().invoke(ctx)
-
-
-class _UsageLine(click.ClickException):
-    exit_code = _BAD_INPUT
-
-    def show(self, file: Any = None) -> None:
-        click.echo(f"error: {self.message}", file=file, err=True)
-
-
-@contextmanager
-def _short_usage() -> Iterator[None]:
-    try:
-        yield
-    except click.exceptions.NoArgsIsHelpError:
-        raise
-    except click.UsageError as error:
-        where = f" See {error.ctx.command_path} --help." if error.ctx else ""
-        raise _UsageLine(" ".join(error.format_message().split()) + where) from None
 
 
 @dataclass(frozen=True)
@@ -180,20 +143,13 @@ def _plain_errors() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelWarning)
         warnings.showwarning = lambda message, *_args, **_rest: click.echo(
-            f"note: {_in_shell_words(str(message))}", err=True
+            f"note: {in_shell_words(str(message))}", err=True
         )
         try:
             yield
         except TwistWrenchError as error:
-            click.echo(f"error: {' '.join(_in_shell_words(str(error)).split())}", err=True)
+            click.echo(f"error: {' '.join(in_shell_words(str(error)).split())}", err=True)
             sys.exit(_BAD_INPUT)
-
-
-def _in_shell_words(text: str) -> str:
-    """A sentence of the library with keyword arguments as the options they are here."""
-    for pattern, option in _SHELL_WORDS:
-        text = re.sub(pattern, option, text)
-    return text
 
 
 def _parse_lock(text: str) -> tuple[str, float]:
@@ -206,7 +162,7 @@ def _parse_lock(text: str) -> tuple[str, float]:
         raise ValueRangeError(f"lock {text!r} is not JOINT=VALUE, for example gripper=0.02.") from None
 
 
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="twistwrench")
 def main() -> None:
     """Robot dynamics from robot files. ROBOT is a path or the name of a bundled robot, such as ur5."""

@@ -195,7 +195,7 @@ class Differentiation:
             here = slice(b.v_index, b.v_index + b.joint.nv)
             arithmetic = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_here]).max(axis=1, initial=0.0) / step
             still[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
-            still[:, here] |= repeats[:, q_here].all(axis=1)[:, None]
+            still[:, here] |= repeats[:, q_here].all(axis=1, keepdims=True)
         return still
 
     def _smoothed(self, t: Array, x: Array) -> Array:

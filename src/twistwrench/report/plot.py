@@ -185,9 +185,10 @@ def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
     axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
     _frame_limits(axis, joint, lowest, highest)
     whole = len(states) == report.rows
+    part = "" if whole else f" around its peak, t = {time[0]:.4g} to {time[-1]:.4g} s"
     some = not report.is_zero(joint.peak)
     axis.set_title(
-        f"{joint.joint}: {'what its torque is made of' if some else 'no torque to give'}{'' if whole else ', around its peak'}",
+        f"{joint.joint}: {'what its torque is made of' if some else 'no torque to give'}{part}",
         loc="left",
         fontweight="bold",
     )
