@@ -258,3 +258,30 @@ def test_vectors_of_the_wrong_shape():
 def test_a_point_has_no_angular_acceleration():
     with pytest.raises(tw.SingularMassMatrixError, match="no inertia about"):
         RigidBody(SpatialInertia.from_com(1.0)).acceleration(np.zeros(6), np.ones(6))
+
+
+def test_labels_of_two_frames_and_wrong_kinds_are_refused():
+    body = tw.RigidBody(tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
+    V, dV = np.arange(6.0), np.ones(6)
+    labelled = body.wrench(tw.Twist(V, "b"), tw.Twist(dV, "b"))
+    assert np.array_equal(labelled, body.wrench(V, dV))
+    with pytest.raises(tw.FrameError, match="V in 'b', dV in 'c'"):
+        body.wrench(tw.Twist(V, "b"), tw.Twist(dV, "c"))
+    with pytest.raises(tw.FrameError, match="F is a Wrench, not a Twist"):
+        body.acceleration(V, tw.Twist(dV, "b"))
+
+
+def test_poses_and_moments_that_are_none_are_refused():
+    G = tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2)
+    stretched = np.diag([1.1, 1.1, 1.1, 1.0])
+    for use in (G.in_frame, tw.RigidBody(G).weight):
+        with pytest.raises(tw.ValueRangeError, match="not a rotation"):
+            use(stretched)
+    with pytest.raises(tw.InertiaError, match="not symmetric"):
+        tw.SpatialInertia.from_com(1, (0, 0, 0), [[1, 0.2, 0], [0, 1, 0], [0, 0, 1]])
+
+
+def test_a_point_mass_far_from_the_origin_is_no_defect():
+    rng = np.random.default_rng(0)
+    for mass, com in zip(rng.uniform(1, 1000, 2000), rng.normal(0, 10, (2000, 3)), strict=True):
+        assert tw.SpatialInertia.from_com(mass, com).defects() == []

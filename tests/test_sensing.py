@@ -412,3 +412,18 @@ def test_false_alarms_come_as_often_as_stated():
         contact.CollisionThreshold.of_residuals(noise[:5])
     with pytest.raises(tw.ValueRangeError, match="one in a million"):
         contact.CollisionThreshold.of_noise(NOISE, 0.0)
+
+
+def test_poses_are_proposed_for_the_gravity_that_is_there():
+    here, moon = tw.sensing.propose_poses(6), tw.sensing.propose_poses(6, gravity=1.62)
+    assert np.allclose(np.linalg.norm(moon.gravity, axis=-1), 1.62)
+    assert np.isclose(moon.mass_deviation[-1] / here.mass_deviation[-1], 9.81 / 1.62, rtol=0.05)
+
+
+def test_a_collision_threshold_errs_on_the_safe_side():
+    threshold = tw.sensing.CollisionThreshold.of_noise((0.01, 0.3))
+    assert threshold(np.full(6, np.nan)) and not threshold(np.zeros(6))
+    noise = np.random.default_rng(0).normal(size=(40, 6))
+    noise[:, 4] = 0.0
+    with pytest.raises(tw.ValueRangeError, match="fy never changes"):
+        tw.sensing.CollisionThreshold.of_residuals(noise)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InertiaError, ShapeError
-from ..lie import so3
+from ..lie import checks, so3
 from . import mesh as meshes
 from . import parameters as forms
 from . import solids
@@ -58,6 +58,10 @@ class SpatialInertia:
         I = np.zeros((3, 3)) if moment_about_com is None else np.asarray(moment_about_com, float)
         if c.shape != (3,) or I.shape != (3, 3):
             raise ShapeError(f"com has shape {c.shape} and moment_about_com {I.shape}, expected (3,) and (3, 3).")
+        if not (gap := float(np.abs(I - I.T).max())) <= 1e-9 * float(np.abs(I).max()) and np.isfinite(I).all():
+            raise InertiaError(
+                f"moment_about_com is not symmetric: entries that should be equal differ by {gap:.3g} kg m²."
+            )
         I = I - mass * so3.hat(c) @ so3.hat(c)  # Steiner: I_o = I_com - m [c]^2
         return cls.from_parameters([mass, *(mass * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
@@ -149,6 +153,8 @@ class SpatialInertia:
     def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
         """The same body's inertia in {a}, when this one is in {b}: G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks."""
         T = np.asarray(T_ab)
+        if T.dtype != object:
+            T = checks.pose(T)
         R, p, m = T[:3, :3], T[:3, 3], self.mass
         h = R @ self.first_moment
         u = h + 0.5 * m * p
@@ -204,7 +210,8 @@ class SpatialInertia:
                 return ["zero mass but nonzero inertia or first moment"]
             return []
         A, B, C = (float(x) for x in self.principal()[0])
-        slack = 1e-6 * abs(A + B + C) + 1e-12
+        # Moments about a far origin lose digits on their way to the centre of mass.
+        slack = 1e-6 * abs(A + B + C) + 1e-12 + 2e-15 * abs(self.moment_about_origin.trace())
         found = []
         if -slack > A:
             found.append(f"negative principal moment {A:.6g} kg m² (moments {A:.6g}, {B:.6g}, {C:.6g})")

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InertiaError, ShapeError, SingularMassMatrixError
-from ..lie import so3
+from ..errors import FrameError, InertiaError, ShapeError, SingularMassMatrixError
+from ..lie import checks, so3
+from ..screws.twist import Twist
+from ..screws.wrench import Wrench
 from .flight import Flight, WrenchLaw, fly
 from .inertia import SpatialInertia
 
@@ -28,8 +30,8 @@ class RigidBody:
     """A body that can exist, and F = G V̇ − ad(V)ᵀ G V in any frame fixed to it.
 
     Twists, accelerations and wrenches (..., 6) are the body's in the frame of ``inertia``, angular part first, in rad/s, m/s,
-    N m and N; all methods take any batch shape and broadcast. An inertia that no body has is an
-    :class:`~twistwrench.InertiaError`.
+    N m and N; all methods take any batch shape and broadcast. Labelled ones are taken too, if their frames agree. An
+    inertia that no body has is an :class:`~twistwrench.InertiaError`.
 
     >>> from twistwrench import SpatialInertia
     >>> body = RigidBody(SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
@@ -96,6 +98,7 @@ class RigidBody:
         T, g = np.asarray(T_sb), np.asarray(gravity)
         if T.shape[-2:] != (4, 4) or g.shape[-1:] != (3,):
             raise ShapeError(f"T_sb has shape {T.shape} and gravity {g.shape}, expected (..., 4, 4) and (..., 3).")
+        T = checks.pose(T)
         f = (np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None])[..., 0]
         return np.concatenate([so3.cross(self.inertia.first_moment, f), self.inertia.mass * f], axis=-1)
 
@@ -148,7 +151,7 @@ class RigidBody:
 
     def _by_rows(self, law: Callable[..., Array], **vectors: ArrayLike) -> Array:
         """Apply ``law(G, *columns)`` to (..., 6) arrays, some thousand rows at a time as contiguous (6, n) columns."""
-        arrays = [_rows(name, x) for name, x in vectors.items()]
+        arrays = [_rows(name, x) for name, x in _unlabelled(vectors).items()]
         dtype = np.result_type(*arrays)
         G = self._matrix.astype(dtype)
         try:
@@ -162,6 +165,23 @@ class RigidBody:
         for i in range(0, len(out), ROWS):
             out[i : i + ROWS] = law(G, *(np.ascontiguousarray(x[i : i + ROWS].T) for x in flat)).T
         return out.reshape(shape)
+
+
+_LABELS = {"V": Twist, "dV": Twist, "F": Wrench}
+
+
+def _unlabelled(vectors: dict[str, Any]) -> dict[str, Any]:
+    """The numbers of labelled twists and wrenches, once their kinds and frames are found to agree."""
+    frames: dict[str, str] = {}
+    for name, x in vectors.items():
+        if isinstance(x, Twist | Wrench):
+            if not isinstance(x, _LABELS.get(name, Twist)):
+                raise FrameError(f"{name} is a {_LABELS[name].__name__}, not a {type(x).__name__}.")
+            frames[name] = x.frame
+    if len(set(frames.values())) > 1:
+        listed = ", ".join(f"{name} in {frame!r}" for name, frame in frames.items())
+        raise FrameError(f"{listed}: a body's equations hold in one frame. Move one first, with a Pose between them.")
+    return {name: x.values if name in frames else x for name, x in vectors.items()}
 
 
 def _rows(name: str, x: ArrayLike, n: int = 6) -> Array:

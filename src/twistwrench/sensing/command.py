@@ -224,7 +224,7 @@ def _poses(plain: Callable[..., Any]) -> click.Command:
         if not (mass > 0 and math.isfinite(mass)):
             raise ValueRangeError(f"--mass {mass!r} is no mass. Give about how many kilograms the load has.")
         past = None if log is None else _read(log, gravity)
-        proposal = propose_poses(count, log=past, within=math.radians(within), noise=_noise(noise))
+        proposal = propose_poses(count, log=past, within=math.radians(within), noise=_noise(noise), gravity=gravity)
         quat = quaternion.from_matrix(proposal.rotations)
         console.print(proposal_view(proposal, quat, mass))
         unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)

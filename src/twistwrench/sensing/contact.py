@@ -94,7 +94,7 @@ class CollisionThreshold:
 
         _check_rate(false_alarms)
         sigma = np.asarray(noise, float)
-        if sigma.shape != (2,) or not (sigma > 0).all():
+        if sigma.shape != (2,) or not ((sigma > 0) & np.isfinite(sigma)).all():
             raise ValueRangeError(f"noise {noise!r} is not two positive numbers: of moments [N m] and of forces [N].")
         return cls(np.zeros(6), np.diag(np.repeat(sigma, 3) ** 2), float(special.chdtri(6, false_alarms)), false_alarms)
 
@@ -115,17 +115,28 @@ class CollisionThreshold:
             raise ValueRangeError(
                 f"{n} residuals say too little of the noise. Give at least 8 finite readings at rest."
             )
+        spread = np.cov(r.T)
+        scale = np.sqrt(np.diag(spread))
+        if not (scale > 0).all() or np.linalg.matrix_rank(spread / np.outer(scale, scale), tol=1e-9) < 6:
+            dead = [name for name, s in zip(("mx", "my", "mz", "fx", "fy", "fz"), scale, strict=True) if s == 0]
+            why = f"{', '.join(dead)} never changes" if dead else "some axes always change together"
+            raise ValueRangeError(
+                f"these residuals are no noise of six axes: {why}. Check the sensor's wiring, or use of_noise."
+            )
         factor = 6 * (n + 1) * (n - 1) / (n * (n - 6))
         limit = factor * float(special.fdtri(6, n - 6, 1 - false_alarms))
-        return cls(r.mean(axis=0), np.cov(r.T), limit, false_alarms)
+        return cls(r.mean(axis=0), spread, limit, false_alarms)
 
     def __call__(self, compensated: ArrayLike) -> Array:
-        """Whether each compensated reading (..., 6) is a contact."""
-        return np.asarray(self.distance(compensated) > self.limit)
+        """Whether each compensated reading (..., 6) is a contact; one that is no number counts as one, to be safe."""
+        return ~np.asarray(self.distance(compensated) <= self.limit)
 
     def distance(self, compensated: ArrayLike) -> Array:
         """Squared Mahalanobis distance (...,) of compensated readings (..., 6)."""
-        r = np.asarray(compensated, float) - self.middle
+        given = np.asarray(compensated, float)
+        if given.shape[-1:] != (6,):
+            raise ShapeError(f"compensated readings have shape {given.shape}, expected (..., 6): (m, f).")
+        r = given - self.middle
         return np.asarray((r * np.linalg.solve(self.covariance, r[..., None])[..., 0]).sum(-1))
 
     @property

@@ -43,12 +43,13 @@ def propose_poses(
     candidates: ArrayLike | None = None,
     within: float = math.pi,
     noise: tuple[float, float] = (0.01, 0.3),
+    gravity: float = float(np.linalg.norm(GRAVITY)),
 ) -> PoseProposal:
     """The next ``count`` orientations for a static identification, D-optimal one by one, after those of ``log``.
 
     ``candidates`` (n, 3) are gravity directions in {f} to choose from, by default 400 spread evenly;
     ``within`` [rad] keeps those that tilt the tool by no more than that from upright (gravity along -z of {f}).
-    ``noise`` is the standard deviation of moments [N m] and forces [N].
+    ``noise`` is the standard deviation of moments [N m] and forces [N], ``gravity`` the size of gravity there [m/s²].
     Raises :class:`~twistwrench.ValueRangeError` if there is nothing to choose from.
     Source: Fedorov, "Theory of Optimal Experiments", 1972: det(M + A'A) = det M · det(1 + A M⁻¹ A').
 
@@ -63,8 +64,9 @@ def propose_poses(
         raise ValueRangeError(f"noise {noise!r} is not two positive numbers: of moments [N m] and of forces [N].")
     directions = _choices(candidates, within)
     unknowns, weight = Unknowns(), (1.0 / np.repeat(sigma, 3))[:, None]
-    size = float(np.linalg.norm(GRAVITY))
-    rows = _design(size * directions, unknowns) * weight
+    if not (gravity > 0 and math.isfinite(gravity)):
+        raise ValueRangeError(f"gravity {gravity!r} is no size of gravity. Give it in m/s², such as 9.81.")
+    rows = _design(gravity * directions, unknowns) * weight
     information = np.diag(1.0 / (_BELIEF * unknowns.scales) ** 2)
     if log is not None:
         past = _design(log.gravity, unknowns) * weight
@@ -79,10 +81,10 @@ def propose_poses(
         information = information + rows[best].T @ rows[best]
         known = np.sqrt(np.diag(np.linalg.inv(information)))[unknowns.load]
         deviations.append((known[0], known[1:].max()))
-    gravity = size * directions[chosen]
+    pulls = gravity * directions[chosen]
     spread = np.array(deviations)
     spread[spread > 10.0] = math.inf  # still only what was believed
-    return PoseProposal(gravity, rotations_to_gravity(gravity), spread[:, 0], spread[:, 1])
+    return PoseProposal(pulls, rotations_to_gravity(pulls), spread[:, 0], spread[:, 1])
 
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:
