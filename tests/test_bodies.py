@@ -285,3 +285,14 @@ def test_a_point_mass_far_from_the_origin_is_no_defect():
     rng = np.random.default_rng(0)
     for mass, com in zip(rng.uniform(1, 1000, 2000), rng.normal(0, 10, (2000, 3)), strict=True):
         assert tw.SpatialInertia.from_com(mass, com).defects() == []
+
+
+@pytest.mark.parametrize(
+    "wrong", [np.arange(36.0).reshape(6, 6), np.diag([3.7, 3.7, 3.7, 0.01, 0.02, 0.03]), np.full((6, 6), np.nan)]
+)
+def test_a_matrix_without_the_form_of_an_inertia_is_refused(wrong):
+    with pytest.raises(tw.InertiaError, match="no spatial inertia"):
+        SpatialInertia.from_matrix(wrong)
+    lists = tw.robots.planar_2r().screws
+    with pytest.raises(tw.InertiaError, match="link2: no spatial inertia"):
+        tw.from_screws(lists.M, lists.Slist, lists.Mlist, [lists.Glist[0], wrong])

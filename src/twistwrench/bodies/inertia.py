@@ -67,13 +67,20 @@ class SpatialInertia:
 
     @classmethod
     def from_matrix(cls, G: ArrayLike) -> SpatialInertia:
-        """From the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]]."""
+        """From the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]]; an InertiaError if it has not that form."""
         G = np.asarray(G, float)
         if G.shape != (6, 6):
             raise ShapeError(f"a spatial inertia matrix has shape (6, 6), got {G.shape}.")
         h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
         I = 0.5 * (G[:3, :3] + G[:3, :3].T)
-        return cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+        found = cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+        gap = float(np.abs(found.matrix - G).max())
+        if not gap <= 1e-6 * float(np.abs(G).max()):
+            raise InertiaError(
+                f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by {gap:.3g}. Is its "
+                "linear part first? Then swap the blocks."
+            )
+        return found
 
     @classmethod
     def zero(cls) -> SpatialInertia:

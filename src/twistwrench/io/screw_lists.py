@@ -128,15 +128,11 @@ def from_screws(
 
 
 def _link_inertia(G: Array, link: str) -> SpatialInertia:
-    """The inertia of a 6×6 matrix that has the form of one, [[I, m[c]], [-m[c], m 1]]."""
-    inertia = SpatialInertia.from_matrix(G)
-    gap = float(np.abs(inertia.matrix - G).max())
-    if not gap <= 1e-6 * float(np.abs(G).max()):
-        raise InertiaError(
-            f"the matrix of {link} is no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: it is off by "
-            f"{gap:.3g}. Is its linear part first? Then swap the blocks."
-        )
-    return inertia
+    """The inertia of a link's 6×6 matrix; errors name the link."""
+    try:
+        return SpatialInertia.from_matrix(G)
+    except InertiaError as problem:
+        raise InertiaError(f"{link}: {problem}") from None
 
 
 def _check_unit(S: Array, i: int, joint: str) -> None:
