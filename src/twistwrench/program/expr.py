@@ -89,6 +89,10 @@ class Expr:
         """Square root; what ``np.sqrt`` calls."""
         return self.trace.sqrt(self)
 
+    def exp(self) -> Expr:
+        """e to its power; what ``np.exp`` calls."""
+        return self.trace.exp(self)
+
     def sign(self) -> Expr:
         """-1, 0 or 1."""
         return self.trace.sign(self)

@@ -169,6 +169,10 @@ class Trace:
         """Fold and make the square root."""
         return self.constant(math.sqrt(a.value)) if a.op == "const" else self._make("sqrt", a)
 
+    def exp(self, a: Expr) -> Expr:
+        """Fold and make e to the power of a."""
+        return self.constant(math.exp(a.value)) if a.op == "const" else self._make("exp", a)
+
     def sign(self, a: Expr) -> Expr:
         """Fold and make the sign; odd."""
         if a.op == "const":

@@ -7,6 +7,7 @@ lanes, on its place in the batch, or on its neighbours.
 from __future__ import annotations
 
 from ..program.program import FUSED, Program
+from .exp import exp
 from .loop import loop
 from .machine import Machine, Precision
 from .rows import RowLoader, RowStorer
@@ -166,4 +167,6 @@ def _operation(w: Writer, op: str, x: list[str]) -> str:
     if op == "sign":  # 0 stays 0 and NaN stays NaN; a comparison for equality raises no flags
         neither = w.new(f"fcmp ueq {w.vector} {x[0]}, {w.splat(0.0)}")
         return w.select(neither, x[0], w.intrinsic("copysign", w.splat(1.0), x[0]))
+    if op == "exp":
+        return exp(w, x[0])
     return w.intrinsic(op, x[0])

@@ -23,7 +23,7 @@ CHUNK = 4096
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative,
-    "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos, "sign": np.sign,
+    "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos, "sign": np.sign, "exp": np.exp,
 }  # fmt: skip
 
 
