@@ -69,5 +69,5 @@ def assert_same_model(a: Model, b: Model) -> None:
         assert np.allclose(a.frames[name].pose, b.frames[name].pose, atol=ROUNDING)
     for field in ("lower", "upper", "velocity", "effort"):
         assert np.array_equal(getattr(a.limits, field), getattr(b.limits, field))
-    assert np.allclose(a.damping, b.damping)
-    assert np.allclose(a.friction, b.friction)
+    assert np.allclose(a.friction.viscous, b.friction.viscous)
+    assert np.allclose(a.friction.coulomb, b.friction.coulomb)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import twistwrench as tw
@@ -17,8 +17,12 @@ from twistwrench.testing import assert_close
 from twistwrench.testing.closeness import relative_gap
 from twistwrench.testing.differences import derivative
 
-seeds = st.integers(0, 2**32 - 1)
 TOL = 1e-12
+
+
+def law(test):
+    """Run for many seeds, however long the machine takes for one."""
+    return settings(deadline=None)(given(seed=st.integers(0, 2**32 - 1))(test))
 
 
 def cloud(rng: np.random.Generator, n: int = 8) -> tuple[np.ndarray, np.ndarray]:
@@ -37,7 +41,7 @@ def random_pose(rng: np.random.Generator) -> np.ndarray:
 # ── A1 to A3: the body as point masses ──
 
 
-@given(seeds)
+@law
 def test_a1_point_velocity_and_acceleration(seed):
     rng = np.random.default_rng(seed)
     body, r, V, dV = random_body(rng), *(0.5 * rng.normal(size=n) for n in (3, 6, 6))
@@ -62,7 +66,7 @@ def test_a1_point_velocity_and_acceleration(seed):
     assert_close(acceleration, derivative(velocity, rate), 1e-9, "acceleration", scale=rate**2 * (1 + np.abs(r).sum()))
 
 
-@given(seeds)
+@law
 def test_a2_a3_a8_the_wrench_is_the_sum_over_point_masses(seed):
     rng = np.random.default_rng(seed)
     masses, points = cloud(rng)
@@ -72,7 +76,7 @@ def test_a2_a3_a8_the_wrench_is_the_sum_over_point_masses(seed):
     assert_close(body.wrench(V, dV), total, TOL)
 
 
-@given(seeds)
+@law
 def test_a3_a10_eulers_equations_at_the_centre_of_mass_in_principal_axes(seed):
     rng = np.random.default_rng(seed)
     I, m = rng.uniform(2.0, 3.0, 3), 1.5
@@ -92,7 +96,7 @@ def test_a3_a10_eulers_equations_at_the_centre_of_mass_in_principal_axes(seed):
 # ── A4 to A9: energy, momentum, frames ──
 
 
-@given(seeds)
+@law
 def test_a4_a6_energy_and_momentum(seed):
     rng = np.random.default_rng(seed)
     masses, points = cloud(rng)
@@ -105,7 +109,7 @@ def test_a4_a6_energy_and_momentum(seed):
     assert_close(body.kinetic_energy(V), 0.5 * w @ G.moment_about_com @ w + 0.5 * G.mass * v_com @ v_com, TOL)
 
 
-@given(seeds)
+@law
 def test_a5_a11_blocks_and_steiner(seed):
     rng = np.random.default_rng(seed)
     G = random_body(rng).inertia
@@ -119,7 +123,7 @@ def test_a5_a11_blocks_and_steiner(seed):
     assert_close(about_q, G.moment_about_com + G.mass * (q @ q * np.eye(3) - np.outer(q, q)), TOL)
 
 
-@given(seeds)
+@law
 def test_a7_the_bracket(seed):
     V1, V2, V3 = np.random.default_rng(seed).normal(size=(3, 6))
     assert_close(ad(V1) @ V2, -(ad(V2) @ V1), TOL)
@@ -143,7 +147,7 @@ def test_energy_power_and_motion_are_the_same_in_a_thousand_frames():
         assert_close(seen.inertia.matrix, Ad(T_ba).matrix.T @ body.inertia.matrix @ Ad(T_ba).matrix, TOL)
 
 
-@given(seeds)
+@law
 def test_power_is_the_rate_of_energy(seed):
     rng = np.random.default_rng(seed)
     body, V, dV = random_body(rng), *rng.normal(size=(2, 6))
@@ -153,7 +157,7 @@ def test_power_is_the_rate_of_energy(seed):
     )
 
 
-@given(seeds)
+@law
 def test_acceleration_undoes_wrench_in_any_batch(seed):
     rng = np.random.default_rng(seed)
     body, V, dV = random_body(rng), rng.normal(size=(4, 1, 6)), rng.normal(size=(3, 6))
@@ -174,7 +178,7 @@ def test_batches_longer_than_a_block_and_empty_ones():
     assert_close(single, body.wrench(V, dV), 1e-5)
 
 
-@given(seeds)
+@law
 def test_weight_is_gravity_on_every_point(seed):
     rng = np.random.default_rng(seed)
     masses, points = cloud(rng)
@@ -190,8 +194,8 @@ def test_weight_is_gravity_on_every_point(seed):
 # ── part C: where sources slip ──
 
 
-def slips(seed: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Wrong and right values of one random motion, by name of the slip."""
+def slips(seed: int) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Wrong and right values of one random motion and their difference as algebra has it, by name of the slip."""
     rng = np.random.default_rng(seed)
     body, r, V, dV, T_ab = random_body(rng), rng.normal(size=3), *rng.normal(size=(2, 6)), random_pose(rng)
     G, (w, v), (dw, dv) = body.inertia, np.split(V, 2), np.split(dV, 2)
@@ -201,24 +205,40 @@ def slips(seed: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     centred = RigidBody(SpatialInertia.from_com(m, moment_about_com=np.diag(I)))
     turn = np.cross(w, v + np.cross(w, r))
     diagonal = 0.5 * w @ G.moment_about_com @ w + 0.5 * G.mass * v @ v
+    u = np.cross(w, G.com)  # of the centre of mass, relative to the origin
     second = I[1] * dw[1] + (I[2] - I[0]) * w[0] * w[2]
+    P = G.matrix @ V
+    l, p = P[:3], P[3:]
+    R, t = T_ba[:3, :3], T_ba[:3, 3]
+    gyroscopic = np.concatenate([np.cross(w, l) + np.cross(v, p), np.cross(w, p)])  # -ad(V)' P
+    crossed = np.concatenate([np.cross(w, l), np.cross(v, l) + np.cross(w, p)])  # ad(V) P
+    moved = np.concatenate([R @ F[:3], np.cross(t, R @ F[:3]) + R @ F[3:]])  # the twist's way
+    against = np.concatenate([R.T @ (F[:3] - np.cross(t, F[3:])), R.T @ F[3:]])  # the wrench's
     return {
-        "1: the sign of ad": (G @ dV + ad(V).T @ (G @ V), F),
-        "1: the transpose of ad": (G @ dV - ad(V) @ (G @ V), F),
-        "2: the transpose of Ad": (Ad(T_ba) @ F, F_a),
-        "4: diag(I, m) off the centre of mass": (diagonal, body.kinetic_energy(V)),
-        "6: [w] r for [dw] r": (dv + np.cross(w, r) + turn, body.point_acceleration(V, dV, r)),
-        "6: mass on one term": (m * dv + np.cross(w, v), centred.wrench(V, dV)[3:]),
-        "7: indices of Euler's second row": (second, centred.wrench(V, dV)[1]),
+        "1: the sign of ad": (G @ dV + ad(V).T @ (G @ V), F, -2.0 * gyroscopic),
+        "1: the transpose of ad": (G @ dV - ad(V) @ (G @ V), F, -crossed - gyroscopic),
+        "2: the transpose of Ad": (Ad(T_ba) @ F, F_a, moved - against),
+        "4: diag(I, m) off the centre of mass": (diagonal, body.kinetic_energy(V), -G.mass * (v @ u + 0.5 * u @ u)),
+        "6: [w] r for [dw] r": (dv + np.cross(w, r) + turn, body.point_acceleration(V, dV, r), np.cross(w - dw, r)),
+        "6: mass on one term": (m * dv + np.cross(w, v), centred.wrench(V, dV)[3:], (1.0 - m) * np.cross(w, v)),
+        "7: indices of Euler's second row": (second, centred.wrench(V, dV)[1], 2.0 * (I[2] - I[0]) * w[0] * w[2]),
     }
 
 
 @pytest.mark.parametrize("name", slips(0))
-def test_the_wrong_forms_fail_the_tests_above(name):
-    gaps = [relative_gap(*slips(seed)[name]) for seed in range(50)]
-    # By luck one may come near, never as near as the tolerance of the right form; half of them miss by 10 % and more.
-    assert min(gaps) > 1e6 * TOL
-    assert np.median(gaps) > 0.1
+@law
+def test_the_wrong_forms_fail_the_tests_above(name, seed):
+    wrong, right, difference = slips(seed)[name]
+    size = np.abs(right).max()
+    # By luck a slip may cost nothing: a spin about one axis hides 7, a centre of mass at rest 4. Algebra says when.
+    assume(np.abs(difference).max() > 1e-3 * size)
+    assert_close(wrong - right, difference, TOL, scale=np.abs(wrong).max() + size)
+    assert relative_gap(wrong, right) > 0.9e-3
+
+
+@pytest.mark.parametrize("name", slips(0))
+def test_the_wrong_forms_are_mostly_far_off(name):
+    assert np.median([relative_gap(*slips(seed)[name][:2]) for seed in range(50)]) > 0.1
 
 
 # ── refusals ──

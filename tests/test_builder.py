@@ -135,8 +135,8 @@ def test_chains_of_mimic_joints_end_at_their_leader(rng):
 
 def test_losses_of_followers_count_at_their_leader(rng):
     model = followers(rng).build()
-    assert model.damping.tolist() == [1 + 2**2 + 6**2]
-    assert model.friction.tolist() == [1 + 2 + 6]
+    assert model.friction.viscous.tolist() == [1 + 2**2 + 6**2]
+    assert model.friction.coulomb.tolist() == [1 + 2 + 6]
 
 
 def test_followers_of_a_locked_joint_are_locked(rng):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -9,6 +11,7 @@ from numpy.testing import assert_allclose
 import twistwrench as tw
 from twistwrench.statics import Contact, body_equilibrium, robot_equilibrium
 
+UR5 = tw.robots.ur5()
 FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
 
 
@@ -84,9 +87,50 @@ def test_a_block_tips_over_its_edge():
     found = body_equilibrium(legs, [0, 0, 0, 0, 12.0, -30.0])
     assert found.holds is False
     check_body(legs, np.array([0, 0, 0, 0, 12.0, -30.0]), found)
-    assert "cannot hold: no contact resists the motion" in str(found)
-    assert body_equilibrium([], [0, 0, 0, 0, 0, -1.0]).holds is False
+    assert str(found).startswith("cannot hold: no contact resists the motion (")
+    nothing = body_equilibrium([], [0, 0, 0, 0, 0, -1.0])
+    assert nothing.holds is False
+    assert str(nothing).startswith("cannot hold: there is no contact to resist the motion (-1 vz)")
     assert body_equilibrium([], np.zeros(6)).holds is True
+
+
+def test_what_a_no_says_can_be_checked_from_its_text():
+    """The entries printed are all there are, with their frame and the power, and one of six where one is enough."""
+    corners = [Contact((x, y, 0), friction=0.5) for x in (-1, 1) for y in (-1, 1)]
+    F = np.array([0, 0, 0, 6.0, 0, -10.0])
+    found = body_equilibrium(corners, F)
+    said = {name: float(value) for value, name in re.findall(r"([+-]\S+) ([wv][xyz])", str(found))}
+    V = np.array([said.get(name, 0.0) for name in found.names])
+    assert_allclose(V, found.motion, atol=1e-3)
+    assert "in the frame of points and normals" in str(found)
+    assert float(re.search(r"puts (\S+) W", str(found))[1]) == pytest.approx(F @ found.motion, rel=1e-3)
+    assert_allclose(found.velocities, [V[3:] + np.cross(V[:3], c.point) for c in corners], atol=1e-3)
+    lifted = body_equilibrium(corners, [0, 0, 0, 0, 0, 10.0])
+    assert_allclose(lifted.motion, [0, 0, 0, 0, 0, 1], atol=1e-9)
+
+
+def test_no_force_of_any_contact_reaches_the_side_that_rest_needs():
+    """The certificate as a direction of wrenches: contacts apply F · V ≥ 0 alone, and rest needs less."""
+    rng = np.random.default_rng(4)
+    refused = 0
+    for _ in range(20):
+        contacts, F = grasp(rng, 4), rng.standard_normal(6)
+        found = body_equilibrium(contacts, F)
+        if found.holds is not False:
+            continue
+        refused += 1
+        for c in contacts:
+            f = rng.uniform(0, 5, (200, 1)) * c.normal + rng.standard_normal((200, 3))
+            f = f[c.allows(f)]
+            applied = np.concatenate([np.cross(c.point, f), f], axis=1)
+            assert (applied @ found.motion >= -1e-5 * np.linalg.norm(f, axis=1)).all()
+        assert -F @ found.motion < 0
+    assert refused > 5
+
+
+def test_forces_are_judged_in_batches():
+    c = Contact(normal=(0, 0, 1), friction=0.5)
+    assert c.allows([[[0, 0, 1], [0.6, 0, 1]], [[0.4, 0, 1], [0, 0, -1]]]).tolist() == [[True, False], [True, False]]
 
 
 def test_two_fingers_hold_what_friction_lets_them():
@@ -141,6 +185,7 @@ def check_robot(robot, q, contacts, found, limits, on=None):
             arm = robot.forward_kinematics(q, c.frame)[:3, :3] @ c.point
             moves.append((c, V[3:] + np.cross(V[:3], arm)))
         check_certificate(moves)
+        assert_allclose(found.velocities, np.reshape([v for _, v in moves], (-1, 3)), atol=1e-9)
         load = -robot.holding_torques(q, wrench_on_robot=on)
         resisted = np.where(
             found.motion == 0, 0.0, np.where(np.isfinite(limits), limits, 0) * np.abs(found.motion)
@@ -218,12 +263,36 @@ def test_an_arm_without_contacts_holds_itself_exactly_when_its_torques_suffice()
     ("call", "error", "words"),
     [
         (lambda: Contact((0, 0)), tw.ShapeError, "point"),
+        (lambda: Contact("abc"), tw.ShapeError, "point"),
+        (lambda: Contact([[1, 2], [3]]), tw.ShapeError, "point"),
+        (lambda: Contact((0, np.nan, 0)), tw.ValueRangeError, "point has the entry nan"),
         (lambda: Contact(normal=(0, 0, 0)), tw.ValueRangeError, "normal has no length"),
-        (lambda: Contact(friction=-0.1), tw.ValueRangeError, "friction"),
+        (lambda: Contact(friction=-0.1), tw.ValueRangeError, "friction is -0.1"),
+        (lambda: Contact(friction="a"), tw.ValueRangeError, "friction is 'a'"),
+        (lambda: Contact(friction=None), tw.ValueRangeError, "friction is None"),
+        (lambda: Contact(friction=np.nan), tw.ValueRangeError, "friction is nan"),
+        (lambda: Contact(friction=[0.5]), tw.TwistWrenchError, "friction"),
+        (lambda: Contact(frame=3), tw.ValueRangeError, "frame is 3"),
+        (lambda: Contact().edges(2), tw.ValueRangeError, "edges is 2"),
+        (lambda: Contact().edges("a"), tw.ValueRangeError, "edges is 'a'"),
+        (lambda: Contact().allows([1, 2]), tw.ShapeError, "force has shape"),
+        (lambda: Contact().allows([1, 2, np.nan]), tw.ValueRangeError, "force has the entry nan"),
         (lambda: body_equilibrium([], [1, 2, 3]), tw.ShapeError, "wrench_on_body"),
-        (lambda: body_equilibrium([Contact()], [0] * 6, edges=2), tw.ValueRangeError, "no inside"),
-        (lambda: robot_equilibrium(tw.robots.ur5(), np.zeros((2, 6)), []), tw.ShapeError, "one q"),
-        (lambda: robot_equilibrium(tw.robots.ur5(), np.zeros(6), [Contact(frame="paw")]), tw.UnknownNameError, "paw"),
+        (lambda: body_equilibrium([], [[0.0] * 6] * 2), tw.ShapeError, r"wrench_on_body .* has shape \(2, 6\)"),
+        (lambda: body_equilibrium([], [0, 0, 0, np.nan, 0, 0]), tw.ValueRangeError, "wrench_on_body .* nan"),
+        (lambda: body_equilibrium([3], [0] * 6), tw.ValueRangeError, r"contacts\[0\] is 3"),
+        (lambda: body_equilibrium(Contact(), [0] * 6), tw.ValueRangeError, "Give a list"),
+        (lambda: body_equilibrium([Contact()], [0] * 6, edges=2), tw.ValueRangeError, "edges is 2"),
+        (lambda: body_equilibrium([Contact()], [0] * 6, edges=8.5), tw.ValueRangeError, "edges is 8.5"),
+        (lambda: robot_equilibrium(UR5, np.zeros((2, 6)), []), tw.ShapeError, "one q .* pose by pose"),
+        (lambda: robot_equilibrium(UR5, [np.nan] * 6, []), tw.ValueRangeError, "'shoulder_pan_joint' is nan"),
+        (lambda: robot_equilibrium(UR5, "zero", []), tw.ShapeError, "q has shape"),
+        (lambda: robot_equilibrium(UR5, np.zeros(6), [Contact(frame="paw")]), tw.UnknownNameError, "paw"),
+        (
+            lambda: robot_equilibrium(UR5, np.zeros(6), [], wrench_on_robot={"tool0": [np.nan] * 6}),
+            tw.ValueRangeError,
+            "wrench_on_robot at tool0",
+        ),
     ],
 )
 def test_errors_name_the_offender(call, error, words):

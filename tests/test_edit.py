@@ -53,8 +53,8 @@ def test_locking_takes_the_columns_of_the_joint(rng):
     locked = lock(model, {"j2": 0.1})
     assert locked.limits.upper.tolist() == [1, 3]
     assert locked.limits.effort.tolist() == [21, 23]
-    assert locked.damping.tolist() == [31, 33]
-    assert locked.friction.tolist() == [41, 43]
+    assert locked.friction.viscous.tolist() == [31, 33]
+    assert locked.friction.coulomb.tolist() == [41, 43]
     assert [b.q_index for b in locked.bodies] == [0, 1]
     assert model.nv == 3  # as it was
 

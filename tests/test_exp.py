@@ -28,7 +28,9 @@ def test_within_one_unit_in_the_last_place(exp, least, most):
     x = np.random.default_rng(3).uniform(least, most, 3000)
     with mpmath.workdps(50):
         exact = [mpmath.exp(mpmath.mpf(float(t))) for t in x]
-        error = [abs(float(mpmath.mpf(float(y)) - e)) / np.spacing(float(e)) for y, e in zip(exp(x), exact, strict=True)]
+        error = [
+            abs(float(mpmath.mpf(float(y)) - e)) / np.spacing(float(e)) for y, e in zip(exp(x), exact, strict=True)
+        ]
     assert max(error) < 1.0
 
 

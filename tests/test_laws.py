@@ -107,7 +107,7 @@ def test_christoffel_symbols_of_quasi_velocities_are_refused():
 def test_friction_is_left_out_unless_asked_for_and_always_takes_power(robot, state):
     q, dq, ddq = state
     tau, friction = robot.inverse_dynamics(q, dq, ddq), robot.friction_forces(dq)
-    expected = robot.model.damping * dq + robot.model.friction * np.sign(dq)
+    expected = robot.model.friction.viscous * dq + robot.model.friction.coulomb * np.sign(dq)
     assert_close(friction, expected, ROUNDING, "damping dq + friction sign(dq)")
     assert (friction * dq >= 0).all()
     assert_close(robot.inverse_dynamics(q, dq, ddq, friction=True), tau + friction, ROUNDING, "τ with friction")

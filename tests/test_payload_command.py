@@ -47,7 +47,7 @@ def test_poses_may_be_given_whole_or_in_degrees(run):
     outputs = {
         run("ur5", "--configuration", "0,-0.6,0.9,0,0,0")[1],
         run("ur5", *POSE)[1],
-        run("ur5", "--configuration", "9,9,9,0,0,0", *POSE, "--at", "shoulder_pan_joint=0")[1],
+        run("ur5", "--configuration", "1,1,1,0,0,0", *POSE, "--at", "shoulder_pan_joint=0")[1],
     }
     assert len(outputs) == 1
     degrees = run(
@@ -78,6 +78,16 @@ def test_pictures_and_maps_are_drawn(run, tmp_path, suffix):
     assert "map, xz slice" in output
 
 
+def test_a_joint_that_can_give_nothing_is_drawn_too(tmp_path):
+    pytest.importorskip("matplotlib")
+    from twistwrench.statics.picture import plot_payload
+
+    arm, limits = tw.robots.planar_2r(), [50.0, 0.0]
+    found = statics.largest_payload(arm, [0.0, 1.0], limits=limits)
+    plot_payload(arm, np.array([0.0, 1.0]), found, tmp_path / "out.png", limits=limits)
+    assert (tmp_path / "out.png").stat().st_size > 10_000
+
+
 @pytest.mark.parametrize("pose", ["joint2=1.5", "joint2=0"])
 def test_planar_arms_are_drawn_in_their_plane(run, weak_limits, tmp_path, pose):
     pytest.importorskip("matplotlib")
@@ -99,6 +109,43 @@ def test_a_pose_that_cannot_be_held_is_said_so_and_drawn(run, tmp_path):
     assert "ANY: no joint" in output
 
 
+def test_a_pose_beyond_the_joint_limits_exits_1_and_says_by_how_much(run, tmp_path):
+    """The torques are still what they would be there; that the robot cannot be there is the verdict."""
+    high = float(tw.robots.ur5().limits.upper[2])
+    code, output = run("ur5", "--at", f"elbow_joint={high + 0.25}", "--csv", tmp_path / "out.csv")
+    said = " ".join(output.split())
+    assert code == 1
+    assert f"elbow_joint at {high + 0.25:.4g} rad is 0.25 rad above its upper position limit, {high:.4g} rad" in said
+    assert "the largest payload held at rest" in said
+    assert (tmp_path / "out.csv").exists()
+    code, output = run("ur5", "--degrees", "--at", "elbow_joint=-200", "--at", "wrist_1_joint=400")
+    said = " ".join(output.split())
+    assert code == 1
+    assert "wrist_1_joint at 400° is 40° above its upper position limit, 360°" in said
+    assert "elbow_joint at −200° is 20° below its lower position limit, −180°" in said
+    verdict = said[said.index("OVER LIMIT") :]
+    assert verdict.index("wrist_1_joint") < verdict.index("elbow_joint")  # the farthest first
+    for edge in (high, -high):
+        assert run("ur5", "--at", f"elbow_joint={edge!r}")[0] == 0
+
+
+def test_position_limits_of_the_file_stand_in_for_the_robots(run, tmp_path):
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,lower,upper\nelbow_joint,0.2,1\n")
+    assert run("ur5", "--at", "elbow_joint=0.5", "--limits", limits)[0] == 0
+    code, output = run("ur5", "--at", "elbow_joint=1.5", "--limits", limits)
+    assert code == 1
+    assert "is 0.5 rad above its upper position limit, 1 rad" in " ".join(output.split())
+
+
+def test_outputs_never_replace_inputs(run, weak_limits):
+    before = weak_limits.read_text()
+    code, output = run("planar_2r", "--limits", weak_limits, "--csv", weak_limits)
+    assert code == 2
+    assert "would overwrite the file of --limits" in output
+    assert weak_limits.read_text() == before
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -109,7 +156,16 @@ def test_a_pose_that_cannot_be_held_is_said_so_and_drawn(run, tmp_path):
         (["ur5", "--configuration", "1,2"], "expected 6 numbers"),
         (["ur5", "--com", "1"], "expected x,y,z"),
         (["ur5", "--frame", "hand"], "no frame named 'hand'"),
+        (["ur5", "--at", "elbow_joint=1", "--at", " elbow_joint = 2"], "--at elbow_joint is given twice"),
+        (["ur5", "--at", "elbow_joint=nan"], "expected 1 number"),
+        (["ur5", "--com", "0,0,nan"], "expected x,y,z"),
         (["ur5", "--map", "zz"], "no slice named 'zz'"),
+        (["ur5", "--map", "rz", "--samples", "0"], "samples is 0"),
+        (["ur5", "--map", "rz", "--samples", "-3"], "samples is -3"),
+        (["ur5", "--map", "rz", "--samples", "few"], "not a valid integer"),
+        (["ur5", "--samples", "100"], "Add --map rz"),
+        (["ur5", "--csv", "no/such/out.csv"], "cannot write"),
+        (["ur5", "--csv", "out.png", "--plot", "out"], "would overwrite the file of --csv"),
         (["ur5", "--plot", "out.nope"], "cannot draw"),
         (["quadruped", "--frame", "FL_foot"], "needs a fixed base"),
         (["nothing"], "no robot file"),
@@ -119,6 +175,7 @@ def test_bad_input_is_one_line_and_exit_code_2(run, arguments, words):
     code, output = run(*arguments)
     assert code == 2
     assert words in output
+    assert output.startswith("error: ")  # nothing of the report before it
     assert "Traceback" not in output
 
 

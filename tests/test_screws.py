@@ -114,6 +114,40 @@ def test_sums_are_linear_and_keep_their_frame(seed):
     assert gap((T_ab @ (A + B)).values, ((T_ab @ A) + (T_ab @ B)).values) <= 1e-12
 
 
+# ── adjoints of what has names ──
+
+
+@quick
+@given(seeds())
+def test_adjoints_keep_the_names_of_the_frames(seed):
+    T_ab, V_b, W_b = pose(seed, "a", "b", 3), tw.Twist(random(seed + 1, 6), "b"), tw.Twist(random(seed + 2, 6), "b")
+    F_a, P_b = tw.Wrench(random(seed + 3, 6), "a"), tw.Wrench(random(seed + 4, 6), "b")
+    X = tw.Ad(T_ab)
+    moved = (X @ V_b, X.T @ F_a, tw.ad(V_b) @ W_b, tw.ad(V_b).T @ P_b, X.T.T @ V_b)
+    assert [(type(x).__name__, x.frame) for x in moved] == [
+        ("Twist", "a"), ("Wrench", "b"), ("Twist", "b"), ("Wrench", "b"), ("Twist", "a"),
+    ]  # fmt: skip
+    assert gap((X @ V_b).values, np.einsum("nij,j->ni", X.matrix, V_b.values)) <= 1e-13
+    assert gap((T_ab @ V_b).values, (X @ V_b).values) == 0
+    assert gap((T_ab.inverse @ F_a).values, (X.T @ F_a).values) <= 1e-13
+    assert gap((X.T @ F_a) @ V_b, F_a @ (X @ V_b)) <= 1e-12
+    assert gap((tw.ad(V_b).T @ P_b) @ W_b, P_b @ (tw.ad(V_b) @ W_b)) <= 1e-12
+    assert type(X @ V_b.values) is np.ndarray  # arrays stay arrays
+    assert gap(X @ V_b.values, (X @ V_b).values) == 0
+
+
+def test_a_pose_of_many_products_still_moves_and_inverts():
+    # Each is as far from a rotation as a pose may be; their product is further, and follows from poses all the same.
+    bent = np.eye(4)
+    bent[0, 0] += 4.9e-7
+    T = tw.Pose(bent, "a", "b") @ tw.Pose(bent, "b", "c") @ tw.Pose(bent, "c", "d")
+    with pytest.raises(tw.ValueRangeError, match="not a rotation"):
+        tw.Pose(T.matrix, "a", "d")
+    F = tw.Wrench(random(0, 6), "d")
+    assert gap((T.inverse @ (T @ F)).values, F.values) <= 2e-5
+    assert move_covariance(T, np.eye(6)).shape == (6, 6)
+
+
 # ── axes ──
 
 
@@ -252,17 +286,49 @@ REFUSED = {
         lambda: T_AB @ np.zeros(6),
         "T_ab @ ndarray: plain numbers name no frame; write Twist(…, 'b') or Wrench(…, 'b'), or use Ad(T) @ V",
     ),
+    "an adjoint that does not cancel": (
+        lambda: tw.Ad(T_AB) @ tw.Twist(np.zeros(6), "h"),
+        "Ad(…) @ twist in 'h': the operator takes a twist in 'b' to 'a'; missing is T_bh = Pose(…, to='b', of='h').",
+    ),
+    "a transposed adjoint that does not cancel": (
+        lambda: tw.Ad(T_AB).T @ F_B,
+        "Ad(…).T @ wrench in 'b': the operator takes a wrench in 'a' to 'b'; missing is T_ab = Pose(…, to='a', of='b').",
+    ),
+    "a wrench that goes a twist's way": (
+        lambda: tw.Ad(T_AB) @ F_B,
+        "Ad(…) @ wrench: Ad(T) and ad(V) act on twists, their transposes .T on wrenches.",
+    ),
+    "a twist that goes a wrench's way": (lambda: tw.ad(V_B).T @ V_B, "ad(…).T @ twist: Ad(T) and ad(V) act on twists"),
+    "an adjoint without names": (
+        lambda: tw.Ad(np.eye(4)) @ V_B,
+        "Ad(…) of plain numbers @ twist in 'b': they name no frames. Make it of a Pose or a Twist, write Pose(…) @ V_b, or "
+        "work on V_b.values.",
+    ),
+    "a bracket without names": (lambda: tw.ad(V_B.values) @ V_B, "ad(…) of plain numbers @ twist in 'b'"),
+    "a bracket of two frames": (
+        lambda: tw.ad(V_B) @ tw.Twist(np.zeros(6), "s"),
+        "ad(…) @ twist in 's': the operator takes a twist in 'b' to 'b'; missing is T_bs",
+    ),
+    "the adjoint of a twist": (lambda: tw.Ad(V_B), "Ad: T has shape (6,), expected (..., 4, 4)."),
+    "the bracket of a wrench": (lambda: tw.ad(F_B), "ad: V is a wrench, and ad(V) is of a twist."),
+    "a new name on a name": (lambda: tw.Pose(T_AB, "c", "d"), "a pose of T_ab, which has names already"),
+    "a product with a text": (lambda: F_B * "abc", "the factor of a wrench has shape () of text, expected (...) of real numbers."),
+    "a division by zero": (lambda: F_B / 0, "a wrench, angular part first, has the entry inf at (0,)"),
+    "a batch of poses": (
+        lambda: pose(0, "a", "b", 2) @ pose(0, "b", "c", 3),
+        "these batches do not broadcast: T_ab (2, 4, 4), T_bc (3, 4, 4).",
+    ),
     "a bent pose": (lambda: tw.Pose(BENT, "a", "b"), "not a rotation: R' R is 0.0201 off the identity"),
     "a pose of NaN": (lambda: tw.Pose(np.full((4, 4), np.nan), "a", "b"), "a pose has the entry nan at (0, 0)"),
     "a pose without a name": (lambda: tw.Pose(np.eye(4), to="", of="b"), "the frame that a pose leads to is ''"),
     "a frame that is no name": (lambda: tw.Wrench(np.zeros(6), 3), "the frame of a wrench is 3; a frame's name is a text"),
-    "five numbers": (lambda: tw.Twist(np.zeros(5), "b"), "a twist has six numbers, angular part first: shape (..., 6), got (5,)"),
+    "five numbers": (lambda: tw.Twist(np.zeros(5), "b"), "a twist, angular part first, has shape (5,), expected (..., 6)."),
     "a row of one": (lambda: F_B[0], "no row 0 in a wrench of batch shape ()"),
     "rows of one": (lambda: list(F_B), "one wrench has no rows to go through"),
     "no axis": (lambda: (0 * F_B).axis, "a wrench needs six finite numbers that are not all zero to have an axis."),
     "no direction": (lambda: screw_axis([0, 0, 0]), "an axis needs a direction"),
-    "a screw of five": (lambda: axis_of(np.zeros(5)), "a screw has six numbers"),
-    "a covariance of five": (lambda: move_covariance(T_AB, np.eye(5)), "has shape (..., 6, 6), got (5, 5)"),
+    "a screw of five": (lambda: axis_of(np.zeros(5)), "a screw, angular part first, has shape (5,), expected (..., 6)."),
+    "a covariance of five": (lambda: move_covariance(T_AB, np.eye(5)), "the covariance of a wrench has shape (5, 5), expected (..., 6, 6)."),
 }  # fmt: skip
 
 

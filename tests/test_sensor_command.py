@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import math
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -146,7 +149,11 @@ def test_bad_logs_end_in_one_line_that_says_what_to_do(run, tmp_path, text, said
 def test_a_log_in_grams_is_noticed(run, tmp_path, log):
     log.readings[:, 3:] *= 102
     write_log(log, tmp_path / "log.csv")
-    assert "If they are in grams" in run("identify", tmp_path / "log.csv")[1]
+    code, said = run("identify", tmp_path / "log.csv")
+    assert (code, "LOOK AGAIN" in said, "forces are in grams (multiply fx, fy, fz by 0.00980665)" in said) == (1, 1, 1)
+    write_sensor(SENSOR, tmp_path / "sensor.json", (0.01, 0.3))
+    code, said = run("compensate", tmp_path / "log.csv", "--sensor", tmp_path / "sensor.json", "--contacts", "1e-6")
+    assert (code, "LOOK AGAIN" in said, "forces are in grams" in said) == (1, 1, 1)
 
 
 @pytest.mark.parametrize(
@@ -155,9 +162,17 @@ def test_a_log_in_grams_is_noticed(run, tmp_path, log):
         (["identify", "nowhere.csv"], "no log 'nowhere.csv'"),
         (["identify", "demo", "--bias", "1,2"], "--bias '1,2' is not 6 numbers"),
         (["identify", "demo", "--noise", "x"], "--noise 'x' is not 2 numbers"),
-        (["identify", "demo", "--sign", "by_sensor"], "other sign"),
+        (["identify", "demo", "--sign", "by_sensor"], "With"),
         (["identify", "demo", "--gravity", "0"], "--gravity 0.0"),
-        (["identify", "demo", "--plot", "x.exe"], "choose one of"),
+        (["identify", "demo", "--plot", "x.exe"], "Choose one of .png, .pdf, .svg"),
+        (["identify", "demo", "--plot", "x.jpg"], "pictures of kind 'jpg' are not made"),
+        (["identify", "demo", "--noise", "0.01,-0.3"], "two positive numbers"),
+        (["identify", "demo", "--save", "nowhere/s.json"], "no such folder"),
+        (["identify", "demo", "--save", "same", "--csv", "same"], "--csv 'same' would overwrite"),
+        (["compensate", "demo", "--sensor", "demo", "--csv", "nowhere/s.csv"], "no such folder"),
+        (["poses", "--csv", "nowhere/p.csv"], "no such folder"),
+        (["poses", "--within", "nan"], "no largest tilt"),
+        (["poses", "--noise", "0,1"], "two positive numbers"),
         (["identify", "demo", "--inertia"], "shows only in motion"),
         (["compensate", "demo", "--sensor", "nowhere.json"], "identify LOG --save"),
         (["compensate", "demo", "--sensor", "demo", "--contacts", "2"], "between 0 and 1"),
@@ -180,3 +195,67 @@ def test_broken_sensor_files(tmp_path):
             read_sensor(path)
     write_sensor(SENSOR, path, (0.01, 0.3))
     assert read_sensor(path)[0].load.mass == 3.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("noise", [0.01, math.nan], "two numbers from 0 on"),
+        ("noise", [-0.01, 0.3], "two numbers from 0 on"),
+        ("noise", 0.3, "two numbers from 0 on"),
+        ("load", [-1.0] + 9 * [0.0], "mass, -1.0 kg, is negative"),
+        ("load", [math.nan] + 9 * [0.0], "not a finite number"),
+        ("bias", [1, 2], "expected \\(6,\\)"),
+        ("sign", "up", "on_sensor, by_sensor"),
+        ("mounting", 2 * np.eye(3).tolist(), "mounting"),
+        ("frame", 7, "the frame of a sensor is 7"),
+    ],
+)
+def test_sensor_files_with_bad_values_say_which(run, tmp_path, key, value, said):
+    path = tmp_path / "sensor.json"
+    write_sensor(SENSOR, path, (0.01, 0.3))
+    path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
+    with pytest.raises(tw.ValueRangeError, match=said):
+        read_sensor(path)
+    assert run("compensate", "demo", "--sensor", path)[0] == 2
+
+
+def test_a_weightless_load_can_be_saved_and_read(run, tmp_path):
+    for seed in range(6):  # by noise, some masses come out below zero
+        write_log(simulate(ForceTorqueSensor(bias=[0, 0, 0, 1, 2, 3]), 12, rng=seed), tmp_path / "log.csv")
+        code, said = run("identify", tmp_path / "log.csv", "--save", tmp_path / "sensor.json")
+        assert (code, "LOOK AGAIN" in said) == (1, True)
+        assert read_sensor(tmp_path / "sensor.json")[0].load.mass >= 0
+
+
+@pytest.mark.parametrize("option", ["--save", "--csv", "--plot"])
+def test_outputs_over_inputs_are_refused_and_nothing_is_touched(run, tmp_path, option, log):
+    path = tmp_path / "log.png"
+    write_log(log, path)
+    before = path.read_bytes()
+    code, said = run("identify", path, option, tmp_path / "." / "log.png")
+    assert (code, f"{option} " in said, "would overwrite the file of LOG" in said) == (2, True, True)
+    assert path.read_bytes() == before
+    write_sensor(SENSOR, tmp_path / "sensor.json", (0.01, 0.3))
+    write_log(log, path)
+    code, said = run("compensate", path, "--sensor", tmp_path / "sensor.json", "--csv", tmp_path / "sensor.json")
+    assert (code, "would overwrite the file of --sensor" in said) == (2, True)
+
+
+def test_a_picture_without_a_kind_is_a_png(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, said = run("identify", "demo", "--plot", "picture")
+    assert (code, "wrote picture.png" in said) == (0, True)
+    for kind, start in (("pdf", b"%PDF"), ("svg", b"<?xml")):
+        assert run("identify", "demo", "--plot", f"picture.{kind}")[0] == 0
+        assert (tmp_path / f"picture.{kind}").read_bytes().startswith(start)
+
+
+def test_the_wrong_sign_and_mounting_are_said_with_the_way_out(run, tmp_path, log):
+    code, said = run("identify", "demo", "--sign", "by_sensor")
+    assert (code, "on_sensor" in said, "what is left is noise of" in said) == (2, True, True)
+    turned = ForceTorqueSensor(SENSOR.load, SENSOR.bias, mounting=tw.so3.exp([0.4, 0.2, 0.3]))
+    write_log(simulate(turned, 12), tmp_path / "log.csv")
+    code, said = run("identify", tmp_path / "log.csv")
+    assert (code, "LOOK AGAIN" in said, "orientation" in said, "turned by 3" in said) == (1, True, True, True)
+    assert run("identify", tmp_path / "log.csv", "--orientation")[0] == 0

@@ -189,7 +189,7 @@ BAD_SHAPES = {
     "flat": (lambda: SpatialInertia.box((1, 0, 1), mass=1.0), "size is"),
     "negative radius": (lambda: SpatialInertia.cone(-1.0, 1.0, mass=1.0), "radius is"),
     "two numbers": (lambda: SpatialInertia.ellipsoid((1, 1), mass=1.0), r"expected \(3,\)"),
-    "a vector": (lambda: SpatialInertia.cylinder([1, 2], 1.0, mass=1.0), "expected one number"),
+    "a vector": (lambda: SpatialInertia.cylinder([1, 2], 1.0, mass=1.0), "expected one real number"),
     "negative point": (lambda: SpatialInertia.from_points([1, -1], np.eye(3)[:2]), "point 1, mass -1 kg"),
     "points": (lambda: SpatialInertia.from_points([1, 1], np.eye(3)), r"expected \(n,\) and \(n, 3\)"),
     "not a mesh": (lambda: SpatialInertia.mesh((np.eye(3), [[0.5, 1, 2]]), mass=1.0), "whole numbers"),

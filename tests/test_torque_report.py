@@ -2,37 +2,18 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 
-from motions import LOAD, SLED, WRENCH, report_of, rough_motion, wrapped, write_motion, write_positions
+from motions import LOAD, SLED, WRENCH, report_of, wrapped, write_motion, write_positions
 from twistwrench import load, robots
 from twistwrench.bodies.inertia import SpatialInertia
-from twistwrench.errors import ModelWarning
 from twistwrench.model.model import Limits
 from twistwrench.report.decimation import Envelope
 from twistwrench.report.load import TERMS
 from twistwrench.report.tally import Gaps, Rms
 
-
-@pytest.fixture(scope="module")
-def ur5():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        return robots.ur5()
-
-
-@pytest.fixture(scope="module")
-def motion():
-    return rough_motion()
-
-
-@pytest.fixture
-def motion_file(tmp_path, ur5, motion):
-    t, *columns = motion
-    return write_motion(tmp_path / "motion.csv", ur5, t, columns)
+pytest_plugins = ("torque_fixtures",)
 
 
 # ── figures ──
@@ -108,7 +89,7 @@ def test_the_order_of_columns_does_not_matter(ur5, motion, tmp_path, motion_file
 
 def test_without_friction_there_is_none(motion, tmp_path):
     panda = robots.panda()
-    assert panda.model.damping.any() or panda.model.friction.any()
+    assert panda.model.friction.any
     t, q, dq, ddq = (x if x.ndim == 1 else np.column_stack([x, x[:, 0]]) for x in motion)
     path = write_motion(tmp_path / "panda.csv", panda, t, [q, dq, ddq])
     assert any(j.terms["friction"] for j in report_of(panda, path).joints)

@@ -346,7 +346,7 @@ def test_limits_mean_what_the_format_says(kind, limit, expected, remarks):
 
 def test_damping_and_friction_are_read():
     model = load(moving('<dynamics damping="0.5" friction="0.25"/>'))
-    assert (model.damping.tolist(), model.friction.tolist()) == ([0.5], [0.25])
+    assert (model.friction.viscous.tolist(), model.friction.coulomb.tolist()) == ([0.5], [0.25])
 
 
 def test_a_robot_without_a_name_still_loads():

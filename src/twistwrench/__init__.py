@@ -9,6 +9,8 @@ from . import robots
 from .bodies.inertia import SpatialInertia
 from .bodies.rigid_body import RigidBody
 from .errors import (
+    ConstraintError,
+    ConstraintWarning,
     FrameError,
     InertiaError,
     KernelError,
@@ -26,7 +28,7 @@ from .errors import (
 )
 from .lie import se3, so3
 from .lie.adjoint import Ad, ad
-from .robot import Robot, from_screws, load
+from .robot import Robot, from_dh, from_screws, load
 from .screws.pose import Pose
 from .screws.twist import Twist
 from .screws.wrench import Wrench
@@ -35,6 +37,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Ad",
+    "ConstraintError",
+    "ConstraintWarning",
     "FrameError",
     "InertiaError",
     "KernelError",
@@ -56,6 +60,7 @@ __all__ = [
     "ValueRangeError",
     "Wrench",
     "ad",
+    "from_dh",
     "from_screws",
     "load",
     "robots",
@@ -66,9 +71,10 @@ __all__ = [
 if _typing.TYPE_CHECKING:
     from . import sensing as sensing
     from . import statics as statics
+    from . import symbolic as symbolic
     from . import testing as testing
 
-_LATER = ("sensing", "statics", "testing")
+_LATER = ("sensing", "statics", "symbolic", "testing")
 """Packages that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
 
 

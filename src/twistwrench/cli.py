@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .errors import MissingExtraError, ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from .errors import ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
 from .report.usage import Commands, in_shell_words
 from .sensing.command import sensor_group
 from .statics.command import payload_options
+from .symbolic.command import derive_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,6 +47,7 @@ class RobotOptions:
     tip: str | None
     mimic: str
     inertia: str
+    actuators: str | None
     degrees: bool
 
     def load(self) -> Robot:
@@ -57,9 +59,10 @@ class RobotOptions:
         return self._load()
 
     @property
-    def file(self) -> str | None:
-        """The robot's file; None of bundled ones."""
-        return self.source if Path(self.source).is_file() else None
+    def files(self) -> dict[str, str | None]:
+        """The files read for the robot, by argument; None of bundled ones. No output may overwrite them."""
+        given = {"ROBOT": self.source, "--actuators": self.actuators}
+        return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
 
     def _load(self) -> tuple[Robot, tuple[str, ...]]:
         make = self._maker()
@@ -67,7 +70,7 @@ class RobotOptions:
         if self.floating_base:  # some bundled robots float of themselves
             options["floating_base"] = True
         if not self.lock:
-            return make(lock={}, **options), ()
+            return self._driven(make(lock={}, **options)), ()
         # Which locked joints turn and which slide, and their limits, are known only once the robot is.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
@@ -75,7 +78,7 @@ class RobotOptions:
         kinds = {b.joint.name: b.joint.kind for b in free.bodies}
         degrees = {n: self.degrees and kinds.get(n) != "prismatic" for n in self.lock}
         lock = {n: math.radians(v) if degrees[n] else v for n, v in self.lock.items()}
-        robot = make(lock=lock, **options)
+        robot = self._driven(make(lock={}, **options)).lock(lock) if self.actuators else make(lock=lock, **options)
         for b in free.leaders:
             name = b.joint.name
             if name in lock and b.joint.nv == 1:
@@ -89,6 +92,11 @@ class RobotOptions:
                     )
         moving = {b.joint.name for b in robot.model.bodies}
         return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
+
+    def _driven(self, robot: Robot) -> Robot:
+        if self.actuators is None:
+            return robot
+        return robot.with_actuators(_bundled(self.actuators, self.source, ".yaml", "actuator file"))
 
     def _maker(self) -> Callable[..., Robot]:
         from . import robots
@@ -114,6 +122,7 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
     @click.option("--tip", metavar="FRAME", help="The frame meant where none is named.")
     @click.option("--mimic", type=click.Choice(["follow", "independent"]), default="follow", show_default=True)
     @click.option("--inertia", type=click.Choice(["error", "accept", "repair"]), default="error", show_default=True)
+    @click.option("--actuators", metavar="FILE.yaml", help="Motors, gears, rotors and friction; 'demo' is bundled.")
     @click.option("--degrees", is_flag=True, help="Angles in files, options and reports are in degrees.")
     @wraps(function)
     def command(
@@ -123,6 +132,7 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
         tip: str | None,
         mimic: str,
         inertia: str,
+        actuators: str | None,
         degrees: bool,
         **rest: Any,
     ) -> None:
@@ -132,7 +142,7 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
                 if joint in held:
                     raise ValueRangeError(f"--lock {joint} is given twice. Keep one of them.")
                 held[joint] = value
-            function(RobotOptions(source, floating_base, held, tip, mimic, inertia, degrees), **rest)
+            function(RobotOptions(source, floating_base, held, tip, mimic, inertia, actuators, degrees), **rest)
 
     return command
 
@@ -195,6 +205,7 @@ def main() -> None:
     metavar="FILE.csv",
     help="Limits in place of the robot's: joint,lower,upper,velocity,effort.",
 )
+@click.option("--motor-plot", metavar="OUT.png", help="Draw what each motor does in its speed–torque region.")
 @click.option("--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it.")
 @click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
 @robot_command
@@ -207,6 +218,7 @@ def torques(
     split: bool,
     plot_path: str | None,
     limits_path: str | None,
+    motor_plot: str | None,
     smooth: bool,
     no_friction: bool,
 ) -> None:
@@ -215,18 +227,21 @@ def torques(
     Exit code 1 if a limit of torque, velocity or position is passed. UNSURE, where noise reaches over a limit, ends
     with code 0.
     """
-    from .report.outputs import check_outputs, picture_path
+    from .outputs import check_outputs, picture_path
 
     if split and csv_path is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
-    path = _motion_path(motion, options.source)
+    path = _bundled(motion, options.source, ".csv", "motion")
     if options.degrees and path != Path(motion):
         raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
-    _check_extra(plot_path)
+    _check_extra(plot_path or motor_plot)
     plot_path = None if plot_path is None else picture_path(plot_path)
+    motor_plot = None if motor_plot is None else picture_path(motor_plot)
+    if motor_plot is not None and options.actuators is None:
+        raise ValueRangeError("--motor-plot draws the motors, and none are described. Add --actuators FILE.yaml.")
     check_outputs(
-        {"--csv": csv_path, "--plot": plot_path},
-        {"--trajectory": path, "--limits": limits_path, "ROBOT": options.file},
+        {"--csv": csv_path, "--plot": plot_path, "--motor-plot": motor_plot},
+        {"--trajectory": path, "--limits": limits_path, **options.files},
     )
     from .report.derivatives import Differentiation
     from .report.limits_file import read_limits
@@ -251,9 +266,15 @@ def torques(
         from .report.plot import plot_report
 
         plot_report(report, plot_path)
-    for written in filter(None, (csv_path, plot_path)):
+    if motor_plot is not None:
+        from .report.motors_plot import plot_motors
+
+        if not report.motors:
+            raise ValueRangeError(f"{options.actuators} describes no motor, so there is nothing to draw for --motor-plot.")
+        plot_motors(report.motors, f"{robot.name} · {path.stem} · motors", motor_plot)
+    for written in filter(None, (csv_path, plot_path, motor_plot)):
         click.echo(f"wrote {written}")
-    if report.excesses:
+    if report.excesses or any(use.too_small for use in report.motors):
         sys.exit(_FOUND_A_PROBLEM)
 
 
@@ -292,39 +313,58 @@ def verify(options: RobotOptions) -> None:
 @payload_options
 @robot_command
 def payload(options: RobotOptions, **given: Any) -> None:
-    """The largest payload held at rest at a pose, the joint that limits it, and the forces the robot can apply."""
-    from .report.outputs import check_outputs, picture_path
-    from .statics.command import payload_answer
+    """The largest payload held at rest at a pose, the joint that limits it, and the forces the robot can apply.
+
+    Exit code 1 if the pose is outside the joints' position limits.
+    """
+    from .outputs import check_outputs, picture_path
+    from .statics.command import answer_payload
 
     _check_extra(given["plot_path"])
     if given["plot_path"] is not None:
         given["plot_path"] = picture_path(given["plot_path"])
     check_outputs(
         {"--csv": given["csv_path"], "--plot": given["plot_path"]},
-        {"--limits": given["limits_path"], "ROBOT": options.file},
+        {"--limits": given["limits_path"], **options.files},
     )
-    for part in payload_answer(options.load(), degrees=options.degrees, **given):
-        _console().print(part)
+    robot = options.load()
+    if not answer_payload(robot, _console().print, degrees=options.degrees, **given):
+        sys.exit(_FOUND_A_PROBLEM)
+
+
+@main.command()
+@derive_options
+@robot_command
+def derive(options: RobotOptions, **given: Any) -> None:
+    """The robot's equations of motion in symbols, derived by Lagrange's method, as text, LaTeX, a page, C or NumPy."""
+    from .symbolic.command import derive_answer
+
+    for part in derive_answer(options.load(), options.files, **given):
+        if isinstance(part, str):
+            click.echo(part)
+        else:
+            _console().print(part)
 
 
 def _check_extra(plot_path: str | None) -> None:
     """Say before the long run, not after it, that a picture cannot be drawn."""
-    from importlib.util import find_spec
+    if plot_path is not None:
+        from .figure import require_matplotlib
 
-    if plot_path is not None and find_spec("matplotlib") is None:
-        raise MissingExtraError.of("matplotlib", "plot", "Drawing the report (--plot)")
+        require_matplotlib("Drawing the report (--plot)")
 
 
-def _motion_path(name: str, robot: str) -> Path:
-    """The path given, or for ``demo`` the motion bundled with that robot."""
+def _bundled(name: str, robot: str, suffix: str, what: str) -> Path:
+    """The path given, or for ``demo`` the file of that kind bundled with that robot."""
     if name != _DEMO or Path(name).is_file():
         return Path(name)
     folder = Path(__file__).parent / "robots"
-    path = folder / f"{robot}_{_DEMO}.csv"
+    path = folder / f"{robot}_{_DEMO}{suffix}"
     if not path.is_file():
-        have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}.csv"))]
+        have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
         raise UnknownNameError(
-            f"no motion is bundled with {robot!r}. With: {', '.join(have)}. Give the path of a CSV file instead."
+            f"no {what} is bundled with {robot!r}. With: {', '.join(have)}. Give the path of a {suffix[1:].upper()} file "
+            "instead."
         )
     return path
 

@@ -10,12 +10,14 @@
     ├── ValueRangeError (ValueError)        an argument outside what is allowed
     ├── UnknownNameError (KeyError)         a joint, link, frame or quantity that is not there
     ├── FrameError (ValueError)             frames that do not match, or none where one is needed
+    ├── ConstraintError (ValueError)        constraints that depend on each other, cannot be met, or are not met
     ├── SingularMassMatrixError (ValueError)    forward dynamics of a robot whose mass matrix has no inverse
     ├── TrajectoryError (ValueError)        a motion file that cannot be used
     ├── NotFoundError (FileNotFoundError)   a file that is not there
     ├── KernelError (RuntimeError)          compiled code could not be made or used
     └── MissingExtraError (ImportError)     an optional package is not installed
 
+    ConstraintWarning (UserWarning)         a singular configuration of constraints; the answer is one of many
     ModelWarning (UserWarning)              a robot file says something doubtful; the robot still loads
 
 Each message names the offender, says what is allowed, and what to try.
@@ -27,6 +29,8 @@ import difflib
 from collections.abc import Iterable
 
 __all__ = [
+    "ConstraintError",
+    "ConstraintWarning",
     "FrameError",
     "InertiaError",
     "KernelError",
@@ -89,6 +93,10 @@ class FrameError(TwistWrenchError, ValueError):
     """Frames that do not match, or a frame that must be named and is not."""
 
 
+class ConstraintError(TwistWrenchError, ValueError):
+    """Constraints that depend on each other, that no configuration meets, or that a given state does not meet."""
+
+
 class SingularMassMatrixError(TwistWrenchError, ValueError):
     """The mass matrix has no inverse, so accelerations do not follow from torques."""
 
@@ -112,6 +120,10 @@ class MissingExtraError(TwistWrenchError, ImportError):
     def of(cls, package: str, extra: str, purpose: str) -> MissingExtraError:
         """Build the error for ``package``, which ``pip install twistwrench[extra]`` brings."""
         return cls(f"{purpose} needs {package!r}, which is not installed: pip install 'twistwrench[{extra}]'.")
+
+
+class ConstraintWarning(UserWarning):
+    """Constraints at a singular configuration: the forces of constraint are one choice of many."""
 
 
 class ModelWarning(UserWarning):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from .algorithms import (
+    constraints,
     coriolis,
     energy,
     forward_dynamics,
@@ -15,13 +16,15 @@ from .algorithms import (
     inverse_dynamics,
     jacobians,
     mass_matrix,
+    regressor,
+    task_space,
 )
 from .errors import KernelError, UnknownNameError, ValueRangeError
 from .model.model import Model
 from .model.regroup import regrouped
 from .program.program import Program
 
-__all__ = ["QUANTITIES", "Quantity", "checked_options", "program_of"]
+__all__ = ["QUANTITIES", "Quantity", "checked_options", "evaluated", "program_of"]
 
 
 @dataclass(frozen=True)
@@ -51,28 +54,41 @@ def _felt(algorithm: Callable[..., Any], inputs: str, output: str, *options: str
 
 
 QUANTITIES: Mapping[str, Quantity] = {
-    "bias_forces": _felt(inverse_dynamics.bias_forces, "q dq", "h", "wrenches"),
+    "bias_forces": _felt(inverse_dynamics.bias_forces, "q dq", "h", "wrenches", "gravity"),
     "center_of_mass": _quantity(energy.center_of_mass, "q", "com"),
     "christoffel": _felt(coriolis.christoffel, "q", "gamma"),
+    "closure_poses": _quantity(constraints.closure_poses, "q", "T", "constraints"),
     "com_jacobian": _quantity(energy.com_jacobian, "q", "J"),
+    "constrained_dynamics": _felt(
+        constraints.constrained_dynamics, "q dq tau", "ddq lambda pivots", "wrenches", "constraints"
+    ),
+    "constraint_bias": _quantity(constraints.constraint_bias, "q dq", "b", "constraints"),
+    "constraint_jacobian": _quantity(constraints.constraint_jacobian, "q", "A", "constraints"),
     "coriolis_forces": _felt(inverse_dynamics.coriolis_forces, "q dq", "c"),
     "coriolis_matrix": _felt(coriolis.coriolis_matrix, "q dq", "C"),
-    "forward_dynamics": _felt(forward_dynamics.forward_dynamics, "q dq tau", "ddq", "wrenches"),
+    "forward_dynamics": _felt(forward_dynamics.forward_dynamics, "q dq tau", "ddq", "wrenches", "gravity"),
     "forward_kinematics": _quantity(forward_kinematics.forward_kinematics, "q", "T", "frame"),
     "frame_acceleration": _quantity(jacobians.frame_acceleration, "q dq ddq", "dV", "frame", "kind"),
     "frame_velocity": _quantity(jacobians.frame_velocity, "q dq", "V", "frame", "kind"),
+    "drive_torques": _felt(inverse_dynamics.drive_torques, "q dq ddq", "gear rotor", "wrenches"),
     "friction_forces": _quantity(friction.friction_forces, "dq", "tau"),
-    "gravity_forces": _felt(inverse_dynamics.gravity_forces, "q", "g", "wrenches"),
-    "inverse_dynamics": _felt(inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "wrenches"),
+    "friction_under_load": _quantity(friction.friction_forces, "dq load", "tau"),
+    "gravity_forces": _felt(inverse_dynamics.gravity_forces, "q", "g", "wrenches", "gravity"),
+    "holding_torques": _felt(inverse_dynamics.holding_torques, "q", "tau", "wrenches"),
+    "inverse_dynamics": _felt(inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "wrenches", "gravity"),
     "jacobian": _quantity(jacobians.jacobian, "q", "J", "frame", "kind"),
     "jacobian_rate": _quantity(jacobians.jacobian_rate, "q dq", "dJ", "frame", "kind"),
-    "joint_wrenches": _quantity(inverse_dynamics.joint_wrenches, "q dq ddq", "F", "wrenches"),
+    "joint_wrenches": _quantity(inverse_dynamics.joint_wrenches, "q dq ddq", "F", "wrenches", "gravity"),
     "kinetic_energy": _quantity(energy.kinetic_energy, "q dq", "K"),
     "link_poses": _quantity(forward_kinematics.link_poses, "q", "T"),
     "mass_matrix": _felt(mass_matrix.mass_matrix, "q", "M"),
     "momentum": _quantity(energy.momentum, "q dq", "P"),
     "momentum_about_com": _quantity(energy.momentum_about_com, "q dq", "P"),
     "potential_energy": _quantity(energy.potential_energy, "q", "P"),
+    "task_bias": _felt(task_space.task_bias, "q dq", "eta pivots", "frame", "kind", "rows"),
+    "task_inertia": _felt(task_space.task_inertia, "q", "Lambda pivots", "frame", "kind", "rows"),
+    "regressor": _quantity(regressor.regressor, "q dq ddq", "Y"),
+    "torque_past_friction": _quantity(friction.torque_past_friction, "dq tau", "tau"),
     "wrench_torques": _quantity(jacobians.wrench_torques, "q wrench", "tau", "frame"),
 }
 
@@ -92,10 +108,23 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         frame = options.get("frame")
         model.frame(frame)
         full["frame"] = model.tip if frame is None else frame
+    if options.get("gravity") is not None:
+        if options["gravity"] != "input":
+            raise KernelError(
+                f"{name}: gravity={options['gravity']!r} is not allowed. 'input' makes gravity the kernel's last input; "
+                "for another constant one, robot.with_gravity."
+            )
+        full["gravity"] = "input"
     if "kind" in allowed:
         full["kind"] = options.get("kind", "body")
         if full["kind"] not in jacobians.KINDS:
             raise UnknownNameError.of("kind", full["kind"], jacobians.KINDS)
+    if "rows" in allowed:
+        if model.nv == 0:
+            raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
+        full["rows"] = task_space.row_numbers(options.get("rows"))
+    if "constraints" in allowed:
+        full["constraints"] = _constraints(name, options.get("constraints", ()))
     if "wrenches" in allowed:
         frames = options.get("wrenches", ())
         full["wrenches"] = (frames,) if isinstance(frames, str) else tuple(frames)
@@ -108,6 +137,15 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     return full
 
 
+def _constraints(name: str, given: Any) -> tuple[constraints.Constraint, ...]:
+    if not isinstance(given, tuple) or not given or not all(isinstance(c, constraints.Constraint) for c in given):
+        raise KernelError(
+            f"{name} needs constraints=(…,), a tuple of those of a closed robot: robot.close(…).constraints, "
+            f"got {given!r}."
+        )
+    return given
+
+
 def _require_plain_rates(model: Model) -> None:
     for body in model.bodies:
         if body.joint.kind in ("planar", "floating"):
@@ -117,26 +155,33 @@ def _require_plain_rates(model: Model) -> None:
             )
 
 
+def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
+    """The quantity's algorithm on arrays of numbers or symbols: the usual inputs, a wrench for each frame, gravity."""
+    rest, usual = dict(options), len(quantity.inputs)
+    if frames := rest.pop("wrenches", ()):
+        rest["wrenches"] = dict(zip(frames, arrays[usual : usual + len(frames)], strict=True))
+    if rest.pop("gravity", None):
+        model = replace(model, gravity=arrays[-1])
+    return quantity.algorithm(model, *arrays[:usual], **rest)
+
+
 def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: bool = True) -> Program:
-    """Trace one quantity of one robot. Wrench frames, if any, become further inputs after the usual ones.
+    """Trace one quantity of one robot. Wrench frames, if any, become further inputs after the usual ones, then gravity.
 
     ``regroup=False`` leaves every inertia where the robot's file has it, to count what regrouping saves.
     """
     from .program.trace import trace
 
     quantity = QUANTITIES[name]
-    inputs = quantity.shapes(model)
-    rest = dict(options)
-    frames = rest.pop("wrenches", ())
-    inputs += [(f"wrench at {frame}", (6,)) for frame in frames]
-    usual = len(quantity.inputs)
+    frames = options.get("wrenches", ())
+    inputs = quantity.shapes(model) + [(f"wrench at {frame}", (6,)) for frame in frames]
+    if "gravity" in options:
+        inputs.append(("gravity", (3,)))
 
     if quantity.felt and regroup:
         model = regrouped(model)
 
     def on_symbols(*arrays: Any) -> Any:
-        if frames:
-            rest["wrenches"] = dict(zip(frames, arrays[usual:], strict=True))
-        return quantity.algorithm(model, *arrays[:usual], **rest)
+        return evaluated(quantity, model, arrays, options)
 
-    return trace(on_symbols, inputs, [quantity.output])
+    return trace(on_symbols, inputs, quantity.output.split())

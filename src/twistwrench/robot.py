@@ -7,26 +7,39 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import quantities
+from .algorithms.closed_form import ClosedForm, closed_form
+from .algorithms.motors import MotorLoads, motor_loads
+from .algorithms.power import PowerBalance, power_balance
+from .algorithms.reach import Reach, doubtful, usual_sizes
+from .algorithms.regressor import PARAMETER_NAMES
+from .algorithms.task_space import row_numbers
 from .bodies.inertia import SpatialInertia
-from .errors import FrameError, ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
+from .errors import FrameError, ModelError, ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
+from .explanation import Explanation, explained
+from .lie import checks
 from .model import configuration, edit
+from .model.actuator import Actuator
 from .model.model import Limits, Model
 from .model.snap import DEFAULT_SNAP
 from .program.program import Program
 from .screws.wrench import Wrench
 
+if TYPE_CHECKING:
+    from .closed import ClosedRobot
+
 Array = NDArray[Any]
 Wrenches = Mapping[str, ArrayLike | Wrench]
+Rows = str | Iterable[int | str] | None
 
-__all__ = ["Robot", "from_screws", "load"]
+__all__ = ["Robot", "from_dh", "from_screws", "load"]
 
 
 def load(
@@ -77,6 +90,13 @@ def from_screws(*lists: Any, **options: Any) -> Robot:
     return Robot(screw_lists.from_screws(*lists, **options))
 
 
+def from_dh(table: Any, **options: Any) -> Robot:
+    """A robot from Denavit–Hartenberg parameters; see :func:`twistwrench.io.dh.from_dh` for the table and the options."""
+    from .io import dh
+
+    return Robot(dh.from_dh(table, **options))
+
+
 class Robot:
     """A robot whose dynamics are compiled when first asked for. Immutable: every edit returns a new one.
 
@@ -91,6 +111,7 @@ class Robot:
         self._kernels: dict[Any, Any] = {}
         self._called: dict[Any, Any] = {}
         self._inverse_dynamics: Any = None
+        self._sizes: dict[Any, Array] = {}
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}>"
@@ -162,6 +183,21 @@ class Robot:
     def gravity(self) -> Array:
         """Gravity in the base frame, (3,) m/s²."""
         return self.model.gravity
+
+    @property
+    def actuators(self) -> Mapping[str, Actuator]:
+        """What drives the joints, by the joint whose coordinate it moves; see :meth:`with_actuators`."""
+        return self.model.actuators
+
+    @property
+    def parameters(self) -> Array:
+        """π, the ten inertial parameters of each moving body, fixed links fused; (10 nbodies,). MR section 8.2."""
+        return np.concatenate([np.zeros(0), *(body.inertia.parameters for body in self.model.bodies)])
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
+        return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
 
     @property
     def neutral(self) -> Array:
@@ -238,6 +274,21 @@ class Robot:
         """The same robot under another gravity, (3,) m/s² in the base frame."""
         return Robot(edit.with_gravity(self.model, np.asarray(gravity, float)))
 
+    def with_actuators(self, source: str | Path | Mapping[str, Any]) -> Robot:
+        """The robot with motors, gears, rotors, elastic joints and friction laws from a YAML file, text, or mapping.
+
+        Raises NotFoundError, ModelError and UnknownNameError, which name the entry. docs/actuation.md shows the file.
+
+        >>> import twistwrench as tw
+        >>> drives = {"actuators": {"joint1": {"ratio": 100, "rotor": {"inertia": "200 g cm^2", "extra": True}}}}
+        >>> arm = tw.robots.planar_2r()
+        >>> float((arm.with_actuators(drives).mass_matrix([0, 0]) - arm.mass_matrix([0, 0]))[0, 0].round(9))
+        0.2
+        """
+        from .io.actuators import add_actuators
+
+        return Robot(add_actuators(self.model, source))
+
     def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
         """A robot whose named joints are fixed at the given coordinates."""
         if not isinstance(joints, Mapping):
@@ -250,7 +301,8 @@ class Robot:
         """The bare compiled function of one quantity: a ``numpy.ufunc`` whose signature has the robot's sizes.
 
         Options by quantity: ``frame=``, ``kind=``, ``wrenches=(frame, …)`` (further inputs, one wrench each, applied by the
-        robot). Raises UnknownNameError for unknown names, KernelError for options that do not apply.
+        robot), ``gravity="input"`` (the last input, (3,) m/s² in the base frame, in place of the robot's own). Raises
+        UnknownNameError for unknown names, KernelError for options that do not apply.
 
         >>> import twistwrench as tw
         >>> tw.robots.ur5().kernel("inverse_dynamics").signature
@@ -260,7 +312,7 @@ class Robot:
         key = (name, *full.items())
         kernel = self._kernels.get(key)
         if kernel is None:
-            if name == "forward_dynamics":
+            if name in ("forward_dynamics", "constrained_dynamics", "task_bias", "task_inertia"):
                 self._require_invertible()
             program = quantities.program_of(self.model, name, full)
             doc = f"{name} of {self.name}, compiled. Inputs: {', '.join(p.name for p in program.inputs)}."
@@ -271,13 +323,13 @@ class Robot:
         """The straight-line program behind a kernel, for counting its operations."""
         return quantities.program_of(self.model, name, quantities.checked_options(self.model, name, options))
 
-    def reference(self, name: str, *arrays: ArrayLike, **options: Any) -> Array:
+    def reference(self, name: str, *arrays: ArrayLike, **options: Any) -> Any:
         """The same quantity by the algorithm itself on floats, one state at a time: the readable oracle."""
         full = quantities.checked_options(self.model, name, options)
-        quantity, rest = quantities.QUANTITIES[name], dict(full)
+        quantity = quantities.QUANTITIES[name]
         symbols = [np.asarray(a, float).astype(object) for a in arrays]
-        usual = len(quantity.inputs)
         shapes = quantity.shapes(self.model) + [("wrench", (6,))] * len(full.get("wrenches", ()))
+        shapes += [("gravity", (3,))] * ("gravity" in full)
         if len(symbols) != len(shapes):
             raise ShapeError(
                 f"reference {name}: {len(symbols)} arrays given, {', '.join(n for n, _ in shapes)} wanted."
@@ -285,9 +337,14 @@ class Robot:
         for (label, shape), array in zip(shapes, symbols, strict=True):
             if array.shape != shape:
                 raise ShapeError(f"reference {name}: {label} has shape {array.shape}, one state has {shape}.")
-        if frames := rest.pop("wrenches", ()):
-            rest["wrenches"] = dict(zip(frames, symbols[usual:], strict=True))
-        return np.asarray(quantity.algorithm(self.model, *symbols[:usual], **rest), float)
+        try:
+            with np.errstate(divide="raise"):
+                found = quantities.evaluated(quantity, self.model, symbols, full)
+        except (ZeroDivisionError, FloatingPointError):
+            raise ValueRangeError(
+                f"reference {name}: a matrix to be inverted is singular at this state. The method of that name goes on."
+            ) from None
+        return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
 
     def _call(self, name: str, *arrays: ArrayLike, out: Array | None = None, **options: Any) -> Any:
         key = (name, *options.values()) if options else name
@@ -429,7 +486,7 @@ class Robot:
             except (TypeError, ValueError) as problem:
                 raise self._explained(problem, "inverse_dynamics", (q, dq, ddq)) from None
         tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
-        return np.add(tau, self.friction_forces(dq), out=out) if friction else tau
+        return np.add(tau, self.friction_forces(dq, load=tau), out=out) if friction else tau
 
     def forward_dynamics(
         self,
@@ -444,14 +501,11 @@ class Robot:
     ) -> Array:
         """q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on); (nq), (nv), (nv) → (nv). MR section 8.5.
 
+        ``friction=True`` takes what the joints' friction costs off τ first; a joint at rest is taken to slide freely.
         Raises SingularMassMatrixError where a joint moves nothing with inertia.
         """
         if friction:
-            lost = self.friction_forces(dq)
-            try:
-                tau = _numbers("forward_dynamics", tau=tau)[0] - lost
-            except ValueError as problem:
-                raise self._explained(problem, "forward_dynamics", (q, dq, tau)) from None
+            tau = self._call("torque_past_friction", dq, tau)
         return self._with_wrenches("forward_dynamics", (q, dq, tau), wrench_by_robot, wrench_on_robot, out)
 
     def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
@@ -481,9 +535,26 @@ class Robot:
         """g, the torques that hold the robot against gravity; (nq) → (nv)."""
         return self._call("gravity_forces", q, out=out)
 
-    def friction_forces(self, dq: ArrayLike, *, out: Array | None = None) -> Array:
-        """The torques that overcome joint friction, viscous and Coulomb; (nv) → (nv)."""
-        return self._call("friction_forces", dq, out=out)
+    def friction_forces(self, dq: ArrayLike, *, load: ArrayLike | None = None, out: Array | None = None) -> Array:
+        """The torques that overcome joint friction at dq; (nv) → (nv). MR section 8.9.4.
+
+        ``load`` (nv): the torques the joints carry, for friction that grows with them. At rest friction may be anything
+        up to the static one, and the law gives 0.
+        """
+        if load is None or not self.model.friction.load.any():
+            return self._call("friction_forces", dq, out=out)
+        return self._call("friction_under_load", dq, load, out=out)
+
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Array | None = None) -> Array:
+        """Y with τ = Y π, π being :attr:`parameters`; (nq), (nv), (nv) → (nv, 10 nbodies). Springs and friction apart.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> Y = arm.regressor([0, 0], [0, 0], [0, 0])
+        >>> np.round(Y @ arm.parameters, 2).tolist()
+        [29.43, 9.81]
+        """
+        return self._call("regressor", q, dq, ddq, out=out)
 
     # ── statics ──
 
@@ -508,7 +579,7 @@ class Robot:
         out: Array | None = None,
     ) -> Array:
         """g + Σ J'F_by - Σ J'F_on, the torques of static equilibrium; (nq) → (nv)."""
-        return self._with_wrenches("gravity_forces", (q,), wrench_by_robot, wrench_on_robot, out)
+        return self._with_wrenches("holding_torques", (q,), wrench_by_robot, wrench_on_robot, out)
 
     def joint_wrenches(
         self,
@@ -530,6 +601,7 @@ class Robot:
         by: Wrenches | None,
         on: Wrenches | None,
         out: Array | None,
+        **options: Any,
     ) -> Any:
         """Call a kernel that takes the wrenches applied by the robot as further inputs."""
         total: dict[str, Array] = {}
@@ -546,12 +618,12 @@ class Robot:
                         f"{total[frame].shape[:-1]} and {mine.shape[:-1]}."
                     ) from None
         if not total:
-            return self._call(name, *arrays, out=out)
+            return self._call(name, *arrays, out=out, **options)
         if all(getattr(a, "dtype", None) == np.float32 for a in arrays):  # wrenches as lists do not make them double
             given = {**(by or {}), **(on or {})}
             total = {f: F if hasattr(given[f], "dtype") else F.astype(np.float32) for f, F in total.items()}
         frames = sorted(total)  # whatever the order they were given in, one kernel
-        return self._call(name, *arrays, *(total[f] for f in frames), out=out, wrenches=tuple(frames))
+        return self._call(name, *arrays, *(total[f] for f in frames), out=out, **options, wrenches=tuple(frames))
 
     def _wrench(self, frame: str, F: ArrayLike | Wrench) -> Array:
         self.model.frame(frame)
@@ -568,6 +640,253 @@ class Robot:
                 f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first."
             )
         return array
+
+    # ── task space and constraints ──
+
+    def task_inertia(
+        self, q: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None
+    ) -> Array:
+        """Λ of F = Λ dV + η on the chosen rows of J, (J M⁻¹ J')⁻¹; (nq) → (r, r). MR section 8.6.
+
+        ``frame`` (None: the tip) and ``kind`` as for :meth:`jacobian`; ``rows`` by name, ``"vx vz"``, or number, 0 to 5; None
+        is all six. Where J loses rank, Λ is the pseudo-inverse, which acts on the directions that remain:
+        :meth:`lost_directions` are the others. Raises SingularMassMatrixError as :meth:`forward_dynamics` does.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.task_inertia([0, np.pi / 2], kind="world_aligned", rows="vx vz").round(12).tolist()
+        [[1.0, 0.0], [0.0, 2.0]]
+        """
+        return self._task("task_inertia", (q,), frame, kind, rows)
+
+    def task_bias(
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None
+    ) -> Array:
+        """η of F = Λ dV + η on the chosen rows of J, Λ (J M⁻¹ h - (dJ/dt) dq); (nq), (nv) → (r). MR section 8.6.
+
+        Arguments, and what happens where J loses rank, as for :meth:`task_inertia`.
+        """
+        return self._task("task_bias", (q, dq), frame, kind, rows)
+
+    def lost_directions(
+        self, q: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None
+    ) -> Array:
+        """The directions of the chosen rows in which the frame cannot be moved, at one configuration; (nq) → (lost, r).
+
+        Orthonormal rows F with F'J = 0: wrenches there are borne without torques, and Λ is zero on them.
+
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
+        [[1.0, 0.0]]
+        """
+        q = checks.one(q, "lost_directions: q", self.nq)
+        chosen = list(row_numbers(rows))
+        A = self.jacobian(q, frame, kind)[chosen]
+        reach = Reach.of(A, self.mass_matrix(q), self._usual_sizes(frame, kind)[chosen])
+        return np.asarray(reach.directions[:, int(reach.rank) :].T)
+
+    def _task(
+        self, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: str, rows: Rows
+    ) -> Array:
+        """Λ or η by the kernel; where its pivots are near zero, once more by singular values."""
+        chosen = row_numbers(rows)
+        if self.nv == 0:
+            self.jacobian(arrays[0], frame, kind)  # for the door's sake
+            batch = np.broadcast_shapes(*(np.shape(a)[:-1] for a in arrays))
+            return np.zeros((*batch, len(chosen), len(chosen))[: len(batch) + 3 - len(arrays)])
+        with np.errstate(all="ignore"):
+            found, pivots = self._call(name, *arrays, frame=frame, kind=kind, rows=chosen)
+        sizes = self._usual_sizes(frame, kind)[list(chosen)]
+        again = doubtful(pivots, sizes)
+        if again.any():
+            q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)
+            J, M = self.jacobian(q, frame, kind)[:, chosen], self.mass_matrix(q)
+            Lambda = Reach.of(J, M, sizes).pseudoinverse
+            if dq:
+                free = np.linalg.solve(M, self.bias_forces(q, dq[0])[..., None])  # M⁻¹ h
+                dJ_dq = self.jacobian_rate(q, dq[0], frame, kind)[:, chosen] @ dq[0][..., None]
+                found[again] = (Lambda @ (J @ free - dJ_dq))[..., 0]
+            else:
+                found[again] = Lambda
+        return np.asarray(found)
+
+    def _usual_sizes(self, frame: str | None, kind: str) -> Array:
+        sizes = self._sizes.get((frame, kind))
+        if sizes is None:
+            some = self.random_configuration(0, 8)
+            J = np.stack([self.reference("jacobian", q, frame=frame, kind=kind) for q in some])
+            M = np.stack([self.reference("mass_matrix", q) for q in some])
+            sizes = self._sizes[frame, kind] = usual_sizes(J, M)
+        return sizes
+
+    def closed_form(
+        self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None
+    ) -> ClosedForm:
+        """The terms of the equation of motion by the block matrices of MR section 8.4, and those matrices; one state.
+
+        q (nq,), dq (nv,). Slow, and independent of every other way in which the terms are computed here.
+
+        >>> import twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0.5], [1, 1])
+        >>> terms.A.shape, terms.L.shape, terms.M.shape
+        ((12, 2), (12, 12), (2, 2))
+        """
+        q, dq = checks.one(q, "closed_form: q", self.nq), checks.one(dq, "closed_form: dq", self.nv)
+        wrenches = {frame: self._wrench(frame, F) for frame, F in (wrench_by_robot or {}).items()}
+        if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
+            raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
+        return closed_form(self.model, q, dq, wrenches)
+
+    def close(
+        self,
+        frame_a: str,
+        frame_b: str,
+        rows: Rows = None,
+        *,
+        pose: ArrayLike | None = None,
+        near: ArrayLike | None = None,
+        redundant: str = "error",
+    ) -> ClosedRobot:
+        """A robot with a closed loop: ``frame_b`` held on ``frame_a``; see :class:`twistwrench.closed.ClosedRobot`.
+
+        With {c} the frame at ``pose`` (4, 4) in {a} (None: {a} itself), the chosen ``rows`` of the twist of {b} as {c} sees it,
+        along the axes of {c}, are zero, and {b} lies on {c} in these directions. Three rows of turning and three of moving
+        (None) are a weld; ``"vx vy vz"`` a ball joint; all but ``wz`` a hinge about z. ``"ground"`` is the base. Loops are
+        closed one after another. The search for configurations at which the loops close starts at ``near``, else anywhere.
+
+        Raises ConstraintError where none is found, and where rows depend on the others, unless ``redundant="accept"``.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> at_the_wall = tw.se3.exp([0, 0, 0, 1.5, 0, 0])
+        >>> arm.close("ground", arm.tip, rows="vx vz", pose=at_the_wall)
+        <ClosedRobot 'planar_3r': ground–tip vx vz; 1 degree of freedom>
+        """
+        from .closed import ClosedRobot
+
+        return ClosedRobot(self).close(frame_a, frame_b, rows, pose=pose, near=near, redundant=redundant)
+
+    def constrain(
+        self, frame: str, rows: Rows, kind: str = "body", *, near: ArrayLike | None = None, redundant: str = "error"
+    ) -> ClosedRobot:
+        """A robot whose velocity alone is constrained: chosen rows of a frame's twist are zero, as for a wheel or a blade.
+
+        ``kind`` as for :meth:`jacobian`. No position goes with it; where one does, as for a hand on a plane, :meth:`close`
+        with ``"ground"`` keeps it. Raises ConstraintError as that does.
+
+        >>> import twistwrench as tw
+        >>> tw.robots.floating_box().constrain("box", "vy")
+        <ClosedRobot 'floating_box': box vy; 5 degrees of freedom>
+        """
+        from .closed import ClosedRobot
+
+        return ClosedRobot(self).constrain(frame, rows, kind, near=near, redundant=redundant)
+
+    # ── actuation ──
+
+    def drive_torques(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> tuple[Array, Array]:
+        """What the gears carry, and what the rotors take before them, both as felt at the joints; (nv) each.
+
+        They add up to τ. Divided by the ratio they are the book's τ_gear / G and the rotor's own part of τ_motor. MR
+        section 8.9.3.
+        """
+        carried, rotor = self._with_wrenches("drive_torques", (q, dq, ddq), wrench_by_robot, wrench_on_robot, None)
+        return carried, rotor
+
+    def motor_loads(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = True,
+    ) -> MotorLoads:
+        """Torque, speed, current, voltage, power and heat of the motor of each actuator. MR section 8.9.
+
+        Rotors are accelerated before the gear; the rest, and joint friction, go through it at its efficiency. Raises
+        ModelError for a robot without actuators: see :meth:`with_actuators`.
+        """
+        if not self.actuators:
+            raise ModelError(f"robot {self.name!r} has no actuators. Describe them: robot.with_actuators(file).")
+        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        carried, rotor = self.drive_torques(q, dq, ddq, **given)
+        if friction:
+            carried = carried + self.friction_forces(dq, load=carried + rotor)
+        return motor_loads(self.model, np.asarray(dq, float), carried, rotor)
+
+    def power_balance(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> PowerBalance:
+        """Where the power goes at one state under torques τ, () W each: positive comes in, and the sum is zero.
+
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> balance = arm.power_balance([0.1, 0.2], [1.0, -1.0], [30.0, 5.0])
+        >>> round(float(balance.joints), 9), abs(float(sum(balance))) < 1e-12
+        (25.0, True)
+        """
+        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        ddq = self.forward_dynamics(q, dq, tau, friction=friction, **given)
+        dq, tau = _numbers("power_balance", dq=dq, tau=tau)
+        moving = self.inverse_dynamics(q, dq, ddq)  # M ddq + h: dq times it is d/dt of the energy
+        pushing = self.holding_torques(q, **given) - self.holding_torques(q)
+        lost = self.friction_forces(dq, load=moving + pushing) if friction else np.zeros_like(dq)
+        return power_balance(dq, tau, moving, pushing, lost)
+
+    def explain(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = True,
+    ) -> Explanation:
+        """τ of each joint, split by term and by the link, rotor or payload that causes it; adds up to τ.
+
+        Any batch shape; the table and the picture are of one state. Raises ShapeError as inverse dynamics does.
+
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r().with_payload(tw.SpatialInertia.from_com(2.0))
+        >>> why = arm.explain([0, 0], [0, 1], [0, 0])
+        >>> why.of("payload at tip", "gravity").round(2).tolist()
+        [39.24, 19.62]
+        """
+        wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        tau = np.asarray(self.inverse_dynamics(q, dq, ddq, **wrenches), float)
+        q, dq, ddq = _numbers("explain", q=q, dq=dq, ddq=ddq)
+        apart: dict[str, Array] = {}
+        for sign, given in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
+            for frame, F in (given or {}).items():
+                found = sign * self.wrench_torques(q, self._wrench(frame, F), frame)
+                apart[f"wrench at {frame}"] = found + apart.get(f"wrench at {frame}", 0.0)
+        if self.model.springs:
+            apart["springs"] = self.holding_torques(q) - self.gravity_forces(q)
+        if friction and self.model.friction.any:
+            apart["friction"] = self.friction_forces(dq, load=tau)
+        from .targets.numpy import NumpyKernel  # asked once in a while: not worth the second that compiling takes
+
+        regressor = NumpyKernel(self.program("regressor"), "regressor", "")
+        return explained(self.model, regressor, (q, dq, ddq), apart)
 
     # ── energies, momentum, centre of mass ──
 

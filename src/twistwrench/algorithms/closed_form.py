@@ -17,24 +17,60 @@ from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Model
 from .inverse_dynamics import Wrenches
 from .recursion import joint_poses
+from .springs import spring_forces
 
 Array = NDArray[Any]
 
 __all__ = ["ClosedForm", "closed_form"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClosedForm:
-    """The terms of τ = M q̈ + c + g + J'F."""
+    """τ = M q̈ + c + g + J'F, its terms, and the block matrices they are products of: body after body, six rows each.
+
+    >>> import numpy as np, twistwrench as tw
+    >>> at = tw.robots.ur5().closed_form([0, 1, 1, 0, 0, 0], np.ones(6))
+    >>> np.allclose(at.M, at.A.T @ at.L.T @ at.G @ at.L @ at.A)
+    True
+    >>> np.allclose(at.V, at.L @ at.A @ np.ones(6)) and np.allclose(at.L, np.linalg.inv(np.eye(36) - at.W))
+    True
+    """
 
     M: Array
     c: Array
     g: Array
+    """With what holds the springs, if there are any."""
     wrench_torques: Array
+    A: Array
+    """𝒜, the joints' screw axes in the frames of their bodies; (6n, nv)."""
+    G: Array
+    """𝒢, the spatial inertias; (6n, 6n)."""
+    W: Array
+    """𝒲, Ad(T_ip) in the rows of body i and the columns of its parent p; (6n, 6n)."""
+    L: Array
+    """ℒ = (1 - 𝒲)⁻¹, Ad(T_ij) wherever body i hangs on body j; (6n, 6n)."""
+    V: Array
+    """𝒱 = ℒ𝒜 q̇, the twists; (6n,)."""
+    ad_V: Array
+    """[ad 𝒱], block by block; (6n, 6n)."""
+    ad_Adq: Array
+    """[ad 𝒜q̇]; (6n, 6n)."""
+    dV_base: Array
+    """𝒱̇_base, the base's acceleration -gravity in the rows of the bodies on it; (6n,)."""
+    F_by: Array
+    """ℱ, the wrenches that the robot applies; (6n,)."""
 
     def inverse_dynamics(self, ddq: Array) -> Array:
         """τ; (nv,)."""
         return self.M @ ddq + self.c + self.g + self.wrench_torques
+
+    def accelerations(self, ddq: Array) -> Array:
+        """𝒱̇ = ℒ(𝒜 q̈ - [ad 𝒜q̇] 𝒲𝒱 + 𝒱̇_base), gravity included; (6n,)."""
+        return self.L @ (self.A @ ddq - self.ad_Adq @ (self.W @ self.V) + self.dV_base)
+
+    def wrenches(self, ddq: Array) -> Array:
+        """ℱ = ℒ'(𝒢𝒱̇ - [ad 𝒱]'𝒢𝒱 + ℱ_by), what each body receives through its joint; (6n,)."""
+        return self.L.T @ (self.G @ self.accelerations(ddq) - self.ad_V.T @ (self.G @ self.V) + self.F_by)
 
 
 def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> ClosedForm:
@@ -59,13 +95,20 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
     L = np.linalg.inv(np.eye(6 * n) - W)
     V = L @ A @ dq
     ad_V, ad_Adq = _block_diagonal(V), _block_diagonal(A @ dq)
-    dV = L @ (-ad_Adq @ (W @ V))  # velocity products alone
-    wrench = G @ dV - ad_V.T @ (G @ V)
     return ClosedForm(
         M=A.T @ L.T @ G @ L @ A,
-        c=A.T @ L.T @ wrench,
-        g=A.T @ L.T @ G @ L @ dV_base,
+        c=-A.T @ L.T @ (G @ L @ ad_Adq @ W + ad_V.T @ G) @ V,
+        g=A.T @ L.T @ G @ L @ dV_base + np.asarray(spring_forces(model, q), float),
         wrench_torques=A.T @ L.T @ F,
+        A=A,
+        G=G,
+        W=W,
+        L=L,
+        V=V,
+        ad_V=ad_V,
+        ad_Adq=ad_Adq,
+        dV_base=dV_base,
+        F_by=F,
     )
 
 

@@ -13,6 +13,7 @@ from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
 from .mass_matrix import composite_inertias
 from .recursion import base_poses, joint_poses, outward, spread, zeros
+from .springs import spring_energy
 
 Array = NDArray[Any]
 
@@ -52,8 +53,8 @@ def _first_moments(model: Model, q: Array) -> tuple[float, Array]:
 
 
 def potential_energy(model: Model, q: Array) -> Any:
-    """- Σ m g·c, zero with every centre of mass at the base origin; J."""
-    return -(model.gravity @ _first_moments(model, q)[1])
+    """- Σ m g·c, zero with every centre of mass at the base origin, and what springs store; J."""
+    return -(model.gravity @ _first_moments(model, q)[1]) + spring_energy(model, q)
 
 
 def center_of_mass(model: Model, q: Array) -> Array:

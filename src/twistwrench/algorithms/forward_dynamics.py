@@ -12,7 +12,7 @@ from .mass_matrix import mass_matrix
 
 Array = NDArray[Any]
 
-__all__ = ["factored", "forward_dynamics", "solved"]
+__all__ = ["factored", "forward_dynamics", "lowered", "raised", "solved"]
 
 
 def forward_dynamics(model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None) -> Array:
@@ -41,12 +41,22 @@ def factored(M: Array) -> tuple[Array, Array]:
 
 def solved(L: Array, inverse: Array, b: Array) -> Array:
     """x with L' D L x = b."""
-    x = b.copy()
-    for k in reversed(range(len(x))):
+    return raised(L, inverse * lowered(L, b))
+
+
+def lowered(L: Array, b: Array) -> Array:
+    """z with L' z = b."""
+    z = b.copy()
+    for k in reversed(range(len(z))):
         for i in range(k):
-            x[i] = x[i] - L[k, i] * x[k]
+            z[i] = z[i] - L[k, i] * z[k]
+    return z
+
+
+def raised(L: Array, b: Array) -> Array:
+    """x with L x = b."""
+    x = b.copy()
     for k in range(len(x)):
-        x[k] = x[k] * inverse[k]
         for i in range(k):
             x[k] = x[k] - L[k, i] * x[i]
     return x

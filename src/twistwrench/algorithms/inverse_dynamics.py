@@ -9,7 +9,7 @@ with the body's own origin: there v = 0, the linear part of dV is the plain acce
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,15 +22,27 @@ from ..lie import se3, so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
 from .recursion import collect, inward, joint_poses, outward, spread, zeros
+from .springs import spring_forces
 
 Array = NDArray[Any]
 Wrenches = Mapping[str, Array]
 
-__all__ = ["bias_forces", "coriolis_forces", "gravity_forces", "inverse_dynamics", "joint_wrenches"]
+__all__ = [
+    "Motion",
+    "bias_forces",
+    "body_motions",
+    "coriolis_forces",
+    "drive_torques",
+    "gravity_forces",
+    "holding_torques",
+    "inertial_wrench",
+    "inverse_dynamics",
+    "joint_wrenches",
+]
 
 
 @dataclass
-class _Motion:
+class Motion:
     """Rotation of a body, in its own frame, and the acceleration of its origin."""
 
     w: Array
@@ -39,8 +51,25 @@ class _Motion:
 
     @cached_property
     def U(self) -> Array:
+        """[dw] + [w]², what acts on a place in the body."""
         W = so3.hat(self.w)
         return so3.hat(self.dw) + W @ W
+
+
+def body_motions(
+    model: Model, T: Sequence[Array], dq: Array, ddq: Array, gravity: bool = True
+) -> Iterator[tuple[int, Motion]]:
+    """(body, its motion) from the base outward; under gravity the base accelerates upward."""
+    Adq, Addq = spread(model, dq), spread(model, ddq)
+    motion = {BASE: Motion(zeros(3), zeros(3), -model.gravity if gravity else zeros(3))}
+    for i, p in outward(model):
+        R, r, up = T[i][:3, :3], T[i][:3, 3], motion[p]
+        wJ, vJ, dwJ, dvJ = Adq[i][:3], Adq[i][3:], Addq[i][:3], Addq[i][3:]
+        w = R.T @ up.w + wJ  # (8.51)
+        dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), turning
+        a = R.T @ (up.a + up.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
+        motion[i] = Motion(w, dw, a)
+        yield i, motion[i]
 
 
 def joint_wrenches(
@@ -50,18 +79,10 @@ def joint_wrenches(
 
     ``wrenches`` are applied by the robot, at the frames that name them and expressed in those frames.
     """
-    T, Adq, Addq = joint_poses(model, q), spread(model, dq), spread(model, ddq)
-    base = _Motion(zeros(3), zeros(3), -model.gravity if gravity else zeros(3))  # the base accelerates upward
-    motion: dict[int, _Motion] = {BASE: base}
+    T = joint_poses(model, q)
     F: dict[int, Array] = {}
-    for i, p in outward(model):
-        R, r, up = T[i][:3, :3], T[i][:3, 3], motion[p]
-        wJ, vJ, dwJ, dvJ = Adq[i][:3], Adq[i][3:], Addq[i][:3], Addq[i][3:]
-        w = R.T @ up.w + wJ  # (8.51)
-        dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), turning
-        a = R.T @ (up.a + up.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
-        motion[i] = _Motion(w, dw, a)
-        F[i] = _inertial_wrench(model.bodies[i].inertia, motion[i])  # (8.53), the body's own part
+    for i, motion in body_motions(model, T, dq, ddq, gravity):
+        F[i] = inertial_wrench(model.bodies[i].inertia, motion)  # (8.53), the body's own part
     for name, F_by in (wrenches or {}).items():
         frame = model.frame(name)
         if frame.body != BASE:
@@ -72,7 +93,7 @@ def joint_wrenches(
     return np.array([F[i] for i in range(len(model.bodies))]).reshape(-1, 6)
 
 
-def _inertial_wrench(G: SpatialInertia, motion: _Motion) -> Array:
+def inertial_wrench(G: SpatialInertia, motion: Motion) -> Array:
     """G dV - ad(V)' G V for V = (w, 0), dV = (dw, a): Newton and Euler, products of inertia included.
 
     I dw + w × I w is written with the entries of U, which are there already; without products of inertia its rows are
@@ -92,11 +113,11 @@ def _inertial_wrench(G: SpatialInertia, motion: _Motion) -> Array:
 
 def inverse_dynamics(model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None) -> Array:
     """Joint torques τ = M q̈ + h + Σ J'F_by; (nv,). MR eq. 8.54."""
-    return collect(model, joint_wrenches(model, q, dq, ddq, wrenches))
+    return collect(model, joint_wrenches(model, q, dq, ddq, wrenches)) + spring_forces(model, q)
 
 
 def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> Array:
-    """h = c + g; (nv,). MR section 8.4."""
+    """h = c + g, and the torques against springs; (nv,). MR section 8.4."""
     return inverse_dynamics(model, q, dq, zeros(model.nv), wrenches)
 
 
@@ -107,4 +128,19 @@ def coriolis_forces(model: Model, q: Array, dq: Array) -> Array:
 
 def gravity_forces(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
     """g, with Σ J'F_by where wrenches are given; (nv,)."""
+    still = zeros(model.nv)
+    return collect(model, joint_wrenches(model, q, still, still, wrenches))
+
+
+def holding_torques(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
+    """What keeps the robot at rest: g, the torques against springs, and Σ J'F_by; (nv,)."""
     return bias_forces(model, q, zeros(model.nv), wrenches)
+
+
+def drive_torques(
+    model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None
+) -> tuple[Array, Array]:
+    """What gears carry and what rotors take, as felt at the joints; they add up to τ; (nv,) each. MR section 8.9.3."""
+    F = joint_wrenches(model, q, dq, ddq, wrenches)
+    spins = np.array([[float(body.joint.kind == "rotor")] for body in model.bodies])
+    return collect(model, (1.0 - spins) * F) + spring_forces(model, q), collect(model, spins * F)

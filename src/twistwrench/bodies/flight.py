@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InertiaError, ShapeError, ValueRangeError
-from ..lie import quaternion, se3, so3
+from ..errors import InertiaError, ValueRangeError
+from ..lie import checks, quaternion, se3, so3
 from .inertia import SpatialInertia
 from .splitting import COMPOSITIONS, Quat, Rotor, Vec
 
@@ -152,11 +152,12 @@ def fly(
     body = _Body(float(inertia.mass), moments, se3.pose(axes, inertia.com))
     n = _steps(duration, dt, every)
     h = float(duration) / n
-    if order not in COMPOSITIONS:
+    if checks.number(order, "order") not in COMPOSITIONS:
         raise ValueRangeError(f"order {order} is not available; choose one of {sorted(COMPOSITIONS)}.")
-    if tolerance is not None and not 1e-13 <= tolerance <= 1e-2:
+    if tolerance is not None and not 1e-13 <= checks.number(tolerance, "tolerance") <= 1e-2:
         raise ValueRangeError(f"tolerance is {tolerance}, and must be between 1e-13 and 1e-2.")
-    start = body.state(_pose(T0), _six("V0", V0))
+    pose = checks.pose(checks.finite(checks.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
+    start = body.state(pose, _six("V0", V0))
     kept = np.append(np.arange(0, n, every), n)
     law = wrench if wrench is None or callable(wrench) else _constant(wrench)
     if tolerance is not None:
@@ -182,6 +183,7 @@ def _torque_free(
     q0, p, l, f = start
     rotor = Rotor.of(_vec(body.moments))
     turns, last = rotor.schedule(h, fractions)
+    _countable(l, 0.0)
     q = _quat(q0)
     L = _vec(l)
     record = array("d", q)
@@ -214,16 +216,26 @@ def _pushed(
     for i in range(1, n + 1):
         t = (i - 1) * h
         for half, turns, last in halves:
+            _countable(l, t)
             q, p, t = np.array(rotor.step(_quat(q), _vec(l), half, turns, last)), p + half / body.mass * f, t + half
             F, power = _midpoint(body, law, t, q, p, l, f, 2.0 * half)
             l, f = l + 2.0 * half * F[:3], f + 2.0 * half * F[3:]
             about_origin = np.concatenate([F[:3] + so3.cross(p, F[3:]), F[3:]])
             impulse, work = impulse + 2.0 * half * about_origin, work + 2.0 * half * power
+            _countable(l, t)
             q, p, t = np.array(rotor.step(_quat(q), _vec(l), half, turns, last)), p + half / body.mass * f, t + half
         if i % every == 0 or i == n:
             record.append((q, p, l, f, impulse, work))
     q, p, l, f, J, W = (np.array(x) for x in zip(*record, strict=True))
     return q, p, l, f, J, W
+
+
+def _countable(l: Array, t: float) -> None:
+    """Refuse an angular momentum whose turns per step cannot be told."""
+    if not np.abs(l).max() < 1e100:
+        raise ValueRangeError(
+            f"at t = {t:g} s the angular momentum is {l.tolist()} N m s. Take a smaller V0 or wrench."
+        )
 
 
 def _midpoint(
@@ -276,33 +288,20 @@ def _adaptive(body: _Body, start: tuple[Array, ...], times: Array, law: WrenchLa
 
 def _steps(duration: float, dt: float, every: int) -> int:
     for name, x in (("duration", duration), ("dt", dt)):
-        if not 0.0 < x < np.inf:
+        if not 0.0 < checks.number(x, name) < np.inf:
             raise ValueRangeError(f"{name} is {x}, and must be a positive number of seconds.")
-    if int(every) != every or every < 1:
+    if not (checks.number(every, "every") >= 1 and every % 1 == 0):
         raise ValueRangeError(f"every is {every}, and must be a whole number of steps, at least 1.")
+    if not float(duration) < 1e8 * every * dt:
+        raise ValueRangeError(
+            f"a duration of {duration:g} s in steps of {dt:g} s, one in {every} kept, makes more than 1e8 states. Keep fewer "
+            "with every, or take a larger dt."
+        )
     return max(1, int(np.ceil(duration / dt * (1.0 - 1e-12))))
 
 
-def _pose(T: ArrayLike) -> Array:
-    T = np.asarray(T, float)
-    if T.shape != (4, 4):
-        raise ShapeError(f"T0 has shape {T.shape}, expected (4, 4).")
-    off = np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max()
-    if not (off <= 1e-6 and np.linalg.det(T[:3, :3]) > 0 and np.isfinite(T).all() and (T[3] == [0, 0, 0, 1]).all()):
-        raise ValueRangeError(
-            f"T0 is not a pose: RᵀR differs from 1 by {off:.3g} and det R is {np.linalg.det(T[:3, :3]):.6g}; the last row "
-            f"is {T[3].tolist()}. Build one with se3.exp or se3.pose."
-        )
-    return T
-
-
 def _six(name: str, x: ArrayLike) -> Array:
-    x = np.asarray(x, float)
-    if x.shape != (6,):
-        raise ShapeError(f"{name} has shape {x.shape}, expected (6,): angular part first.")
-    if not np.isfinite(x).all():
-        raise ValueRangeError(f"{name} is {x.tolist()}, and must be finite.")
-    return x
+    return checks.finite(checks.one(x, name, 6), name, 6)
 
 
 def _constant(wrench: ArrayLike) -> WrenchLaw:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InertiaError, ShapeError
+from ..errors import InertiaError, ValueRangeError
 from ..lie import checks, so3
 from . import mesh as meshes
 from . import parameters as forms
@@ -34,43 +34,40 @@ class SpatialInertia:
     parameters: Array
     """(10,): m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin; kg, kg m, kg m²."""
 
+    def __post_init__(self) -> None:
+        what = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
+        pi = np.array(checks.one(self.parameters, f"{what} the array", 10, symbols=True))
+        pi.setflags(write=False)
+        object.__setattr__(self, "parameters", pi)
+
     # ── ways in ──
 
     @classmethod
     def from_parameters(cls, pi: ArrayLike) -> SpatialInertia:
         """From the ten parameters, in the order of :attr:`parameters`."""
-        pi = np.array(pi)
-        if pi.dtype != object:
-            pi = pi.astype(float)
-        if pi.shape != (10,):
-            raise ShapeError(
-                f"inertial parameters have shape {pi.shape}, expected (10,): m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."
-            )
-        pi.setflags(write=False)
-        return cls(pi)
+        return cls(np.asarray(checks.array(pi, "inertial parameters", 10)))
 
     @classmethod
     def from_com(
         cls, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), moment_about_com: ArrayLike | None = None
     ) -> SpatialInertia:
         """From mass [kg], centre of mass (3,) [m] and rotational inertia (3, 3) about it [kg m²], in the frame's axes."""
-        c = np.asarray(com, float)
-        I = np.zeros((3, 3)) if moment_about_com is None else np.asarray(moment_about_com, float)
-        if c.shape != (3,) or I.shape != (3, 3):
-            raise ShapeError(f"com has shape {c.shape} and moment_about_com {I.shape}, expected (3,) and (3, 3).")
-        if not (gap := float(np.abs(I - I.T).max())) <= 1e-9 * float(np.abs(I).max()) and np.isfinite(I).all():
-            raise InertiaError(
-                f"moment_about_com is not symmetric: entries that should be equal differ by {gap:.3g} kg m²."
-            )
-        I = I - mass * so3.hat(c) @ so3.hat(c)  # Steiner: I_o = I_com - m [c]^2
-        return cls.from_parameters([mass, *(mass * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+        m, c = checks.number(mass, "mass"), checks.one(com, "com", 3)
+        I = np.zeros((3, 3)) if moment_about_com is None else checks.one(moment_about_com, "moment_about_com", 3, 3)
+        with np.errstate(over="ignore", invalid="ignore"):  # defects() says what is not finite
+            if not (gap := float(np.abs(I - I.T).max())) <= 1e-9 * float(np.abs(I).max()) and np.isfinite(I).all():
+                raise InertiaError(
+                    f"moment_about_com is not symmetric: entries that should be equal differ by {gap:.3g} kg m²."
+                )
+            I = I - m * so3.hat(c) @ so3.hat(c)  # Steiner: I_o = I_com - m [c]^2
+            return cls.from_parameters([m, *(m * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
     @classmethod
     def from_matrix(cls, G: ArrayLike) -> SpatialInertia:
         """From the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]]; an InertiaError if it has not that form."""
-        G = np.asarray(G, float)
-        if G.shape != (6, 6):
-            raise ShapeError(f"a spatial inertia matrix has shape (6, 6), got {G.shape}.")
+        G = checks.one(G, "a spatial inertia matrix", 6, 6)
+        if not np.isfinite(G).all():
+            raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
         h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
         I = 0.5 * (G[:3, :3] + G[:3, :3].T)
         found = cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
@@ -150,8 +147,11 @@ class SpatialInertia:
     def principal(self) -> tuple[Array, Array]:
         """Principal moments about the centre of mass, ascending (3,), and their axes as columns of a rotation (3, 3).
 
-        Where moments repeat, the axes are the ones that follow the frame's; those of a ball are the frame's own.
+        Where moments repeat, the axes are the ones that follow the frame's; those of a ball are the frame's own. An inertia
+        that is not finite has none and is an :class:`~twistwrench.InertiaError`.
         """
+        if not np.isfinite(self.parameters).all():
+            raise InertiaError(f"an inertia that has no principal axes: it {self.defects()[0]}.")
         moments, axes = np.linalg.eigh(self.moment_about_com)
         return moments, forms.aligned_axes(moments, axes)
 
@@ -159,9 +159,7 @@ class SpatialInertia:
 
     def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
         """The same body's inertia in {a}, when this one is in {b}: G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks."""
-        T = np.asarray(T_ab)
-        if T.dtype != object:
-            T = checks.pose(T)
+        T = checks.pose(checks.one(T_ab, "T_ab", 4, 4, symbols=True), "T_ab")
         R, p, m = T[:3, :3], T[:3, 3], self.mass
         h = R @ self.first_moment
         u = h + 0.5 * m * p
@@ -174,6 +172,9 @@ class SpatialInertia:
         With e = s (I_xx - I_yy) + 2 c I_xy for a turn about z, the turned block is I_xx - s e, I_yy + s e, c e - I_xy: eight
         multiplications where the congruence takes eighteen.
         """
+        if k not in (0, 1, 2):
+            raise ValueRangeError(f"no coordinate axis {k!r}; choose 0, 1 or 2.")
+        checks.one(angle, "angle", symbols=True)
         x, y, z = (k + 1) % 3, (k + 2) % 3, k
         s, c, h = np.sin(angle), np.cos(angle), self.first_moment.astype(object)
         h[x], h[y] = c * h[x] - s * h[y], s * h[x] + c * h[y]
@@ -188,17 +189,25 @@ class SpatialInertia:
 
     def __matmul__(self, V: ArrayLike) -> Array:
         """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w)."""
-        V = np.asarray(V)
+        V = checks.array(V, "V", 6)
         w, v, h = V[..., :3], V[..., 3:], self.first_moment
         return np.concatenate(
             [w @ self.moment_about_origin + so3.cross(h, v), self.mass * v - so3.cross(h, w)], axis=-1
         )
 
     def __add__(self, other: SpatialInertia) -> SpatialInertia:
-        return SpatialInertia.from_parameters(self.parameters + other.parameters)
+        return SpatialInertia.from_parameters(self.parameters + self._ten(other, "+"))
 
     def __sub__(self, other: SpatialInertia) -> SpatialInertia:
-        return SpatialInertia.from_parameters(self.parameters - other.parameters)
+        return SpatialInertia.from_parameters(self.parameters - self._ten(other, "-"))
+
+    @staticmethod
+    def _ten(other: Any, sign: str) -> Array:
+        if not isinstance(other, SpatialInertia):
+            raise InertiaError(
+                f"SpatialInertia {sign} {type(other).__name__}: an inertia goes with another SpatialInertia."
+            )
+        return other.parameters
 
     # ── can it exist? ──
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InertiaError, ShapeError, ValueRangeError
-from ..lie import so3
+from ..errors import InertiaError, ValueRangeError
+from ..lie import checks, so3
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
@@ -32,9 +32,7 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
     >>> bool(np.allclose(SpatialInertia.from_pseudo_inertia(G.pseudo_inertia).parameters, G.parameters))
     True
     """
-    P = np.asarray(J, float)
-    if P.shape != (4, 4):
-        raise ShapeError(f"a pseudo-inertia has shape (4, 4), got {P.shape}.")
+    P = checks.one(J, "a pseudo-inertia", 4, 4)
     P = 0.5 * (P + P.T)
     I = P[:3, :3].trace() * np.eye(3) - P[:3, :3]
     return cls.from_parameters([P[3, 3], *P[:3, 3], I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
@@ -70,15 +68,16 @@ def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialIne
     >>> SpatialInertia.from_log_cholesky(np.linspace(-1, 2, 10)).defects()
     []
     """
-    x = np.asarray(theta, float)
-    if x.shape != (10,):
-        raise ShapeError(f"log-Cholesky parameters have shape {x.shape}, expected (10,).")
+    x = checks.one(theta, "log-Cholesky parameters", 10)
     if not np.isfinite(x).all():
         raise ValueRangeError(f"log-Cholesky parameters must be finite, got {x}.")
     alpha, d1, d2, d3, s12, s23, s13, *t = x.tolist()
-    m = np.exp(2.0 * alpha)
-    U = np.array([[np.exp(d1), s12, s13], [0.0, np.exp(d2), s23], [0.0, 0.0, np.exp(d3)]])
-    S = m * U @ U.T
+    with np.errstate(over="ignore", invalid="ignore"):
+        m = np.exp(2.0 * alpha)
+        U = np.array([[np.exp(d1), s12, s13], [0.0, np.exp(d2), s23], [0.0, 0.0, np.exp(d3)]])
+        S = m * U @ U.T
+    if not np.isfinite([m, S.trace()]).all():
+        raise ValueRangeError(f"log-Cholesky parameters overflow: mass exp(2 α) = {m:.3g} kg; got {x}.")
     return cls.from_com(m, t, S.trace() * np.eye(3) - S)
 
 

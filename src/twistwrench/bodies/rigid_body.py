@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import FrameError, InertiaError, ShapeError, SingularMassMatrixError
+from ..errors import FrameError, InertiaError, SingularMassMatrixError
 from ..lie import checks, so3
 from ..screws.twist import Twist
 from ..screws.wrench import Wrench
@@ -90,23 +90,24 @@ class RigidBody:
         >>> float(RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).kinetic_energy([1, 0, 0, 0, 2, 0]))
         11.0
         """
-        V = _rows("V", V)
+        (V,) = _numbers(V=V)
         return 0.5 * np.einsum("...i,...i->...", V, self.momentum(V))
 
     def weight(self, T_sb: ArrayLike, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> Array:
         """Gravity's wrench (..., 6) on the body at pose T_sb (..., 4, 4), in {b}; ``gravity`` (3,) [m/s²] in {s}."""
-        T, g = np.asarray(T_sb), np.asarray(gravity)
-        if T.shape[-2:] != (4, 4) or g.shape[-1:] != (3,):
-            raise ShapeError(f"T_sb has shape {T.shape} and gravity {g.shape}, expected (..., 4, 4) and (..., 3).")
-        T = checks.pose(T)
-        f = (np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None])[..., 0]
+        checks.pose(T_sb, "T_sb")
+        T, g = checks.real(T_sb, "T_sb", 4, 4), checks.real(gravity, "gravity", 3)
+        try:
+            f = (np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None])[..., 0]
+        except ValueError:
+            raise checks.mismatch(T_sb=T, gravity=g) from None
         return np.concatenate([so3.cross(self.inertia.first_moment, f), self.inertia.mass * f], axis=-1)
 
     # ── points, frames, flight ──
 
     def point_velocity(self, V: ArrayLike, r: ArrayLike) -> Array:
         """Velocity (..., 3) [m/s] of the body's point at r (..., 3), in the axes of {b}: v + ω × r."""
-        V, r = _rows("V", V), _rows("r", r, 3)
+        (V,), r = _numbers(V=V), checks.real(r, "r", 3)
         return V[..., 3:] + so3.cross(V[..., :3], r)
 
     def point_acceleration(self, V: ArrayLike, dV: ArrayLike, r: ArrayLike) -> Array:
@@ -114,7 +115,8 @@ class RigidBody:
 
         In the axes of {b} and relative to {s}: what an accelerometer fixed there feels, without gravity.
         """
-        V, dV, r = _rows("V", V), _rows("dV", dV), _rows("r", r, 3)
+        (V, dV), r = _numbers(V=V, dV=dV), checks.real(r, "r", 3)
+        V, dV = checks.together(V=V, dV=dV)
         return dV[..., 3:] + so3.cross(dV[..., :3], r) + so3.cross(V[..., :3], self.point_velocity(V, r))
 
     def in_frame(self, T_ab: ArrayLike) -> RigidBody:
@@ -151,14 +153,9 @@ class RigidBody:
 
     def _by_rows(self, law: Callable[..., Array], **vectors: ArrayLike) -> Array:
         """Apply ``law(G, *columns)`` to (..., 6) arrays, some thousand rows at a time as contiguous (6, n) columns."""
-        arrays = [_rows(name, x) for name, x in _unlabelled(vectors).items()]
+        arrays = checks.together(**dict(zip(vectors, _numbers(**vectors), strict=True)))
         dtype = np.result_type(*arrays)
         G = self._matrix.astype(dtype)
-        try:
-            arrays = list(np.broadcast_arrays(*arrays))
-        except ValueError:
-            shapes = ", ".join(f"{name} {x.shape}" for name, x in zip(vectors, arrays, strict=True))
-            raise ShapeError(f"these batches do not broadcast: {shapes}.") from None
         shape = arrays[0].shape
         flat = [x.reshape(-1, 6) for x in arrays]
         out = np.empty((len(flat[0]), 6), dtype)
@@ -170,8 +167,8 @@ class RigidBody:
 _LABELS = {"V": Twist, "dV": Twist, "F": Wrench}
 
 
-def _unlabelled(vectors: dict[str, Any]) -> dict[str, Any]:
-    """The numbers of labelled twists and wrenches, once their kinds and frames are found to agree."""
+def _numbers(**vectors: Any) -> list[Array]:
+    """The numbers (..., 6), those of labelled twists and wrenches once their kinds and frames are found to agree."""
     frames: dict[str, str] = {}
     for name, x in vectors.items():
         if isinstance(x, Twist | Wrench):
@@ -181,17 +178,7 @@ def _unlabelled(vectors: dict[str, Any]) -> dict[str, Any]:
     if len(set(frames.values())) > 1:
         listed = ", ".join(f"{name} in {frame!r}" for name, frame in frames.items())
         raise FrameError(f"{listed}: a body's equations hold in one frame. Move one first, with a Pose between them.")
-    return {name: x.values if name in frames else x for name, x in vectors.items()}
-
-
-def _rows(name: str, x: ArrayLike, n: int = 6) -> Array:
-    x = np.asarray(x)
-    if x.dtype not in (np.float32, np.float64):
-        x = x.astype(float)
-    if x.shape[-1:] != (n,):
-        hint = ": angular part first" if n == 6 else ""
-        raise ShapeError(f"{name} has shape {x.shape}, expected (..., {n}){hint}.")
-    return x
+    return [checks.real(x, name, 6) for name, x in vectors.items()]
 
 
 def _ad_transposed(V: Array, P: Array) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ShapeError, ValueRangeError
+from ..lie import checks
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
@@ -30,7 +31,7 @@ def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike)
     >>> G.mass, G.com.tolist(), G.moment_about_origin.diagonal().tolist()
     (4.0, [0.0, 0.0, -0.5], [4.0, 4.0, 0.0])
     """
-    m, r = np.asarray(masses, float), np.asarray(points, float)
+    m, r = np.asarray(checks.real(masses, "masses"), float), np.asarray(checks.real(points, "points"), float)
     if m.ndim != 1 or r.shape != (m.size, 3):
         raise ShapeError(f"masses have shape {m.shape} and points {r.shape}, expected (n,) and (n, 3).")
     bad = np.flatnonzero(~((m >= 0) & (m < np.inf) & np.isfinite(r).all(axis=1)))
@@ -151,20 +152,19 @@ def total_mass(shape: str, volume: float, mass: float | None, density: float | N
     if (mass is None) == (density is None):
         given = "neither" if mass is None else "both"
         raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {given}.")
-    name, value = ("mass", mass) if mass is not None else ("density", density)
-    assert value is not None
+    name, number = ("mass", mass) if mass is not None else ("density", density)
+    value = checks.number(number, f"{shape}: {name}")
     if not 0.0 < value < np.inf:
         raise ValueRangeError(f"{shape}: {name} is {value}, and must be positive and finite.")
-    return float(value) if name == "mass" else float(value) * volume
+    return value if name == "mass" else value * volume
 
 
 def _lengths(name: str, value: ArrayLike, count: int) -> Array:
-    a = np.asarray(value, float)
-    if a.shape != ((count,) if count > 1 else ()):
-        raise ShapeError(f"{name} has shape {a.shape}, expected {f'({count},)' if count > 1 else 'one number'}.")
-    if not ((a > 0) & (a < np.inf)).all():
-        raise ValueRangeError(f"{name} is {a.tolist()}; lengths must be positive and finite, in metres.")
-    return a.reshape(count)
+    a = checks.one(value, name, count) if count > 1 else np.array([checks.number(value, name)])
+    if not ((a >= 1e-100) & (a <= 1e100)).all():  # beyond, their squares and products are no numbers
+        given = a.tolist() if count > 1 else a[0]
+        raise ValueRangeError(f"{name} is {given}; lengths must be positive and finite, 1e-100 to 1e100 m.")
+    return a
 
 
 def _centred(

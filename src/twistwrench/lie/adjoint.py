@@ -2,17 +2,20 @@
 
 ``Ad(T) @ V`` costs two rotations and a cross product, not a 6×6 product; ``.T`` is the same operator on wrenches;
 ``.matrix`` (or ``np.asarray``) is the matrix of the book. They act along the last axis, and batches broadcast:
-``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). Elements may be numbers or symbols.
+``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). Elements may be numbers or symbols. Made of a labelled pose or twist, an
+operator keeps the names of the frames, and labelled twists and wrenches check them.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import FrameError
+from . import checks
 from .so3 import cross
 
 Array = NDArray[Any]
@@ -29,6 +32,10 @@ class _Operator(ABC):
 
     __array_ufunc__ = None  # ndarray @ operator is refused rather than broadcast element by element
 
+    transposed: bool
+    frames: tuple[str, str] | None
+    """The frames that images and arguments are expressed in, when the pose or the twist had names."""
+
     @abstractmethod
     def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
         """The two halves of the image of (a, b)."""
@@ -37,9 +44,23 @@ class _Operator(ABC):
     @abstractmethod
     def _batch(self) -> tuple[int, ...]: ...
 
-    def __matmul__(self, x: ArrayLike) -> Array:
-        x = np.asarray(x)
-        return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)
+    def __matmul__(self, x: Any) -> Any:
+        if hasattr(x, "frame"):
+            return NotImplemented  # its __rmatmul__ knows frames
+        x = checks.array(x, f"{type(self).__name__}(…) @ x: x", 6)
+        try:
+            return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)
+        except ValueError:
+            checks.together(**{type(self).__name__: np.empty((*self._batch, 1)), "x": x[..., :1]})
+            raise
+
+    @property
+    def T(self) -> Self:
+        """The transpose, which acts on wrenches."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.transposed, other.frames = not self.transposed, self.frames and self.frames[::-1]
+        return other
 
     @property
     def matrix(self) -> Array:
@@ -58,15 +79,13 @@ class Ad(_Operator):
     >>> T = np.eye(4); T[:3, 3] = [1, 0, 0]
     >>> (Ad(T) @ [0, 0, 1, 0, 0, 0]).tolist()
     [0.0, 0.0, 1.0, 0.0, -1.0, 0.0]
+
+    A matrix that is no pose is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
     """
 
-    def __init__(self, T: ArrayLike, _transposed: bool = False) -> None:
-        self._pose, self._transposed = np.asarray(T), _transposed
-
-    @property
-    def T(self) -> Ad:
-        """The transpose, which acts on wrenches."""
-        return Ad(self._pose, not self._transposed)
+    def __init__(self, T: ArrayLike) -> None:
+        self._pose, self.transposed = checks.pose(T, "Ad: T"), False
+        self.frames = (T.to, T.of) if hasattr(T, "to") and hasattr(T, "of") else None
 
     @property
     def _batch(self) -> tuple[int, ...]:
@@ -74,7 +93,7 @@ class Ad(_Operator):
 
     def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
         R, p = self._pose[..., :3, :3], self._pose[..., :3, 3]
-        if self._transposed:  # [R', R' [p]'; 0, R']
+        if self.transposed:  # [R', R' [p]'; 0, R']
             Rt = np.swapaxes(R, -1, -2)
             return _rotate(Rt, a - cross(p, b)), _rotate(Rt, b)
         w = _rotate(R, a)  # [R, 0; [p] R, R]
@@ -85,16 +104,14 @@ class ad(_Operator):
     """The Lie bracket with a twist: ``ad(V1) @ V2 = [V1, V2]``; its transpose acts on wrenches. MR section 8.2.2.
 
     >>> (ad([0, 0, 1, 0, 0, 0]) @ [1, 0, 0, 0, 0, 0]).tolist()
-    [0, 1, 0, 0, 0, 0]
+    [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
     """
 
-    def __init__(self, V: ArrayLike, _transposed: bool = False) -> None:
-        self._twist, self._transposed = np.asarray(V), _transposed
-
-    @property
-    def T(self) -> ad:
-        """The transpose, which acts on wrenches."""
-        return ad(self._twist, not self._transposed)
+    def __init__(self, V: ArrayLike) -> None:
+        if getattr(V, "_kind", "twist") != "twist":
+            raise FrameError("ad: V is a wrench, and ad(V) is of a twist.")
+        self._twist, self.transposed = checks.array(V, "ad: V", 6), False
+        self.frames = (V.frame, V.frame) if hasattr(V, "frame") else None
 
     @property
     def _batch(self) -> tuple[int, ...]:
@@ -102,6 +119,6 @@ class ad(_Operator):
 
     def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
         w, v = self._twist[..., :3], self._twist[..., 3:]
-        if self._transposed:  # [-[w], -[v]; 0, -[w]]
+        if self.transposed:  # [-[w], -[v]; 0, -[w]]
             return -(cross(w, a) + cross(v, b)), -cross(w, b)
         return cross(w, a), cross(v, a) + cross(w, b)  # [[w], 0; [v], [w]]

@@ -1,33 +1,75 @@
-"""What log, project and labelled poses ask of a matrix, and errors that say how far off it is and in which row."""
+"""The door of ``lie``, ``screws`` and ``bodies``: what an array must be, and errors that name it, its shape and its row.
+
+``array``, ``real`` and ``finite`` look at types and shapes; ``rotation`` and ``pose`` say how far a matrix is off. Symbols
+(object arrays) pass all but ``real`` and ``finite`` as they are, so checked functions can be traced. NaN passes all but
+``finite``: plain arrays hand it on row by row, as NumPy does.
+"""
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError, ValueRangeError
+from ..errors import ShapeError, TwistWrenchError, ValueRangeError
 
 Array = NDArray[Any]
 
-__all__ = ["TOLERANCE", "finite", "last_row", "pose", "real", "refuse", "rotation"]
+__all__ = [
+    "TOLERANCE",
+    "array",
+    "as_matrix",
+    "finite",
+    "last_row",
+    "mismatch",
+    "number",
+    "one",
+    "pose",
+    "real",
+    "refuse",
+    "rotation",
+    "together",
+]
 
 TOLERANCE = 1e-6
-"""How far the entries of R' R may be from the identity where a rotation is needed: float32 rounding passes."""
+"""How far the entries of R' R may be from the identity where a rotation is needed: a rounded float32 rotation passes."""
+
+_FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
+_PYTHON = (int, float, Fraction, np.floating, np.integer)
+_NAMES = {"U": "text", "S": "bytes", "c": "complex numbers", "M": "dates", "m": "time spans", "O": "objects"}
 
 
-def real(x: ArrayLike) -> Array:
-    """x as float32 if it is that, else as float64."""
-    x = np.asarray(x)
-    return x if x.dtype == np.float32 else np.asarray(x, float)
+def array(x: ArrayLike, what: str, *shape: int, batch: bool = True) -> Array:
+    """x as float32, float64 or symbols, its last axes of the given shape; all else is an error that names ``what``."""
+    if type(x) is not np.ndarray:
+        x = _array(x, what, shape, batch)
+    if (x.shape[-len(shape) :] if batch else x.shape) != shape and (shape or not batch):
+        raise ShapeError(f"{what} has {_described(x)}, expected {_wanted(shape, batch)}.")
+    if x.dtype in _FLOATS:
+        return x
+    if x.dtype.kind in "biuf":  # small integers would overflow, and unsigned ones have no minus sign
+        return x.astype(float)
+    if x.dtype != object or not all(map(_is_number, set(map(type, x.flat)))):
+        raise ValueRangeError(f"{what} has {_described(x)}, expected {_wanted(shape, batch)} of real numbers.")
+    return x
 
 
-def finite(x: ArrayLike, what: str, shape: tuple[int, ...]) -> Array:
+def real(x: ArrayLike, what: str, *shape: int, batch: bool = True) -> Array:
+    """x as float32 if it is that, else as float64, with the last axes of the given shape; symbols are refused."""
+    M = array(x, what, *shape, batch=batch)
+    if M.dtype != object:
+        return M
+    try:
+        return M.astype(float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueRangeError(f"{what} has {_described(M)}, expected numbers that float64 can hold: {error}.") from None
+
+
+def finite(x: ArrayLike, what: str, *shape: int) -> Array:
     """x as real numbers, its last axes of the given shape and none of them NaN or infinite."""
-    M = real(x)
-    if M.shape[-len(shape) :] != shape:
-        raise ShapeError(f"{what} has shape {M.shape}, expected (..., {', '.join(map(str, shape))}).")
+    M = real(x, what, *shape)
     bad = ~np.isfinite(M)
     if bad.any():
         where = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -35,37 +77,137 @@ def finite(x: ArrayLike, what: str, shape: tuple[int, ...]) -> Array:
     return M
 
 
+def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False) -> Array:
+    """x as float64 numbers, or symbols where they may be, of exactly this shape: one thing, not a batch."""
+    M = (array if symbols else real)(x, what, *shape, batch=False)
+    return M if M.dtype == object else np.asarray(M, float)
+
+
+def number(x: Any, what: str) -> float:
+    """x as one real number, which may be NaN or infinite."""
+    if type(x) is float:
+        return x
+    M = _array(x, what, ())
+    if M.shape != () or M.dtype.kind not in "iuf":
+        raise ValueRangeError(f"{what} is {x!r}, expected one real number.")
+    return float(M)
+
+
+def as_matrix(x: Any, what: str, kind: str) -> Array:
+    """What ``x.as_matrix()`` gives, for an object of SciPy's."""
+    if not hasattr(x, "as_matrix"):
+        raise ValueRangeError(f"{what} takes a {kind}, got {type(x).__name__}.")
+    return np.asarray(x.as_matrix())
+
+
+def together(**arrays: Array) -> tuple[Array, ...]:
+    """The arrays broadcast against each other, or a :func:`mismatch`."""
+    try:
+        return tuple(np.broadcast_arrays(*arrays.values()))
+    except ValueError:
+        raise mismatch(**arrays) from None
+
+
+def mismatch(**arrays: Array) -> ShapeError:
+    """The error for batches that do not broadcast."""
+    shapes = ", ".join(f"{name} {x.shape}" for name, x in arrays.items())
+    return ShapeError(f"these batches do not broadcast: {shapes}. All axes but the last ones must agree or be 1.")
+
+
+def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False) -> Array:
+    try:
+        M = np.asarray(x)
+        plain = M.dtype == object and M.size and all(issubclass(kind, _PYTHON) for kind in set(map(type, M.flat)))
+        return M.astype(float) if plain else M  # fractions, and integers beyond 64 bits
+    except TwistWrenchError:
+        raise
+    except Exception as error:  # rows of different lengths, integers beyond floats, whatever another library raises
+        raise ShapeError(f"{what} is no array, expected {_wanted(shape, batch)} of real numbers: {error}") from None
+
+
+def _wanted(shape: tuple[int, ...], batch: bool) -> str:
+    return f"({', '.join(['...', *map(str, shape)])})" if batch else str(shape)
+
+
+def _is_number(kind: type) -> bool:
+    """Whether elements of an object array can be calculated with: numbers and symbols can be negated, texts and None cannot."""
+    return hasattr(kind, "__neg__") and not issubclass(kind, (complex, np.complexfloating, np.ndarray))
+
+
+def _described(x: Array) -> str:
+    kind = x.dtype.kind
+    if kind == "O" and x.size:
+        return f"shape {x.shape} of {', '.join(sorted({type(e).__name__ for e in x.flat}))}"
+    return f"shape {x.shape}" + (f" of {_NAMES.get(kind, x.dtype.name)}" if kind not in "biufO" else "")
+
+
+# ── rotations and poses ──
+
+
 def refuse(gaps: Array, allowed: float, complaint: str) -> None:
-    """Raise when the largest of ``gaps`` (..., n, n) is more than allowed, naming the row of the batch."""
-    if gaps.size and not (gap := float(gaps.max())) <= allowed:
-        row = tuple(int(i) for i in np.unravel_index(int(gaps.argmax()), gaps.shape))[:-2]
-        place = f" (row {', '.join(map(str, row))} of the batch)" if row else ""
-        raise ValueRangeError(f"{complaint.format(gap=gap, allowed=allowed)}{place}.")
+    """Raise when the largest of ``gaps`` (..., n, n) is more than allowed, naming the row of the batch. NaN passes."""
+    if not (gaps > allowed).any():
+        return
+    worst = int(np.nanargmax(gaps))
+    row = tuple(int(i) for i in np.unravel_index(worst, gaps.shape))[:-2]
+    place = f" (row {', '.join(map(str, row))} of the batch)" if row else ""
+    raise ValueRangeError(f"{complaint.format(gap=float(gaps.flat[worst]), allowed=allowed)}{place}.")
 
 
-def rotation(R: ArrayLike) -> Array:
-    """R (..., 3, 3), when it is a rotation to :data:`TOLERANCE`."""
-    R = finite(R, "a rotation matrix", (3, 3))
-    off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+def rotation(R: Array, what: str) -> Array:
+    """R (..., 3, 3), through :func:`array` before, when it is a rotation to :data:`TOLERANCE`; symbols are not judged."""
+    if R.dtype == object or _surely_rotations(R):
+        return R
+    allowed = max(TOLERANCE, 100 * float(np.finfo(R.dtype).eps))  # float32: what a chain of products adds up to
+    with np.errstate(all="ignore"):
+        off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+        reflected = np.maximum(0.0, -np.linalg.det(R))[..., None, None]
     refuse(
-        off,
-        TOLERANCE,
-        "not a rotation: R' R is {gap:.3g} off the identity, allowed {allowed:g}; so3.project gives the nearest one",
+        np.where(np.isinf(R).any(axis=(-2, -1), keepdims=True), np.inf, off),
+        allowed,
+        f"{what} is not a rotation: R' R is {{gap:.3g}} off the identity, allowed {{allowed:g}}; "
+        "so3.project gives the nearest one",
     )
-    reflected = np.maximum(0.0, -np.linalg.det(R))[..., None, None]
-    refuse(reflected, 0.5, "not a rotation but a reflection: det R = -{gap:.3g}; negate one axis")
+    refuse(reflected, 0.5, f"{what} is not a rotation but a reflection: det R = -{{gap:.3g}}; negate one axis")
     return R
 
 
-def last_row(T: Array, allowed: float = TOLERANCE) -> None:
+def _surely_rotations(R: Array) -> bool:
+    """Whether two rows are orthonormal and the third is their cross product, to a fifth of what is allowed.
+
+    On floats or on columns, for every Ad and inverse asks; finding how far off and where takes ten times as long.
+    """
+    near = 0.2 * TOLERANCE
+    if R.ndim == 2:
+        return all(not abs(gap) > near for gap in _gaps(R.tolist()))
+    with np.errstate(all="ignore"):  # infinite entries are found, not warned of
+        return not any((np.abs(gap) > near).any() for gap in _gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
+
+
+def _gaps(rows: Any) -> tuple[Any, ...]:
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return (
+        a * a + b * b + c * c - 1.0,
+        d * d + e * e + f * f - 1.0,
+        a * d + b * e + c * f,
+        b * f - c * e - g,
+        c * d - a * f - h,
+        a * e - b * d - i,
+    )
+
+
+def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
     """Make sure that the last row of T (..., 4, 4) is (0, 0, 0, 1)."""
+    if T.ndim == 2 and T[3].tolist() == [0.0, 0.0, 0.0, 1.0]:
+        return
     off = np.abs(T[..., 3:, :] - np.array([0.0, 0.0, 0.0, 1.0]))
-    refuse(off, allowed, "not a pose: its last row is {gap:.3g} off (0, 0, 0, 1), allowed {allowed:g}")
+    refuse(off, allowed, f"{what} is not a pose: its last row is {{gap:.3g}} off (0, 0, 0, 1), allowed {{allowed:g}}")
 
 
-def pose(T: ArrayLike) -> Array:
-    """T (..., 4, 4), when it is a pose to :data:`TOLERANCE`."""
-    T = finite(T, "a pose", (4, 4))
-    last_row(T)
-    rotation(T[..., :3, :3])
-    return T
+def pose(T: ArrayLike, what: str) -> Array:
+    """T (..., 4, 4), when it is a pose to :data:`TOLERANCE`. A labelled pose was judged when it was made, symbols never are."""
+    M = array(T, what, 4, 4)
+    if M.dtype != object and not hasattr(T, "of"):
+        last_row(M, what)
+        rotation(M[..., :3, :3], what)
+    return M

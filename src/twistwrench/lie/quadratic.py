@@ -9,12 +9,33 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-__all__ = ["angle", "quadratic", "slope"]
+__all__ = ["angle", "quadratic", "slope", "within_reach"]
 
 
 def angle(w: Array) -> Array:
     """|w|; (..., 3) → (...)."""
     return np.asarray(np.sqrt(np.sum(w * w, axis=-1)))
+
+
+_REACH = {np.dtype(kind): np.finfo(kind).max ** 0.25 for kind in (np.float32, np.float64)}
+
+
+def within_reach(w: Array) -> tuple[Array, Array]:
+    """w and |w|, where a w too long for powers of |w| is shortened along its axis to the fourth root of the largest float.
+
+    That is 1e77, or 4e9 in float32: there the rounding of w exceeds many turns, so any angle is as right as another, and
+    the left Jacobian is its limit ŵ ŵ' to the last digit.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        theta = angle(w)
+        limit = _REACH[w.dtype]
+        if np.fmax.reduce(theta, axis=None, initial=0.0) > limit:
+            far = theta > limit
+            u = w[far] / np.abs(w[far]).max(axis=-1, keepdims=True)  # infinity has no direction: NaN
+            w = w.copy()
+            w[far] = limit / angle(u)[..., None] * u
+            theta = np.where(far, angle(w), theta)
+    return w, theta
 
 
 def quadratic(w: Array, a: Array, b: Array, constant: float = 1.0) -> Array:

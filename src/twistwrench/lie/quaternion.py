@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import series
+from ..errors import ValueRangeError
+from . import checks, series
+from .quadratic import within_reach
 
 Array = NDArray[Any]
 
@@ -15,10 +17,16 @@ __all__ = ["exp", "from_matrix", "log", "multiply", "rotation"]
 
 
 def rotation(quat: ArrayLike) -> Array:
-    """Rotation matrix of a quaternion of any nonzero length; (..., 4) → (..., 3, 3). Works on symbols too."""
-    quat = np.asarray(quat)
+    """Rotation matrix of a quaternion of any length from 1e-150 to 1e150; (..., 4) → (..., 3, 3). Works on symbols too.
+
+    One of length zero is a :class:`~twistwrench.ValueRangeError`.
+    """
+    quat = checks.array(quat, "quaternion.rotation: quat", 4)
     w, x, y, z = np.moveaxis(quat, -1, 0)
-    s = 2.0 / (w * w + x * x + y * y + z * z)
+    square = w * w + x * x + y * y + z * z
+    if quat.dtype != object:
+        _turning(square, "quaternion.rotation: quat")
+    s = 2.0 / square
     sx, sy, sz = s * x, s * y, s * z
     wx, wy, wz, xx, xy, xz, yy, yz, zz = w * sx, w * sy, w * sz, x * sx, x * sy, x * sz, y * sy, y * sz, z * sz
     rows = [1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy)]
@@ -27,42 +35,66 @@ def rotation(quat: ArrayLike) -> Array:
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """The product a b (first b, then a); (..., 4), (..., 4) → (..., 4)."""
-    (a0, a1, a2, a3), (b0, b1, b2, b3) = np.moveaxis(np.asarray(a), -1, 0), np.moveaxis(np.asarray(b), -1, 0)
-    return np.stack(
-        [
-            a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
-            a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
-            a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
-            a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
-        ],
-        axis=-1,
-    )
+    a, b = checks.array(a, "quaternion.multiply: a", 4), checks.array(b, "quaternion.multiply: b", 4)
+    (a0, a1, a2, a3), (b0, b1, b2, b3) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    try:
+        return np.stack(
+            [
+                a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+                a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+                a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
+                a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
+            ],
+            axis=-1,
+        )
+    except ValueError:
+        checks.together(a=a, b=b)
+        raise
 
 
 def exp(w: ArrayLike) -> Array:
     """Unit quaternion of the exponential coordinates w; (..., 3) → (..., 4)."""
-    w = np.asarray(w, float)
-    half = 0.5 * np.linalg.norm(w, axis=-1, keepdims=True)
+    w, angle = within_reach(np.asarray(checks.real(w, "quaternion.exp: w", 3), float))
+    half = 0.5 * angle[..., None]
     return np.concatenate([np.cos(half), 0.5 * series.sinc(half) * w], axis=-1)
 
 
 def log(quat: ArrayLike) -> Array:
-    """Exponential coordinates, 0 ≤ |w| ≤ π, of a quaternion of any nonzero length; (..., 4) → (..., 3)."""
-    quat = np.asarray(quat, float)
-    quat = np.where(quat[..., :1] < 0, -quat, quat)
-    v = quat[..., 1:]
+    """Exponential coordinates, 0 ≤ |w| ≤ π, of a quaternion of any nonzero length; (..., 4) → (..., 3).
+
+    One of length zero is a :class:`~twistwrench.ValueRangeError`.
+    """
+    q = np.asarray(checks.real(quat, "quaternion.log: quat", 4), float)
+    size = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
+    _turning(size[..., 0], "quaternion.log: quat")
+    q = np.ldexp(q, -np.frexp(size)[1])  # no square to overflow or underflow
+    q = np.where(q[..., :1] < 0, -q, q)
+    v = q[..., 1:]
     norm = np.linalg.norm(v, axis=-1, keepdims=True)
     tiny = norm < 1e-150
-    angle = 2.0 * np.arctan2(norm, quat[..., :1])
-    return v * np.where(tiny, 2.0 / np.where(quat[..., :1] == 0, 1.0, quat[..., :1]), angle / np.where(tiny, 1.0, norm))
+    angle = 2.0 * np.arctan2(norm, q[..., :1])
+    return v * np.where(tiny, 2.0 / np.where(q[..., :1] == 0, 1.0, q[..., :1]), angle / np.where(tiny, 1.0, norm))
+
+
+def _turning(size: Array, what: str) -> None:
+    """Refuse quaternions of no length, by a size (...)."""
+    if not size.all():  # NaN counts as true
+        row = tuple(int(i) for i in np.argwhere(size == 0)[0])
+        raise ValueRangeError(
+            f"{what} is zero{f' in row {row}' if row else ''}, which is no rotation; none is (1, 0, 0, 0)."
+        )
+
+
+_MATRIX = "quaternion.from_matrix: R"
 
 
 def from_matrix(R: ArrayLike) -> Array:
     """Unit quaternion (w ≥ 0) of a rotation matrix, by the best of four formulas; (..., 3, 3) → (..., 4).
 
+    A matrix that is no rotation is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
-    R = np.asarray(R, float)
+    R = np.asarray(checks.rotation(checks.real(R, _MATRIX, 3, 3), _MATRIX), float)
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)
     # Row k is 4 q_k q: the outer product of the quaternion with itself, and the row of the largest q_k is the safest.

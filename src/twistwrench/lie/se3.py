@@ -2,7 +2,8 @@
 
 Any leading batch shape. ``T_ab`` is the pose of frame {b} seen from {a}. Largest error of an entry against 50-digit
 arithmetic, 400 random twists of angle up to π and |v| = 1: ``exp`` 7.3e-16, ``log`` 6.7e-16, ``left_jacobian`` 2.8e-16,
-``left_jacobian_inverse`` 2.3e-16; linear in |v|. The bounds are asserted in ``tests/test_lie_accuracy.py``.
+``left_jacobian_inverse`` 2.3e-16; linear in |v|. The bounds are asserted in ``tests/test_lie_accuracy.py``. Wrong types
+and shapes, and NaN, as in :mod:`~twistwrench.so3`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import MissingExtraError
 from . import checks, series, so3
 from .adjoint import Ad, ad
-from .quadratic import angle, quadratic, slope
+from .quadratic import angle, quadratic, slope, within_reach
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
@@ -41,7 +42,9 @@ __all__ = [
 
 def pose(R: ArrayLike, p: ArrayLike) -> Array:
     """The 4×4 matrix of a rotation and a position; (..., 3, 3), (..., 3) → (..., 4, 4). Works on symbols too."""
-    R, p = np.asarray(R), np.asarray(p)
+    R, p = checks.array(R, "se3.pose: R", 3, 3), checks.array(p, "se3.pose: p", 3)
+    if R.shape[:-2] != p.shape[:-1]:
+        R, p = _broadcast(R, p)
     top = np.concatenate([R, p[..., None]], axis=-1)
     bottom = np.array([0.0, 0.0, 0.0, 1.0], np.float32 if top.dtype == np.float32 else float)
     return np.concatenate([top, np.broadcast_to(bottom, (*top.shape[:-2], 1, 4))], axis=-2)
@@ -49,20 +52,23 @@ def pose(R: ArrayLike, p: ArrayLike) -> Array:
 
 def hat(V: ArrayLike) -> Array:
     """The 4×4 matrix [V]; (..., 6) → (..., 4, 4). MR eq. 3.71."""
-    V = np.asarray(V)
+    V = checks.array(V, "se3.hat: V", 6)
     top = np.concatenate([so3.hat(V[..., :3]), V[..., 3:, None]], axis=-1)
     return np.concatenate([top, np.zeros_like(top[..., :1, :])], axis=-2)
 
 
 def vee(X: ArrayLike) -> Array:
     """The twist of a 4×4 matrix [V]; (..., 4, 4) → (..., 6)."""
-    X = np.asarray(X)
+    X = checks.array(X, "se3.vee: X", 4, 4)
     return np.concatenate([so3.vee(X[..., :3, :3]), X[..., :3, 3]], axis=-1)
 
 
 def inverse(T: ArrayLike) -> Array:
-    """T_ba from T_ab, by transposing; (..., 4, 4) → (..., 4, 4). MR eq. 3.64. Works on symbols too."""
-    T = np.asarray(T)
+    """T_ba from T_ab, by transposing; (..., 4, 4) → (..., 4, 4). MR eq. 3.64. Works on symbols too.
+
+    A matrix that is no pose is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
+    """
+    T = checks.pose(T, "se3.inverse: T")
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     return pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
 
@@ -73,9 +79,8 @@ def exp(V: ArrayLike) -> Array:
     >>> exp([0, 0, 0, 1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    V = checks.real(V)
-    w, v = V[..., :3], V[..., 3:]
-    theta = angle(w)
+    V = checks.real(V, "se3.exp: V", 6)
+    (w, theta), v = within_reach(V[..., :3]), V[..., 3:]
     b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
     wv = so3.cross(w, v)
     T = np.zeros((*V.shape[:-1], 4, 4), V.dtype)
@@ -93,7 +98,7 @@ def log(T: ArrayLike) -> Array:
     >>> log(exp([0.1, 0.2, 0.3, 4, 5, 6])).round(12).tolist()
     [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
     """
-    T = checks.pose(T)
+    T = checks.pose(checks.real(T, "se3.log: T", 4, 4), "se3.log: T")
     w = so3.log(T[..., :3, :3])
     return np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
 
@@ -107,9 +112,8 @@ def left_jacobian(V: ArrayLike) -> Array:
     >>> left_jacobian([0, 0, 0, 2, 0, 0])[3:, :3].tolist()
     [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     """
-    V = checks.real(V)
-    w, v = V[..., :3], V[..., 3:]
-    theta = angle(w)
+    V = checks.real(V, "se3.left_jacobian: V", 6)
+    (w, theta), v = within_reach(V[..., :3]), V[..., 3:]
     b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
     db, dc = series.one_minus_cos_slope(theta), series.theta_minus_sin_slope(theta)
     return _dual(quadratic(w, b, c), slope(w, v, b, c, db, dc))
@@ -118,11 +122,13 @@ def left_jacobian(V: ArrayLike) -> Array:
 def left_jacobian_inverse(V: ArrayLike) -> Array:
     """Inverse of :func:`left_jacobian`; (..., 6) → (..., 6, 6). Grows without bound as |omega| nears 2π, 4π, …
 
+    Lengths of omega beyond 1e77 overflow.
+
     >>> V = [0.3, -2.0, 1.0, 0.5, 0.1, -0.4]
     >>> bool(abs(left_jacobian(V) @ left_jacobian_inverse(V) - np.eye(6)).max() < 1e-15)
     True
     """
-    V = checks.real(V)
+    V = checks.real(V, "se3.left_jacobian_inverse: V", 6)
     w, v = V[..., :3], V[..., 3:]
     theta = angle(w)
     b, c = np.full_like(theta, -0.5), series.cot_term(theta)
@@ -139,8 +145,8 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     >>> bool(abs(project(T.round(3)) - T).max() < 1e-3)
     True
     """
-    M = checks.finite(M, "a pose", (4, 4))
-    checks.last_row(M, within)
+    M, within = checks.real(M, "se3.project: M", 4, 4), checks.number(within, "se3.project: within")
+    checks.last_row(M, "se3.project: M", within)
     return pose(so3.project(M[..., :3, :3], within), M[..., :3, 3])
 
 
@@ -156,12 +162,20 @@ def as_scipy(T: ArrayLike) -> RigidTransform:
         raise MissingExtraError(
             "se3.as_scipy needs RigidTransform, which came with SciPy 1.16: pip install 'scipy>=1.16'."
         ) from None
-    return RigidTransform.from_matrix(checks.pose(T))
+    return RigidTransform.from_matrix(checks.pose(checks.finite(T, "se3.as_scipy: T", 4, 4), "se3.as_scipy: T"))
 
 
 def from_scipy(transform: RigidTransform) -> Array:
     """The pose (..., 4, 4) of a ``scipy.spatial.transform.RigidTransform``."""
-    return np.asarray(transform.as_matrix())
+    return checks.as_matrix(transform, "se3.from_scipy", "scipy.spatial.transform.RigidTransform")
+
+
+def _broadcast(R: Array, p: Array) -> tuple[Array, Array]:
+    try:
+        batch = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
+    except ValueError:
+        raise checks.mismatch(R=R, p=p) from None
+    return np.broadcast_to(R, (*batch, 3, 3)), np.broadcast_to(p, (*batch, 3))
 
 
 def _dual(J: Array, Q: Array) -> Array:

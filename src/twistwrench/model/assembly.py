@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from .description import JointEntry, LinkEntry
+from .friction import Friction
 from .fusing import fuse
 from .joint import Joint
 from .mimic import Drive
@@ -75,14 +76,12 @@ def assemble(
                 follows=entry.name in drives,
             )
         )
-    damping, friction = _friction(joints, drives, columns, nv)
     model = Model(
         name=name,
         bodies=tuple(bodies),
         frames={link: Frame(index[link], np.eye(4)) for link in links},
         limits=_stacked([entry.limits for entry in leaders]),
-        damping=damping,
-        friction=friction,
+        friction=_friction(joints, drives, columns, nv),
         gravity=gravity,
         base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
         tip=None,
@@ -109,7 +108,7 @@ def _stacked(limits: list[Limits]) -> Limits:
 
 def _friction(
     joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int
-) -> tuple[Array, Array]:
+) -> Friction:
     """Damping and Coulomb friction per velocity, those of followers folded into their leaders.
 
     A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping counts
@@ -122,4 +121,4 @@ def _friction(
             at = slice(columns[drive.leader].v, columns[drive.leader].v + entry.joint.nv)
             damping[at] += drive.ratio**2 * entry.damping
             friction[at] += abs(drive.ratio) * entry.friction
-    return damping, friction
+    return Friction.plain(damping, friction)

@@ -36,8 +36,9 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     links = model.link_inertias
     if name in links:
         links = {**links, name: links[name] + inertia}
+    model = replace(model, link_inertias=links, payloads=(*model.payloads, (str(name), inertia)))
     if at.body == BASE:
-        return replace(model, base_inertia=model.base_inertia + moved, link_inertias=links)
+        return replace(model, base_inertia=model.base_inertia + moved)
     body = model.bodies[at.body]
     loaded = replace(body, inertia=body.inertia + moved)
     # A body that was accepted as impossible when the robot was loaded may stay so.
@@ -46,7 +47,7 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
             f"with a payload at {name!r}, the body of joint {body.joint.name!r} cannot exist: {'; '.join(found)}."
         )
     bodies = (*model.bodies[: at.body], loaded, *model.bodies[at.body + 1 :])
-    return replace(model, bodies=bodies, link_inertias=links)
+    return replace(model, bodies=bodies)
 
 
 def with_gravity(model: Model, g: ArrayLike) -> Model:
@@ -77,6 +78,7 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
     moving = {body.joint.name: body for body in model.bodies if not body.follows}
     followers = {body.joint.name: body for body in model.bodies if body.follows}
     held: dict[int, Array] = {}
+    at: dict[str, float] = {}
     for name, value in positions.items():
         if name in followers:
             leader = next(b.joint.name for b in moving.values() if b.v_index == followers[name].v_index)
@@ -87,10 +89,14 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
         if name not in moving:
             raise UnknownNameError.of("moving joint", name, moving)
         q = _coordinates(moving[name].joint, value)
+        at[name] = float(q[0])
         for i, body in enumerate(model.bodies):
             if body.v_index == moving[name].v_index:
                 held[i] = body.joint.pose(body.ratio * q + body.offset)
     fused = fuse(model, held)
+    springs = tuple(s for s in (spring.held(at) for spring in model.springs) if s.terms)
+    actuators = {joint: actuator for joint, actuator in model.actuators.items() if joint not in at}
+    fused = replace(fused, springs=springs, actuators=actuators)
     return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
 
 

@@ -96,7 +96,7 @@ class _Columns:
         """The per-velocity data of the model, without the columns that went."""
         pick, old = np.array(self._order, int), model.limits
         limits = Limits(old.lower[pick], old.upper[pick], old.velocity[pick], old.effort[pick])
-        return {"limits": limits, "damping": model.damping[pick], "friction": model.friction[pick]}
+        return {"limits": limits, "friction": model.friction.at(pick)}
 
 
 def _v_index(body: Body) -> int:

@@ -16,7 +16,7 @@ Array = NDArray[Any]
 __all__ = ["JOINT_KINDS", "Joint", "planar_axes", "screw_axis"]
 
 JOINT_KINDS = ("revolute", "continuous", "prismatic", "helical", "planar", "floating")
-"""The kinds of moving joints. ``fixed`` joints are fused away by the builder."""
+"""The kinds of moving joints. ``fixed`` joints are fused away by the builder; ``rotor`` ones come with actuators."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,15 @@ class Joint:
         if self.kind == "planar":
             normal, e1, e2 = self.axes[0, :3], self.axes[1, 3:], self.axes[2, 3:]
             return se3.pose(_turn(normal, q[2]), e1 * q[0] + e2 * q[1])
+        if self.kind == "rotor":  # a body of revolution looks the same however it has turned: its frame stays behind
+            return np.eye(4)
         return screw_motion(self.axes[0], q[0])
 
     def carry(self, G: SpatialInertia, q: Array) -> SpatialInertia:
         """Inertia, in the joint's frame, of a body whose inertia in the child's frame is G. Works on symbols."""
         axis = self.axes[0]
+        if self.kind == "rotor":
+            return G
         if self.nv == 1 and np.count_nonzero(axis) == 1 and axis[:3].any():  # turning about a coordinate axis
             k = int(np.argmax(np.abs(axis)))
             return G.turned(k, axis[k] * q[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import FrameError, UnknownNameError
+from .actuator import Actuator
+from .friction import Friction
 from .joint import Joint
+from .spring import Spring
 
 Array = NDArray[Any]
 
@@ -74,10 +78,8 @@ class Model:
     frames: dict[str, Frame]
     """Every link of the file by name, fused ones included, in document order."""
     limits: Limits
-    damping: Array
-    """(nv,) viscous friction, N m s/rad or N s/m."""
-    friction: Array
-    """(nv,) Coulomb friction, N m or N."""
+    friction: Friction
+    """Of the joints, left out of every quantity unless it is asked for."""
     gravity: Array
     """(3,) m/s², in the base frame."""
     base_inertia: SpatialInertia
@@ -90,11 +92,17 @@ class Model:
     link_inertias: dict[str, SpatialInertia] = field(default_factory=dict)
     """The inertia of each link by itself, in its own frame, for reports."""
     source: str = ""
+    springs: tuple[Spring, ...] = ()
+    """Between joint coordinates; their torques are part of the dynamics, as gravity's are."""
+    actuators: Mapping[str, Actuator] = field(default_factory=dict)
+    """What drives the joints, by joint; their rotors are among the bodies, their elasticity among the springs."""
+    payloads: tuple[tuple[str, SpatialInertia], ...] = ()
+    """(frame, inertia about it) of what was attached; the bodies and the links that carry it have it in them."""
     snap: float = 0.0
     """How near to 0 or ±1 an entry of a fixed rotation was to be to count as exactly that; edits keep to it."""
 
     def __post_init__(self) -> None:
-        arrays = [self.damping, self.friction, self.gravity, *vars(self.limits).values()]
+        arrays = [self.gravity, *vars(self.limits).values()]
         arrays += [frame.pose for frame in self.frames.values()]
         for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
             array.setflags(write=False)  # robots share these, and kernels have them compiled in

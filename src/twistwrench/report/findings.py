@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .derivatives import Differentiation, States
 from .load import LoadedRobot
+from .motors import MotorUse
 from .strays import Stray
 from .survey import Survey
 from .tally import Gaps
@@ -105,6 +106,8 @@ class TorqueReport:
     """Samples that smoothing removed and noise does not explain."""
     still: tuple[float, ...]
     """Of each joint: the share of rows in which it rests, or moves, within the noise of its derived velocity."""
+    motors: tuple[MotorUse, ...]
+    """What the motion asks of the motors that are described."""
     around: States
     """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
 

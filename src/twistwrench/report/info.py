@@ -24,16 +24,19 @@ __all__ = ["info_view"]
 def info_view(robot: Robot, *, degrees: bool = False) -> RenderableType:
     """Everything there is to say about the robot's make-up; angles in degrees if ``degrees``."""
     model = robot.model
-    parts: list[RenderableType] = [_heading(model), _joints(model, degrees=degrees), _inertias(model), _tree(model)]
+    actuators = [_actuators(model)] if model.actuators else []
+    parts: list[RenderableType] = [
+        _heading(model), _joints(model, degrees=degrees), *actuators, _inertias(model), _tree(model)
+    ]  # fmt: skip
     return Group(*parts, *(Text.assemble(("! ", "yellow"), defect) for defect in model.defects))
 
 
 def _heading(model: Model) -> Text:
     moving, fixed = sum(b.inertia.mass for b in model.bodies), model.base_inertia.mass
     gravity = " ".join(f"{g:g}" for g in model.gravity)
-    counts = (
-        f"{len(model.bodies)} moving bodies, {model.nq} coordinates, {model.nv} velocities, {len(model.frames)} frames"
-    )
+    rotors = sum(b.joint.kind == "rotor" for b in model.bodies)
+    bodies = f"{len(model.bodies) - rotors} moving bodies" + (f" and {rotors} rotors" if rotors else "")
+    counts = f"{bodies}, {model.nq} coordinates, {model.nv} velocities, {len(model.frames)} frames"
     return Text.assemble(
         (model.name, "bold"),
         f"  {counts}\nmass {moving:.4g} kg moving, {fixed:.4g} kg fixed  ·  gravity [{gravity}] m/s²  ·  tip ",
@@ -46,22 +49,39 @@ def _joints(model: Model, *, degrees: bool) -> Table:
     table = _plain_table(f"Joints (angles in {angle}, lengths in m, efforts in N m or N)")
     for name in ("joint", "kind", "carries"):
         table.add_column(name, no_wrap=True)
-    extra = bool(np.any(model.damping) or np.any(model.friction))
+    extra = model.friction.any
     for name in ("lower", "upper", "velocity", "effort", *(("damping", "friction") if extra else ())):
         table.add_column(name, justify="right", no_wrap=True)
     c, limits = Coordinates.of(model), model.limits
     for i, b in enumerate(model.bodies):
         for k in range(b.v_index, b.v_index + b.joint.nv):
             factor = math.degrees(1.0) if degrees and c.angular_velocity[k] else 1.0
+            if b.follows and b.joint.kind == "rotor":  # in the table of actuators
+                continue
             if b.follows:
                 kind = f"{b.joint.kind},\n{_rule(b, c.velocity_names[k], factor, degrees=degrees)}"
                 table.add_row(*map(Text, (b.joint.name, kind, _link(model, i))))
                 continue
             first = k == b.v_index
             cells = [factor * limits.lower[k], factor * limits.upper[k], factor * limits.velocity[k], limits.effort[k]]
-            cells += [model.damping[k], model.friction[k]] if extra else []
+            cells += [model.friction.viscous[k], model.friction.coulomb[k]] if extra else []
             words = (c.velocity_names[k], b.joint.kind if first else "", _link(model, i) if first else "")
             table.add_row(*map(Text, words), *map(_figure, cells))
+    return table
+
+
+def _actuators(model: Model) -> Table:
+    """Gears, rotors and motors; what is not known stays empty."""
+    table = _plain_table("Actuators (SI units)")
+    table.add_column("joint", no_wrap=True)
+    heads = ("ratio", "η", "rotor", "stiffness", "k_t", "R", "V", "A", "A peak", "speed")
+    for name in heads:
+        table.add_column(name, justify="right", no_wrap=True)
+    for a in model.actuators.values():
+        m = a.motor
+        known = [m.torque_constant, m.resistance, m.voltage, m.current_continuous, m.current_peak, m.speed] if m else []
+        cells = [a.ratio, a.efficiency, a.rotor.inertia if a.rotor else math.inf, a.stiffness, *known]
+        table.add_row(Text(a.joint), *(f"{x:.3g}" if math.isfinite(x) else "–" for x in cells))
     return table
 
 
@@ -97,6 +117,9 @@ def _tree(model: Model) -> Tree:
     root = Tree(_branch("base", fixed[BASE]))
     branches = {BASE: root}
     for i, b in enumerate(model.bodies):
+        if b.joint.kind == "rotor" and b.follows:
+            branches[b.parent].label.append(f"  · {b.link}", "dim")  # type: ignore[union-attr]
+            continue
         label = Text.assemble(
             (b.joint.name, "cyan"), (f" ({b.joint.kind}) → ", "dim"), _branch(_link(model, i), fixed[i])
         )

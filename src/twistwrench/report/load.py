@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..algorithms.motors import MotorLoads, motor_loads
 from ..bodies.inertia import SpatialInertia
 from ..errors import ValueRangeError
 from .derivatives import States
@@ -20,8 +21,8 @@ Array = NDArray[Any]
 
 __all__ = ["TERMS", "LoadedRobot", "Payload", "parse_payload", "parse_wrenches"]
 
-TERMS = ("inertia", "coriolis", "gravity", "payload", "friction", "wrench")
-"""The causes of a torque: M ddq, c, g, all of the payload's, joint friction and damping, wrenches' -J' F_on."""
+TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
+"""The causes of a torque: M ddq, c, g, springs, all of the payload's, wrenches' -J' F_on, joint friction and damping."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,7 @@ class LoadedRobot:
         """Inverse dynamics with everything included; (n,) states → (n, nv)."""
         on = {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
         tau = self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=on)
-        return np.asarray(tau + self._friction(s) if self.friction else tau)
+        return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
 
     def terms(self, s: States) -> dict[str, Array]:
         """The causes, (n, nv) each, in the order of :data:`TERMS`; they add up to :meth:`torques`."""
@@ -68,19 +69,30 @@ class LoadedRobot:
         wrench = zero.copy()
         for frame, F in self.wrenches.items():  # what the robot must apply to the world is -F
             wrench += bare.wrench_torques(s.q, np.broadcast_to(-F, (len(s), 6)), frame)
-        return {
-            "inertia": bare.inverse_dynamics(s.q, zero, s.ddq) - gravity,
+        terms = {
+            "inertia": bare.inverse_dynamics(s.q, zero, s.ddq) - bare.bias_forces(s.q, zero),
             "coriolis": np.asarray(bare.coriolis_forces(s.q, s.dq)),
             "gravity": gravity,
+            "spring": bare.bias_forces(s.q, zero) - gravity if bare.model.springs else zero,
             "payload": self._payload_torques(s) if self.payloads else zero,
-            "friction": self._friction(s) if self.friction else zero,
             "wrench": wrench,
         }
+        tau = np.sum(list(terms.values()), axis=0)
+        return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
 
-    def _friction(self, s: States) -> Array:
-        """Of joints and damping, without what Coulomb friction has where the sign of the velocity is unknown."""
-        tau = np.broadcast_to(self.bare.friction_forces(s.dq), s.dq.shape)
-        return np.asarray(tau - np.where(s.still, np.sign(s.dq) * self.bare.model.friction, 0.0))
+    def motor_loads(self, s: States) -> MotorLoads:
+        """What the motors of the robot and its payloads must give; (n, actuators) each."""
+        on = {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
+        carried, rotor = self.loaded.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=on)
+        friction = self._friction(s, carried + rotor) if self.friction else 0.0
+        moving = np.where(s.still, 0.0, s.dq)  # at rest, noise must not say which way power goes through a gear
+        return motor_loads(self.loaded.model, moving, carried + friction, rotor)
+
+    def _friction(self, s: States, carried: Array) -> Array:
+        """Of joints that carry these torques; viscous alone where the sign of the velocity is unknown."""
+        moving = np.where(s.still, 0.0, s.dq)
+        tau = np.broadcast_to(self.bare.friction_forces(moving, load=carried), s.dq.shape)
+        return np.asarray(tau + self.bare.model.friction.viscous * (s.dq - moving))
 
     def _payload_torques(self, s: States) -> Array:
         return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingExtraError, ValueRangeError
+from ..figure import AXIS, BLUE, GREEN, GREY, LINE, ORANGE, OVER, PURPLE, QUIET, SKY, SMALL, VERMILION, figure, save
 from .findings import ZERO, JointTorque, TorqueReport
-from .table_file import replacing
 from .tables import cause_label, torque_label
 
 if TYPE_CHECKING:
@@ -21,26 +20,14 @@ Array = NDArray[Any]
 
 __all__ = ["plot_report"]
 
-_LINE, _OVER, _QUIET = "#1f4e79", "#c0392b", "#8a8f98"
-_COLOURS = {  # Okabe and Ito's, told apart by colour-blind readers too
-    "inertia": "#0072B2",
-    "coriolis": "#56B4E9",
-    "gravity": "#E69F00",
-    "payload": "#D55E00",
-    "friction": "#999999",
-    "wrench": "#CC79A7",
-}
-_STYLE = {
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#555b63",
-    "axes.grid": True,
-    "grid.color": "#e6e8eb",
-    "grid.linewidth": 0.7,
-    "axes.axisbelow": True,
-    "figure.dpi": 150,
+_COLOURS = {
+    "inertia": BLUE,
+    "coriolis": SKY,
+    "gravity": ORANGE,
+    "spring": GREEN,
+    "payload": VERMILION,
+    "friction": GREY,
+    "wrench": PURPLE,
 }
 _SHOWN_FROM = 0.3  # limits are drawn to scale from this share on; below, they would flatten the curve
 
@@ -51,23 +38,13 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
     Raises :class:`~twistwrench.MissingExtraError` without matplotlib, and :class:`~twistwrench.ValueRangeError` if the
     file cannot be written.
     """
-    try:
-        import matplotlib as mpl
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError.of("matplotlib", "plot", "Drawing the report (--plot)") from None
     count = len(report.joints)
     columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(count, 4)
     rows = max(1, math.ceil(count / columns))
     height = 1.95 * rows + 0.3
-    with mpl.rc_context(cast("Any", _STYLE)):
-        figure = Figure(
-            figsize=(max(7.5, 11.25 if columns == 3 else 3.2 * columns), height + 3.4), layout="constrained"
-        )
-        FigureCanvasAgg(figure)
-        upper, lower = cast("Any", figure.subfigures(2, 1, height_ratios=[height, 3.1]))
-        figure.suptitle(_title(report), fontsize=12, fontweight="bold", x=0.012, ha="left")
+    width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
+    with figure(width, height + 3.4, _title(report), "Drawing the report (--plot)") as drawn:
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
         axes = upper.subplots(rows, columns, sharex=True, squeeze=False).ravel()
         for k, axis in enumerate(axes):
             if k < count:
@@ -76,19 +53,7 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
                 axis.set_visible(False)
         if report.worst is not None:
             _draw_split(lower.subplots(), report, report.worst)
-        _save(figure, Path(path))
-
-
-def _save(figure: Any, path: Path) -> None:
-    kind = path.suffix.lstrip(".").lower() or "png"
-    known = figure.canvas.get_supported_filetypes()
-    if kind not in known:
-        raise ValueRangeError(
-            f"cannot draw {path.name!r}: pictures of kind {kind!r} are not made. "
-            f"Choose one of {', '.join(f'.{k}' for k in known)}."
-        )
-    with replacing(path) as scratch:
-        figure.savefig(scratch, format=kind)
+        save(drawn, path)
 
 
 def _title(report: TorqueReport) -> str:
@@ -115,11 +80,11 @@ def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None
     size = ZERO * report.scale
     edges = (np.where(np.abs(x[:, k]) <= size, 0.0, x[:, k]) for x in report.envelope[1:])
     time, least, greatest = _broken(report.envelope[0], report.gaps.threshold, *edges)
-    colour = _OVER if joint.share > 1 else _LINE
-    axis.axhline(0, color=_QUIET, linewidth=0.6)
-    axis.fill_between(time, least, greatest, color=_LINE, linewidth=0)
+    colour = OVER if joint.share > 1 else LINE
+    axis.axhline(0, color=QUIET, linewidth=0.6)
+    axis.fill_between(time, least, greatest, color=LINE, linewidth=0)
     for edge in (least, greatest):  # a band of no width shows as a line
-        axis.plot(time, edge, color=_LINE, linewidth=1.0)
+        axis.plot(time, edge, color=LINE, linewidth=1.0)
     _frame_limits(axis, joint, float(np.nanmin(least)), float(np.nanmax(greatest)))
     axis.plot(
         joint.time,
@@ -139,16 +104,16 @@ def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None
         ha="right" if late else "left",
         va="bottom" if up else "top",
         color=colour,
-        fontsize=8,
+        fontsize=SMALL,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
     )
     axis.set_title(joint.joint, loc="left", fontweight="bold")
     limit = f"{100 * joint.share:.0f} % of {joint.limit:.4g} {joint.unit}" if math.isfinite(joint.limit) else joint.unit
-    axis.set_title(limit, loc="right", color=_OVER if joint.share > 1 else _QUIET, fontsize=8)
+    axis.set_title(limit, loc="right", color=OVER if joint.share > 1 else QUIET, fontsize=SMALL)
     axis.margins(x=0)
     if last:
         axis.tick_params(labelbottom=True)
-        axis.set_xlabel("time [s]", color=_QUIET, fontsize=8)
+        axis.set_xlabel("time [s]", color=QUIET, fontsize=SMALL)
 
 
 def _frame_limits(axis: Axes, joint: JointTorque, low: float, high: float) -> None:
@@ -159,8 +124,8 @@ def _frame_limits(axis: Axes, joint: JointTorque, low: float, high: float) -> No
         if not math.isfinite(joint.limit) or extreme < _SHOWN_FROM * joint.limit:
             continue
         bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
-        axis.axhline(side * joint.limit, color=_OVER, linewidth=0.9, linestyle=(0, (4, 3)))
-        axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=_OVER, alpha=0.08, linewidth=0)
+        axis.axhline(side * joint.limit, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=OVER, alpha=0.08, linewidth=0)
     axis.set_ylim(bottom, top)
 
 
@@ -181,7 +146,7 @@ def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
         above, below = above + up, below + down
         lowest, highest = float(np.nanmin(below)), float(np.nanmax(above))
     axis.plot(time, np.sum(list(terms.values()), axis=0), color="black", linewidth=1.3, label="total")
-    axis.axhline(0, color="#555b63", linewidth=0.7)
+    axis.axhline(0, color=AXIS, linewidth=0.7)
     axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
     _frame_limits(axis, joint, lowest, highest)
     whole = len(states) == report.rows
@@ -193,7 +158,7 @@ def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
         fontweight="bold",
     )
     peak = f"peak {torque_label(report, joint.peak)} {joint.unit} at {joint.time:.3f} s"
-    axis.set_title(peak, loc="right", color=_QUIET, fontsize=8)
+    axis.set_title(peak, loc="right", color=QUIET, fontsize=SMALL)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("force [N]" if joint.unit == "N" else "torque [N m]")
     axis.margins(x=0)

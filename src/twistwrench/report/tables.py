@@ -16,6 +16,7 @@ from ..model.model import BASE
 from .coordinates import Coordinates
 from .findings import Excess, JointTorque, TorqueReport
 from .load import TERMS
+from .motors_text import motors_table, motors_verdict
 
 __all__ = ["cause_label", "notes", "report_view", "torque_label", "verdict"]
 
@@ -37,12 +38,14 @@ def cause_label(term: str) -> str:
 def report_view(report: TorqueReport, *, degrees: bool = False) -> RenderableType:
     """The whole report; angles in degrees if ``degrees``."""
     parts: list[RenderableType] = [_heading(report), _peaks(report), _split(report)]
+    if report.motors:
+        parts.append(motors_table(report.motors))
     if moved := [e for e in report.excesses if e.kind != "effort"]:
         parts.append(_motion_limits(moved, degrees=degrees))
     parts.extend(Text.assemble(("! ", "yellow"), note) for note in notes(report))
     if len(parts) > 3:
         parts.append(Text())
-    return Group(*parts, verdict(report))
+    return Group(*parts, verdict(report), *([motors_verdict(report.motors)] if report.motors else []))
 
 
 def _heading(report: TorqueReport) -> Text:
@@ -181,7 +184,7 @@ def notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _friction_notes(report: TorqueReport) -> Iterator[str]:
-    friction = report.load.bare.model.friction
+    friction = report.load.bare.model.friction.static
     found = [
         f"{j.joint} (±{friction[k]:.3g} {j.unit}, {100 * report.still[k]:.3g} % of the rows)"
         for k, j in enumerate(report.joints)

@@ -15,6 +15,7 @@ from .decimation import Envelope
 from .derivatives import Differentiation, States
 from .findings import Excess, JointTorque, TorqueReport, worst_joint
 from .load import TERMS, LoadedRobot
+from .motors import MotorTally
 from .strays import Strays
 from .table_file import TableFile
 from .tally import Extreme, Gaps, Rms
@@ -54,6 +55,7 @@ class _Pass:
         self.uncertainty = np.zeros(nv)
         self.largest = np.zeros(load.bare.nq)
         self.strays = Strays()
+        self.motors = MotorTally(load.loaded.model)
         self.still = np.zeros(nv, int)
         """Rows in which the direction of motion is unknown."""
 
@@ -81,6 +83,8 @@ class _Pass:
         self.largest = np.maximum(self.largest, np.abs(s.logged).max(axis=0))
         self.still += s.still.sum(axis=0)
         self.strays.add(s.time, s.stray)
+        if self.load.loaded.actuators:
+            self.motors.add(s.time, self.load.motor_loads(s))
         if sigma_ddq.any():
             some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
             M = self.load.loaded.mass_matrix(some.q)
@@ -176,6 +180,7 @@ def analyse(
         limits=limits,
         strays=run.strays.result(),
         still=tuple((run.still / max(1, run.rows)).tolist()),
+        motors=run.motors.result(),
         around=run.around or States.none(load.bare.nq, nv),
     )
 

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError, ValueRangeError
+from ..errors import ValueRangeError
+from ..lie import checks
 from ..lie.so3 import cross
 
 Array = NDArray[Any]
@@ -42,14 +43,14 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
     >>> screw_axis([0, 0, 2], point=[1, 0, 0], pitch=0.1).tolist()
     [0.0, 0.0, 1.0, 0.0, -1.0, 0.1]
     """
-    s, length = _unit(np.asarray(direction, float))
+    s, length = _unit(_doubles(direction, "the direction of an axis", 3))
     if not np.all(length > 0) or not np.isfinite(length).all():
         raise ValueRangeError("an axis needs a direction: three finite numbers that are not all zero.")
-    q, h = np.asarray(point, float), np.asarray(pitch, float)[..., None]
+    q, h = _doubles(point, "the point of an axis", 3), _doubles(pitch, "the pitch of an axis")[..., None]
+    s, q, h = checks.together(direction=s, point=q, pitch=h)
     translation = np.isinf(h)
     linear = np.where(translation, np.sign(h) * s, cross(q, s) + np.where(translation, 0.0, h) * s)
-    s, linear = np.broadcast_arrays(np.where(translation, 0.0, s), linear)
-    return np.concatenate([s, linear], axis=-1)
+    return np.concatenate([np.where(translation, 0.0, s), linear], axis=-1)
 
 
 def axis_of(S: ArrayLike) -> Axis:
@@ -63,7 +64,7 @@ def axis_of(S: ArrayLike) -> Axis:
     >>> axis.point.tolist(), float(axis.pitch), float(axis.magnitude)
     ([1.0, 0.0, 0.0], 0.1, 2.0)
     """
-    S = _six(S)
+    S = _doubles(S, _SCREW, 6)
     return _axis(S[..., :3], S[..., 3:], "twist")
 
 
@@ -77,7 +78,7 @@ def line_of_action(F: ArrayLike) -> Axis:
     >>> axis.point.tolist(), float(axis.pitch)
     ([2.0, 0.0, 0.0], 0.0)
     """
-    F = _six(F)
+    F = _doubles(F, _SCREW, 6)
     return _axis(F[..., 3:], F[..., :3], "wrench")
 
 
@@ -101,7 +102,7 @@ def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
     >>> float(reciprocal_product(screw_axis([0, 0, 1]), screw_axis([1, 0, 0], point=[0, 2, 0])))
     -2.0
     """
-    S1, S2 = _six(S1), _six(S2)
+    S1, S2 = checks.together(S1=_doubles(S1, _SCREW, 6), S2=_doubles(S2, _SCREW, 6))
     return np.asarray(np.sum(S1[..., :3] * S2[..., 3:] + S1[..., 3:] * S2[..., :3], axis=-1))
 
 
@@ -110,7 +111,7 @@ def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
 
     ``first`` (..., 3) gives the direction and ``second`` the moment about the origin. Zero pitch is judged to 16 eps.
     """
-    a, b = np.asarray(first, float), np.asarray(second, float)
+    a, b = _doubles(first, "the first half", 3), _doubles(second, "the second half", 3)
     u, size = _unit(a)
     along, rest = np.abs(np.sum(u * b, axis=-1)), _length(b)
     flat = along <= 16 * np.finfo(float).eps * rest
@@ -118,11 +119,11 @@ def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
     return found if found.ndim else str(found)
 
 
-def _six(S: ArrayLike) -> Array:
-    S = np.asarray(S, float)
-    if S.shape[-1:] != (6,):
-        raise ShapeError(f"a screw has six numbers, angular part first: shape (..., 6), got {S.shape}.")
-    return S
+_SCREW = "a screw, angular part first,"
+
+
+def _doubles(x: ArrayLike, what: str, *shape: int) -> Array:
+    return np.asarray(checks.real(x, what, *shape), float)
 
 
 def _length(x: Array) -> Array:

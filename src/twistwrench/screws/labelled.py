@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import FrameError, ShapeError, ValueRangeError
+from ..lie import checks
+from ..lie.adjoint import Ad, ad
 
 Array = NDArray[Any]
 
@@ -49,11 +51,16 @@ class Labelled(ABC):
     _kind: ClassVar[str]
 
     def __post_init__(self) -> None:
-        values = np.array(self.values)
-        if values.dtype not in (np.float32, object):  # symbols stay what they are
-            values = values.astype(float)
-        if values.shape[-1:] != (6,):
-            raise ShapeError(f"a {self._kind} has six numbers, angular part first: shape (..., 6), got {values.shape}.")
+        given: Any = self.values
+        if isinstance(given, Labelled):
+            raise FrameError(
+                f"a {self._kind} of a {given._kind} in {given.frame!r}: its numbers are {given.symbol}.values; a pose, T @ …, "
+                "brings it to another frame."
+            )
+        what = f"a {self._kind}, angular part first,"
+        values = np.array(checks.array(given, what, 6))
+        if values.dtype != object:  # symbols stay what they are
+            checks.finite(values, what, 6)
         values.setflags(write=False)
         object.__setattr__(self, "values", values)
         frame_name(self.frame, f"the frame of a {self._kind}")
@@ -86,12 +93,12 @@ class Labelled(ABC):
     def __add__(self, other: Any) -> Self:
         if not isinstance(other, Labelled) and np.ndim(other) == 0 and other == 0:  # so that sum() works
             return self
-        return type(self)(self.values + self._same(other, "+"), self.frame)
+        return type(self)(np.add(*self._same(other, "+")), self.frame)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Self:
-        return type(self)(self.values - self._same(other, "−"), self.frame)
+        return type(self)(np.subtract(*self._same(other, "−")), self.frame)
 
     def __neg__(self) -> Self:
         return type(self)(-self.values, self.frame)
@@ -99,12 +106,14 @@ class Labelled(ABC):
     def __mul__(self, factor: ArrayLike) -> Self:
         if isinstance(factor, Labelled):
             raise ValueRangeError(f"{self._kind} * {factor._kind}: power is F @ V, and * is for numbers.")
-        return type(self)(self.values * np.asarray(factor)[..., None], self.frame)
+        each = checks.array(factor, f"the factor of a {self._kind}")[..., None]
+        return type(self)(np.multiply(*checks.together(**{self._kind: self.values, "factor": each})), self.frame)
 
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: ArrayLike) -> Self:
-        return self * (1.0 / np.asarray(divisor))
+        with np.errstate(divide="ignore"):  # what is not finite then is refused, not warned of
+            return self * (1.0 / checks.array(divisor, f"the divisor of a {self._kind}"))
 
     def __matmul__(self, other: Labelled) -> Any:
         if not isinstance(other, Labelled) or type(other) is type(self):
@@ -114,10 +123,31 @@ class Labelled(ABC):
                 "V1.bracket(V2)."
             )
         self._in_frame_of(other, f"{self._kind} in {self.frame!r} @ {other._kind}")
-        return np.sum(self.values * other.values, axis=-1)
+        F, V = checks.together(**{self._kind: self.values, other._kind: other.values})
+        return np.sum(F * V, axis=-1)
 
-    def _same(self, other: Any, sign: str) -> Array:
-        """The numbers of another of this kind in this frame."""
+    def __rmatmul__(self, operator: Any) -> Self:
+        """``Ad(T_ab) @ V_b``, ``Ad(T_ab).T @ F_a``, ``ad(V_b) @ dV_b``, ``ad(V_b).T @ F_b``; T_ab and V_b need names too."""
+        if not isinstance(operator, Ad | ad):
+            return NotImplemented
+        name = f"{type(operator).__name__}(…){'.T' * operator.transposed}"
+        if operator.transposed != (self._kind == "wrench"):
+            raise FrameError(f"{name} @ {self._kind}: Ad(T) and ad(V) act on twists, their transposes .T on wrenches.")
+        if operator.frames is None:
+            raise FrameError(
+                f"{name} of plain numbers @ {self._kind} in {self.frame!r}: they name no frames. Make it of a Pose or a Twist, "
+                f"write Pose(…) @ {self.symbol}, or work on {self.symbol}.values."
+            )
+        to, of = operator.frames
+        if of != self.frame:
+            raise FrameError(
+                f"{name} @ {self._kind} in {self.frame!r}: the operator takes a {self._kind} in {of!r} to {to!r}; missing is "
+                f"{missing_pose(of, self.frame)}."
+            )
+        return type(self)(operator @ self.values, to)
+
+    def _same(self, other: Any, sign: str) -> tuple[Array, ...]:
+        """The numbers of this one and of another of its kind in its frame."""
         if not isinstance(other, Labelled):
             raise FrameError(
                 f"{self._kind} in {self.frame!r} {sign} {type(other).__name__}: plain numbers name no frame; write "
@@ -129,7 +159,7 @@ class Labelled(ABC):
                 "two is F @ V."
             )
         self._in_frame_of(other, f"{self._kind} in {self.frame!r} {sign} {other._kind}")
-        return other.values
+        return checks.together(first=self.values, second=other.values)
 
     def _in_frame_of(self, other: Labelled, what: str) -> None:
         if other.frame != self.frame:

@@ -40,9 +40,14 @@ class Pose:
     __array_ufunc__ = None  # array @ pose is refused rather than done without labels
 
     def __post_init__(self) -> None:
-        matrix = np.array(self.matrix)
+        given: Any = self.matrix
+        if isinstance(given, Pose):
+            raise FrameError(
+                f"a pose of {given.symbol}, which has names already; its numbers are {given.symbol}.matrix."
+            )
+        matrix = np.array(checks.array(given, "a pose", 4, 4))
         if matrix.dtype != object:  # symbols are taken as they are
-            matrix = checks.pose(matrix)
+            checks.pose(checks.finite(matrix, "a pose", 4, 4), "the matrix")
         matrix.setflags(write=False)
         object.__setattr__(self, "matrix", matrix)
         frame_name(self.to, "the frame that a pose leads to")
@@ -66,7 +71,7 @@ class Pose:
     @property
     def inverse(self) -> Pose:
         """T_ba."""
-        return _follows(se3.inverse(self.matrix), to=self.of, of=self.to)
+        return _follows(se3.inverse(self), to=self.of, of=self.to)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.matrix, dtype, copy=copy)
@@ -91,10 +96,13 @@ class Pose:
                 f"{missing_pose(self.of, inner)}."
             )
         if isinstance(other, Pose):
-            return _follows(self.matrix @ other.matrix, to=self.to, of=other.of)
-        if isinstance(other, Twist):
-            return Twist(Ad(self.matrix) @ other.values, self.to)
-        return Wrench(Ad(se3.inverse(self.matrix)).T @ other.values, self.to)
+            try:
+                return _follows(self.matrix @ other.matrix, to=self.to, of=other.of)
+            except ValueError:
+                checks.together(**{self.symbol: self.matrix, other.symbol: other.matrix})
+                raise
+        moved: Twist | Wrench = Ad(self) @ other if isinstance(other, Twist) else Ad(self.inverse).T @ other
+        return moved
 
 
 def _follows(matrix: Array, to: str, of: str) -> Pose:

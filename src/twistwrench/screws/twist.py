@@ -66,4 +66,5 @@ class Twist(Labelled):
         if not isinstance(other, Twist):
             raise ValueRangeError(f"the bracket is of two twists, not of a twist and a {type(other).__name__}.")
         self._in_frame_of(other, f"bracket of a twist in {self.frame!r} and a twist")
-        return Twist(ad(self.values) @ other.values, self.frame)
+        bracket: Twist = ad(self) @ other
+        return bracket

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError
-from ..lie import se3, so3
+from ..lie import checks, se3, so3
 from ..lie.adjoint import Ad
 from .axis import Axis, kinds, line_of_action
 from .labelled import Labelled, symbol
@@ -40,15 +39,15 @@ class Wrench(Labelled):
     @classmethod
     def of_force(cls, f: ArrayLike, frame: str, at: ArrayLike = (0.0, 0.0, 0.0)) -> Wrench:
         """The wrench (r × f, f) of a pure force f (..., 3) [N] that acts at the point r = ``at`` (..., 3) [m]."""
-        f = np.asarray(f, float)
-        m, f = np.broadcast_arrays(so3.cross(np.asarray(at, float), f), f)
-        return cls(np.concatenate([m, f], axis=-1), frame)
+        force, point = checks.real(f, "the force f", 3), checks.real(at, "its point at", 3)
+        force, point = checks.together(f=force, at=point)
+        return cls(np.concatenate([so3.cross(point, force), force], axis=-1), frame)
 
     @classmethod
     def of_couple(cls, m: ArrayLike, frame: str) -> Wrench:
         """The wrench (m, 0) of a pure couple m (..., 3) [N m]: the same about every point."""
-        m = np.asarray(m, float)
-        return cls(np.concatenate([m, np.zeros_like(m)], axis=-1), frame)
+        couple = checks.real(m, "the couple m", 3)
+        return cls(np.concatenate([couple, np.zeros_like(couple)], axis=-1), frame)
 
     @property
     def symbol(self) -> str:
@@ -83,7 +82,7 @@ class Wrench(Labelled):
         power = self @ V
         norm = np.linalg.norm
         size = norm(self.m, axis=-1) * norm(V.omega, axis=-1) + norm(self.f, axis=-1) * norm(V.v, axis=-1)
-        return abs(power) <= within * size
+        return abs(power) <= checks.number(within, "within") * size
 
 
 def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
@@ -97,9 +96,11 @@ def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
     >>> np.diag(move_covariance(T_ab, C_b)).tolist()
     [0.0, 4.0, 4.0, 1.0, 1.0, 1.0]
     """
-    C = np.asarray(C_b, float)
-    if C.shape[-2:] != (6, 6):
-        raise ShapeError(f"the covariance of a wrench has shape (..., 6, 6), got {C.shape}.")
-    X = Ad(se3.inverse(np.asarray(T_ab))).T.matrix
-    moved = X @ C @ np.swapaxes(X, -1, -2)
+    C = checks.real(C_b, "the covariance of a wrench", 6, 6)
+    T_ba = T_ab.inverse if hasattr(T_ab, "inverse") else se3.inverse(checks.real(T_ab, "move_covariance: T_ab", 4, 4))
+    X = Ad(T_ba).T.matrix
+    try:
+        moved = X @ C @ np.swapaxes(X, -1, -2)
+    except ValueError:
+        raise checks.mismatch(T_ab=X, C_b=C) from None
     return np.asarray(0.5 * (moved + np.swapaxes(moved, -1, -2)))

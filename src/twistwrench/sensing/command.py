@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import warnings
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import wraps
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import ValueRangeError
+from ..errors import ModelWarning, ValueRangeError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,7 +30,7 @@ _SIGN = click.option(
     type=click.Choice(["on_sensor", "by_sensor"]),
     default="on_sensor",
     show_default=True,
-    help="Readings are what the load does to the sensor, or what the sensor does to it.",
+    help="Readings are what the load does to the sensor (at rest its weight), or what the sensor does to it.",
 )
 _GRAVITY = click.option(
     "--gravity", type=float, default=9.81, show_default=True, help="Its size [m/s²]; -z of the world."
@@ -50,7 +51,7 @@ def sensor_group(
         def command(**given: Any) -> None:
             with plain_errors():
                 check_extra(given.get("plot_path"))
-                function(console=console(), **given)
+                function(console=console(), **_checked_files(given))
 
         return command
 
@@ -68,8 +69,30 @@ def sensor_group(
     return sensor
 
 
+def _checked_files(given: dict[str, Any]) -> dict[str, Any]:
+    """The options, once each output is found to have a place of its own; a picture gets its suffix."""
+    from ..outputs import check_outputs, picture_path
+
+    if given.get("plot_path") is not None:
+        given["plot_path"] = picture_path(given["plot_path"])
+    log, sensor = given.get("log"), given.get("sensor_path")
+    check_outputs(
+        {"--save": given.get("save_path"), "--csv": given.get("csv_path"), "--plot": given.get("plot_path")},
+        {"LOG": None if log is None else _log_path(log), "--sensor": None if sensor is None else _sensor_path(sensor)},
+    )
+    return given
+
+
+def _log_path(name: str) -> Path:
+    return _HERE / _DEMOS[name] if name in _DEMOS and not Path(name).is_file() else Path(name)
+
+
+def _sensor_path(name: str) -> Path:
+    return _HERE / "demo_sensor.json" if name == "demo" and not Path(name).is_file() else Path(name)
+
+
 def _identify(plain: Callable[..., Any]) -> click.Command:
-    @click.command("identify")
+    @click.command("identify", short_help="Find mass, centre of mass and bias from a log.")
     @click.argument("log", metavar="LOG")
     @_SIGN
     @_GRAVITY
@@ -101,7 +124,8 @@ def _identify(plain: Callable[..., Any]) -> click.Command:
     ) -> None:
         """Bias, mass and centre of mass of what the sensor carries, and how well they are known.
 
-        Exit code 1 if readings contradict the others, or if no body has the inertia found.
+        Exit code 1, LOOK AGAIN, if readings contradict the others, if units, sign, mounting or poses look wrong, or if no
+        body has the inertia found.
         """
         from .identification import identify
         from .sensor_file import write_sensor
@@ -134,7 +158,7 @@ def _identify(plain: Callable[..., Any]) -> click.Command:
 
 
 def _compensate(plain: Callable[..., Any]) -> click.Command:
-    @click.command("compensate")
+    @click.command("compensate", short_help="Take weight, inertia and bias off a log; find contacts.")
     @click.argument("log", metavar="LOG")
     @click.option(
         "--sensor", "sensor_path", metavar="SENSOR.json", required=True, help="From `identify --save`; or 'demo'."
@@ -162,20 +186,21 @@ def _compensate(plain: Callable[..., Any]) -> click.Command:
     ) -> None:
         """Readings without bias, weight and inertial load of what the sensor carries.
 
-        Exit code 1 if --contacts finds one.
+        Exit code 1 if --contacts finds one, or if the log looks as if its units or sign were not the sensor's.
         """
         import numpy as np
 
         from .contact import CollisionThreshold
         from .sensor_file import read_sensor
         from .tables import compensation_view
+        from .units import log_doubt
 
-        bundled = sensor_path == "demo" and not Path(sensor_path).is_file()
-        sensor, noise = read_sensor(_HERE / "demo_sensor.json" if bundled else sensor_path)
+        sensor, noise = read_sensor(_sensor_path(sensor_path))
         threshold = None if false_alarms is None else CollisionThreshold.of_noise(noise, false_alarms)
         readings = _read(log, gravity)
         rest = readings.compensated(sensor)
-        console.print(compensation_view(readings, sensor.sign, rest, threshold))
+        doubts = [*filter(None, [log_doubt(readings, sensor, noise)]), *readings.motion_doubts()]
+        console.print(compensation_view(readings, sensor.sign, rest, threshold, doubts))
         if csv_path is not None:
             _write(readings, rest, csv_path)
         hits = np.zeros(len(readings), bool) if threshold is None else threshold(rest)
@@ -184,14 +209,14 @@ def _compensate(plain: Callable[..., Any]) -> click.Command:
 
             plot_compensation(readings, sensor, noise, plot_path, marked=hits, mark="contact")
         _tell(csv_path, plot_path)
-        if hits.any():
+        if hits.any() or doubts:
             sys.exit(_FOUND_A_PROBLEM)
 
     return compensate_command
 
 
 def _poses(plain: Callable[..., Any]) -> click.Command:
-    @click.command("poses")
+    @click.command("poses", short_help="Propose the orientations to read next.")
     @click.argument("log", metavar="[LOG]", required=False)
     @click.option("--count", type=int, default=6, show_default=True, help="How many.")
     @click.option("--within", type=float, default=180.0, show_default=True, metavar="DEGREES", help="The largest tilt.")
@@ -241,8 +266,9 @@ def _read(name: str, gravity: float) -> ReadingLog:
 
     if not (gravity > 0 and math.isfinite(gravity)):
         raise ValueRangeError(f"--gravity {gravity!r} is no size of gravity. Give it in m/s², such as 9.81.")
-    path = _HERE / _DEMOS[name] if name in _DEMOS and not Path(name).is_file() else Path(name)
-    return read_log(path, gravity=(0.0, 0.0, -gravity))
+    with warnings.catch_warnings():  # the report says what is doubtful, in its place
+        warnings.simplefilter("ignore", ModelWarning)
+        return read_log(_log_path(name), gravity=(0.0, 0.0, -gravity))
 
 
 def _write(log: ReadingLog, compensated: Any, path: str) -> None:

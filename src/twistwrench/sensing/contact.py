@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ShapeError, ValueRangeError
 from ..lie import so3
+from .noise import checked_noise
 
 Array = NDArray[Any]
 
@@ -93,9 +94,7 @@ class CollisionThreshold:
         from scipy import special
 
         _check_rate(false_alarms)
-        sigma = np.asarray(noise, float)
-        if sigma.shape != (2,) or not ((sigma > 0) & np.isfinite(sigma)).all():
-            raise ValueRangeError(f"noise {noise!r} is not two positive numbers: of moments [N m] and of forces [N].")
+        sigma = checked_noise(noise)
         return cls(np.zeros(6), np.diag(np.repeat(sigma, 3) ** 2), float(special.chdtri(6, false_alarms)), false_alarms)
 
     @classmethod

@@ -25,7 +25,12 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     Raises :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` that says how far off a matrix is
     when RᵀR differs from the identity by more than 1e-3.
     """
-    T = np.asarray(pose, float)
+    try:
+        T = np.asarray(pose, float)
+    except (TypeError, ValueError):
+        raise ShapeError(
+            f"{where} is no array of numbers; expected rotations (..., 3, 3) or poses (..., 4, 4)."
+        ) from None
     if T.shape[-2:] not in ((3, 3), (4, 4)):
         raise ShapeError(f"{where} has shape {T.shape}, expected rotations (..., 3, 3) or poses (..., 4, 4).")
     R = T[..., :3, :3]

@@ -30,6 +30,8 @@ class Identification:
     confidence: float
     remarks: tuple[str, ...]
     """What a person should know before using it, in sentences."""
+    doubts: tuple[str, ...] = ()
+    """Why the log seems not to mean what it says: its units, sign, mounting or poses, in sentences."""
 
     @property
     def outliers(self) -> list[int]:
@@ -38,8 +40,9 @@ class Identification:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a person must look: outliers were left out, or the load found is none that a body can have."""
-        return bool(self.outliers) or bool(self.sensor.load.defects()) or self.mass_interval[0] <= 0
+        """Whether a person must look: doubts, outliers left out, or a load that no body can have or that may be none."""
+        impossible = bool(self.sensor.load.defects()) or self.mass_interval[0] <= 0
+        return bool(self.doubts) or bool(self.outliers) or impossible
 
     @property
     def noise(self) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ModelWarning, ShapeError, ValueRangeError
 from .directions import GRAVITY, gravity_in_frame, rotations_of_quaternions
+from .frames import unlabelled
 from .sensor import ForceTorqueSensor
 
 Array = NDArray[Any]
@@ -18,9 +19,11 @@ Array = NDArray[Any]
 __all__ = ["AXES", "ReadingLog"]
 
 AXES = ("mx", "my", "mz", "fx", "fy", "fz")
-_STRONG = 500.0  # N; tools and the sensors that carry them stay below, a log in grams of a kilogram does not
+_STRONG = 1100.0  # N; twice the weight of 50 kg turned over, and a tenth; a log in grams of 1.1 kg is above
 _LONG_LEVER = 5.0  # m; N mm read as N m make levers a thousand times too long
 _FAST = 50.0  # rad/s; no arm turns so fast, but in degrees per second any does
+_SWIFT, _HURLED = 30.0, 1000.0  # m/s, m/s²; no arm is so fast, but in millimetres any is
+_GRAVITY = (1.5, 30.0)  # m/s²; from the Moon to Jupiter, but not in g or cm/s²
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,12 @@ class ReadingLog:
         Raises :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` for empty logs, values that are
         not finite, and orientations that are none; warns (:class:`~twistwrench.ModelWarning`) of units that look wrong.
         """
-        r = np.array(readings, float)
+        labelled = unlabelled({"pose": pose, "V": V, "dV": dV})
+        pose, V, dV = labelled["pose"], labelled["V"], labelled["dV"]
+        try:
+            r = np.array(readings, float)
+        except (TypeError, ValueError):
+            raise ShapeError(f"{name}: readings are no array of numbers (n, 6): {', '.join(AXES)}.") from None
         if r.size == 0:
             raise ValueRangeError(f"{name}: the log is empty. Give at least one reading.")
         if r.ndim != 2 or r.shape[1] != 6:
@@ -107,12 +115,16 @@ class ReadingLog:
 
     def doubts(self) -> list[str]:
         """Units that look wrong, in words; empty when all look right."""
+        return self.size_doubts() + self.motion_doubts()
+
+    def size_doubts(self) -> list[str]:
+        """Units of the readings that look wrong by their size alone."""
         found = []
-        centred = self.readings - np.median(self.readings, axis=0)
-        moment, force = (float(np.abs(self.readings[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
+        centred = self.readings - np.median(self.readings, axis=0)  # a bias may be anything
+        moment, force = (float(np.abs(centred[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
         if force > _STRONG:
             found.append(
-                f"forces reach {force:.4g}; in newtons that is the weight of {force / 9.81:.0f} kg. If they are in grams, "
+                f"forces change by {force:.4g}; in newtons that is the weight of {force / 9.81:.0f} kg. If they are in grams, "
                 "multiply them by 0.00981, if in counts by the sensor's scale."
             )
         spread_m, spread_f = (float(np.linalg.norm(centred[:, k])) for k in (slice(0, 3), slice(3, 6)))
@@ -121,11 +133,23 @@ class ReadingLog:
                 f"moments change as if forces had a lever of {spread_m / spread_f:.3g} m. If they are in N mm, "
                 "divide them by 1000."
             )
-        if self.V is not None and float(np.abs(self.V[:, :3]).max()) > _FAST:
-            fastest = float(np.abs(self.V[:, :3]).max())
-            found.append(
-                f"angular velocities reach {fastest:.4g} rad/s. If they are in degrees per second, convert them."
-            )
+        return found
+
+    def motion_doubts(self) -> list[str]:
+        """Units of gravity and of the motion that look wrong by their size."""
+        found = []
+        strength = np.linalg.norm(self.gravity, axis=1)
+        if strength.min() < _GRAVITY[0] or strength.max() > _GRAVITY[1]:
+            worst = float(strength.min() if strength.min() < _GRAVITY[0] else strength.max())
+            found.append(f"gravity is {worst:.4g} m/s²; on Earth it is 9.81. Give it in m/s².")
+        for motion, part, most, said in (
+            (self.V, slice(0, 3), _FAST, "angular velocities reach {:.4g} rad/s. If they are in degrees per second"),
+            (self.V, slice(3, 6), _SWIFT, "velocities reach {:.4g} m/s. If they, or the poses, are in mm"),
+            (self.dV, slice(3, 6), _HURLED, "accelerations reach {:.4g} m/s². If they, or the poses, are in mm"),
+        ):
+            reached = 0.0 if motion is None else float(np.abs(motion[:, part]).max())
+            if reached > most:
+                found.append(f"{said.format(reached)}, convert them.")
         return found
 
     def predicted(self, sensor: ForceTorqueSensor) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,10 +14,11 @@ from ..errors import ShapeError, ValueRangeError
 from .directions import GRAVITY, rotations_to_gravity
 from .fit import Unknowns
 from .log import ReadingLog
+from .noise import checked_noise
 
 Array = NDArray[Any]
 
-__all__ = ["PoseProposal", "propose_poses"]
+__all__ = ["PoseProposal", "checked_count", "propose_poses"]
 
 _CANDIDATES = 400
 _BELIEF = 1e3  # what is taken to be possible of each unknown before the first reading, in its own scale
@@ -57,11 +59,9 @@ def propose_poses(
     >>> proposal.gravity.shape, bool(proposal.mass_deviation[-1] < 0.01)
     ((12, 3), True)
     """
-    if count < 1:
-        raise ValueRangeError(f"count {count} proposes nothing. Ask for at least one pose.")
-    sigma = np.asarray(noise, float)
-    if sigma.shape != (2,) or not (sigma > 0).all():
-        raise ValueRangeError(f"noise {noise!r} is not two positive numbers: of moments [N m] and of forces [N].")
+    count, sigma = checked_count(count), checked_noise(noise)
+    if not within >= 0:
+        raise ValueRangeError(f"within {within!r} is no largest tilt. Give an angle in rad, such as 1.0.")
     directions = _choices(candidates, within)
     unknowns, weight = Unknowns(), (1.0 / np.repeat(sigma, 3))[:, None]
     if not (gravity > 0 and math.isfinite(gravity)):
@@ -85,6 +85,17 @@ def propose_poses(
     spread = np.array(deviations)
     spread[spread > 10.0] = math.inf  # still only what was believed
     return PoseProposal(pulls, rotations_to_gravity(pulls), spread[:, 0], spread[:, 1])
+
+
+def checked_count(count: Any) -> int:
+    """How many poses, as an int of 1 or more; :class:`~twistwrench.ValueRangeError` otherwise."""
+    try:
+        whole = operator.index(count)
+    except TypeError:
+        raise ValueRangeError(f"count {count!r} is no whole number. Ask for a number of poses, such as 12.") from None
+    if whole < 1:
+        raise ValueRangeError(f"count {whole} proposes nothing. Ask for at least one pose.")
+    return whole
 
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:

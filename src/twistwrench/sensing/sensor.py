@@ -16,10 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 from ..bodies.inertia import SpatialInertia
 from ..errors import ShapeError, ValueRangeError
 from ..lie import so3
+from ..screws.labelled import frame_name
 from .directions import GRAVITY, checked_rotations, gravity_in_frame
+from .frames import unlabelled
 
 Array = NDArray[Any]
 Sign = Literal["on_sensor", "by_sensor"]
+
+_TWIST, _READING = "(omega, v) in the sensor's frame", "mx, my, mz, fx, fy, fz"
+_TURNED = 1e-9  # entries of the mounting; {s} and {f} are one below
 
 __all__ = ["ForceTorqueSensor", "Sign", "load_regressor", "sign_factor"]
 
@@ -77,6 +82,8 @@ class ForceTorqueSensor:
     """``on_sensor``: readings are what the load applies to the sensor; ``by_sensor``: what the sensor applies to it."""
     mounting: ArrayLike = field(default_factory=lambda: np.eye(3))
     """R_fs (3, 3): the sensor's own axes in {f}; the identity for a sensor mounted as drawn."""
+    frame: str | None = None
+    """The name of {f}, if labelled poses, twists and wrenches are to be checked against it, not only against each other."""
 
     def __post_init__(self) -> None:
         bias = np.array(self.bias, float)
@@ -85,6 +92,8 @@ class ForceTorqueSensor:
         if not np.isfinite(bias).all() or not np.isfinite(self.load.parameters.astype(float)).all():
             raise ValueRangeError("the sensor's bias or load has a value that is not a finite number.")
         sign_factor(self.sign)
+        if self.frame is not None:
+            frame_name(self.frame, "the frame of a sensor")
         R = checked_rotations(self.mounting, "mounting")
         if R.shape != (3, 3):
             raise ShapeError(f"mounting has shape {np.shape(self.mounting)}, expected one rotation (3, 3).")
@@ -104,10 +113,15 @@ class ForceTorqueSensor:
 
         ``pose`` is T_wf (..., 4, 4) or R_wf (..., 3, 3); ``gravity`` (..., 3) in {w} [m/s²] (with ``pose=np.eye(3)``: in
         {f}); V (..., 6) is the twist of {f} in {f}, dV (..., 6) its rate. They broadcast.
-        Raises :class:`~twistwrench.ShapeError` and :class:`~twistwrench.ValueRangeError`.
+        Raises :class:`~twistwrench.ShapeError`, :class:`~twistwrench.ValueRangeError`, and where a
+        :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` names another frame than {f} or each other,
+        :class:`~twistwrench.FrameError`.
         """
-        V, dV = _twist(V, "V"), _twist(dV, "dV")
-        F_on = load_regressor(gravity_in_frame(pose, gravity), V, dV) @ self.load.parameters.astype(float)
+        given = self._unlabelled(pose=pose, V=V, dV=dV)
+        V, dV = _six(given["V"], "V", _TWIST), _six(given["dV"], "dV", _TWIST)
+        g = gravity_in_frame(given["pose"], gravity)
+        _broadcast(gravity=g, V=V, dV=dV)
+        F_on = load_regressor(g, V, dV) @ self.load.parameters.astype(float)
         R = np.asarray(self.mounting)  # F_s = R_fs' F_f, origins coincide
         turned = np.concatenate([F_on[..., :3] @ R, F_on[..., 3:] @ R], axis=-1)
         return np.asarray(self.bias) + sign_factor(self.sign) * turned
@@ -123,24 +137,43 @@ class ForceTorqueSensor:
     ) -> Array:
         """Readings (..., 6) without bias, weight and inertial load: what else acts, in the same sign and axes as they.
 
-        The other arguments are those of :meth:`predict`.
+        A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: those of {f} unless the mounting is turned.
+        The other arguments and errors are those of :meth:`predict`.
         """
-        readings = np.asarray(readings, float)
-        if readings.shape[-1:] != (6,):
-            raise ShapeError(f"readings have shape {readings.shape}, expected (..., 6): mx, my, mz, fx, fy, fz.")
-        return readings - self.predict(pose, V, dV, gravity=gravity)
+        given = self._unlabelled(readings=readings, pose=pose, V=V, dV=dV)
+        read = np.asarray(_six(given.pop("readings"), "readings", _READING))
+        predicted = self.predict(**given, gravity=gravity)
+        _broadcast(readings=read, predicted=predicted)
+        return read - predicted
 
     def contact_wrench(self, compensated: ArrayLike) -> Array:
-        """What the world does to the load, in {f} (..., 6), from compensated readings (..., 6) of either sign."""
-        F = sign_factor(self.sign) * np.asarray(compensated, float)
+        """What the world does to the load, in {f} (..., 6), from compensated readings (..., 6) of either sign.
+
+        A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: :class:`~twistwrench.FrameError` if it is not.
+        """
+        given = self._unlabelled(compensated=compensated)["compensated"]
+        F = sign_factor(self.sign) * np.asarray(_six(given, "compensated", _READING))
         Rt = np.asarray(self.mounting).T
         return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
 
+    def _unlabelled(self, **given: Any) -> dict[str, Any]:
+        turned = float(np.abs(np.asarray(self.mounting) - np.eye(3)).max()) > _TURNED
+        return unlabelled(given, self.frame, turned=turned)
 
-def _twist(V: ArrayLike | None, name: str) -> Array | None:
-    if V is None:
+
+def _six(x: ArrayLike | None, name: str, meant: str) -> Array | None:
+    if x is None:
         return None
-    V = np.asarray(V, float)
-    if V.shape[-1:] != (6,):
-        raise ShapeError(f"{name} has shape {V.shape}, expected (..., 6): (omega, v) in the sensor's frame.")
-    return V
+    x = np.asarray(x, float)
+    if x.shape[-1:] != (6,):
+        raise ShapeError(f"{name} has shape {x.shape}, expected (..., 6): {meant}.")
+    return x
+
+
+def _broadcast(**arrays: Array | None) -> None:
+    shapes = {name: x.shape[:-1] for name, x in arrays.items() if x is not None}
+    try:
+        np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ShapeError(f"these batches do not broadcast: {listed}.") from None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import operator
 from typing import Any
 
 import numpy as np
@@ -10,9 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ValueRangeError
 from ..lie import se3
 from .directions import GRAVITY, gravity_in_frame
+from .frames import unlabelled
 from .log import ReadingLog
-from .poses import propose_poses
-from .sensor import ForceTorqueSensor
+from .noise import checked_noise
+from .poses import checked_count, propose_poses
+from .sensor import ForceTorqueSensor, sign_factor
 
 Array = NDArray[Any]
 
@@ -35,29 +39,55 @@ def simulate(
 
     ``noise`` is the standard deviation of moments [N m] and forces [N]. With ``motion``, a duration [s], the ``poses`` (a
     number) are samples of a lively motion instead. ``touch`` adds wrenches (6,) on the load, in the sensor's axes, to the
-    readings of these indices.
+    readings of these indices. Raises :class:`~twistwrench.ValueRangeError` for anything else.
 
     >>> sensor = ForceTorqueSensor(bias=[0, 0, 0, 1, 2, 3])
     >>> simulate(sensor, 2, noise=(0, 0)).readings.tolist()
     [[0.0, 0.0, 0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]]
     """
     rng = np.random.default_rng(rng)
+    sigma = checked_noise(noise, none_at_all=True)
     V = dV = time = None
+    counted = isinstance(poses, float | np.number) or (hasattr(poses, "__index__") and not np.shape(poses))
     if motion is not None:
-        if not isinstance(poses, int):
+        if not counted:
             raise ValueRangeError("a motion makes its own poses. Give their number, such as poses=500.")
-        time = np.linspace(0.0, motion, poses)
+        if not isinstance(motion, int | float | np.number) or not 0 < motion < math.inf:
+            raise ValueRangeError(f"motion {motion!r} is no duration. Give how many seconds it lasts, such as 10.0.")
+        time = np.linspace(0.0, float(motion), checked_count(poses))
         T, V, dV = lively_motion(time)
         gravity = gravity_in_frame(T)
-    elif isinstance(poses, int):
-        gravity = propose_poses(poses).gravity
+    elif counted:
+        gravity = propose_poses(checked_count(poses)).gravity
     else:
-        gravity = gravity_in_frame(poses, GRAVITY)
+        gravity = np.atleast_2d(gravity_in_frame(unlabelled({"pose": poses}, sensor.frame)["pose"], GRAVITY))
     exact = sensor.predict(np.eye(3), V, dV, gravity=gravity)
-    readings = exact + rng.normal(size=exact.shape) * np.repeat(np.asarray(noise, float), 3)
+    readings = exact + rng.normal(size=exact.shape) * np.repeat(sigma, 3)
     for index, wrench in (touch or {}).items():
-        readings[index] += (1.0 if sensor.sign == "on_sensor" else -1.0) * np.asarray(wrench, float)
+        readings[_row(index, len(readings))] += sign_factor(sensor.sign) * _touch(index, wrench)
     return ReadingLog.of(readings, gravity=gravity, V=V, dV=dV, time=time, name="simulated log")
+
+
+def _row(index: Any, count: int) -> int:
+    try:
+        row = operator.index(index)
+    except TypeError:
+        row = count
+    if not -count <= row < count:
+        raise ValueRangeError(f"touch: there is no reading {index!r}. They are 0 to {count - 1}.")
+    return row
+
+
+def _touch(index: Any, wrench: ArrayLike) -> Array:
+    try:
+        F = np.asarray(wrench, float)
+    except (TypeError, ValueError):
+        F = np.empty(0)
+    if F.shape != (6,) or not np.isfinite(F).all():
+        raise ValueRangeError(
+            f"touch of reading {index} is no wrench: give six finite numbers, mx, my, mz, fx, fy, fz."
+        )
+    return F
 
 
 def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..report.usage import in_shell_words
 from .contact import CollisionThreshold
 from .identified import Identification
 from .log import AXES, ReadingLog
@@ -52,8 +54,12 @@ def identification_view(found: Identification, log: ReadingLog) -> RenderableTyp
     parts: list[RenderableType] = [_heading(log, found.sensor.sign), table]
     parts.append(_before_and_after(log, log.compensated(found.sensor), found.kept))
     parts.append(Text(f"Noise of a reading: {found.noise[0]:.3g} N m, {found.noise[1]:.3g} N (1 σ)."))
-    parts.extend(Text.assemble(("! ", "yellow"), remark) for remark in found.remarks)
+    parts.extend(_remarks([*found.remarks, *found.doubts]))
     return Group(*parts, Text(), _verdict(found))
+
+
+def _remarks(sentences: Sequence[str]) -> list[Text]:
+    return [Text.assemble(("! ", "yellow"), in_shell_words(sentence)) for sentence in sentences]
 
 
 def _verdict(found: Identification) -> Text:
@@ -61,24 +67,34 @@ def _verdict(found: Identification) -> Text:
     low, high = found.mass_interval
     place = ", ".join(_number(1e3 * x, 1) for x in load.com)
     text = f": {load.mass:.4g} ± {(high - low) / 2:.2g} kg at ({place}) mm."
+    if found.mass_interval[0] <= 0:
+        text = f": {load.mass:.4g} ± {(high - low) / 2:.2g} kg, which may be nothing."
     return Text.assemble(("LOOK AGAIN", "bold red") if found.doubtful else ("OK", "bold green"), text)
 
 
 def compensation_view(
-    log: ReadingLog, sign: str, compensated: NDArray[np.float64], threshold: CollisionThreshold | None
+    log: ReadingLog,
+    sign: str,
+    compensated: NDArray[np.float64],
+    threshold: CollisionThreshold | None,
+    doubts: Sequence[str] = (),
 ) -> RenderableType:
     """Readings before and after, and where something else acted."""
     parts: list[RenderableType] = [_heading(log, sign), _before_and_after(log, compensated, np.ones(len(log), bool))]
+    parts.extend(_remarks(doubts))
+    look = Text.assemble(("LOOK AGAIN", "bold red"), ": the log seems not to be of this sensor in these units.")
     if threshold is None:
-        return Group(*parts)
+        return Group(*parts, *([Text(), look] if doubts else []))
     hits = threshold(compensated)
     floor = threshold.per_axis
     parts.append(
         Text(
-            f"Contact is what noise passes once in {1 / threshold.false_alarms:.3g} readings: from "
+            f"Contact is what noise alone reaches once in {1 / threshold.false_alarms:,.0f} readings: from "
             f"{floor[:3].min():.3g} N m or {floor[3:].min():.3g} N on."
         )
     )
+    if doubts:
+        return Group(*parts, Text(), look)
     if not hits.any():
         return Group(*parts, Text(), Text.assemble(("OK", "bold green"), ": no contact."))
     spans = [_span(log, a, b) for a, b in runs(hits)]
@@ -115,13 +131,11 @@ def _span(log: ReadingLog, first: int, last: int) -> str:
 def _heading(log: ReadingLog, sign: str) -> Text:
     motion = "at rest" if log.V is None else "in motion"
     lasting = "" if log.time is None or len(log) < 2 else f" over {np.ptp(log.time):.4g} s"
-    return Text.assemble(
-        (Path(log.name).name, "bold"), f"  {len(log)} readings{lasting}, {motion}, {sign.replace('_', ' ')}"
-    )
+    return Text.assemble((Path(log.name).name, "bold"), f"  {len(log)} readings{lasting}, {motion}, sign {sign}")
 
 
 def _before_and_after(log: ReadingLog, compensated: NDArray[np.float64], kept: NDArray[np.bool_]) -> Table:
-    table = _table("Readings, root mean square", [""], list(AXES))
+    table = _table("Readings, root mean square [N m, N]", [""], list(AXES))
     for name, values in (("before", log.readings[kept]), ("after", compensated[kept])):
         table.add_row(name, *(_number(x, 4 if k < 3 else 3) for k, x in enumerate(np.sqrt(np.mean(values**2, axis=0)))))
     return table

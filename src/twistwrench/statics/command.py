@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["payload_answer", "payload_options"]
+__all__ = ["answer_payload", "payload_options"]
+
+_SAMPLES = 200_000
 
 
 def payload_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -29,7 +31,9 @@ def payload_options(function: Callable[..., None]) -> Callable[..., None]:
             "--plot", "plot_path", metavar="OUT.png", help="Draw the force polytope, ellipsoid, shares and map."
         ),
         click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the table, a row per joint."),
-        click.option("--samples", default=200_000, show_default=True, help="Configurations drawn for the map."),
+        click.option(
+            "--samples", type=int, metavar="N", help=f"Configurations drawn for the map.  [default: {_SAMPLES}]"
+        ),
         click.option(
             "--map", "plane", metavar="rz|xz|yz|xy", help="Map the largest payload over a slice of the workspace."
         ),
@@ -42,15 +46,19 @@ def payload_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option("--frame", metavar="FRAME", help="What carries the payload; the tip if not given."),
         click.option("--configuration", metavar="v,v,…", help="All coordinates at once."),
         click.option(
-            "--at", metavar="JOINT=VALUE", multiple=True, help="A joint's place, others at zero; may be repeated."
+            "--at",
+            metavar="JOINT=VALUE",
+            multiple=True,
+            help="A joint's place, others at zero or as --configuration says; may be repeated.",
         ),
     ):
         function = option(function)
     return function
 
 
-def payload_answer(
+def answer_payload(
     robot: Robot,
+    show: Callable[[RenderableType], None],
     *,
     degrees: bool,
     at: tuple[str, ...],
@@ -59,37 +67,51 @@ def payload_answer(
     com: str,
     limits_path: str | None,
     plane: str | None,
-    samples: int,
+    samples: int | None,
     csv_path: str | None,
     plot_path: str | None,
-) -> Iterator[RenderableType]:
-    """What the command prints, part by part; files are written on the way. Raises errors of the library."""
-    from .map import payload_map
-    from .payload import largest_payload
-    from .tables import payload_view, write_payload
+) -> bool:
+    """Print the answer part by part with ``show``, and write the files; whether the pose is within the joint limits.
 
+    All options are read before anything is printed. Raises errors of the library.
+    """
+    from .map import payload_map, plane_and_samples
+    from .payload import largest_payload
+    from .stops import joints_beyond_stops
+    from .tables import payload_view, stops_view, write_payload
+
+    if samples is not None and plane is None:
+        raise ValueRangeError("--samples is about the map, and there is none. Add --map rz.")
+    count = _SAMPLES if samples is None else samples
+    if plane is not None:
+        plane, count = plane_and_samples(plane, count)
     q = _configuration(robot, at, configuration, degrees=degrees)
     place = np.array(_numbers(com, "--com", "x,y,z in metres, for example 0,0,0.1", 3))
-    limits = None
+    allowed = robot.limits
     if limits_path is not None:
         from ..report.limits_file import read_limits
 
-        limits = read_limits(limits_path, robot.model, degrees=degrees).effort
+        allowed = read_limits(limits_path, robot.model, degrees=degrees)
+    limits = allowed.effort
     found = largest_payload(robot, q, place, frame=frame, limits=limits)
     name = str(robot.tip if frame is None else frame)
-    yield payload_view(robot, found, q, name, place, degrees=degrees, limits=limits)
+    show(payload_view(robot, found, q, name, place, degrees=degrees, limits=limits))
+    beyond = joints_beyond_stops(robot, q, allowed)
+    if beyond:
+        show(stops_view(beyond, degrees=degrees))
     chart = None
     if plane is not None:
-        chart = payload_map(robot, plane, samples=samples, com=place, frame=frame, limits=limits)
-        yield f"map, {chart}"
+        chart = payload_map(robot, plane, samples=count, com=place, frame=frame, limits=limits)
+        show(f"map, {chart}")
     if csv_path is not None:
         write_payload(found, csv_path)
-        yield f"wrote {csv_path}"
     if plot_path is not None:
         from .picture import plot_payload
 
         plot_payload(robot, q, found, plot_path, frame=name, limits=limits, chart=chart)
-        yield f"wrote {plot_path}"
+    for written in filter(None, (csv_path, plot_path)):
+        show(f"wrote {written}")
+    return not beyond
 
 
 def _configuration(robot: Robot, at: Iterable[str], configuration: str | None, *, degrees: bool) -> Array:
@@ -103,12 +125,16 @@ def _configuration(robot: Robot, at: Iterable[str], configuration: str | None, *
             for body in places.values():
                 if body.joint.nq == 1 and body.joint.kind != "prismatic":
                     q[body.q_index] = math.radians(q[body.q_index])
+    given: set[str] = set()
     for text in at:
         joint, equals, value = (part.strip() for part in text.partition("="))
         if not equals:
             raise ValueRangeError(f"--at {text!r} is not JOINT=VALUE, for example {next(iter(places), 'joint1')}=0.5.")
         if joint not in places:
             raise UnknownNameError.of("joint", joint, places)
+        if joint in given:
+            raise ValueRangeError(f"--at {joint} is given twice. Keep one of them.")
+        given.add(joint)
         body = places[joint]
         numbers = _numbers(
             value, f"--at {joint}", f"{body.joint.nq} number{'s' if body.joint.nq > 1 else ''}", body.joint.nq

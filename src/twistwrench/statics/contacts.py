@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError, ValueRangeError
+from ..errors import ValueRangeError
+from ..lie import checks
+from .checks import whole
 
 Array = NDArray[Any]
 
@@ -38,38 +40,44 @@ class Contact:
 
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
-            value = np.array(getattr(self, name), float)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise ShapeError(f"a contact's {name} is {getattr(self, name)!r}, expected three finite numbers.")
+            what = f"a contact's {name}"
+            value = checks.finite(checks.one(getattr(self, name), what, 3), what, 3).copy()
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "friction", checks.number(self.friction, "a contact's friction"))
         size = float(np.linalg.norm(self.normal))
         if size == 0:
             raise ValueRangeError("a contact's normal has no length. Give the direction in which the world can push.")
         if not 0 <= self.friction < np.inf:
-            raise ValueRangeError(f"a contact's friction is {self.friction:g}. Give a coefficient of at least zero.")
+            raise ValueRangeError(
+                f"a contact's friction is {self.friction:g}. Give a finite coefficient of at least zero."
+            )
+        if not isinstance(self.frame, str | None):
+            raise ValueRangeError(f"a contact's frame is {self.frame!r}. Give the name of a link, or None for the tip.")
         object.__setattr__(self, "normal", self.normal / size)
 
     def edges(self, count: int, *, around: bool = False) -> Array:
         """Forces (count, 3) with unit normal part whose cone lies inside the friction cone, or ``around`` it; (1, 3) for μ = 0.
 
-        Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count).
+        Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count). Raises ValueRangeError.
         """
+        count = whole(count, "the number of a cone's edges", 3)  # fewer have no inside
         if self.friction == 0:
-            return self.normal[None].copy()
-        if count < 3:
-            raise ValueRangeError(f"a cone of {count} edges has no inside. Give at least 3.")
+            return np.array(self.normal[None])
         lean = self.friction / np.cos(np.pi / count) if around else self.friction
         first = _across(self.normal)
         second = np.cross(self.normal, first)
         angle = 2 * np.pi * np.arange(count)[:, None] / count
         return self.normal + lean * (np.cos(angle) * first + np.sin(angle) * second)
 
-    def allows(self, force: ArrayLike, slack: float = 1e-9) -> bool:
-        """Whether ``force`` (3,) lies in the friction cone itself, to ``slack`` of its size."""
-        f = np.asarray(force, float)
-        along = float(self.normal @ f)
-        sideways = float(np.linalg.norm(f - along * self.normal))
-        return sideways <= self.friction * along + slack * max(1.0, float(np.linalg.norm(f)))
+    def allows(self, force: ArrayLike, slack: float = 1e-9) -> Any:
+        """(...) of bool: whether ``force`` (..., 3) [N] lies in the friction cone itself, to ``slack`` of its size.
+
+        Raises ShapeError, ValueRangeError.
+        """
+        f = checks.finite(force, "force", 3)
+        along = f @ self.normal
+        sideways = np.linalg.norm(f - along[..., None] * self.normal, axis=-1)
+        return sideways <= self.friction * along + slack * np.maximum(1.0, np.linalg.norm(f, axis=-1))
 
 
 def _across(n: Array) -> Array:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError, ValueRangeError
+from ..errors import ValueRangeError
+from .checks import same_batch, unit_vectors
 from .ellipsoid import part_rows
-from .limits import effort_limits, growth, require_fixed_base, velocity_names
+from .limits import effort_limits, growth, require_fixed_base, span, velocity_names
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -36,7 +37,9 @@ class LargestWrench:
 
     def __str__(self) -> str:
         if self.magnitude.ndim:
-            return f"largest wrenches: {self.magnitude.min():.4g} to {self.magnitude.max():.4g}"
+            return f"largest wrenches: {span(self.magnitude)}"
+        if np.isnan(self.magnitude):
+            return "unknown: q has an entry that is not a number"
         name = self.joint_names[int(self.joint)] if self.joint >= 0 else "no joint"
         along = ", ".join(f"{round(x, 12) + 0.0:.3g}" for x in self.wrench)  # no minus zeros
         return f"{self.magnitude:.4g} along ({along}), limited by {name}"
@@ -62,9 +65,11 @@ def largest_wrench(
     10.19 along (0, 0, 0, 0, 0, 1), limited by joint2
     """
     require_fixed_base(robot, "the largest wrench")
-    F = _unit_wrench(direction)
-    J = np.asarray(robot.jacobian(q, frame, kind))
-    return _along(robot, np.asarray(robot.gravity_forces(q)), J, F, effort_limits(robot, limits))
+    d = unit_vectors(direction, 3, 6)
+    F = d if d.shape[-1] == 6 else np.concatenate([np.zeros_like(d), d], axis=-1)
+    g, J = np.asarray(robot.gravity_forces(q)), np.asarray(robot.jacobian(q, frame, kind))
+    same_batch(q=g, direction=F)
+    return _along(robot, g, J, F, effort_limits(robot, limits))
 
 
 def weakest_direction(
@@ -79,7 +84,8 @@ def weakest_direction(
     """The direction in which the robot at rest can apply least; (nq) → (), with ``part`` as in :func:`wrench_ellipsoid`.
 
     The polytope's nearest facet decides: it belongs to the joint and sign with the least (L ∓ g_i) / |J_i|, where J_i is
-    the joint's column of J, and its normal ±J_i / |J_i| is the direction. Raises what :func:`largest_wrench` raises.
+    the joint's column of J, and its normal ±J_i / |J_i| is the direction. Any batch of q; rows with NaN have NaN.
+    Raises what :func:`largest_wrench` raises.
 
     >>> import twistwrench as tw
     >>> print(weakest_direction(tw.robots.planar_2r(), [0.0, 0.0], limits=[50.0, 20.0]))
@@ -90,7 +96,8 @@ def weakest_direction(
     g, J = np.asarray(robot.gravity_forces(q)), np.asarray(robot.jacobian(q, frame, kind))
     lever = np.linalg.norm(J[..., rows, :], axis=-2)
     felt = lever > 1e-12 * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
-    if not felt.any(axis=-1).all():
+    unknown = np.isnan(g).any(axis=-1) | np.isnan(lever).any(axis=-1)
+    if not (felt.any(axis=-1) | unknown).all():
         raise ValueRangeError(
             f"no joint of {robot.name!r} feels any {part} there: the structure bears it all. Name a frame it moves."
         )
@@ -100,29 +107,19 @@ def weakest_direction(
     column = sign * np.take_along_axis(J, joint[..., None, :], axis=-1)[..., 0]
     F = np.zeros_like(column)
     F[..., rows] = column[..., rows]
-    F /= np.linalg.norm(F, axis=-1, keepdims=True)
+    F /= np.where(unknown[..., None], np.nan, np.linalg.norm(F, axis=-1, keepdims=True))
     return _along(robot, g, J, F, L)
 
 
 def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrench:
     a = np.einsum("...ij,...i->...j", J, F)
     s = growth(g, a, L)
+    unknown = np.isnan(g).any(axis=-1) | np.isnan(a).any(axis=-1)
     holds = np.all(np.abs(g) <= L, axis=-1)
     return LargestWrench(
-        np.where(np.isnan(g).any(axis=-1), np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0)),
+        np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0)),
         np.broadcast_to(F, (*a.shape[:-1], 6)).copy(),
         np.where(holds, s.joint, -1),
         np.where(holds, s.side, 0),
         velocity_names(robot),
     )
-
-
-def _unit_wrench(direction: ArrayLike) -> Array:
-    d = np.asarray(direction, float)
-    if d.shape[-1:] not in ((3,), (6,)):
-        raise ShapeError(f"direction has shape {d.shape}, expected three numbers, a force, or six, (m, f).")
-    size = np.linalg.norm(d, axis=-1, keepdims=True)
-    if not (np.isfinite(size).all() and (size > 0).all()):
-        raise ValueRangeError("a direction of zero or not finite length points nowhere. Give one with a finite length.")
-    d = d / size
-    return d if d.shape[-1] == 6 else np.concatenate([np.zeros_like(d), d], axis=-1)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import UnknownNameError
+from ..errors import UnknownNameError, ValueRangeError
+from .checks import same_batch, unit_vectors
 from .limits import effort_limits
 from .torques import RANK_TOLERANCE
 
@@ -42,9 +43,12 @@ class WrenchEllipsoid:
         return self.semi_axes[..., 0] / self.semi_axes[..., -1]
 
     def reach(self, direction: ArrayLike) -> Array:
-        """(...): how far the ellipsoid extends along ``direction`` (..., n), which is made of unit length."""
-        d = np.asarray(direction, float)
-        d = d / np.linalg.norm(d, axis=-1, keepdims=True)
+        """(...): how far the ellipsoid extends along ``direction`` (..., n), which is made of unit length.
+
+        Raises ShapeError, ValueRangeError.
+        """
+        d = unit_vectors(direction, self.matrix.shape[-1])
+        same_batch(poses=self.semi_axes, direction=d)
         square = np.einsum("...i,...ij,...j->...", d, self.matrix, d)
         none = square <= RANK_TOLERANCE**2 * np.trace(self.matrix, axis1=-2, axis2=-1)
         return np.where(none, np.inf, 1.0 / np.sqrt(np.where(none, 1.0, square)))
@@ -59,12 +63,14 @@ def wrench_ellipsoid(
     kind: str = "world_aligned",
     limits: ArrayLike | None = None,
 ) -> WrenchEllipsoid:
-    """Wrenches whose torques have norm at most 1, without gravity; (nq) → (n) semi-axes.
+    """Wrenches whose torques have norm at most 1, without gravity; (nq) → (n) semi-axes, for any batch of q.
 
     ``part``: "force", at zero moment, the book's force ellipsoid f' J_v J_v' f = 1; "moment", at zero force; or "wrench",
     all six numbers (m, f), whose axes depend on the unit of length. ``kind`` as in :meth:`Robot.jacobian`. With
     ``limits`` (nv,) [N m or N] each torque counts as a share of its limit, and the ellipsoid lies inside the polytope of
-    :func:`~twistwrench.statics.wrench_polytope` without gravity. Raises UnknownNameError, ShapeError, ValueRangeError.
+    :func:`~twistwrench.statics.wrench_polytope` without gravity. Rows of q with NaN have NaN.
+
+    Raises UnknownNameError, ShapeError, ValueRangeError.
 
     >>> import twistwrench as tw
     >>> arm = tw.robots.planar_2r()
@@ -75,7 +81,9 @@ def wrench_ellipsoid(
     if limits is not None:
         J = J * effort_weights(robot, limits)
     A = J @ np.swapaxes(J, -1, -2)
-    U, s, _ = np.linalg.svd(J, full_matrices=True)
+    unknown = np.isnan(J).any(axis=(-2, -1))
+    U, s, _ = np.linalg.svd(np.where(unknown[..., None, None], 0.0, J), full_matrices=True)
+    U, s = np.where(unknown[..., None, None], np.nan, U), np.where(unknown[..., None], np.nan, s)
     n = J.shape[-2]
     sigma = np.concatenate([s, np.zeros((*s.shape[:-1], n - s.shape[-1]))], axis=-1)
     flat = sigma <= RANK_TOLERANCE * np.maximum(sigma.max(axis=-1, keepdims=True), 1e-300)
@@ -85,8 +93,6 @@ def wrench_ellipsoid(
 
 def effort_weights(robot: Robot, limits: ArrayLike | None) -> Array:
     """One over each limit, (nv,); zero where a joint has none. Raises ValueRangeError for a limit of zero."""
-    from ..errors import ValueRangeError
-
     L = effort_limits(robot, limits)
     if (L == 0).any():
         raise ValueRangeError(

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError, ValueRangeError
+from ..errors import ValueRangeError
+from ..lie import checks
+from .checks import one_configuration, whole
 from .contacts import Contact
-from .limits import effort_limits, one_configuration, velocity_names
+from .limits import effort_limits, velocity_names
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -21,6 +23,8 @@ Array = NDArray[Any]
 __all__ = ["Equilibrium", "body_equilibrium", "robot_equilibrium"]
 
 _TWIST_NAMES = ("wx", "wy", "wz", "vx", "vy", "vz")
+_OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
+_OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own frame"
 _MOST_EDGES = 512
 _TOLERANCE = 1e-7
 """Power, as a share of the drive's, from which a motion counts as driven: ten times what the solver keeps to."""
@@ -28,7 +32,12 @@ _TOLERANCE = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """An answer with its proof: contact forces and torques that balance, or a motion nothing resists.
+    r"""An answer with its proof: contact forces and torques that balance, or a motion nothing resists.
+
+    Contacts push and never pull. So if along some motion no contact can take power out, and the loads put in more than
+    the motors can take out, then no forces balance: in balance all powers along every motion add up to zero. That motion is
+    the proof of a no, and two lines check it by hand: at each contact n · v ≥ μ \|v - n (n · v)\|, with v its row of
+    ``velocities``, n its normal; and ``power`` > 0, for one body F · V of its wrench F = (m, f) and V = ``motion``.
 
     ``holds`` is None where the friction cones, cut into as many edges as they may be, decide neither way: the case is
     then marginal, within one part in 10⁴ of the friction coefficients.
@@ -42,12 +51,19 @@ class Equilibrium:
     share: float | None
     """The largest share of a torque limit, made as small as can be; 0 for a body."""
     motion: Array | None
-    """(nv,) or (6,): the certificate, dq or the body's twist, largest entry 1; None unless it cannot hold."""
+    """(nv,) or (6,): the certificate, dq or the body's twist V, largest entry 1; None unless it cannot hold.
+
+    V is as well a direction in the space of wrenches: all that contacts can apply have F · V ≥ 0, rest needs F · V < 0."""
+    velocities: Array | None
+    """(contacts, 3) m/s: of the contact points in that motion, in the frame of the normals; None unless it cannot hold."""
     power: float | None
     """W: what the loads put into that motion beyond all that the motors could take out, with contacts adding at least 0."""
     edges: int
     """How many edges the friction cones had."""
     names: tuple[str, ...]
+    """Of the entries of ``motion``."""
+    frame: str
+    """What ``motion`` is, and in which frame."""
 
     def __str__(self) -> str:
         if self.holds:
@@ -58,26 +74,31 @@ class Equilibrium:
         if self.holds is None:
             return f"marginal: cones of {self.edges} edges decide neither way"
         moving = [f"{v:+.3g} {n}" for v, n in zip(np.asarray(self.motion), self.names, strict=True) if abs(v) > 1e-6]
-        return f"cannot hold: no contact resists the motion {', '.join(moving)}, which the load drives"
+        subject = "no contact resists" if len(np.asarray(self.velocities)) else "there is no contact to resist"
+        return (
+            f"cannot hold: {subject} the motion ({', '.join(moving)}), {self.frame}, "
+            f"into which the load puts {self.power:.4g} W"
+        )
 
 
 def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, edges: int = 8) -> Equilibrium:
     """Whether contacts can balance a wrench (m, f) (6,) [N m, N] on one body, in the frame of points and normals.
 
     Forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0, or by Farkas' lemma a twist V with F·V > 0 along which
-    no contact force does negative work. Raises ShapeError, ValueRangeError.
+    no contact force does negative work. One wrench at a time, as each is a linear programme. Raises ShapeError,
+    ValueRangeError.
 
     >>> legs = [Contact((x, y, 0), friction=0.3) for x, y in ((1, 0), (-1, 1), (-1, -1))]
     >>> print(body_equilibrium(legs, [0, 0, 0, 0, 0, -30.0]))
     holds, with contact forces up to 15 N
-    >>> print(body_equilibrium(legs, [0, 0, 0, 0, 12.0, -30.0]).holds)
-    False
+    >>> print(body_equilibrium([], [0, 0, 0, 0, 0, -30.0]))
+    cannot hold: there is no contact to resist the motion (-1 vz), the body's twist (omega, v) in the frame of points and
+    normals, into which the load puts 30 W
     """
-    F = np.asarray(wrench_on_body, float)
-    if F.shape != (6,) or not np.isfinite(F).all():
-        raise ShapeError(f"wrench_on_body has shape {F.shape}, expected six finite numbers (m, f), moment first.")
+    contacts, edges = _clean(contacts, edges)
+    F = checks.finite(checks.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
     maps = [np.vstack([_hat(c.point), np.eye(3)]) for c in contacts]  # f → (p × f, f)
-    return _decide(contacts, maps, F, np.zeros(6), edges, _TWIST_NAMES)
+    return _decide(contacts, maps, F, np.zeros(6), edges, _TWIST_NAMES, _OF_A_BODY)
 
 
 def robot_equilibrium(
@@ -94,6 +115,8 @@ def robot_equilibrium(
     Forces in the friction cones with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits, 0 on a floating base, and the
     largest share of a limit made least; or a motion dq with -τ₀·dq - Σ L abs(dq) > 0 (τ₀ the torques without contacts)
     along which no contact force does negative work. Joints without a limit bear anything.
+
+    One pose at a time, as each is a linear programme of its own; a batch is a ShapeError that says how to loop.
     Raises ShapeError, ValueRangeError, UnknownNameError, FrameError.
 
     >>> import twistwrench as tw
@@ -102,34 +125,55 @@ def robot_equilibrium(
     >>> print(robot_equilibrium(box, box.neutral, corners).holds)
     True
     """
-    q = one_configuration(robot, q, "robot_equilibrium")
+    contacts, edges = _clean(contacts, edges)
+    q = one_configuration(robot, q, "robot_equilibrium", "each pose is a linear programme of its own")
     unloaded = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
+    if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
+        raise ValueRangeError(
+            f"wrench_on_robot at {', '.join(wrench_on_robot or ())}: give each frame one wrench (m, f) of six finite numbers."
+        )
     maps = []
     for c in contacts:
         J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
         arm = np.asarray(robot.forward_kinematics(q, c.frame))[:3, :3] @ c.point
         maps.append((J[3:] - _hat(arm) @ J[:3]).T)  # f → J_point' f
-    return _decide(contacts, maps, -unloaded, effort_limits(robot, limits), edges, velocity_names(robot))
+    return _decide(contacts, maps, -unloaded, effort_limits(robot, limits), edges, velocity_names(robot), _OF_A_ROBOT)
+
+
+def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...], int]:
+    given: Any = contacts
+    if not isinstance(given, Iterable):
+        raise ValueRangeError(f"contacts is {given!r}. Give a list of statics.Contact.")
+    given = tuple(given)
+    for k, c in enumerate(given):
+        if not isinstance(c, Contact):
+            raise ValueRangeError(f"contacts[{k}] is {c!r}. Give a list of statics.Contact.")
+    return given, whole(edges, "edges", 3)  # cones of fewer have no inside
 
 
 def _decide(
-    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int, names: tuple[str, ...]
+    contacts: Sequence[Contact],
+    maps: list[Array],
+    load: Array,
+    limits: Array,
+    edges: int,
+    names: tuple[str, ...],
+    frame: str,
 ) -> Equilibrium:
     """Cut the cones ever finer until forces inside them, or a motion against cones around them, settle it."""
-    if edges < 3:
-        raise ValueRangeError(f"cones of {edges} edges have no inside. Give edges=8 or more.")
     while True:
         found = _balance(contacts, maps, load, limits, edges)
         if found is not None:
             forces, share = found
             pushed = sum((M @ f for M, f in zip(maps, forces, strict=True)), np.zeros_like(load))
             torques = np.where(limits == 0, 0.0, -load - pushed)
-            return Equilibrium(True, forces, torques, share, None, None, edges, names)
+            return Equilibrium(True, forces, torques, share, None, None, None, edges, names, frame)
         motion, power = _unresisted(contacts, maps, load, limits, edges)
         if motion is not None:
-            return Equilibrium(False, None, None, None, motion, power, edges, names)
+            velocities = np.array([M.T @ motion for M in maps]).reshape(-1, 3)  # the maps' transposes, by virtual work
+            return Equilibrium(False, None, None, None, motion, velocities, power, edges, names, frame)
         if edges >= _MOST_EDGES:
-            return Equilibrium(None, None, None, None, None, None, edges, names)
+            return Equilibrium(None, None, None, None, None, None, None, edges, names, frame)
         edges *= 2
 
 
@@ -176,23 +220,39 @@ def _unresisted(
     cones = [c.edges(edges, around=True) for c in contacts]
     E = np.column_stack([np.zeros((n, 0)), *(M @ D.T for M, D in zip(maps, cones, strict=True))])
     motors = np.where(np.isfinite(limits), limits, 0.0) / size
-    still = ~np.isfinite(limits)  # an unlimited joint resists any motion of its own
+    moves = np.isfinite(limits)  # an unlimited joint resists any motion of its own
     one = np.eye(n)
-    found = linprog(
-        np.concatenate([-load / size, motors]),
-        A_ub=np.block([[-E.T, np.zeros((E.shape[1], n))], [one, -one], [-one, -one]]),
-        b_ub=np.zeros(E.shape[1] + 2 * n),
-        bounds=[(0, 0) if s else (-1, 1) for s in still] + [(0, 1)] * n,
+    resisted = np.block([[-E.T, np.zeros((E.shape[1], n))], [one, -one], [-one, -one]])
+    drive = np.concatenate([-load / size, motors])  # times (V, abs(V)): less than nothing for a motion that is driven
+    bounds: Any = [(-1, 1) if m else (0, 0) for m in moves] + [(0, 1)] * n
+    most = linprog(
+        drive,
+        A_ub=resisted,
+        b_ub=np.zeros(len(resisted)),
+        bounds=bounds,
         method="highs",
     )
-    if found.status != 0 or found.x is None:
+    if most.status != 0 or most.x is None or (power := float(-drive @ most.x)) <= _TOLERANCE:
         return None, 0.0
-    motion = found.x[:n]
-    power = float(load @ motion - size * motors @ np.abs(motion))
-    if power <= _TOLERANCE * size:
-        return None, 0.0
-    peak = np.abs(motion).max()
-    return motion / peak, power / peak
+    # Of all motions that take as much, the one with the least sum of entries: it has few, and is read more easily.
+    bounds = [(None, None) if m else (0, 0) for m in moves] + [(0, None)] * n
+    plain = linprog(
+        [0.0] * n + [1.0] * n,
+        A_ub=np.vstack([resisted, drive]),
+        b_ub=np.append(np.zeros(len(resisted)), -power),
+        bounds=bounds,
+        method="highs",
+    )
+    for found in (plain, most):
+        if (
+            found.status != 0 or found.x is None or (peak := np.abs(found.x[:n]).max()) < 0.5
+        ):  # 1 at least, but for rounding
+            continue
+        motion = found.x[:n] / peak + 0.0  # no minus zeros
+        power = float(load @ motion - size * motors @ np.abs(motion))
+        if power > 0:
+            return motion, power
+    return None, 0.0
 
 
 def _size(load: Array) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ShapeError, ValueRangeError
+from ..lie import checks
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -39,13 +40,14 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     >>> effort_limits(tw.robots.ur5()).tolist()
     [150.0, 150.0, 150.0, 28.0, 28.0, 28.0]
     """
-    effort = np.array(robot.limits.effort if limits is None else limits, float)
     names = velocity_names(robot)
-    if effort.shape != (robot.nv,):
+    try:
+        effort = checks.one(robot.limits.effort if limits is None else limits, "limits", robot.nv).copy()
+    except ShapeError as problem:
+        listed = f"{', '.join(names[:12])}{', …' if len(names) > 12 else ''}"
         raise ShapeError(
-            f"limits has shape {effort.shape}, but robot {robot.name!r} wants ({robot.nv},): "
-            f"the largest torque or force of {', '.join(names[:12])}{', …' if len(names) > 12 else ''}."
-        )
+            f"{problem} Robot {robot.name!r} wants the largest torque or force of each of {listed}."
+        ) from None
     free = floating_entries(robot)
     effort[free] = 0.0
     if np.isnan(effort).any() or (effort < 0).any():
@@ -64,6 +66,14 @@ def floating_entries(robot: Robot) -> Array:
     return np.array([b.joint.kind == "floating" for b in robot.model.leaders for _ in range(b.joint.nv)], bool)
 
 
+def span(values: Array) -> str:
+    """The least and the greatest of many numbers, and how many are unknown."""
+    known = values[~np.isnan(values)]
+    some = f"{known.min():.4g} to {known.max():.4g}" if known.size else "none known"
+    unknown = values.size - known.size
+    return some + (f"; {unknown} unknown, as q is not a number there" if unknown else "")
+
+
 def require_fixed_base(robot: Robot, what: str) -> None:
     """Raise ValueRangeError for a robot on a floating base, or without joints: it holds nothing by its own torques."""
     if robot.nv == 0:
@@ -75,17 +85,6 @@ def require_fixed_base(robot: Robot, what: str) -> None:
             f"{what} of {robot.name!r} needs a fixed base: nothing drives a floating one. "
             "Load it with its base fixed, or ask statics.robot_equilibrium what its contacts can bear."
         )
-
-
-def one_configuration(robot: Robot, q: ArrayLike, what: str) -> Array:
-    """``q`` (nq,) of finite numbers, for what is found at one pose only; else a ShapeError or ValueRangeError."""
-    array = np.asarray(q, float)
-    if array.shape != (robot.nq,):
-        raise ShapeError(f"{what} takes one q ({robot.nq},) of robot {robot.name!r}, got shape {array.shape}.")
-    if not np.isfinite(array).all():
-        k = int(np.argmin(np.isfinite(array)))
-        raise ValueRangeError(f"{what}: {robot.coordinate_names[k]!r} is {array[k]:g}. Give finite coordinates.")
-    return array
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import UnknownNameError, ValueRangeError
+from ..lie import checks
+from .checks import positive, whole
 from .limits import require_fixed_base
 from .payload import largest_payload
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["SLICES", "PayloadMap", "payload_map"]
+__all__ = ["SLICES", "PayloadMap", "payload_map", "plane_and_samples"]
 
 SLICES = {"xz": (0, 2, 1), "yz": (1, 2, 0), "xy": (0, 1, 2)}
 """The two axes of a plane slice, and the one across it; beside them "rz" is radius and height, any direction around z."""
@@ -84,15 +86,16 @@ def payload_map(
     >>> found.best.shape, bool(np.nanmax(found.best) > np.nanmin(found.worst))
     ((8, 8), True)
     """
-    if plane not in (*SLICES, "rz"):
-        raise UnknownNameError.of("slice", plane, (*SLICES, "rz"))
-    if cells < 1 or samples < 1 or not thickness > 0:
-        raise ValueRangeError(
-            f"a map takes at least one cell and sample and a positive thickness, got cells={cells}, samples={samples}, "
-            f"thickness={thickness:g}."
-        )
+    plane, samples = plane_and_samples(plane, samples)
+    cells, thickness = whole(cells, "cells", 1), positive(thickness, "thickness [m]", "Give a positive thickness.")
+    at = checks.number(at, "at [m]")
+    if not np.isfinite(at):
+        raise ValueRangeError(f"at is {at:g}. Give where the slice lies on the axis across it [m].")
     require_fixed_base(robot, "a payload map")
-    rng = np.random.default_rng(rng)
+    try:
+        rng = np.random.default_rng(rng)
+    except (TypeError, ValueError):
+        raise ValueRangeError(f"rng={rng!r}: give a seed or a numpy Generator.") from None
     parts = []
     for begin in range(0, samples, _CHUNK):
         q = robot.random_configuration(rng, min(_CHUNK, samples - begin))
@@ -113,6 +116,13 @@ def payload_map(
     slab = (0.0, np.inf) if plane == "rz" else (at, thickness)
     edges, best, worst, count = _binned(np.concatenate(parts), cells)
     return PayloadMap(plane, *slab, edges, best, worst, count)
+
+
+def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
+    """Both as they have to be, before anything runs. Raises UnknownNameError, ValueRangeError."""
+    if not isinstance(plane, str) or plane not in (*SLICES, "rz"):
+        raise UnknownNameError.of("slice", plane, (*SLICES, "rz"))
+    return plane, whole(samples, "samples", 1)
 
 
 def _binned(found: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError, ValueRangeError
-from .limits import effort_limits, growth, one_configuration, require_fixed_base, velocity_names
+from ..errors import ShapeError
+from ..lie import checks
+from .checks import one_configuration, same_batch
+from .limits import effort_limits, growth, require_fixed_base, span, velocity_names
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -55,7 +57,9 @@ class LargestPayload:
 
     def __str__(self) -> str:
         if self.mass.ndim:
-            return f"largest payloads of {self.mass.size} poses: {self.mass.min():.4g} to {self.mass.max():.4g} kg"
+            return f"largest payloads [kg] of {self.mass.size} poses: {span(self.mass)}"
+        if np.isnan(self.mass):
+            return "unknown: q has an entry that is not a number"
         if not self.holds:
             k = int(np.argmax(np.abs(self.unloaded) - self.limits))
             return (
@@ -73,7 +77,8 @@ def torques_per_kilogram(
 ) -> Array:
     """The torques that hold one kilogram at ``com`` (3,) of a frame, the robot's own weight left out; (nq) → (nv).
 
-    τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26.
+    τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26. Any batch of q and
+    com broadcasts. Raises ShapeError, ValueRangeError, FrameError, UnknownNameError.
 
     >>> import twistwrench as tw
     >>> torques_per_kilogram(tw.robots.planar_2r(), [0.0, 0.0]).round(2).tolist()
@@ -81,6 +86,7 @@ def torques_per_kilogram(
     """
     c = points(com)
     R = np.asarray(robot.forward_kinematics(q, frame))[..., :3, :3]
+    same_batch(q=R[..., 0], com=c)
     f = -np.einsum("...ji,j->...i", R, robot.gravity)
     F = np.concatenate([np.cross(c, f), np.broadcast_to(f, np.broadcast_shapes(c.shape, f.shape))], axis=-1)
     return robot.wrench_torques(q, F, frame)
@@ -160,7 +166,7 @@ def payload_in_region(
     corners = np.atleast_2d(points(region))
     if corners.ndim != 2 or not len(corners):
         raise ShapeError(f"region has shape {np.shape(region)}, expected (k, 3): the corners of a convex region [m].")
-    q = one_configuration(robot, q, "payload_in_region")
+    q = one_configuration(robot, q, "payload_in_region", "the best place is a linear programme of each pose")
     at_corners = largest_payload(robot, q, corners, frame=frame, limits=limits)
     worst = int(np.argmin(at_corners.mass))
     if not at_corners.holds.all():
@@ -182,10 +188,5 @@ def _best_mixture(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
 
 
 def points(com: ArrayLike) -> Array:
-    """``com`` as floats (..., 3), or a ShapeError or ValueRangeError that says what is wanted."""
-    c = np.asarray(com, float)
-    if c.shape[-1:] != (3,):
-        raise ShapeError(f"com has shape {c.shape}, expected (..., 3): x, y, z [m] in the frame.")
-    if not np.isfinite(c).all():
-        raise ValueRangeError("com has an entry that is not a finite number. Give x, y, z [m] in the frame.")
-    return c
+    """``com`` as finite float64 (..., 3), x, y, z [m] in the frame. Raises ShapeError, ValueRangeError."""
+    return np.asarray(checks.finite(com, "com", 3), float)

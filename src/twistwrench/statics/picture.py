@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MissingExtraError, ValueRangeError
-from ..report.table_file import replacing
+from ..errors import ValueRangeError
+from ..figure import AXIS, INK, LINE, ORANGE, OVER, QUIET, SKY, SMALL, figure, save
 from .directions import weakest_direction
 from .ellipsoid import WrenchEllipsoid, wrench_ellipsoid
 from .map import SLICES, PayloadMap
@@ -22,19 +22,6 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 __all__ = ["plot_payload"]
-
-_FILL, _EDGE, _ELLIPSOID, _WEAK, _QUIET = "#56B4E9", "#1f4e79", "#D55E00", "#c0392b", "#8a8f98"
-_STYLE = {
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#555b63",
-    "axes.axisbelow": True,
-    "grid.color": "#e6e8eb",
-    "grid.linewidth": 0.7,
-    "figure.dpi": 150,
-}
 
 
 def plot_payload(
@@ -54,23 +41,14 @@ def plot_payload(
     Raises :class:`~twistwrench.MissingExtraError` without matplotlib, :class:`~twistwrench.ValueRangeError` if the file
     cannot be written.
     """
-    try:
-        import matplotlib as mpl
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError.of("matplotlib", "plot", "Drawing (--plot)") from None
-    with mpl.rc_context(cast("Any", _STYLE)):
-        figure = Figure(figsize=(10.5, 4.6 if chart is None else 9.2), layout="constrained")
-        FigureCanvasAgg(figure)
-        figure.suptitle(_title(robot, found, frame), fontsize=12, fontweight="bold", x=0.012, ha="left")
-        parts = cast("Any", figure.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
+    with figure(10.5, 4.6 if chart is None else 9.2, _title(robot, found, frame)) as drawn:
+        parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
         left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
         _draw_forces(left, robot, q, frame, limits)
         _draw_shares(right.subplots(), found)
         if chart is not None:
             _draw_map(parts[1], chart, np.asarray(robot.forward_kinematics(q, frame))[:3, 3])
-        _save(figure, Path(path))
+        save(drawn, path)
 
 
 def _title(robot: Robot, found: LargestPayload, frame: str | None) -> str:
@@ -78,32 +56,49 @@ def _title(robot: Robot, found: LargestPayload, frame: str | None) -> str:
     return f"{robot.name} · {mass} at {frame or robot.tip}"
 
 
-def _draw_forces(figure: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
+def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
     try:
         polytope = wrench_polytope(robot, q, frame, limits=limits)
         ellipsoid = wrench_ellipsoid(robot, q, frame, limits=_own(robot, limits))
     except ValueRangeError as problem:
-        axis = figure.subplots()
+        axis = part.subplots()
         axis.set_axis_off()
-        axis.text(0.5, 0.5, str(problem), ha="center", va="center", wrap=True, color=_QUIET)
+        axis.text(0.5, 0.5, str(problem), ha="center", va="center", wrap=True, color=QUIET)
         return
     flat = polytope.borne.shape[1]
     if flat == 0:
-        axis = figure.add_subplot(projection="3d", computed_zorder=False)
+        axis = part.add_subplot(projection="3d", computed_zorder=False)
         _draw_solid(axis, polytope, ellipsoid)
     elif flat == 1:
-        axis = figure.subplots()
+        axis = part.subplots()
         _draw_section(axis, polytope, ellipsoid)
     else:
-        axis = figure.subplots()
+        axis = part.subplots()
         axis.set_axis_off()
-        axis.text(0.5, 0.5, "The structure bears forces\nin two directions or more here.", ha="center", color=_QUIET)
+        axis.text(0.5, 0.5, _flat_words(polytope), ha="center", color=QUIET)
         return
     weakest = weakest_direction(robot, q, frame=frame, limits=limits)
     if weakest.magnitude > 0:
-        _draw_arrow(axis, polytope, weakest.magnitude * weakest.wrench[3:], f"weakest, {weakest.magnitude:.4g} N")
+        draw = _draw_weakest_in_space if flat == 0 else _draw_weakest_in_plane
+        limited = weakest.joint_names[int(weakest.joint)].removesuffix("_joint")
+        draw(
+            axis, polytope, weakest.magnitude * weakest.wrench[3:], f"weakest, {weakest.magnitude:.4g} N, by {limited}"
+        )
     axis.set_title("Forces the robot can apply, at zero moment", loc="left", fontweight="bold")
-    axis.legend(loc="upper left", frameon=False, fontsize=8)
+    axis.legend(loc="upper left", frameon=False, fontsize=SMALL)
+
+
+def _flat_words(polytope: WrenchPolytope) -> str:
+    """What there is to say where at most one direction of force takes torque."""
+    if polytope.borne.shape[1] > 2:
+        return "The structure bears forces\nin every direction here."
+    along = np.linalg.svd(polytope.borne.T)[2][-1]
+    along = along if along[np.argmax(np.abs(along))] > 0 else -along
+    reach = polytope.vertices @ along
+    return (
+        "The structure bears forces in two directions here.\n"
+        f"Along the third, {_words(along)}: {reach.min():.4g} to {reach.max():.4g} N".replace("-", "−")
+    )
 
 
 def _own(robot: Robot, limits: ArrayLike | None) -> ArrayLike:
@@ -114,14 +109,14 @@ def _own(robot: Robot, limits: ArrayLike | None) -> ArrayLike:
 def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    faces = Poly3DCollection(_faces(polytope), facecolor=_FILL, edgecolor=_EDGE, linewidth=0.8, alpha=0.22)
+    faces = Poly3DCollection(_faces(polytope), facecolor=SKY, edgecolor=LINE, linewidth=0.8, alpha=0.22, zorder=1)
     faces.set_label("polytope, gravity held first")
     axis.add_collection3d(faces)
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
     ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     shell = (ball * ellipsoid.semi_axes) @ ellipsoid.axes.T
     axis.plot_wireframe(
-        shell[..., 0], shell[..., 1], shell[..., 2], color=_ELLIPSOID, linewidth=0.4, rstride=2, cstride=2,
+        shell[..., 0], shell[..., 1], shell[..., 2], color=ORANGE, linewidth=0.6, rstride=2, cstride=2, zorder=2,
         label="ellipsoid of joint effort, no gravity",
     )  # fmt: skip
     every = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
@@ -129,23 +124,26 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
     middle, reach = (low + high) / 2, 0.5 * (high - low).max()
     for k, letter in enumerate("xyz"):
         getattr(axis, f"set_{letter}lim")(middle[k] - reach, middle[k] + reach)
-        getattr(axis, f"set_{letter}label")(f"f{letter} [N]", fontsize=8)
-    axis.scatter(0, 0, 0, color="black", s=9)
-    axis.tick_params(labelsize=7)
+        getattr(axis, f"set_{letter}label")(f"f{letter} [N]", fontsize=SMALL, labelpad=7 if letter == "y" else 3)
+    axis.tick_params(labelsize=7, pad=1)
+    axis.tick_params(axis="z", pad=4)
     axis.set_box_aspect((1, 1, 1))
 
 
 def _faces(polytope: WrenchPolytope) -> list[Array]:
     """The polygons of a bounded polytope in three dimensions, corners in order."""
-    found = []
-    for n, b in zip(polytope.normals, polytope.offsets, strict=True):
-        on = polytope.vertices[np.abs(polytope.vertices @ n - b) <= 1e-6 * (1 + np.abs(b))]
-        if len(on) < 3:
-            continue
-        spokes = on - on.mean(axis=0)
-        first = spokes[0] / np.linalg.norm(spokes[0])
-        found.append(on[np.argsort(np.arctan2(spokes @ np.cross(n, first), spokes @ first))])
-    return found
+    every = (_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True))
+    return [face for face in every if len(face) >= 3]
+
+
+def _face(polytope: WrenchPolytope, n: Array, b: float) -> Array:
+    """The corners (k, 3) in the plane n · x = b, in their order around it."""
+    on = polytope.vertices[np.abs(polytope.vertices @ n - b) <= 1e-6 * (1 + np.abs(b))]
+    if len(on) < 3:
+        return on
+    spokes = on - on.mean(axis=0)
+    first = spokes[0] / np.linalg.norm(spokes[0])
+    return on[np.argsort(np.arctan2(spokes @ np.cross(n, first), spokes @ first))]
 
 
 def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
@@ -154,17 +152,13 @@ def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoi
     corners = np.column_stack([polytope.vertices @ first, polytope.vertices @ second])
     spokes = corners - corners.mean(axis=0)
     ring = corners[np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))]
-    axis.fill(*ring.T, facecolor=_FILL, edgecolor=_EDGE, alpha=0.35, label="polytope, gravity held first")
+    axis.fill(*ring.T, facecolor=SKY, edgecolor=LINE, alpha=0.35, label="polytope, gravity held first")
     turn = np.linspace(0, 2 * np.pi, 181)
     round_ = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     reach = ellipsoid.reach(round_)
-    axis.plot(
-        reach * np.cos(turn), reach * np.sin(turn), color=_ELLIPSOID, label="ellipsoid of joint effort, no gravity"
-    )
-    axis.plot(0, 0, "o", color="black", markersize=3)
+    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=ORANGE, label="ellipsoid of joint effort, no gravity")
     axis.set_aspect("equal", "datalim")
     axis.margins(0.12)
-    axis.grid(visible=True)
     axis.set_xlabel(f"force along {_words(first)} [N]")
     axis.set_ylabel(f"force along {_words(second)} [N]")
 
@@ -186,35 +180,65 @@ def _words(direction: Array) -> str:
     return f"({', '.join(f'{x:.2f}' for x in direction)})"
 
 
-def _draw_arrow(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
-    if polytope.borne.shape[1]:
-        tip = np.array([tip @ d for d in _plane(polytope)])
-    axis.plot(*([0, x] for x in tip), color=_WEAK, linewidth=2.2, label=label, zorder=10)
+def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
+    """The force from no force to the nearest facet, which is shaded; a white rim lifts it off the ellipsoid's lines."""
+    from matplotlib.patheffects import Normal, Stroke
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    n = tip / np.linalg.norm(tip)
+    nearest = _face(polytope, n, float(n @ tip))
+    if len(nearest) >= 3:
+        shade = Poly3DCollection([nearest], facecolor=OVER, edgecolor=OVER, linewidth=1.2, alpha=0.25, zorder=3)
+        axis.add_collection3d(shade)
+    rim = [Stroke(linewidth=6, foreground="white"), Normal()]
+    axis.plot(*([0, x] for x in tip), color=OVER, linewidth=3, label=label, zorder=10, path_effects=rim)
+    for place, shape, size in (((0, 0, 0), "o", 6), (tip, "o", 9)):
+        axis.plot(
+            *([x] for x in place),
+            shape,
+            color=OVER if size > 6 else INK,
+            markersize=size,
+            markeredgecolor="white",
+            zorder=11,
+        )
+
+
+def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
+    """The force from no force to the nearest side, which is drawn thick."""
+    first, second = _plane(polytope)
+    n = tip / np.linalg.norm(tip)
+    on = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
+    axis.plot(on @ first, on @ second, color=OVER, linewidth=2.5, alpha=0.5, zorder=9)
+    axis.plot([0, tip @ first], [0, tip @ second], color=OVER, linewidth=3, label=label, zorder=10)
+    axis.plot(0, 0, "o", color=INK, markersize=5, markeredgecolor="white", zorder=11)
+    axis.plot(tip @ first, tip @ second, "o", color=OVER, markersize=8, markeredgecolor="white", zorder=11)
 
 
 def _draw_shares(axis: Any, found: LargestPayload) -> None:
     from matplotlib.patches import Patch
 
     rows = np.arange(len(found.joint_names))
-    alone = found.unloaded / found.limits
-    full = found.torques / found.limits
-    colours = [_WEAK if k == int(found.joint) else _FILL for k in rows]
+    driven = np.where(found.limits > 0, found.limits, np.inf)  # a joint that can give nothing has no share to draw
+    alone, full = found.unloaded / driven, found.torques / driven
+    colours = [OVER if k == int(found.joint) or abs(full[k]) > 1 + 1e-9 else SKY for k in rows]
     axis.barh(rows, full, color=colours, height=0.62)
-    axis.barh(rows, alone, color=_EDGE, height=0.22)
-    axis.axvline(0, color="#555b63", linewidth=0.7)
+    axis.barh(rows, alone, color=LINE, height=0.22)
+    axis.axvline(0, color=AXIS, linewidth=0.7)
     reach = 1.15 * max(1.0, float(np.abs(full).max(initial=0)))
     for side in (-1, 1):
-        axis.axvline(side, color=_WEAK, linewidth=0.9, linestyle=(0, (4, 3)))
-        axis.axvspan(side, 2 * side * reach, color=_WEAK, alpha=0.08, linewidth=0)
+        axis.axvline(side, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.axvspan(side, 2 * side * reach, color=OVER, alpha=0.08, linewidth=0)
     axis.set_xlim(-reach, reach)
     axis.set_yticks(rows, [n.removesuffix("_joint") for n in found.joint_names])
     axis.set_ylim(max(len(rows), 4) - 0.5, -0.5)
     axis.set_xlabel("torque as a share of its limit")
-    axis.grid(visible=True, axis="x")
+    axis.grid(visible=False, axis="y")
     axis.set_title("Holding torques", loc="left", fontweight="bold")
-    meanings = {"robot alone": _EDGE, "with the payload": _FILL, "limiting joint": _WEAK}
+    meanings = {"robot alone": LINE, "with the payload": SKY, "at its limit or over": OVER}
     patches = [Patch(color=colour, label=label) for label, colour in meanings.items()]
-    axis.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=8)
+    axis.legend(
+        handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=SMALL
+    )
 
 
 def _draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
@@ -232,26 +256,15 @@ def _draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
     for axis, values, title in zip(axes, (chart.best, chart.worst), titles, strict=True):
         image = axis.pcolormesh(*chart.edges, np.maximum(values, low), norm=shades, cmap="viridis", rasterized=True)
         axis.set_aspect("equal")
+        axis.grid(visible=False)
         axis.set_title(title, loc="left", fontweight="bold")
         names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
         axis.set_xlabel(f"{names[0]} [m]")
         axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
-        axis.plot(*place, "x", color=_WEAK, markeredgewidth=1.8, markersize=7, label="the pose above")
+        axis.plot(*place, "x", color=OVER, markeredgewidth=1.8, markersize=7, label="the pose above")
     axes[0].set_ylabel(f"{names[1]} [m]")
-    axes[0].legend(loc="lower right", fontsize=8, framealpha=0.9, edgecolor="none")
+    axes[0].legend(loc="lower right", fontsize=SMALL, framealpha=0.9, edgecolor="none")
     bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
     ticks = [x for x in np.unique([float(f"{x:.1g}") for x in np.geomspace(low, high, 6)]) if low <= x <= high]
     bar.set_ticks(ticks, labels=[f"{x:g}" for x in ticks], minor=False)
     bar.minorticks_off()
-
-
-def _save(figure: Any, path: Path) -> None:
-    kind = path.suffix.lstrip(".").lower() or "png"
-    known = figure.canvas.get_supported_filetypes()
-    if kind not in known:
-        raise ValueRangeError(
-            f"cannot draw {path.name!r}: pictures of kind {kind!r} are not made. "
-            f"Choose one of {', '.join(f'.{k}' for k in known)}."
-        )
-    with replacing(path) as scratch:
-        figure.savefig(scratch, format=kind)

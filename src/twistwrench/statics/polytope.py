@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..errors import UnknownNameError, ValueRangeError
+from ..lie import checks
+from .checks import one_configuration
 from .ellipsoid import effort_weights, part_rows
-from .limits import effort_limits, one_configuration, require_fixed_base, velocity_names
+from .limits import effort_limits, require_fixed_base, velocity_names
 from .torques import RANK_TOLERANCE
 
 if TYPE_CHECKING:
@@ -41,15 +43,19 @@ class WrenchPolytope:
     kind: str
 
     def contains(self, x: ArrayLike, slack: float = 1e-9) -> Array:
-        """(...) of bool: whether the robot can apply ``x`` (..., n), to ``slack`` in N or N m."""
-        x = np.asarray(x, float)
-        if x.shape[-1:] != self.normals.shape[1:]:
-            raise ShapeError(f"x has shape {x.shape}, but this polytope's points have {self.normals.shape[1]} numbers.")
+        """(...) of bool: whether the robot can apply ``x`` (..., n), to ``slack`` in N or N m.
+
+        Raises ShapeError, ValueRangeError.
+        """
+        x = checks.finite(x, "x", self.normals.shape[1])
         return np.all(x @ self.normals.T <= self.offsets + slack, axis=-1)
 
     def support(self, direction: ArrayLike) -> Array:
-        """(...): the largest direction · x over the polytope, inf where the structure bears part of the direction."""
-        d = np.asarray(direction, float)
+        """(...): the largest direction · x over the polytope, inf where the structure bears part of the direction (..., n).
+
+        Raises ShapeError, ValueRangeError.
+        """
+        d = checks.finite(direction, "direction", self.normals.shape[1])
         most = (d @ self.vertices.T).max(axis=-1)
         size = np.linalg.norm(d, axis=-1)
         return np.where(np.linalg.norm(d @ self.borne, axis=-1) > RANK_TOLERANCE * size, np.inf, most)
@@ -85,6 +91,10 @@ def wrench_polytope(
     the six-dimensional polytope; "any", its projection. ``kind`` as in :meth:`Robot.jacobian`; ``limits`` (nv,) [N m or N]
     stand in for the robot's own. Joints without a limit bound nothing.
 
+    One pose at a time, as poses differ in how many corners they have; a batch is a ShapeError that says how to loop.
+    :func:`~twistwrench.statics.largest_wrench`, :func:`~twistwrench.statics.weakest_direction` and
+    :func:`~twistwrench.statics.wrench_ellipsoid` take any batch.
+
     Raises ValueRangeError where no wrench at all keeps the limits, on floating bases, and without limits; ShapeError,
     UnknownNameError, FrameError as the robot's methods do.
 
@@ -97,7 +107,7 @@ def wrench_polytope(
     require_fixed_base(robot, "the wrench polytope")
     if rest not in ("zero", "any"):
         raise UnknownNameError.of("value of rest", rest, ("zero", "any"))
-    q = one_configuration(robot, q, "wrench_polytope")
+    q = one_configuration(robot, q, "wrench_polytope", "poses differ in how many corners they have")
     rows, whole = part_rows(part), slice(0, 6)
     effort_weights(robot, limits)  # refuses limits of zero
     L, g = effort_limits(robot, limits), np.asarray(robot.gravity_forces(q))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,16 +16,17 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import ValueRangeError
-from ..report.table_file import replacing
+from ..outputs import replacing
 from .directions import largest_wrench, weakest_direction
 from .payload import LargestPayload
+from .stops import BeyondStop
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
 Array = NDArray[Any]
 
-__all__ = ["payload_view", "write_payload"]
+__all__ = ["payload_view", "stops_view", "write_payload"]
 
 _BAR = 16
 
@@ -109,6 +111,17 @@ def _verdict(found: LargestPayload) -> Text:
     )
 
 
+def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
+    """Which joints the pose puts beyond their stops, and by how much; ``degrees`` for those that turn."""
+    said = []
+    for b in beyond:
+        scale, unit = ((180 / math.pi, "°") if degrees else (1.0, " rad")) if b.turns else (1.0, " m")
+        side = "above its upper" if b.value > b.stop else "below its lower"
+        value, far, stop = (_number(scale * x, 1e-12) for x in (b.value, b.by, b.stop))
+        said.append(f"{b.joint} at {value}{unit} is {far}{unit} {side} position limit, {stop}{unit}")
+    return Text.assemble(("OVER LIMIT", "bold red"), f": the robot cannot be in this pose: {'; '.join(said)}.")
+
+
 def write_payload(found: LargestPayload, path: str | Path) -> None:
     """A CSV row per joint: names, then numbers with all their digits. ValueRangeError if the file cannot be written."""
     columns = ("alone", "per_kilogram", "with_payload", "limit", "holds_up_to", "share")
@@ -124,7 +137,7 @@ def _force(value: Any) -> str:
     return "unbounded" if math.isinf(value) else f"{value:.4g}"
 
 
-def _number(value: Any) -> str:
-    if abs(value) < 5e-4:
+def _number(value: Any, least: float = 5e-4) -> str:
+    if abs(value) < least:
         return "0"
     return f"{value:.4g}".replace("-", "−")

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ShapeError, ValueRangeError
-from .limits import one_configuration, velocity_names
+from ..lie import checks
+from .checks import one_configuration, positive
+from .limits import velocity_names
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -99,13 +100,9 @@ def wrench_from_torques(
     >>> bool(np.allclose(arm.wrench_torques([0.0, 0.0], stretched.wrench), [2.0, 1.0]))
     True
     """
-    q, tau = one_configuration(robot, q, "wrench_from_torques"), np.asarray(tau, float)
-    if tau.shape != (robot.nv,) or not np.isfinite(tau).all():
-        raise ShapeError(
-            f"wrench_from_torques takes tau ({robot.nv},) of finite numbers, got shape {tau.shape}: {tau}."
-        )
-    if not length > 0:
-        raise ValueRangeError(f"length is {length:g} m. Give a positive length, such as the robot's reach.")
+    q = one_configuration(robot, q, "wrench_from_torques", "the rank of J differs from pose to pose")
+    tau = checks.finite(checks.one(tau, "wrench_from_torques: tau", robot.nv), "wrench_from_torques: tau", robot.nv)
+    length = positive(length, "length [m]", "Give a positive length, such as the robot's reach.")
     g = np.asarray(robot.gravity_forces(q))
     J = np.asarray(robot.jacobian(q, frame, kind))
     scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m

@@ -1,0 +1,203 @@
+"""Constrained dynamics, A(q) dq = 0. Modern Robotics section 8.7.
+
+Two kinds of constraints, both data. A :class:`Closure` holds a frame {b} on a frame {c}, which is fixed to {a}: with
+T_cb = (R, p), its six rows are the turning of {b} seen from {c} and the rate of p,
+
+    V_cb = (w, dp/dt),   [w] = (dR/dt) R',
+
+and the chosen ones are zero. A :class:`Rolling` sets chosen rows of one frame's Jacobian to zero, whether or not a
+position goes with them. λ is what the robot applies: {b} to {a} at the origin of {b}, axes of {c}, like the book's F_tip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lie import se3, so3
+from ..lie.adjoint import Ad, ad
+from ..model.model import BASE, Body, Frame, Model
+from .forward_dynamics import factored, lowered, raised, solved
+from .inverse_dynamics import Wrenches, bias_forces
+from .jacobians import jacobian, jacobian_rate
+from .mass_matrix import mass_matrix
+from .recursion import ancestors, joint_poses, zeros
+from .task_space import ROWS
+
+Array = NDArray[Any]
+
+GROUND = "ground"
+"""What a closure calls the base, floating or not; a link of that name is meant instead where there is one."""
+
+__all__ = [
+    "GROUND",
+    "Closure",
+    "Constraint",
+    "Rolling",
+    "closure_poses",
+    "constrained_dynamics",
+    "constraint_bias",
+    "constraint_jacobian",
+    "place_of",
+    "row_names",
+]
+
+
+@dataclass(frozen=True)
+class Closure:
+    """{b} held on {c}, whose pose in {a} is ``pose``, in the chosen rows of their relative twist, axes of {c}."""
+
+    frame_a: str
+    frame_b: str
+    rows: tuple[int, ...]
+    pose: tuple[tuple[float, ...], ...]
+
+    @property
+    def name(self) -> str:
+        """The two frames."""
+        return f"{self.frame_a}–{self.frame_b}"
+
+    @cached_property
+    def T_ac(self) -> Array:
+        """``pose`` as an array (4, 4)."""
+        return np.array(self.pose)
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """Chosen rows of a frame's twist held at zero; ``kind`` as for the Jacobian."""
+
+    frame: str
+    rows: tuple[int, ...]
+    kind: str
+
+    @property
+    def name(self) -> str:
+        """The frame."""
+        return self.frame
+
+
+Constraint = Closure | Rolling
+
+
+def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
+    """A name for each row of A: the frames and the row of their twist."""
+    return tuple(f"{c.name} {ROWS[k]}" for c in constraints for k in c.rows)
+
+
+def place_of(model: Model, frame: str) -> Frame:
+    """The frame of that name, or the base's for ``"ground"``."""
+    return Frame(BASE, np.eye(4)) if frame == GROUND and frame not in model.frames else model.frame(frame)
+
+
+# ── how {b} moves as {c} sees it ──
+
+
+def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
+    """The joints between {c} and {b} in that order, (body, T_c,body, sign), and T_cb.
+
+    Down from the nearest common ancestor joints count as they turn; up from {c} to it, the other way.
+    """
+    a, b = place_of(model, closure.frame_a), place_of(model, closure.frame_b)
+    T = joint_poses(model, q)
+    up, down = list(ancestors(model, a.body)), list(ancestors(model, b.body))
+    while up and down and up[-1] == down[-1]:
+        up.pop(), down.pop()
+    walk: list[tuple[Body, Array, float]] = []
+    X = se3.inverse(a.pose @ closure.T_ac)
+    for i in up:
+        walk.append((model.bodies[i], X, -1.0))
+        X = X @ se3.inverse(T[i])
+    for i in reversed(down):
+        X = X @ T[i]
+        walk.append((model.bodies[i], X, 1.0))
+    return walk, np.asarray(X @ b.pose)
+
+
+def _columns(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
+    """(body, its joint's screw axes (k, 6) in {c}, sign) in the order of the walk, and p of {b} in {c}."""
+    walk, T_cb = _walk(model, q, closure)
+    return [(b, sign * b.ratio * (Ad(X) @ b.joint.axes), sign) for b, X, sign in walk], T_cb[:3, 3]
+
+
+def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
+    """V_cb = J dq, with J; (6, nv)."""
+    J = zeros(6, model.nv)
+    columns, p = _columns(model, q, closure)
+    for body, axes, _ in columns:
+        mine = slice(body.v_index, body.v_index + body.joint.nv)
+        J[:, mine] = J[:, mine] + np.array([_at(p, V) for V in axes]).T
+    return J
+
+
+def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array:
+    """dV_cb/dt at ddq = 0; (6,). An axis turns with the body whose frame it is given in: d(axis)/dt = [V_body, axis]."""
+    V, dV = zeros(6), zeros(6)
+    columns, p = _columns(model, q, closure)
+    for body, axes, sign in columns:
+        mine = dq[body.v_index : body.v_index + body.joint.nv] @ axes
+        here = V + mine if sign > 0 else V  # going up, the body is on the near side of its joint
+        dV = dV + ad(here) @ mine
+        V = V + mine
+    dp = _at(p, V)[3:]
+    return np.concatenate([dV[:3], _at(p, dV)[3:] + so3.cross(V[:3], dp)])
+
+
+def _at(p: Array, V: Array) -> Array:
+    """(w, v + w × p): the velocity of the point p in place of that at the origin."""
+    return np.concatenate([V[:3], V[3:] + so3.cross(V[:3], p)])
+
+
+def closure_poses(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
+    """T_cb of every closure; (n, 4, 4)."""
+    return np.array([_walk(model, q, c)[1] for c in constraints if isinstance(c, Closure)]).reshape(-1, 4, 4)
+
+
+# ── the constraints and what they do ──
+
+
+def constraint_jacobian(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
+    """A, with A dq = 0; (k, nv). MR section 8.7."""
+    return np.concatenate([_rows_of(model, q, c)[list(c.rows)] for c in constraints])
+
+
+def _rows_of(model: Model, q: Array, c: Constraint) -> Array:
+    return _relative_jacobian(model, q, c) if isinstance(c, Closure) else jacobian(model, q, c.frame, c.kind)
+
+
+def constraint_bias(model: Model, q: Array, dq: Array, constraints: tuple[Constraint, ...]) -> Array:
+    """(dA/dt) dq, so that A ddq + (dA/dt) dq = 0; (k,). MR section 8.7."""
+    return np.concatenate(list(_biases(model, q, dq, constraints)))
+
+
+def _biases(model: Model, q: Array, dq: Array, constraints: tuple[Constraint, ...]) -> Iterator[Array]:
+    for c in constraints:
+        if isinstance(c, Closure):
+            yield _relative_bias(model, q, dq, c)[list(c.rows)]
+        else:
+            yield jacobian_rate(model, q, dq, c.frame, c.kind)[list(c.rows)] @ dq
+
+
+def constrained_dynamics(
+    model: Model,
+    q: Array,
+    dq: Array,
+    tau: Array,
+    wrenches: Wrenches | None = None,
+    constraints: tuple[Constraint, ...] = (),
+) -> tuple[Array, Array, Array]:
+    """q̈ and λ of τ = M q̈ + h + A'λ, A q̈ + (dA/dt) dq = 0, and the pivots of A M⁻¹ A'; (nv,), (k,), (k,).
+
+    M = L'DL is factored once: with Y = L⁻ᵀA' and z = L⁻ᵀ(τ - h), A M⁻¹ A' is Y'D⁻¹Y.
+    """
+    L, D = factored(mass_matrix(model, q))
+    Y = lowered(L, constraint_jacobian(model, q, constraints).T)
+    z = lowered(L, tau - bias_forces(model, q, dq, wrenches))
+    R, E = factored(Y.T @ (D[:, None] * Y))
+    lam = solved(R, E, Y.T @ (D * z) + constraint_bias(model, q, dq, constraints))  # S λ = A M⁻¹ (τ - h) + (dA/dt) dq
+    return raised(L, D * (z - Y @ lam)), lam, 1.0 / E  # q̈ = M⁻¹ (τ - h - A'λ)

@@ -1,0 +1,403 @@
+"""Closed robots: a robot with loops or other constraints on its velocity, A(q) dq = 0. Modern Robotics section 8.7.
+
+The equations of motion are those of the open robot with the forces of constraint in them,
+
+    τ = M q̈ + h + A'λ,   A q̈ + (dA/dt) dq = 0,
+
+so λ is what the robot applies where it is held, as in τ = M q̈ + h + J'F_by. Shapes are those of one state; any leading batch
+shape goes.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import closing
+from .algorithms.balance import UNBALANCED, balance
+from .algorithms.constraints import Closure, Constraint, Rolling, place_of, row_names
+from .algorithms.gaps import closure_gaps, settled
+from .algorithms.jacobians import KINDS
+from .algorithms.reach import Reach, doubtful, independent_rows
+from .algorithms.task_space import ROWS, row_numbers
+from .errors import ConstraintError, ConstraintWarning, UnknownNameError, ValueRangeError
+from .lie import checks
+from .model.model import BASE
+from .robot import Robot, Rows, Wrenches
+
+Array = NDArray[Any]
+
+CLOSED = 1e-12
+"""rad and m: loops closed to this are closed; rounding of positions within a metre is some 1e-15."""
+
+__all__ = ["ClosedRobot", "ConstrainedMotion", "ConstrainedTorques", "MotionForceSplit"]
+
+
+class ConstrainedMotion(NamedTuple):
+    """Accelerations q̈ (..., nv), and λ (..., k), N m and N."""
+
+    ddq: Array
+    lam: Array
+
+
+class ConstrainedTorques(NamedTuple):
+    """Torques τ (..., nv), zero at joints without a motor, and λ (..., k), N m and N."""
+
+    tau: Array
+    lam: Array
+
+
+class MotionForceSplit(NamedTuple):
+    """Torques that move the robot, Pτ, and torques that only press on its constraints, (1 - P)τ; (..., nv) each."""
+
+    motion: Array
+    force: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedRobot:
+    """A robot whose loops are closed, by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. Immutable.
+
+    >>> import numpy as np, twistwrench as tw
+    >>> arm = tw.robots.planar_3r()
+    >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+    >>> q = held.consistent([0.5, 0.5, 0.5])
+    >>> bool(abs(held.constraint_error(q)).max() < 1e-12)
+    True
+    >>> ddq, lam = held.forward_dynamics(q, [0, 0, 0], [0, 0, 0])
+    >>> bool(abs(held.constraint_jacobian(q) @ ddq).max() < 1e-12)
+    True
+    """
+
+    robot: Robot
+    """The same robot with its loops open."""
+    constraints: tuple[Constraint, ...] = ()
+    sizes: Array = field(default_factory=lambda: np.zeros(0))
+    """How large each row of A usually is, through the mass matrix; what is small is so beside these."""
+    independent: tuple[int, ...] = ()
+    """Numbers of the rows of A that do not depend on earlier ones."""
+
+    def __repr__(self) -> str:
+        held = ", ".join(f"{c.name} {' '.join(ROWS[k] for k in c.rows)}" for c in self.constraints)
+        free = self.robot.nv - len(self.independent)
+        return f"<ClosedRobot {self.robot.name!r}: {held or 'open'}; {free} degree{'s' * (free != 1)} of freedom>"
+
+    # ── closing ──
+
+    def close(
+        self,
+        frame_a: str,
+        frame_b: str,
+        rows: Rows = None,
+        *,
+        pose: ArrayLike | None = None,
+        near: ArrayLike | None = None,
+        redundant: str = "error",
+    ) -> ClosedRobot:
+        """Close one more loop; see :meth:`twistwrench.Robot.close`."""
+        model = self.robot.model
+        a, b = place_of(model, frame_a), place_of(model, frame_b)
+        chosen = row_numbers(rows)
+        if a.body == b.body:
+            raise ConstraintError(
+                f"{frame_a!r} and {frame_b!r} are fixed to one body, so nothing between them can be closed."
+            )
+        T_ac = np.eye(4) if pose is None else checks.pose(checks.one(pose, "pose", 4, 4), "pose")
+        closure = Closure(frame_a, frame_b, chosen, tuple(tuple(row) for row in T_ac.tolist()))
+        return self._with(closure, near, redundant)
+
+    def constrain(
+        self, frame: str, rows: Rows, kind: str = "body", *, near: ArrayLike | None = None, redundant: str = "error"
+    ) -> ClosedRobot:
+        """Constrain one more velocity; see :meth:`twistwrench.Robot.constrain`."""
+        if kind not in KINDS:
+            raise UnknownNameError.of("kind", kind, KINDS)
+        if self.robot.model.frame(frame).body == BASE:
+            raise ConstraintError(f"{frame!r} is fixed to the base, so nothing about it can be constrained.")
+        return self._with(Rolling(frame, row_numbers(rows), kind), near, redundant)
+
+    def _with(self, new: Constraint, near: ArrayLike | None, redundant: str) -> ClosedRobot:
+        if redundant not in closing.REDUNDANT:
+            raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
+        sizes = np.concatenate([self.sizes, closing.row_sizes(self.robot, new)])
+        closed = replace(self, constraints=(*self.constraints, new), sizes=sizes, independent=tuple(range(len(sizes))))
+        q = closing.some_configurations(closed, near)
+        closing.require_angle(closed, q)
+        rows = independent_rows(closed.constraint_jacobian(q), self.robot.mass_matrix(q), sizes)
+        closed = replace(closed, independent=rows)
+        if redundant == "error" and set(closed.redundant_rows) - set(self.redundant_rows):
+            closing.refuse_redundant(closed)
+        return closed
+
+    # ── what it is ──
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates, those of the open robot."""
+        return self.robot.nq
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities, those of the open robot."""
+        return self.robot.nv
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """A name for each row of A and each entry of λ."""
+        return row_names(self.constraints)
+
+    @property
+    def redundant_rows(self) -> tuple[str, ...]:
+        """The rows that depend on the others wherever loops are closed."""
+        return tuple(name for k, name in enumerate(self.row_names) if k not in self.independent)
+
+    # ── positions ──
+
+    def constraint_error(self, q: ArrayLike) -> Array:
+        """By how much loops are open, in the rows that have a position, rad and m; (nq) → (rows of closures)."""
+        (q,) = self._state("constraint_error", q=q)
+        return self.gaps(q)
+
+    def consistent(self, q: ArrayLike, tolerance: float = CLOSED) -> Array:
+        """A configuration near q with every loop closed to ``tolerance`` (rad, m); (nq) → (nq).
+
+        Steps are the least in the kinetic metric. Raises ConstraintError, with the gap that is left, where none is reached.
+
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> held.consistent([-0.7, 1.1, 1.2]).round(4).tolist()
+        [-0.6096, 0.1992, 2.2203]
+        """
+        (q,) = self._state("consistent", q=q)
+        if not checks.number(tolerance, "tolerance") > 0:
+            raise ValueRangeError(f"tolerance={tolerance!r} is not allowed: a positive number, such as {CLOSED:g}.")
+        flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
+        if (left > tolerance).any():
+            worst = int(left.argmax())
+            place = (
+                f" (row {', '.join(map(str, np.unravel_index(worst, q.shape[:-1])))} of the batch)"
+                if q.ndim > 1
+                else ""
+            )
+            raise ConstraintError(
+                f"no configuration with closed loops found from here: a gap of {left[worst]:.3g} (rad or m) is left"
+                f"{place}, allowed {tolerance:g}. Start nearer to one, or allow more: consistent(q, tolerance=…)."
+            )
+        return flat.reshape(q.shape)
+
+    def settled(self, starts: Array, tolerance: float) -> tuple[Array, Array]:
+        """Configurations near the starts (n, nq) and the gap left at each (n,): :meth:`consistent` without its judgement."""
+        closures = tuple(c for c in self.constraints if isinstance(c, Closure))
+        if not closures:
+            return starts, np.zeros(len(starts))
+        mine = [isinstance(c, Closure) for c in self.constraints for _ in c.rows]
+        return settled(
+            starts,
+            self.gaps,
+            lambda q: (self.robot._call("constraint_jacobian", q, constraints=closures), self.robot.mass_matrix(q)),
+            self.robot.add,
+            self.sizes[mine],
+            tolerance,
+        )
+
+    def gaps(self, q: Array) -> Array:
+        """:meth:`constraint_error` of checked q."""
+        if not any(isinstance(c, Closure) for c in self.constraints):
+            return np.zeros((*q.shape[:-1], 0))
+        return closure_gaps(self.constraints, self.robot._call("closure_poses", q, constraints=self.constraints))
+
+    # ── velocities and forces ──
+
+    def constraint_jacobian(self, q: ArrayLike) -> Array:
+        """A, with A dq = 0; (nq) → (k, nv), rows as in :attr:`row_names`."""
+        (q,) = self._state("constraint_jacobian", q=q)
+        if not self.constraints:
+            return np.zeros((*q.shape[:-1], 0, self.nv))
+        return np.asarray(self.robot._call("constraint_jacobian", q, constraints=self.constraints))
+
+    def constraint_bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
+        """(dA/dt) dq, so that A q̈ + (dA/dt) dq = 0; (nq), (nv) → (k)."""
+        q, dq = self._state("constraint_bias", q=q, dq=dq)
+        if not self.constraints:
+            return np.zeros((*np.broadcast_shapes(q.shape[:-1], dq.shape[:-1]), 0))
+        return np.asarray(self.robot._call("constraint_bias", q, dq, constraints=self.constraints))
+
+    def rank(self, q: ArrayLike) -> Array:
+        """How many rows of A are independent at q; fewer than usual where the configuration is singular; (nq) → ()."""
+        return self._reach(*self._state("rank", q=q))[2].rank
+
+    def degrees_of_freedom(self, q: ArrayLike) -> Array:
+        """nv less the rank; (nq) → ()."""
+        return self.nv - self.rank(q)
+
+    def projector(self, q: ArrayLike) -> Array:
+        """P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which takes from torques what presses on the constraints; (nq) → (nv, nv).
+
+        Its transpose takes from velocities what breaks them. MR section 8.7.
+        """
+        A, M, reach = self._reach(*self._state("projector", q=q))
+        At = np.swapaxes(A, -1, -2)
+        return np.asarray(np.eye(self.nv) - At @ reach.inverse @ np.swapaxes(np.linalg.solve(M, At), -1, -2))
+
+    def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
+        """Torques as those that move the robot, Pτ, and those that the constraints bear; (nq), (nv) → (nv), (nv)."""
+        q, tau = self._state("split", q=q, tau=tau)
+        motion = (self.projector(q) @ tau[..., None])[..., 0]
+        return MotionForceSplit(motion, tau - motion)
+
+    def project_velocity(self, q: ArrayLike, dq: ArrayLike) -> Array:
+        """The dq nearest in the kinetic metric with A dq = 0, P'dq; (nq), (nv) → (nv)."""
+        q, dq = self._state("project_velocity", q=q, dq=dq)
+        return self._nearest(q, dq, 0.0)
+
+    def project_acceleration(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """The q̈ nearest in the kinetic metric with A q̈ + (dA/dt) dq = 0; (nq), (nv), (nv) → (nv)."""
+        q, dq, ddq = self._state("project_acceleration", q=q, dq=dq, ddq=ddq)
+        return self._nearest(q, ddq, self.constraint_bias(q, dq))
+
+    def _nearest(self, q: Array, v: Array, b: Array | float) -> Array:
+        A, M, reach = self._reach(q)
+        missing = (A @ v[..., None])[..., 0] + b
+        return np.asarray(v - np.linalg.solve(M, np.swapaxes(A, -1, -2) @ (reach.inverse @ missing[..., None]))[..., 0])
+
+    def wrenches(self, lam: ArrayLike) -> dict[str, Array]:
+        """λ as wrenches (m, f) that the robot applies where it is held, by the names of the constraints; (k) → (6) each.
+
+        A closure's is what {b} applies to {a}, at the origin of {b}, along the axes of {c}.
+        """
+        lam = checks.finite(lam, "lam", len(self.sizes))
+        found: dict[str, Array] = {}
+        first = 0
+        for c in self.constraints:
+            F = found.setdefault(c.name, np.zeros((*lam.shape[:-1], 6)))
+            F[..., list(c.rows)] += lam[..., first : first + len(c.rows)]
+            first += len(c.rows)
+        return found
+
+    # ── dynamics ──
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+    ) -> ConstrainedMotion:
+        """q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0; (nq), (nv), (nv) → (nv), (k).
+
+        λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of least norm where rows are redundant, and, with a ConstraintWarning,
+        where the configuration is singular. Raises ConstraintError where q leaves loops open by 0.01
+        (rad, m), or a tenth of dq breaks the constraints.
+        MR section 8.7.
+        """
+        q, dq, tau = self._state("forward_dynamics", q=q, dq=dq, tau=tau)
+        closing.require_met(self, q, dq)
+        if friction:
+            tau = self.robot._call("torque_past_friction", dq, tau)
+        by, on = wrench_by_robot, wrench_on_robot
+        if not self.constraints:
+            ddq = self.robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
+            return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], 0)))
+        rows = list(self.independent)
+        with np.errstate(all="ignore"):
+            ddq, some, pivots = self.robot._with_wrenches(
+                "constrained_dynamics", (q, dq, tau), by, on, None, constraints=self._kept
+            )
+        lam = np.zeros((*some.shape[:-1], len(self.sizes)), some.dtype)
+        lam[..., rows] = some
+        again = doubtful(pivots, self.sizes[rows])
+        if len(rows) < len(self.sizes) and not again.all():
+            usual = np.broadcast_to(q, (*again.shape, self.nq))[~again]
+            lam[~again] = (self._reach(usual)[2].range @ lam[~again][..., None])[..., 0]
+        if again.any():
+            h = self.robot._with_wrenches("bias_forces", (q, dq), by, on, None)
+            batch = again.shape
+            q, dq, force = (np.broadcast_to(x, (*batch, x.shape[-1]))[again] for x in (q, dq, tau - h))
+            ddq[again], lam[again] = self._by_singular_values(q, dq, force)
+        return ConstrainedMotion(ddq, lam)
+
+    def _by_singular_values(self, q: Array, dq: Array, force: Array) -> tuple[Array, Array]:
+        """The same from τ - h (n, nv), however singular A is."""
+        A, M, reach = self._reach(q)
+        lost = reach.rank < len(self.independent)
+        if lost.any():
+            warnings.warn(
+                f"singular configuration: {lost.sum()} of these states hold the constraints by {reach.rank.min()} "
+                f"directions, not {len(self.independent)}; λ is the one of least norm.",
+                ConstraintWarning,
+                stacklevel=3,
+            )
+        At = np.swapaxes(A, -1, -2)
+        b = A @ np.linalg.solve(M, force[..., None]) + self.constraint_bias(q, dq)[..., None]
+        lam = reach.range @ reach.inverse @ b
+        return np.linalg.solve(M, force[..., None] - At @ lam)[..., 0], lam[..., 0]
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> ConstrainedTorques:
+        """τ of the ``actuated`` joints (None: all), and λ, for a motion that meets the constraints; → (nv), (k).
+
+        With more motors than degrees of freedom τ is the one of least norm. Raises ConstraintError where q, dq or ddq breaks
+        the constraints, as in :meth:`forward_dynamics`, and where the motors named cannot make the motion.
+        """
+        q, dq, ddq = self._state("inverse_dynamics", q=q, dq=dq, ddq=ddq)
+        closing.require_met(self, q, dq, ddq)
+        driven = closing.driven(self.robot, actuated)
+        f = self.robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=wrench_by_robot, wrench_on_robot=wrench_on_robot)
+        A, _, reach = self._reach(q)
+        lam, left = balance(f, A, self.sizes, driven)
+        if not np.abs(left).max(initial=0.0) <= UNBALANCED * np.abs(f).max(initial=0.0):
+            idle, moving = (", ".join(closing.joints(self.robot, which)) for which in (~driven, driven))
+            raise ConstraintError(
+                f"joints {idle} have no motor, and no torques at {moving or 'no joint'} make this motion: "
+                f"{np.abs(left).max():.3g} N m or N is left over. Degrees of freedom: "
+                f"{self.nv - len(self.independent)}; name as many joints that move them."
+            )
+        tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
+        return ConstrainedTorques(tau, (reach.range @ lam[..., None])[..., 0])
+
+    # ── inputs ──
+
+    @cached_property
+    def _kept(self) -> tuple[Constraint, ...]:
+        """The constraints with their independent rows alone."""
+        kept, first = [], 0
+        for c in self.constraints:
+            rows = tuple(row for n, row in enumerate(c.rows) if first + n in self.independent)
+            first += len(c.rows)
+            if rows:
+                kept.append(replace(c, rows=rows))
+        return tuple(kept)
+
+    def _reach(self, q: Array) -> tuple[Array, Array, Reach]:
+        A, M = self.constraint_jacobian(q), self.robot.mass_matrix(q)
+        return A, M, Reach.of(A, M, self.sizes)
+
+    def _state(self, name: str, **arrays: ArrayLike) -> list[Array]:
+        """Arrays of finite numbers of the right last axis whose batch shapes broadcast."""
+        found = [
+            checks.finite(array, f"{name}: {label}", self.nq if label == "q" else self.nv)
+            for label, array in arrays.items()
+        ]
+        try:
+            np.broadcast_shapes(*(array.shape[:-1] for array in found))
+        except ValueError:
+            raise checks.mismatch(**dict(zip(arrays, found, strict=True))) from None
+        return found

@@ -1,0 +1,143 @@
+"""Closing loops: where they close, whether rows are constraints of their own, and whether a state keeps to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .algorithms.constraints import Closure, Constraint
+from .algorithms.reach import through, usual_sizes
+from .algorithms.task_space import ROWS
+from .errors import ConstraintError, UnknownNameError
+from .lie import checks
+
+if TYPE_CHECKING:
+    from .closed import ClosedRobot
+    from .robot import Robot
+
+Array = NDArray[Any]
+
+REDUNDANT = ("error", "accept")
+STARTS = 32
+"""How many configurations the search for closed ones begins at: of common mechanisms one in a few leads there."""
+FOUND = 1e-10
+"""rad and m: far below this the row of A at a configuration is that of a closed one."""
+OPEN, ASTRAY = 1e-2, 0.1
+"""How far open loops may be, rad and m, and which part of a rate may break the constraints, for the dynamics to be asked for.
+The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the step."""
+
+__all__ = [
+    "REDUNDANT",
+    "driven",
+    "joints",
+    "refuse_redundant",
+    "require_angle",
+    "require_met",
+    "row_sizes",
+    "some_configurations",
+]
+
+
+def row_sizes(robot: Robot, constraint: Constraint) -> Array:
+    """How large the constraint's rows of A usually are, through the mass matrix; one number each."""
+    return _six_sizes(robot, constraint)[list(constraint.rows)]
+
+
+def _all_rows(constraint: Constraint) -> Constraint:
+    return replace(constraint, rows=tuple(range(6)))
+
+
+def _six_sizes(robot: Robot, constraint: Constraint) -> Array:
+    some = robot.random_configuration(0, 8)
+    J = np.stack([robot.reference("constraint_jacobian", q, constraints=(_all_rows(constraint),)) for q in some])
+    return usual_sizes(J, robot.mass_matrix(some))
+
+
+def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
+    """Some configurations with the loops closed, found from random ones or from around ``near``; (n, nq)."""
+    rng, robot = np.random.default_rng(0), closed.robot
+    if near is None:
+        starts = np.concatenate([robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
+    else:
+        spread = np.repeat([0.0, 0.01, 0.1, 0.3], STARTS // 4)[:, None]
+        starts = robot.add(checks.one(near, "near", robot.nq), spread * rng.standard_normal((STARTS, robot.nv)))
+    q, left = closed.settled(starts, 0.01 * FOUND)
+    if not (left <= FOUND).any():
+        raise ConstraintError(
+            f"no configuration found at which {closed.constraints[-1].name!r} closes: from {STARTS} starts the nearest "
+            f"leaves a gap of {left.min():.3g} (rad or m). Check pose and rows, or give near=q, a configuration near one."
+        )
+    return np.asarray(q[left <= FOUND])
+
+
+def require_angle(closed: ClosedRobot, q: Array) -> None:
+    """Raise where one turning row is held alone and the rest turns too: then its rate is the rate of no angle."""
+    new, robot = closed.constraints[-1], closed.robot
+    turning = [k for k in new.rows if k < 3]
+    if not isinstance(new, Closure) or len(turning) != 1:
+        return
+    J = robot.kernel("constraint_jacobian", constraints=(_all_rows(new),))(q)
+    others = np.delete(through(J, robot.mass_matrix(q))[:, :3], turning[0], axis=1)
+    if np.abs(others).max() > 1e-9 * _six_sizes(robot, new)[0]:
+        raise ConstraintError(
+            f"{new.name}: {ROWS[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
+            "so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with constrain."
+        )
+
+
+def refuse_redundant(closed: ClosedRobot) -> None:
+    """Raise a ConstraintError that names the rows that depend on others, and an independent choice."""
+    new, names = closed.constraints[-1], closed.row_names
+    first = len(names) - len(new.rows)
+    keep = " ".join(ROWS[new.rows[k - first]] for k in closed.independent if k >= first)
+    advice = f"Independent ones are rows={keep!r}: close with these" if keep else "It adds nothing: leave it out"
+    raise ConstraintError(
+        f"of the {len(new.rows)} rows of {new.name!r} {len(keep.split())} are independent constraints; the others never move, "
+        f"or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', which "
+        "takes the λ of least norm."
+    )
+
+
+def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = None) -> None:
+    """Raise a ConstraintError that says by how much a state breaks the constraints, where that is too much."""
+    gap = float(np.abs(closed.gaps(q)).max(initial=0.0))
+    if not gap <= OPEN:
+        raise ConstraintError(
+            f"q leaves loops open by {gap:.3g} (rad or m), allowed {OPEN:g}: begin with closed.consistent(q)."
+        )
+    A = closed.constraint_jacobian(q)
+    _require_rate("dq", A, dq, np.zeros(1), "closed.project_velocity(q, dq)")
+    if ddq is not None:
+        _require_rate("ddq", A, ddq, closed.constraint_bias(q, dq), "closed.project_acceleration(q, dq, ddq)")
+
+
+def _require_rate(name: str, A: Array, v: Array, b: Array, remedy: str) -> None:
+    rate = np.abs((A @ v[..., None])[..., 0] + b).max(axis=-1, initial=0.0)
+    usual = ((np.abs(A) @ np.abs(v)[..., None])[..., 0] + np.abs(b)).max(axis=-1, initial=1.0)
+    if (astray := float((rate / usual).max(initial=0.0))) > ASTRAY:
+        raise ConstraintError(
+            f"{name} breaks the constraints by {astray:.3g} of its size, allowed {ASTRAY:g}. Take the nearest that meets "
+            f"them: {remedy}."
+        )
+
+
+def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:
+    """Which velocities belong to the joints named (None: all); (nv,)."""
+    leaders = {b.joint.name: b for b in robot.model.leaders}
+    names = list(leaders) if actuated is None else [actuated] if isinstance(actuated, str) else list(actuated)
+    found = np.zeros(robot.nv, bool)
+    for name in names:
+        if name not in leaders:
+            raise UnknownNameError.of("joint", name, leaders)
+        found[leaders[name].v_index : leaders[name].v_index + leaders[name].joint.nv] = True
+    return found
+
+
+def joints(robot: Robot, which: Array) -> list[str]:
+    """The joints of the velocities that ``which`` (nv,) is true for."""
+    names = [b.joint.name for b in robot.model.leaders for _ in range(b.joint.nv)]
+    return list(dict.fromkeys(name for name, yes in zip(names, which, strict=True) if yes))

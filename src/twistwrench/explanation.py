@@ -1,0 +1,205 @@
+"""Why a joint needs its torque: τ split by term, and by the link, rotor or payload that causes it.
+
+Torques are linear in the inertial parameters, τ = Y(q, dq, ddq) π, so each body's own part of each term is Y's columns for
+it times its own parameters: nothing is estimated, and the parts add up to τ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ShapeError, UnknownNameError
+from .model.model import BASE, Model
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Array = NDArray[Any]
+
+__all__ = ["MOTION_TERMS", "Explanation", "explained"]
+
+MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
+"""M ddq; the terms with dq_i², the terms with dq_i dq_j; g."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The parts of τ. What is no body's (friction, springs, wrenches) is a term and a cause of its own."""
+
+    terms: tuple[str, ...]
+    causes: tuple[str, ...]
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    """Of each joint: N m, or N where it slides."""
+    parts: Array
+    """(..., terms, causes, nv)."""
+
+    @property
+    def torque(self) -> Array:
+        """τ, the sum of all parts; (..., nv)."""
+        return np.asarray(self.parts.sum(axis=(-3, -2)))
+
+    @property
+    def by_term(self) -> Array:
+        """(..., terms, nv)."""
+        return np.asarray(self.parts.sum(axis=-2))
+
+    @property
+    def by_cause(self) -> Array:
+        """(..., causes, nv)."""
+        return np.asarray(self.parts.sum(axis=-3))
+
+    def of(self, cause: str, term: str | None = None) -> Array:
+        """What one cause does to each joint, by one term or (None) by all; (..., nv). Raises UnknownNameError."""
+        for kind, name, choices in (("cause", cause, self.causes), ("term", term, self.terms)):
+            if name is not None and name not in choices:
+                raise UnknownNameError.of(kind, name, choices)
+        mine = self.parts[..., self.causes.index(cause), :]
+        return np.asarray(mine.sum(axis=-2) if term is None else mine[..., self.terms.index(term), :])
+
+    def table(self, joint: str | None = None) -> Table:
+        """Causes down, joints across; or, for one joint, causes down and terms across. Of one state; a rich table."""
+        from rich.table import Table
+
+        parts, heads = self._columns(joint)
+        shown = Table(box=None, pad_edge=False, header_style="bold")
+        shown.add_column("caused by", no_wrap=True)
+        for head in heads:
+            shown.add_column(head, justify="right", no_wrap=True)
+        least = 1e-12 * max(float(np.abs(self.torque).max(initial=0.0)), 1.0)
+        for cause, row in zip(self.causes, parts, strict=True):
+            if np.abs(row).max(initial=0.0) > least:
+                shown.add_row(cause, *_cells(row, least))
+        shown.add_row("together", *_cells(parts.sum(axis=0), least), style="bold")
+        return shown
+
+    def _columns(self, joint: str | None) -> tuple[Array, list[str]]:
+        """The table's numbers (causes, columns), and what stands above them."""
+        if self.parts.ndim != 3:
+            raise ShapeError(
+                f"this explains a batch of states of shape {self.parts.shape[:-3]}; a table or a picture is of one. "
+                "Explain that state alone, or look at .parts."
+            )
+        if joint is None:
+            return self.by_cause, [f"{name} [{unit}]" for name, unit in zip(self.joints, self.units, strict=True)]
+        if joint not in self.joints:
+            raise UnknownNameError.of("joint", joint, self.joints)
+        k = self.joints.index(joint)
+        rows = self.parts[:, :, k].T
+        whole = np.concatenate([rows, rows.sum(axis=1, keepdims=True)], axis=1)
+        return whole, [*(f"{term} [{self.units[k]}]" for term in self.terms), "together"]
+
+    def __str__(self) -> str:
+        if self.parts.ndim != 3:
+            return f"<Explanation of states {self.parts.shape[:-3]}: {', '.join(self.terms)}>"
+        from io import StringIO
+
+        from rich.console import Console
+
+        text = StringIO()
+        Console(file=text, width=40 + 30 * len(self.joints)).print(self.table())
+        return text.getvalue()
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw a bar per joint, stacked by cause; the suffix says the kind (.png, .pdf, .svg). Of one state.
+
+        Raises MissingExtraError without matplotlib, ShapeError for a batch.
+        """
+        self._columns(None)
+        from .explanation_plot import plot_explanation
+
+        return plot_explanation(self, path)
+
+
+def _cells(row: Array, least: float) -> list[str]:
+    return ["·" if abs(x) <= least else f"{x:.4g}" for x in row.tolist()]
+
+
+def explained(
+    model: Model,
+    regressor: Callable[[Array, Array, Array], Array],
+    state: tuple[Array, Array, Array],
+    apart: Mapping[str, Array],
+) -> Explanation:
+    """Split the torques at ``state``; ``apart`` are those that no inertia causes, (..., nv) by name."""
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *apart.values())))
+    bodies = _causes(model)
+    Y = _regressors(model, regressor, *(np.broadcast_to(x, (*batch, x.shape[-1])) for x in state))
+    terms, causes = (*MOTION_TERMS, *apart), (*bodies, *apart)
+    parts = np.zeros((*batch, len(terms), len(causes), model.nv))
+    for c, parameters in enumerate(bodies.values()):
+        parts[..., :4, c, :] = Y @ parameters
+    for k, tau in enumerate(apart.values()):
+        parts[..., 4 + k, len(bodies) + k, :] = tau
+    velocities = [(b, a) for b in model.leaders for a in range(b.joint.nv)]
+    names = tuple(b.joint.name if b.joint.nv == 1 else f"{b.joint.name}.{a}" for b, a in velocities)
+    units = tuple("N m" if b.joint.axes[a, :3].any() else "N" for b, a in velocities)
+    return Explanation(terms, causes, names, units, parts)
+
+
+def _regressors(model: Model, regressor: Callable[..., Array], q: Array, dq: Array, ddq: Array) -> Array:
+    """Y of each of the motion terms; (..., 4, nv, 10 nbodies).
+
+    Velocity products are a quadratic form in dq: its squares are what each velocity makes by itself.
+    """
+    still = np.zeros_like(dq)
+    gravity = regressor(q, still, still)
+    inertia = regressor(q, still, ddq) - gravity
+    velocity = regressor(q, dq, still) - gravity
+    singly = dq[..., None, :] * np.eye(model.nv)
+    squares = (regressor(q[..., None, :], singly, still[..., None, :]) - gravity[..., None, :, :]).sum(axis=-3)
+    return np.stack([inertia, squares, velocity - squares, gravity], axis=-3)
+
+
+def _causes(model: Model) -> dict[str, Array]:
+    """What has inertia, by name, with its parameters in the columns of the body it rides on; (10 nbodies,)."""
+    causes: dict[str, Array] = {}
+
+    def count(name: str, body: int, parameters: Array) -> None:
+        if body != BASE and parameters.any():
+            columns = causes.setdefault(name, np.zeros(10 * len(model.bodies)))
+            columns[10 * body : 10 * body + 10] += parameters
+
+    carried = _by_frame(model.payloads)
+    for name, frame in model.frames.items():
+        own = model.link_inertias[name].parameters - carried.get(name, np.zeros(10))
+        own = np.where(np.abs(own) <= 1e-15 * np.abs(carried.get(name, own)), 0.0, own)
+        count(name, frame.body, _moved(own, frame.pose))
+        count(f"payload at {name}", frame.body, _moved(carried.get(name, np.zeros(10)), frame.pose))
+    for i, body in enumerate(model.bodies):
+        if body.joint.kind == "rotor":
+            count(body.link, i, body.inertia.parameters)
+            count(body.link, body.parent, -_moved(body.inertia.parameters, body.placement) * _counted(model, i))
+    found = sum(causes.values(), start=np.zeros(10 * len(model.bodies)))
+    for i, body in enumerate(model.bodies):  # what was repaired on loading, or fused out of rotors
+        rest = body.inertia.parameters - found[10 * i : 10 * i + 10]
+        if np.abs(rest).max() > 1e-12 * max(1e-300, float(np.abs(body.inertia.parameters).max())):
+            count(f"{body.link} (other)", i, rest)
+    return causes
+
+
+def _counted(model: Model, i: int) -> float:
+    """1 where the link that carries rotor i was weighed with it, else 0."""
+    body = model.bodies[i]
+    actuator = model.actuators.get(body.joint.name) or model.actuators[body.joint.name.removesuffix(".rotor")]
+    return 0.0 if actuator.rotor is None or actuator.rotor.extra else 1.0
+
+
+def _by_frame(payloads: Sequence[tuple[str, Any]]) -> dict[str, Array]:
+    carried: dict[str, Array] = {}
+    for frame, inertia in payloads:
+        carried[frame] = carried.get(frame, np.zeros(10)) + inertia.parameters
+    return carried
+
+
+def _moved(parameters: Array, T: Array) -> Array:
+    """Ten parameters in frame {b}, seen from {a}; linear, so that differences may be moved too."""
+    from .bodies.inertia import SpatialInertia
+
+    return SpatialInertia.from_parameters(parameters).in_frame(T).parameters

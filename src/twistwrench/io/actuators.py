@@ -1,0 +1,210 @@
+"""The file for what URDF cannot say: motors, gears, rotors, elastic joints, friction laws. YAML, every number with its unit."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import ModelError, NotFoundError, UnknownNameError, ValueRangeError
+from ..model.actuation import with_actuators, with_friction
+from ..model.actuator import Actuator, Motor, Rotor
+from ..model.model import Model
+from .units import in_si
+
+__all__ = ["add_actuators"]
+
+Source = str | os.PathLike[str] | Mapping[str, Any]
+
+_MOTOR = {
+    "torque_constant": "torque constant", "resistance": "resistance", "inductance": "inductance", "voltage": "voltage",
+    "current_continuous": "current", "current_peak": "current", "speed": "rotor speed",
+}  # fmt: skip
+_ACTUATOR = ("ratio", "efficiency", "motor", "rotor", "stiffness", "friction")
+_ROTOR = ("inertia", "extra", "mass", "link", "axis", "place")
+_FRICTION = {"viscous": "viscous", "coulomb": "torque", "static": "torque", "stribeck": "speed", "load": ""}
+_SLIDING = {
+    "viscous": "viscous, sliding", "torque": "force", "speed": "speed, sliding", "stiffness": "stiffness, sliding",
+}  # fmt: skip
+
+
+def add_actuators(model: Model, source: Source) -> Model:
+    """The model with the actuators of a YAML file, of YAML text, or of such a mapping.
+
+    Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
+    """
+    content, origin = _read(source)
+    try:
+        return _added(model, _Section(content, ""))
+    except (ModelError, UnknownNameError, ValueRangeError) as error:
+        raise type(error)(f"{origin}: {error}") from None
+
+
+def _read(source: Source) -> tuple[object, str]:
+    if isinstance(source, Mapping):
+        return source, "the actuators given"
+    text, origin = str(source), "the text given"
+    if "\n" not in text:
+        path = Path(source)
+        if not path.is_file():
+            raise NotFoundError(f"no actuator file {str(path)!r}. It is YAML; docs/actuation.md shows one.")
+        try:
+            text, origin = path.read_text(encoding="utf-8"), str(path)
+        except (OSError, UnicodeDecodeError) as error:
+            raise ModelError(f"cannot read {str(path)!r}: {error}.") from None
+    return _parsed(text, origin), origin
+
+
+def _parsed(text: str, origin: str) -> object:
+    """The text's mappings, lists and strings: YAML itself would read 101:1 as a number to the base of sixty."""
+    import yaml
+
+    class Loader(yaml.BaseLoader):
+        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+            keys = [key.value for key, _ in node.value]
+            if twice := {str(key) for key in keys if keys.count(key) > 1}:
+                line = node.start_mark.line + 1
+                raise ModelError(f"{origin}, line {line}: {', '.join(sorted(twice))} given twice. Keep one of them.")
+            return super().construct_mapping(node, deep)
+
+    try:
+        return yaml.load(text, Loader)  # a BaseLoader makes nothing but text
+    except yaml.YAMLError as error:
+        raise ModelError(f"{origin} is no YAML: {' '.join(str(error).split())}.") from None
+
+
+@dataclass(frozen=True)
+class _Section:
+    """A mapping of the file, and the path of keys that leads to it."""
+
+    content: Any
+    path: str
+    taken: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.content, Mapping):
+            raise ModelError(
+                f"{self.path or 'the file'} is {str(self.content)[:60]!r}, expected entries 'name: value'."
+            )
+
+    def where(self, key: str) -> str:
+        return f"{self.path} → {key}" if self.path else key
+
+    def only(self, *allowed: str) -> None:
+        for key in self.content:
+            if key not in allowed:
+                raise UnknownNameError.of(f"entry of {self.path or 'an actuator file'}", key, allowed)
+
+    def section(self, key: str) -> _Section:
+        return _Section(self.content[key], self.where(key))
+
+    def number(self, key: str, kind: str) -> float:
+        """A number with a unit; with no unit at all where ``kind`` is empty."""
+        value = self.content[key]
+        if kind:
+            return in_si(value, kind, self.where(key))
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise ModelError(f"{self.where(key)} is {value!r}, expected a plain number.") from None
+
+    def vector(self, key: str, kind: str) -> Any:
+        values = self.content[key]
+        if not isinstance(values, list) or len(values) != 3:
+            raise ModelError(f"{self.where(key)} is {values!r}, expected three entries in brackets.")
+        items = _Section({str(k): v for k, v in zip("xyz", values, strict=True)}, self.where(key))
+        return np.array([items.number(k, kind) for k in "xyz"])
+
+    def optional(self, key: str, get: Callable[..., Any], *args: Any) -> dict[str, Any]:
+        return {key: get(key, *args)} if key in self.content else {}
+
+
+def _added(model: Model, file: _Section) -> Model:
+    file.only("robot", "motors", "actuators")
+    if file.content.get("robot", model.name) != model.name:
+        raise ModelError(f"it is for robot {str(file.content['robot'])!r}, and this one is {model.name!r}.")
+    motors = _motors(file.section("motors")) if "motors" in file.content else {}
+    if "actuators" not in file.content:
+        raise ModelError("it has no entry 'actuators:' with the joints below it.")
+    joints = file.section("actuators")
+    sliding = {b.joint.name for b in model.leaders if b.joint.kind == "prismatic"}
+    actuators, laws = [], {}
+    for name in joints.content:
+        entry = joints.section(name)
+        entry.only(*_ACTUATOR)
+        kinds = _SLIDING if name in sliding else {}
+        actuators.append(_actuator(name, entry, motors, kinds))
+        if "friction" in entry.content:
+            law = entry.section("friction")
+            law.only(*_FRICTION)
+            laws[name] = {
+                key: law.number(key, kinds.get(kind, kind)) for key, kind in _FRICTION.items() if key in law.content
+            }
+    return with_actuators(with_friction(model, laws), actuators)
+
+
+def _actuator(joint: str, entry: _Section, motors: Mapping[str, Motor], kinds: Mapping[str, str]) -> Actuator:
+    given: dict[str, Any] = {}
+    if "ratio" in entry.content:
+        given["ratio"] = _ratio(entry.content["ratio"], entry.where("ratio"))
+    given |= entry.optional("efficiency", entry.number, "")
+    given |= entry.optional("stiffness", entry.number, kinds.get("stiffness", "stiffness"))
+    motor = entry.content.get("motor")
+    if isinstance(motor, str):
+        if motor not in motors:
+            raise UnknownNameError.of(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
+        given["motor"] = motors[motor]
+    elif motor is not None:
+        given["motor"] = _motor(entry.section("motor"))
+    if "rotor" in entry.content:
+        given["rotor"] = _rotor(entry.section("rotor"))
+    return Actuator(joint, **given)
+
+
+def _motors(section: _Section) -> dict[str, Motor]:
+    return {name: _motor(section.section(name)) for name in section.content}
+
+
+def _motor(section: _Section) -> Motor:
+    section.only(*_MOTOR)
+    if "torque_constant" not in section.content:
+        raise ModelError(f"{section.path} has no torque_constant, without which no current follows from a torque.")
+    return Motor(**{key: section.number(key, _MOTOR[key]) for key in section.content})
+
+
+def _rotor(section: _Section) -> Rotor:
+    section.only(*_ROTOR)
+    if "inertia" not in section.content:
+        raise ModelError(f"{section.path} has no inertia, which is all there is to a rotor.")
+    said = str(section.content.get("extra", False)).lower()
+    if said not in ("true", "false"):
+        raise ModelError(f"{section.where('extra')} is {said!r}, expected true or false.")
+    extra = said == "true"
+    if "mass" in section.content and not extra:
+        raise ModelError(
+            f"{section.where('mass')} is of no use unless the rotor is extra: the link has weighed it already."
+        )
+    link = section.content.get("link")
+    if link is not None and not isinstance(link, str):
+        raise ModelError(f"{section.where('link')} is {link!r}, expected the name of a link.")
+    return Rotor(
+        inertia=section.number("inertia", "inertia"),
+        extra=extra,
+        link=link,
+        **section.optional("mass", section.number, "mass"),
+        **section.optional("axis", section.vector, ""),
+        **section.optional("place", section.vector, "length"),
+    )
+
+
+def _ratio(value: object, where: str) -> float:
+    """A plain number, or ``101:1``."""
+    try:
+        turns, _, per = str(value).partition(":")
+        return float(turns) / float(per or 1)
+    except (ValueError, ZeroDivisionError):
+        raise ModelError(f"{where} is {value!r}, expected a number such as 101, or 101:1.") from None

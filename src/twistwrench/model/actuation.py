@@ -1,0 +1,186 @@
+"""Actuation as an edit of the model: rotors become bodies, elastic gears become springs and one more coordinate.
+
+A rotor is a body like any other, on a joint that shares the coordinate of the joint it drives, at ``ratio`` times its rate.
+So every recursion has its reflected inertia and its gyroscopic terms without a line about either. MR section 8.9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import InertiaError, ModelError, UnknownNameError, ValueRangeError
+from ..lie import se3
+from .actuator import Actuator, Rotor
+from .joint import Joint
+from .model import BASE, Body, Limits, Model
+from .spring import Spring
+
+Array = NDArray[Any]
+
+__all__ = ["with_actuators", "with_friction"]
+
+
+def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
+    """The model with its joints driven so.
+
+    Raises :class:`~twistwrench.UnknownNameError` for joints and links that are not there,
+    :class:`~twistwrench.ModelError` for a joint that cannot be driven so or is driven already, and
+    :class:`~twistwrench.InertiaError` where a rotor is said to be part of a link that cannot contain it.
+    """
+    for actuator in actuators:
+        model = _driven(model, actuator)
+    return model
+
+
+def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Model:
+    """The model with the friction laws of some joints replaced: ``{joint: {"coulomb": 2.0, …}}``, the rest of each 0."""
+    friction = model.friction
+    for joint, law in laws.items():
+        place = _leader(model, joint).v_index
+        coulomb = law.get("coulomb", 0.0)
+        full = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
+        for name, value in full.items():
+            if not (0 <= value < np.inf):
+                raise ValueRangeError(f"{name} friction of joint {joint!r} is {value:g}; it must be at least 0.")
+        if full["static"] < coulomb or full["stribeck"] == 0 or full["load"] >= 1:
+            raise ValueRangeError(
+                f"the friction of joint {joint!r} cannot be meant: static {full['static']:g} must be at least coulomb "
+                f"{coulomb:g}, the Stribeck speed {full['stribeck']:g} above 0, and load {full['load']:g} below 1."
+            )
+        friction = friction.replaced(place, **full)
+    return replace(model, friction=friction)
+
+
+def _leader(model: Model, name: str) -> Body:
+    """The body of a one-degree joint with a coordinate of its own."""
+    leaders = {body.joint.name: body for body in model.leaders}
+    if name not in leaders:
+        followed = {b.joint.name for b in model.bodies if b.follows}
+        if name in followed:
+            raise ModelError(f"joint {name!r} mimics another and has no actuator of its own. Describe its leader's.")
+        raise UnknownNameError.of("joint", name, leaders)
+    body = leaders[name]
+    if body.joint.nv != 1:
+        raise ModelError(f"joint {name!r} is {body.joint.kind}; only joints of one degree have actuators.")
+    return body
+
+
+def _driven(model: Model, actuator: Actuator) -> Model:
+    driven = _leader(model, actuator.joint)
+    if any(a.joint == actuator.joint for a in model.actuators.values()):
+        raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
+    _check(actuator)
+    flexible = np.isfinite(actuator.stiffness)
+    name = f"{actuator.joint}.motor" if flexible else actuator.joint
+    if actuator.rotor is None:
+        if flexible:
+            raise ModelError(
+                f"the actuator of joint {name!r} is elastic, so its rotor moves by itself and needs an inertia."
+            )
+        return replace(model, actuators={**model.actuators, name: actuator})
+    model, rotor = _with_rotor_mounted(model, driven, actuator, actuator.rotor)
+    if flexible:
+        model, rotor = _with_coordinate(model, driven, actuator, replace(rotor, joint=replace(rotor.joint, name=name)))
+    return replace(model, bodies=(*model.bodies, rotor), actuators={**model.actuators, name: actuator})
+
+
+def _check(actuator: Actuator) -> None:
+    who, motor, rotor = f"the actuator of joint {actuator.joint!r}", actuator.motor, actuator.rotor
+    if not (np.isfinite(actuator.ratio) and actuator.ratio):
+        raise ValueRangeError(f"{who} has the ratio {actuator.ratio:g}; it must be a number other than 0.")
+    if not 0 < actuator.efficiency <= 1:
+        raise ValueRangeError(f"{who} has the efficiency {actuator.efficiency:g}; it must be above 0 and at most 1.")
+    if not actuator.stiffness > 0:
+        raise ValueRangeError(f"{who} has the stiffness {actuator.stiffness:g}; it must be above 0.")
+    if rotor is not None and not (0 < rotor.inertia < np.inf and 0 <= rotor.mass < np.inf):
+        raise ValueRangeError(
+            f"{who} has a rotor of {rotor.inertia:g} kg m² and {rotor.mass:g} kg; give positive ones."
+        )
+    if motor is not None:
+        if not 0 < motor.torque_constant < np.inf:
+            raise ValueRangeError(f"{who} has the torque constant {motor.torque_constant:g} N m/A; it must be above 0.")
+        for field, value in vars(motor).items():
+            if not value >= 0:
+                raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {value:g}; it must be at least 0.")
+
+
+def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
+    """The model whose carrying link has the rotor taken out where it counts it, and the rotor as a body."""
+    if rotor.link is None:
+        carrier, T = driven.parent, driven.placement
+    else:
+        frame = model.frame(rotor.link)
+        carrier, T = frame.body, frame.pose
+    axis = _axis(driven.joint, rotor)
+    placement = T @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
+    # A thin ring: what a rotor has across its axis moves with the carrier however it spins, and is in no balance twice.
+    spin = rotor.inertia * np.outer(axis, axis)
+    G = SpatialInertia.from_com(rotor.mass, np.zeros(3), spin + 0.5 * (rotor.inertia * np.eye(3) - spin))
+    if carrier != BASE and not rotor.extra:
+        body = model.bodies[carrier]
+        _check_contained(body, placement[:3, :3] @ axis, actuator.joint, rotor.inertia)
+        without = replace(body, inertia=body.inertia - G.in_frame(placement))
+        bodies = (*model.bodies[:carrier], without, *model.bodies[carrier + 1 :])
+        model = replace(model, bodies=bodies)
+    turning = Joint(f"{actuator.joint}.rotor", "rotor", np.concatenate([axis, np.zeros(3)])[None, :])
+    return model, Body(
+        joint=turning,
+        link=f"{actuator.joint}.rotor",
+        parent=carrier,
+        placement=placement,
+        inertia=G,
+        q_index=driven.q_index,
+        v_index=driven.v_index,
+        ratio=actuator.ratio,
+        follows=True,
+    )
+
+
+def _check_contained(carrier: Body, axis: Array, joint: str, J: float) -> None:
+    """A link that contains the rotor has at least its inertia about the axis: then M stays positive definite.
+
+    Of the rotor's other moments nothing is known, and nothing depends on them.
+    """
+    I = carrier.inertia.moment_about_com
+    if np.linalg.eigvalsh(I - J * np.outer(axis, axis)).min() < -1e-9 * np.abs(I).max():
+        raise InertiaError(
+            f"link {carrier.link!r} cannot contain the rotor of joint {joint!r}, {J:g} kg m² about its axis: all of the link "
+            f"has {axis @ I @ axis:.3g} kg m² about that direction. Check the unit; if the link was weighed without its "
+            "motor, say extra: true."
+        )
+
+
+def _axis(joint: Joint, rotor: Rotor) -> Array:
+    own = joint.axes[0, :3] if joint.axes[0, :3].any() else joint.axes[0, 3:]
+    axis = np.asarray(own if rotor.axis is None else rotor.axis, float)
+    length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
+    if not 0 < length < np.inf:
+        raise ModelError(
+            f"the axis of the rotor of joint {joint.name!r} is {rotor.axis!r}; give a direction such as 0, 0, 1."
+        )
+    return axis / length
+
+
+def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body) -> tuple[Model, Body]:
+    """One more coordinate at the end, the motor's angle as seen at the joint, and the spring between the two.
+
+    The motor takes over the limits of speed and effort: nothing but the spring acts on the joint itself.
+    """
+    k, old = driven.v_index, model.limits
+    spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)
+    inf = np.inf
+    limits = Limits(
+        np.append(old.lower, -inf),
+        np.append(old.upper, inf),
+        np.append(old.velocity, old.velocity[k]),
+        np.append(np.where(np.arange(model.nv) == k, inf, old.effort), old.effort[k]),
+    )
+    rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
+    wider = replace(model, limits=limits, friction=model.friction.extended(), springs=(*model.springs, spring))
+    return wider, rotor

@@ -1,0 +1,99 @@
+"""What drives a joint: a motor, its rotor, a gear, perhaps a spring behind it. Modern Robotics section 8.9."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[Any]
+
+__all__ = ["Actuator", "Motor", "Rotor"]
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A direct-current motor, or a servo motor by its equivalent one. MR section 8.9.1.
+
+    >>> motor = Motor(torque_constant=0.1, resistance=0.5, voltage=48.0, current_peak=20.0)
+    >>> round(float(motor.voltage_at(current=10.0, speed=200.0)), 9)
+    25.0
+    >>> round(float(motor.greatest_torque(speed=430.0)), 9)  # the voltage, not the current, is the limit here
+    1.0
+    """
+
+    torque_constant: float
+    """k_t, N m/A; also V s/rad."""
+    resistance: float = 0.0
+    """R, ohm, between the terminals."""
+    inductance: float = 0.0
+    """L, H."""
+    voltage: float = np.inf
+    """V, of the supply."""
+    current_continuous: float = np.inf
+    """A, what the motor can carry for ever."""
+    current_peak: float = np.inf
+    """A, what it or its amplifier can carry at all."""
+    speed: float = np.inf
+    """rad/s, what its bearings and its rotor can stand."""
+
+    def current(self, torque: ArrayLike) -> Array:
+        """i = τ / k_t, A."""
+        return np.asarray(torque, float) / self.torque_constant
+
+    def voltage_at(self, current: ArrayLike, speed: ArrayLike, current_rate: ArrayLike = 0.0) -> Array:
+        """V = k_t ω + R i + L di/dt."""
+        i, w, di = (np.asarray(x, float) for x in (current, speed, current_rate))
+        return np.asarray(self.torque_constant * w + self.resistance * i + self.inductance * di)
+
+    def heat(self, current: ArrayLike) -> Array:
+        """R i², W."""
+        return np.asarray(self.resistance * np.asarray(current, float) ** 2)
+
+    def greatest_torque(self, speed: ArrayLike, current: float | None = None) -> Array:
+        """The edge of the speed–torque region, N m: by the current (None: the peak one) and by the voltage.
+
+        Where the motor runs faster than the voltage allows without a load, it is negative: it brakes.
+        """
+        w = np.asarray(speed, float)
+        by_current = self.torque_constant * (self.current_peak if current is None else current)
+        if self.resistance == 0.0:
+            by_voltage = np.where(self.torque_constant * w <= self.voltage, np.inf, -np.inf)
+        else:
+            by_voltage = self.torque_constant * (self.voltage - self.torque_constant * w) / self.resistance
+        return np.where(w <= self.speed, np.minimum(by_current, by_voltage), -np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor:
+    """The spinning part of a motor, a body of revolution about its axis."""
+
+    inertia: float
+    """kg m², about the axis."""
+    extra: bool = False
+    """Whether the robot's links were weighed without it; else its inertia is part of the link that carries it."""
+    mass: float = 0.0
+    """kg, of an extra one."""
+    link: str | None = None
+    """The link that carries the motor; None is the parent of the joint."""
+    axis: Array | None = None
+    """(3,) its direction in that link's frame; None is the joint's own."""
+    place: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) m, its centre in that link's frame; from the joint's own frame where no link is named."""
+
+
+@dataclass(frozen=True, eq=False)
+class Actuator:
+    """All that drives one joint. The rotor turns ``ratio`` times as fast as the joint."""
+
+    joint: str
+    ratio: float = 1.0
+    """G; in rad/m at a sliding joint; negative where the rotor turns the other way."""
+    efficiency: float = 1.0
+    """Of the gear, η: what arrives of the power that goes through it, either way."""
+    motor: Motor | None = None
+    rotor: Rotor | None = None
+    stiffness: float = np.inf
+    """N m/rad or N/m, of the gear as seen at the joint; finite makes the joint flexible, with a coordinate on each side."""

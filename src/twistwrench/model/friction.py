@@ -1,0 +1,66 @@
+"""Joint friction as data: viscous, Coulomb, static, Stribeck, load-dependent. Modern Robotics section 8.9.4."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+__all__ = ["Friction"]
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """The friction of each joint velocity, (nv,) each: the torque that keeps a joint moving at ``dq`` is
+
+    ``viscous dq + sign(dq) (coulomb + (static - coulomb) exp(-(dq / stribeck)²) + load |torque carried|)``.
+
+    Nothing is said at rest, where friction takes whatever holds the joint, up to ``static``: the law gives 0 there.
+    """
+
+    viscous: Array
+    """N m s/rad or N s/m."""
+    coulomb: Array
+    """N m or N."""
+    static: Array
+    """N m or N: what it takes to break away, at least ``coulomb``."""
+    stribeck: Array
+    """rad/s or m/s: the speed at which static friction has mostly gone over into Coulomb friction; above 0."""
+    load: Array
+    """Friction per torque carried, below 1."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            getattr(self, f.name).setflags(write=False)
+
+    @classmethod
+    def plain(cls, viscous: Array, coulomb: Array) -> Friction:
+        """Viscous and Coulomb friction only, as robot files give it."""
+        viscous, coulomb = np.array(viscous, float), np.array(coulomb, float)
+        return cls(viscous, coulomb, coulomb.copy(), np.ones_like(coulomb), np.zeros_like(coulomb))
+
+    def at(self, places: Sequence[int] | Array) -> Friction:
+        """That of some of the velocities, in the order asked for."""
+        return Friction(*(getattr(self, f.name)[places] for f in fields(self)))
+
+    def replaced(self, place: int, **values: float) -> Friction:
+        """With other numbers for one velocity."""
+        columns = {f.name: getattr(self, f.name).copy() for f in fields(self)}
+        for name, value in values.items():
+            columns[name][place] = value
+        return Friction(**columns)
+
+    def extended(self) -> Friction:
+        """With one more velocity at the end, without friction."""
+        new = Friction.plain(np.zeros(1), np.zeros(1))
+        return Friction(*(np.append(getattr(self, f.name), getattr(new, f.name)) for f in fields(self)))
+
+    @property
+    def any(self) -> bool:
+        """Whether there is friction at all."""
+        return bool(self.viscous.any() or self.static.any() or self.load.any())

@@ -1,0 +1,134 @@
+"""Chapters 4 to 6: forward kinematics, Jacobians and inverse kinematics of a chain of screws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..lie import checks, se3
+from ..lie.adjoint import Ad
+from . import door
+from .chain import screws_of
+from .rigid_motion import log6
+
+Array = NDArray[Any]
+
+__all__ = ["FKinBody", "FKinSpace", "IKinBody", "IKinSpace", "JacobianBody", "JacobianSpace"]
+
+STEPS = 20
+"""The most Newton steps of inverse kinematics, as in the book's package."""
+
+
+def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """M exp([B1] theta1) … exp([Bn] thetan), the end-effector's pose; (4, 4), (6, n), (..., n) → (..., 4, 4). MR eq. 4.16.
+
+    >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
+    >>> Blist = np.array([[0, 0, -1, 2, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 1, 0, 0, 0.1]]).T
+    >>> (FKinBody(M, Blist, [np.pi / 2, 3, np.pi])[:3, 3].round(8) + 0.0).tolist()
+    [-5.0, 4.0, 1.68584073]
+    """
+    chain = screws_of(Blist, "Blist")
+    return checks.one(M, "M", 4, 4) @ chain.pose(chain.joints(thetalist, "thetalist"))
+
+
+def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """exp([S1] theta1) … exp([Sn] thetan) M, the end-effector's pose; (4, 4), (6, n), (..., n) → (..., 4, 4). MR eq. 4.14.
+
+    >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
+    >>> Slist = np.array([[0, 0, 1, 4, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, -1, -6, 0, -0.1]]).T
+    >>> (FKinSpace(M, Slist, [np.pi / 2, 3, np.pi])[:3, 3].round(8) + 0.0).tolist()
+    [-5.0, 4.0, 1.68584073]
+    """
+    chain = screws_of(Slist, "Slist")
+    return chain.pose(chain.joints(thetalist, "thetalist")) @ checks.one(M, "M", 4, 4)
+
+
+def JacobianBody(Blist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """J_b with V_b = J_b dtheta, in the end-effector's frame; (6, n), (..., n) → (..., 6, n). MR eq. 5.18.
+
+    >>> Blist = np.array([[0, 0, 1, 0, 0.2, 0.2], [1, 0, 0, 2, 0, 3]]).T
+    >>> JacobianBody(Blist, [0.2, 1.1])[:, 1].tolist()
+    [1.0, 0.0, 0.0, 2.0, 0.0, 3.0]
+    """
+    chain = screws_of(Blist, "Blist")
+    return chain.body_jacobian(chain.joints(thetalist, "thetalist"))
+
+
+def JacobianSpace(Slist: ArrayLike, thetalist: ArrayLike) -> Array:
+    """J_s with V_s = J_s dtheta, in the space frame; (6, n), (..., n) → (..., 6, n). MR eq. 5.11.
+
+    >>> Slist = np.array([[0, 0, 1, 0, 0.2, 0.2], [1, 0, 0, 2, 0, 3]]).T
+    >>> JacobianSpace(Slist, [0.2, 1.1])[:, 0].tolist()
+    [0.0, 0.0, 1.0, 0.0, 0.2, 0.2]
+    """
+    chain = screws_of(Slist, "Slist")
+    return chain.space_jacobian(chain.joints(thetalist, "thetalist"))
+
+
+def IKinBody(
+    Blist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
+) -> tuple[Array, bool]:
+    """Joint angles (n,) that reach the pose T, from a guess nearby, and whether they do; one pose at a time. MR section 6.2.2.
+
+    Newton–Raphson with the pseudoinverse, 20 steps at most, until the body twist that is left turns less than ``eomg`` [rad]
+    and moves less than ``ev`` [m].
+
+    >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
+    >>> T = [[0, 1, 0, -5], [1, 0, 0, 4], [0, 0, -1, 1.6858], [0, 0, 0, 1]]
+    >>> Blist = np.array([[0, 0, -1, 2, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 1, 0, 0, 0.1]]).T
+    >>> theta, success = IKinBody(Blist, M, T, [1.5, 2.5, 3], 0.01, 0.001)
+    >>> theta.round(6).tolist(), success
+    ([1.570738, 2.999667, 3.141539], True)
+    """
+    chain, M, T = screws_of(Blist, "Blist"), _pose(M, "M"), _pose(T, "T")
+
+    def left(theta: Array) -> Array:
+        return log6(se3.inverse(M @ chain.pose(theta)) @ T)
+
+    return _newton(checks.one(thetalist0, "thetalist0", chain.n), left, chain.body_jacobian, eomg, ev)
+
+
+def IKinSpace(
+    Slist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
+) -> tuple[Array, bool]:
+    """As :func:`IKinBody`, with space screws, and the twist that is left seen from the space frame. MR section 6.2.2.
+
+    >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
+    >>> T = [[0, 1, 0, -5], [1, 0, 0, 4], [0, 0, -1, 1.6858], [0, 0, 0, 1]]
+    >>> Slist = np.array([[0, 0, 1, 4, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, -1, -6, 0, -0.1]]).T
+    >>> theta, success = IKinSpace(Slist, M, T, [1.5, 2.5, 3], 0.01, 0.001)
+    >>> theta.round(6).tolist(), success
+    ([1.570738, 2.999664, 3.141534], True)
+    """
+    chain, M, T = screws_of(Slist, "Slist"), _pose(M, "M"), _pose(T, "T")
+
+    def left(theta: Array) -> Array:
+        T_sb = chain.pose(theta) @ M
+        return Ad(T_sb) @ log6(se3.inverse(T_sb) @ T)
+
+    return _newton(checks.one(thetalist0, "thetalist0", chain.n), left, chain.space_jacobian, eomg, ev)
+
+
+def _pose(T: ArrayLike, name: str) -> Array:
+    return door.pose(checks.one(T, name, 4, 4), name)
+
+
+def _newton(
+    theta: Array, left: Callable[[Array], Array], jacobian: Callable[[Array], Array], eomg: float, ev: float
+) -> tuple[Array, bool]:
+    """theta := theta + J⁺ V until the twist V that is left is small."""
+    eomg, ev = checks.number(eomg, "eomg"), checks.number(ev, "ev")
+
+    def there(V: Array) -> bool:
+        return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)
+
+    V = left(theta)
+    for _ in range(STEPS):
+        if there(V):
+            break
+        theta = theta + np.linalg.pinv(jacobian(theta)) @ V
+        V = left(theta)
+    return theta, there(V)

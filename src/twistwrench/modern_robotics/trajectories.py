@@ -1,0 +1,104 @@
+"""Chapter 9: time scalings, and point-to-point motions in joint space and in SE(3)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from ..lie import checks, se3, so3
+from . import door
+from .rigid_motion import log6
+
+Array = NDArray[Any]
+
+__all__ = ["CartesianTrajectory", "CubicTimeScaling", "JointTrajectory", "QuinticTimeScaling", "ScrewTrajectory"]
+
+
+def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
+    """s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest; (...) → (...). MR eq. 9.10.
+
+    >>> round(float(CubicTimeScaling(2, 0.6)), 12)
+    0.216
+    """
+    x = _fraction(Tf, t)
+    return x * x * (3.0 - 2.0 * x)
+
+
+def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
+    """s(t) = 10 (t/Tf)³ - 15 (t/Tf)⁴ + 6 (t/Tf)⁵, accelerations zero at both ends too; (...) → (...). MR section 9.2.1.
+
+    >>> round(float(QuinticTimeScaling(2, 0.6)), 12)
+    0.16308
+    """
+    x = _fraction(Tf, t)
+    return x * x * x * (10.0 + x * (6.0 * x - 15.0))
+
+
+def _fraction(Tf: Any, t: Any) -> Any:
+    if type(t) is float and type(Tf) in (float, int) and Tf > 0:  # NumPy takes ten times as long for one number
+        return t / Tf
+    duration, instants = checks.together(Tf=door.array(Tf, "Tf"), t=door.array(t, "t"))
+    if not np.all(duration > 0):
+        raise ValueRangeError(f"Tf is {Tf!r}: a motion takes more than no time.")
+    return (instants / duration)[()]
+
+
+def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: float, method: int) -> Array:
+    """N rows on the straight line between two joint vectors (n,), equally spaced in time; → (N, n). MR section 9.2.
+
+    ``method`` 3 is cubic, 5 quintic time scaling; another one, ``N`` under 2 and ``Tf`` ≤ 0 are a ValueRangeError.
+
+    >>> JointTrajectory([1, 0], [2, 4], 4, 3, 3).tolist()
+    [[1.0, 0.0], [1.5, 2.0], [2.0, 4.0]]
+    """
+    start, end = door.array(thetastart, "thetastart"), door.array(thetaend, "thetaend")
+    if start.ndim != 1 or start.shape != end.shape:
+        raise ShapeError(f"thetastart {start.shape}, thetaend {end.shape}: expected two vectors of the same length.")
+    s = _scaling(Tf, N, method)[:, None]
+    return np.asarray(s * end + (1.0 - s) * start)
+
+
+def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
+    """A list of N poses (4, 4) along the constant screw from one pose to another. MR eq. 9.23; options as JointTrajectory.
+
+    >>> X = se3.exp([0, 0, np.pi / 2, 1, 0, 0])
+    >>> len(ScrewTrajectory(np.eye(4), X, 5, 4, 3))
+    4
+    """
+    X, end = _ends(Xstart, Xend)
+    V = log6(se3.inverse(X) @ end)
+    return list(X @ se3.exp(_scaling(Tf, N, method)[:, None] * V))
+
+
+def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
+    """A list of N poses (4, 4), the origin on a straight line and the rotation about a constant axis. MR eq. 9.24, 9.25.
+
+    >>> X = se3.exp([0, 0, np.pi / 2, 1, 0, 0])
+    >>> CartesianTrajectory(np.eye(4), X, 5, 3, 5)[1][:3, 3].round(9).tolist()
+    [0.318309886, 0.318309886, 0.0]
+    """
+    X, end = _ends(Xstart, Xend)
+    s = _scaling(Tf, N, method)[:, None]
+    still = se3.pose(np.swapaxes(X[:3, :3], -1, -2) @ end[:3, :3], np.zeros(3))
+    R = X[:3, :3] @ so3.exp(s * log6(still)[:3])
+    return list(se3.pose(R, s * end[:3, 3] + (1.0 - s) * X[:3, 3]))
+
+
+def _ends(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
+    X, end = door.pose(Xstart, "Xstart"), door.pose(Xend, "Xend")
+    if X.shape != (4, 4) or end.shape != (4, 4):
+        raise ShapeError(f"Xstart has shape {X.shape}, Xend {end.shape}: expected two poses, (4, 4).")
+    return X, end
+
+
+def _scaling(Tf: float, N: float, method: int) -> Array:
+    """s at N instants from 0 to Tf, both ends exact."""
+    n = door.count(N, "N", 2)
+    scalings = {3: CubicTimeScaling, 5: QuinticTimeScaling}
+    if method not in scalings:
+        raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
+    _fraction(checks.number(Tf, "Tf"), 0.0)
+    return np.asarray(scalings[method](1.0, np.arange(n) / (n - 1.0)))

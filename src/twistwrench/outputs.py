@@ -1,0 +1,122 @@
+"""Files out: refused before anything runs where they would do harm, and put in their place only when whole."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from .errors import ValueRangeError
+
+__all__ = ["PICTURES", "check_outputs", "picture_path", "replacing"]
+
+PICTURES = (".png", ".pdf", ".svg")
+"""The kinds of picture that are made, by their suffixes."""
+
+
+def picture_path(path: str | Path) -> str:
+    """The file a picture goes to: ``path``, with .png added if it has no suffix.
+
+    Raises :class:`~twistwrench.ValueRangeError` for a suffix that is none of :data:`PICTURES`.
+
+    >>> picture_path("torques"), picture_path("torques.svg")
+    ('torques.png', 'torques.svg')
+    """
+    text, suffix = str(path), Path(path).suffix.lower()
+    if not suffix:
+        return text if Path(text).is_dir() else f"{text}.png"  # a folder is refused as one where it is written
+    if suffix not in PICTURES:
+        raise ValueRangeError(
+            f"cannot draw {Path(path).name!r}: pictures of kind {suffix[1:]!r} are not made. "
+            f"Choose one of {', '.join(PICTURES)}."
+        )
+    return text
+
+
+def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str, str | Path | None]) -> None:
+    """Refuse, before a long run, output files that cannot be written, or that are an input or another output.
+
+    Both map what the user calls a file (``--csv``, ``ROBOT``) to its path, None where it was not given. Links count as what
+    they lead to; devices, such as /dev/null, may be shared. Pass a picture's path through :func:`picture_path` first.
+    Raises :class:`~twistwrench.ValueRangeError`.
+
+    >>> check_outputs({"--csv": "log.csv", "--plot": "log.png"}, {"LOG": "log.csv"})
+    Traceback (most recent call last):
+    twistwrench.errors.ValueRangeError: --csv 'log.csv' would overwrite the file of LOG. Give another name.
+    """
+    others = {name: Path(path) for name, path in inputs.items() if path is not None}
+    for name, given in outputs.items():
+        if given is None:
+            continue
+        path = Path(given)
+        try:
+            for other, known in others.items():
+                if _same(path, known):
+                    raise ValueRangeError(
+                        f"{name} {str(given)!r} would overwrite the file of {other}. Give another name."
+                    )
+            _check_writable(path)
+        except (OSError, RuntimeError) as problem:  # a name too long, links in a circle
+            reason = getattr(problem, "strerror", None) or str(problem)
+            raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. Give another name.") from None
+        others[name] = path
+
+
+def _same(one: Path, other: Path) -> bool:
+    if one.exists() and other.exists():
+        return one.is_file() and one.samefile(other)  # hard links too
+    return one.resolve() == other.resolve()
+
+
+def _check_writable(path: Path) -> None:
+    if path.is_dir():
+        raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
+    folder = path.resolve().parent
+    advice = "Name a file in a folder that exists and is writable."
+    if not folder.is_dir():
+        raise ValueRangeError(f"cannot write {str(path)!r}: no such folder. {advice}")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise ValueRangeError(f"cannot write {str(path)!r}: it is write-protected. Give another name.")
+    if (path.is_file() or not path.exists()) and not os.access(folder, os.W_OK):
+        raise ValueRangeError(f"cannot write {str(path)!r}: the folder is not writable. {advice}")
+
+
+@contextlib.contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """A scratch name in the same folder; on leaving without an error the file there becomes ``path``, else it goes.
+
+    :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
+    if path.exists() and not path.is_file():  # a pipe or a device is written to, never replaced
+        yield path
+        return
+    try:
+        target = path.resolve()  # a link stays a link
+        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent)
+    except OSError as problem:
+        raise ValueRangeError(
+            f"cannot write {str(path)!r}: {problem.strerror}. Name a file in a folder that exists and is writable."
+        ) from None
+    os.close(handle)
+    scratch = Path(name)
+    try:
+        yield scratch
+        scratch.chmod(0o666 & ~_umask())  # temporary files are private; what replaces a file is as others are
+        os.replace(scratch, target)  # noqa: PTH105  the atomic one, by its plain name
+    except OSError as problem:
+        raise ValueRangeError(
+            f"cannot write {str(path)!r}: {problem.strerror}. Free space, or give another name."
+        ) from None
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

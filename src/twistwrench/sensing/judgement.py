@@ -1,0 +1,158 @@
+"""What to make of a fit: the sensor it gives, what a person should know of it, and whether the log can mean what it says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import ValueRangeError
+from .explanations import (
+    Explanation,
+    as_good_as_the_best,
+    explain,
+    in_a_plane,
+    misfit,
+    others,
+    turns_may_help,
+    unexplained_turns,
+)
+from .identified import Identification, weakness
+from .log import ReadingLog
+from .outliers import runs
+from .sensor import ForceTorqueSensor
+from .units import unit_doubt
+
+__all__ = ["judged"]
+
+_MISFIT = 1.5  # residuals this many times the noise given are not that noise
+_UNEXPLAINED = 0.05  # of the change of forces, from which what is left may be more than noise
+
+
+def judged(found: Explanation, confidence: float, problem: dict[str, Any]) -> Identification:
+    """The result with its remarks and doubts; an error if the mass is negative. ``problem`` is what the fit was asked."""
+    log: ReadingLog = problem["log"]
+    fit, kept, unknowns = found.fit, found.kept, found.fit.unknowns
+    deviation = math.sqrt(fit.covariance[unknowns.load.start, unknowns.load.start])
+    if found.mass < -2 * deviation or found.mass == 0:
+        raise ValueRangeError(_no_mass(found, log, problem))
+    told = found.mass >= 2 * deviation
+    sensor = ForceTorqueSensor(
+        _load(found, told=told), fit.estimate[:6] if unknowns.bias else problem["bias"], found.sign, fit.mounting
+    )
+    remarks = []
+    if not told:
+        remarks.append(
+            f"The mass, {found.mass:.3g} ± {deviation:.2g} kg, cannot be told from zero, so neither can its place."
+        )
+    elif defects := sensor.load.defects():
+        remarks.append(
+            f"The load cannot be a real body ({'; '.join(defects)}): noise is larger than what the motion shows. "
+            "sensor.load.nearest_consistent() is the nearest that can; livelier motion tells more."
+        )
+    if out := np.flatnonzero(~kept).tolist():
+        spans = [_span(log, a, b) for a, b in runs(~kept)]
+        listed = ", ".join(spans[:10]) + (", …" if len(spans) > 10 else "")
+        counted = " (from 0)" if log.time is None else ""
+        remarks.append(f"Left out {len(out)} of {len(log)} readings that the others contradict: {listed}{counted}.")
+    doubts = _noise_doubts(found) + _explanation_doubts(found, log, problem)
+    result = Identification(sensor, fit, kept, confidence, tuple(remarks))
+    motion = log.motion_doubts()
+    units = unit_doubt(result, log) if told and not motion else None
+    doubts += motion or ([units] if units else log.size_doubts())
+    weak = weakness(result) if told and not doubts else None  # more readings of the wrong kind help nobody
+    return Identification(sensor, fit, kept, confidence, (*remarks, *([weak] if weak else [])), tuple(doubts))
+
+
+def _span(log: ReadingLog, first: int, last: int) -> str:
+    if log.time is not None:
+        return f"{log.time[first]:.3f} to {log.time[last]:.3f} s"
+    return f"{first}" if first == last else f"{first}–{last}"
+
+
+def _load(found: Explanation, *, told: bool) -> SpatialInertia:
+    if found.mass <= 0:  # by noise alone: nothing hangs on the sensor
+        return SpatialInertia.zero()
+    load = SpatialInertia.from_parameters(found.fit.load)
+    if not found.fit.unknowns.inertia and told:  # at least the moments of a point mass there
+        return SpatialInertia.from_com(found.mass, load.com)
+    return load
+
+
+def _no_mass(found: Explanation, log: ReadingLog, problem: dict[str, Any]) -> str:
+    said = f"{log.name}: mass comes out as {found.mass:.4g} kg"
+    better = others(found.sign, **problem)
+    if not better:
+        return f"{said}, with either sign. Check that the poses are of the sensor's frame and the readings of a load."
+    if (own := unexplained_turns(log, better[0].fit, better[0].kept)) is not None:
+        return f"{said}: {_poses(better[0], own)}"
+    return f"{said}, so sign or mounting are not as said. With {_ways(better)}"
+
+
+def _poses(found: Explanation, own: float) -> str:
+    return (
+        f"the poses do not explain the readings. Forces are left with {_noise(found)}, but their size alone has {own:.2g} N. "
+        "Are the orientations those of the sensor in the world, R_wf (not of the world in the sensor), the scalar of "
+        "quaternions first, and read when the tool was still?"
+    )
+
+
+def _ways(better: list[Explanation]) -> str:
+    best, *same = as_good_as_the_best(better)
+    if not same:
+        return f"{best.options} what is left is {_noise(best)}."
+    return (
+        f"{' or '.join(e.options for e in (best, *same))} what is left is {_noise(best)}. These cannot be told apart: make "
+        "sure of the sign, or add readings tilted about another axis."
+    )
+
+
+def _noise_doubts(found: Explanation) -> list[str]:
+    doubts = []
+    for what, sigma, part in zip(("moments", "forces"), found.fit.sigma, (slice(0, 3), slice(3, 6)), strict=True):
+        times = float(np.sqrt(np.mean(found.fit.residuals[found.kept][:, part] ** 2))) / sigma
+        if np.isinf(found.fit.freedom).all() and times > _MISFIT:
+            doubts.append(
+                f"What is left of the {what} is {times:.2g} times the noise given: the intervals are too narrow. "
+                "Let the noise be estimated, or check poses and sign."
+            )
+    return doubts
+
+
+def _explanation_doubts(found: Explanation, log: ReadingLog, problem: dict[str, Any]) -> list[str]:
+    share = misfit(log, found.fit, found.kept)
+    doubts = []
+    if share > _UNEXPLAINED:
+        left = f"what is left is {_noise(found)}, {100 * share:.2g} % of how forces change"
+        tried = others(found.sign, **problem) if turns_may_help(log, found.fit, found.kept) else []
+        better = [e for e in tried if e.improves(found.fit)]
+        if better:
+            doubts.append(f"Poses, sign or mounting do not explain the readings: {left}. With {_ways(better)}")
+        elif (own := unexplained_turns(log, found.fit, found.kept)) is not None:
+            doubts.append(f"Look at the poses: {_poses(found, own)}")
+    if log.V is not None and not found.fit.unknowns.inertia:
+        unknowns = replace(found.fit.unknowns, inertia=True)
+        whole = explain(found.sign, **{**problem, "unknowns": unknowns})
+        if whole is not None and whole.improves(found.fit):
+            doubts.append(
+                f"The load's inertia shows in this motion, and the centre of mass is off without it: with inertia=True what "
+                f"is left goes from {_noise(found)} to {_noise(whole)}."
+            )
+    if found.turn and not doubts and in_a_plane(log, found.fit, found.kept, found.mass):
+        other = explain("by_sensor" if found.sign == "on_sensor" else "on_sensor", **problem)
+        if other is not None and other.mass > 0 and other.equals(found.fit, found.kept):
+            doubts.append(
+                f"Sign and mounting cannot be told apart: {other.options} leaves {_noise(other)}, no more than this. Make "
+                "sure of the sign, or add readings tilted about another axis."
+            )
+    return doubts
+
+
+def _noise(found: Explanation) -> str:
+    left = found.fit.residuals[found.kept].reshape(-1, 2, 3)
+    freedom = max(3 * len(left) - len(found.fit.unknowns.names) / 2, 1.0)
+    moment, force = np.sqrt((left**2).sum(axis=(0, 2)) / freedom)
+    return f"noise of {force:.2g} N and {moment:.2g} N m"

@@ -1,0 +1,32 @@
+"""The noise of a sensor at the door: two standard deviations, of moments [N m] and of forces [N]."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ValueRangeError
+
+Array = NDArray[Any]
+
+__all__ = ["checked_noise"]
+
+
+def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
+    """Standard deviations (2,) of moments [N m] and forces [N]; zero only where ``none_at_all`` is meant by it.
+
+    Raises :class:`~twistwrench.ValueRangeError`.
+
+    >>> checked_noise((0.01, 0.3)).tolist()
+    [0.01, 0.3]
+    """
+    try:
+        sigma = np.asarray(noise, float)
+    except (TypeError, ValueError):
+        sigma = np.empty(0)
+    if sigma.shape != (2,) or not np.isfinite(sigma).all() or (sigma < 0 if none_at_all else sigma <= 0).any():
+        what = "numbers from 0 on" if none_at_all else "positive numbers"
+        raise ValueRangeError(f"noise {noise!r} is not two {what}: of moments [N m] and of forces [N].")
+    return sigma

@@ -1,0 +1,149 @@
+"""Lagrange's equations of a robot, derived. Modern Robotics section 8.1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from ..errors import MissingExtraError, ShapeError, ValueRangeError
+from . import size
+from .assembly import assembled
+from .check import Check, checked
+from .coordinates import coordinates_of
+from .equations import Equations, Label, Line, Step
+from .expanded import Motion, RingArithmetic, Terms, chain_angles, energies, motion_of, ring_of, spring_energies
+from .parameters import model_entries
+from .writing import Writer
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+__all__ = ["FORMS", "Derivation", "derive", "require_sympy"]
+
+FORMS = ("auto", "expanded", "named")
+"""``expanded``: every term written out. ``named``: intermediate results get names. ``auto``: expanded where it is short."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Derivation(Equations):
+    """The equations of a robot, with how they compare to the compiled kernels in ``check``.
+
+    Torques belong to the coordinates ``q``: the robot's own, except for planar joints, (x, y, theta) with their rates, and
+    floating ones, (x, y, z, alpha, beta, gamma) with the ZYX Euler angles of MR appendix B.1.1.
+    """
+
+    form: str = "expanded"
+    check: Check | None = None
+
+
+def require_sympy(purpose: str = "Deriving equations") -> None:
+    """MissingExtraError unless SymPy is there."""
+    try:
+        import sympy  # noqa: F401  only whether it is there
+    except ImportError:
+        raise MissingExtraError.of("sympy", "symbolic", purpose) from None
+
+
+def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "auto") -> Derivation:
+    """Lagrange's equations of a robot with named symbols, checked against the kernels before they are returned.
+
+    ``symbols`` says which of the robot's numbers become symbols: ``"all"``, ``"none"``, kinds (lengths, coms, masses,
+    inertias, gravity) and names (``"L_1"``, ``"m_2"``) in any mix; the others stay numbers. ``form`` is ``"expanded"``,
+    ``"named"`` (intermediate results get names, each printed) or ``"auto"``. SI units, angles in radians.
+
+    Raises UnknownNameError for symbols the robot has not; ValueRangeError for a robot too large, before starting;
+    MissingExtraError without SymPy; KernelError if the result disagrees with Newton–Euler. MR section 8.1.
+
+    >>> import twistwrench as tw
+    >>> arm = derive(tw.robots.planar_2r())
+    >>> print(arm.text("gravity_forces"))
+    gravity_forces: g, what is left at rest
+      g₁ = (m₁ + m₂) L₁ g cos(θ₁) + m₂ L₂ g cos(θ₁ + θ₂)
+      g₂ = m₂ L₂ g cos(θ₁ + θ₂)
+    """
+    from ..robot import Robot
+
+    require_sympy()
+    if not isinstance(robot, Robot):
+        raise ShapeError(f"derive takes a robot, got {robot!r}: tw.load(path) or one of tw.robots.")
+    if form not in FORMS:
+        raise ValueRangeError(f"form={form!r} is not allowed. Choose from: {', '.join(map(repr, FORMS))}.")
+    model = robot.model
+    if not model.nv:
+        raise ValueRangeError(f"nothing to derive: {robot.name!r} has no joint that moves.")
+    entries, coordinates = model_entries(model, symbols), coordinates_of(model)
+    ring = ring_of(entries, coordinates)
+    motion = None
+    if form != "named":
+        motion = motion_of(model, entries, coordinates, ring, size.LARGEST_POSITION)
+        work = size.expanded_products(entries, motion)
+        if form == "expanded":
+            size.check_expanded(robot.name, work)
+        elif model.nv > size.MOST_EXPANDED or work > size.COMFORTABLE:
+            motion = None
+    if motion is None:
+        from .named import named_derivation
+
+        size.check_named(robot)
+        found = named_derivation(model, entries, coordinates)
+    else:
+        arithmetic = RingArithmetic(ring, coordinates)
+        kinetic, potential = energies(entries, motion, arithmetic)
+        zero, springs = ring.number(0.0), spring_energies(model, entries, arithmetic)
+        terms = Terms(ring, coordinates, sum(kinetic, zero), sum((*potential, *springs), zero))
+        masses = [p.name for p in entries.parameters if "masses" in p.kinds]
+        writer = Writer(ring, chain_angles(model, ring, coordinates), masses=masses)
+        fields = assembled(terms, writer)
+        before = _energy_steps(writer, coordinates, motion, (kinetic, potential, springs), fields["lagrangian"])
+        found = {**fields, "steps": (*before, *fields["steps"]), "form": "expanded"}
+    seen = _free_symbols(found)
+    derivation = Derivation(
+        name=robot.name,
+        q=_symbols(c.name for c in coordinates),
+        dq=_symbols(c.rate for c in coordinates),
+        ddq=_symbols(c.acceleration for c in coordinates),
+        parameters=tuple(p for p in entries.parameters if p.name in seen),
+        meanings=tuple((c.name, c.meaning) for c in coordinates),
+        **found,
+    )
+    return replace(derivation, check=checked(derivation, robot))
+
+
+def _symbols(names: Iterable[str]) -> tuple[Any, ...]:
+    import sympy
+
+    return tuple(map(sympy.Symbol, names))
+
+
+def _free_symbols(found: dict[str, Any]) -> set[str]:
+    exprs = [found["lagrangian"], *found["tau"], *(e for _, e in found.get("definitions", ()))]
+    exprs += [e for step in found["steps"] for _, e in step.lines]
+    return {s.name for e in exprs for s in e.free_symbols}
+
+
+def _energy_steps(writer: Writer, coordinates: Any, motion: Motion, energy: Any, L: Any) -> tuple[Step, ...]:
+    import sympy
+
+    motions, (K, P, springs) = [c.rate for c in coordinates], energy
+
+    def column(vector: Any) -> Any:
+        return sympy.ImmutableMatrix([writer.by_motion(x, motions, writer.by_angle) for x in vector])
+
+    def each(letter: str, vectors: Any, keep: Any = lambda _: True) -> tuple[Line, ...]:
+        return tuple((Label(f"{letter}_{i + 1}"), column(x)) for i, x in enumerate(vectors) if keep(x))
+
+    places = [i for i, k in enumerate(K) if k]
+    kinetic = ((Label(f"K_{i + 1}"), writer.by_motion(K[i], motions, writer.by_mass)) for i in places)
+    potential = ((Label(f"P_{i + 1}"), writer.by_angle(P[i])) for i in places)
+    stored = tuple((Label(f"E_{n}"), writer.by_angle(x)) for n, x in enumerate(springs, 1))
+    steps = (
+        Step("positions", "centres of mass in the base frame", each("p", motion.positions)),
+        Step("velocities", "of the centres of mass", each("v", motion.velocities)),
+        Step("angular_velocities", "of the links, in their own axes", each("omega", motion.turning, any)),
+        Step("kinetic_energies", "½ m v·v + ½ ω·I ω of each link", tuple(kinetic)),
+        Step("potential_energies", "−m (gravity · p) of each link", tuple(potential)),
+        Step("spring_energies", "½ k stretch² of each spring", stored),
+        Step("lagrangian", "the sum of K less the sum of P", ((Label("L"), L),)),
+    )
+    return tuple(step for step in steps if step.lines)

@@ -1,0 +1,108 @@
+"""Derivations as LaTeX and as Markdown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from .notation import Latex, Notation
+
+if TYPE_CHECKING:
+    from .equations import Equations, Step
+
+__all__ = ["heading", "latex_document", "markdown_document", "remarks_of"]
+
+_LINE = 110  # characters of LaTeX, blanks and braces included, after which a sum goes on in the next line
+
+_HEADINGS = {
+    "momenta": "Momenta ∂L/∂q̇",
+    "momentum_rates": "Their rates d/dt ∂L/∂q̇",
+    "slopes": "Slopes ∂L/∂q",
+    "christoffel": "Christoffel symbols",
+    "coriolis": "Coriolis terms",
+    "centripetal": "Centripetal terms",
+    "coriolis_matrix": "Coriolis matrix",
+    "kinetic_energies": "Kinetic energies",
+    "potential_energies": "Potential energies",
+    "equations": "Equations of motion",
+}
+
+
+def heading(step: Step) -> str:
+    """The name of a step as a heading."""
+    return _HEADINGS.get(step.name, step.name.replace("_", " ").capitalize())
+
+
+def remarks_of(equations: Equations) -> list[str]:
+    """Sentences that belong under the title: the check, where there is one."""
+    check = getattr(equations, "check", None)
+    sentence = [] if check is None else [f"{str(check)[0].upper()}{str(check)[1:]}."]
+    return [*sentence, *equations.remarks]
+
+
+def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Latex, *, whole: bool) -> str:
+    """Sections of aligned equations; a document where ``whole``."""
+    parts = []
+    for step in steps:
+        parts.append(f"\\section*{{{_in_latex(heading(step))}}}\n{_in_latex(step.remark)}")
+        lines = [_broken(label.write(notation), expr, notation) for label, expr in step.lines]
+        parts.append("\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}")
+    body = "\n".join(parts)
+    if not whole:
+        return body + "\n"
+    legend = "\n".join(f"${notation.symbol(name)}$ & {_in_latex(meaning)} \\\\" for name, meaning in _legend(equations))
+    table = f"\\begin{{tabular}}{{ll}}\n{legend}\n\\end{{tabular}}\n" if legend else ""
+    head = (
+        "\\documentclass[a4paper]{article}\n\\usepackage{amsmath,amssymb}\n\\usepackage[margin=20mm]{geometry}\n"
+        "\\allowdisplaybreaks\n\\setlength{\\parindent}{0pt}\n\\begin{document}\n"
+    )
+    title = f"\\section*{{Equations of motion of {_in_latex(equations.name)}}}\n"
+    said = "".join(f"{_in_latex(text)}\n\n" for text in remarks_of(equations))
+    return f"{head}{title}{said}{table}{body}\n\\end{{document}}\n"
+
+
+def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: Notation) -> str:
+    """Headings, a table of symbols, formulas between dollars."""
+    parts = [f"# Equations of motion of {equations.name}", *remarks_of(equations)]
+    if legend := _legend(equations):
+        rows = [f"| ${notation.symbol(name)}$ | {meaning.replace('|', chr(92) + '|')} |" for name, meaning in legend]
+        parts.append("\n".join(["| symbol | meaning |", "|---|---|", *rows]))
+    for step in steps:
+        parts.append(f"## {heading(step)}\n\n{step.remark[:1].upper()}{step.remark[1:]}.")
+        parts.extend(
+            f"$$\n\\begin{{aligned}} {_broken(label.write(notation), expr, notation)} \\end{{aligned}}\n$$"
+            for label, expr in step.lines
+        )
+    return "\n\n".join(parts) + "\n"
+
+
+def _legend(equations: Equations) -> list[tuple[str, str]]:
+    return [*equations.meanings, *((p.name, f"{p.meaning}: {p.value:.6g}") for p in equations.parameters)]
+
+
+def _broken(left: str, expr: Any, notation: Notation) -> str:
+    """left &= right, long sums over several lines."""
+    if not getattr(expr, "is_Add", False):
+        return f"{left} &= {notation.write(expr)}"
+    rows: list[str] = []
+    row = ""
+    for sign, term in notation.terms(expr):
+        piece = f" {notation.operator(sign)} {term}" if rows or row else (notation.minus(term) if sign == "-" else term)
+        if row and len(row) + len(piece) > _LINE:
+            rows.append(row)
+            row = piece
+        else:
+            row += piece
+    return f"{left} &= " + " \\\\\n&\\quad ".join(r.strip() for r in [*rows, row])
+
+
+_PLAIN = {
+    "Γ": "$\\Gamma$", "τ": "$\\tau$", "Σ": "$\\Sigma$", "ω": "$\\omega$", "½": "$\\tfrac12$", "∂": "$\\partial$", "−": "$-$",
+    "·": "$\\cdot$", "≤": "$\\le$", "q̇": "$\\dot q$", "²": "$^2$", "_": "\\_", "–": "--", "%": "\\%", "&": "\\&", "#": "\\#",
+    "q̈": "$\\ddot q$", "…": "\\dots{}", "'": "'", "°": "$^\\circ$",
+}  # fmt: skip
+
+
+def _in_latex(text: str) -> str:
+    for plain, latex in sorted(_PLAIN.items(), key=lambda pair: -len(pair[0])):
+        text = text.replace(plain, latex)
+    return text.replace("$$", "")

@@ -1,0 +1,330 @@
+"""How an expression is written: in plain text, in LaTeX, in MathML, with factors and terms in the order of a book.
+
+Factors: numbers, masses, inertias, lengths, gravity, sines and cosines, sums, rates, accelerations. Terms: those with
+accelerations, with rates, without; then by the numbers of the links.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+from xml.sax.saxutils import escape
+
+__all__ = ["Latex", "MathML", "Notation", "Text"]
+
+_RANKS = {"m": 0, "I": 1, "L": 2, "r": 2, "a": 2, "h": 2, "g": 3}
+_GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η", "theta": "θ", "iota": "ι",
+    "kappa": "κ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ", "pi": "π", "rho": "ρ", "sigma": "σ", "tau": "τ",
+    "upsilon": "υ", "phi": "φ", "chi": "χ", "psi": "ψ", "omega": "ω", "Gamma": "Γ", "Delta": "Δ", "Theta": "Θ",
+    "Lambda": "Λ", "Xi": "Ξ", "Pi": "Π", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ", "Omega": "Ω",
+}  # fmt: skip
+_MARKS = {"ddot": "\u0308", "dot": "\u0307"}
+_SUBSCRIPTS = str.maketrans("0123456789aeoxhklmnpstijruv", "₀₁₂₃₄₅₆₇₈₉ₐₑₒₓₕₖₗₘₙₚₛₜᵢⱼᵣᵤᵥ")
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def _parts(name: str) -> tuple[str, str, str]:
+    """Stem, mark and index of a symbol's name: thetadot_1 → theta, dot, 1."""
+    stem, _, index = name.partition("_")
+    for mark in _MARKS:
+        if stem.endswith(mark) and len(stem) > len(mark):
+            return stem[: -len(mark)], mark, index
+    return stem, "", index
+
+
+class Notation:
+    """The order in which things are written. What follows says how they look."""
+
+    def write(self, expr: Any) -> str:
+        """An expression, a column or a matrix."""
+        import sympy
+
+        if isinstance(expr, sympy.MatrixBase):
+            return self.matrix([[self.write(x) for x in row] for row in expr.tolist()])
+        if expr.is_Add:
+            return self.join(self.terms(expr))
+        if expr.is_Mul:
+            return self._product(expr)
+        if expr.is_Symbol:
+            return self.symbol(expr.name)
+        if expr.is_Number:
+            return self._number(expr)
+        if expr.is_Pow:
+            return self._power(expr)
+        if expr.func.__name__ in ("sin", "cos"):
+            return self.function(expr.func.__name__, self.write(expr.args[0]))
+        return self.other(expr)
+
+    def terms(self, expr: Any) -> list[tuple[str, str]]:
+        """The terms of a sum, each with its sign."""
+        found = []
+        for term in sorted(expr.as_ordered_terms() if expr.is_Add else [expr], key=self._term_key):
+            negative = term.could_extract_minus_sign() if not term.is_Add else False
+            found.append(("-" if negative else "+", self.write(-term if negative else term)))
+        return found
+
+    def _term_key(self, term: Any) -> tuple[Any, ...]:
+        marks, letters = [0, 0], []
+        for symbol in term.free_symbols:
+            stem, mark, index = _parts(symbol.name)
+            if mark:
+                marks[mark == "dot"] += 1
+            number = re.match(r"\d+", index)
+            power = int(next((f.exp for f in _factors(term) if f.is_Pow and f.base == symbol and f.exp.is_Integer), 1))
+            where = int(number.group()) if number else 0
+            letters.append((where, 9 if mark else _RANKS.get(stem, 4), symbol.name, -power))
+        return (-min(marks[0], 1), -min(marks[1], 1), tuple(sorted(letters)), self.write(term) if not letters else "")
+
+    def _product(self, expr: Any) -> str:
+        if expr.could_extract_minus_sign():
+            return self.minus(self.write(-expr))
+        above: list[Any] = []
+        below: list[Any] = []
+        for factor in _factors(expr):
+            if factor.is_Pow and factor.exp.is_Number and factor.exp.is_negative:
+                below.append(factor.base**-factor.exp)
+            else:
+                above.append(factor)
+        top = self._factors(above)
+        if not below:
+            return top
+        return self.fraction(top or "1", self._factors(below))
+
+    def _factors(self, factors: list[Any]) -> str:
+        ordered = sorted(factors, key=self._factor_key)
+        alone = len(ordered) == 1
+        return self.times([self.write(f) if alone or not f.is_Add else self.bracket(self.write(f)) for f in ordered])
+
+    def _factor_key(self, factor: Any) -> tuple[Any, ...]:
+        import sympy
+
+        base = factor.base if factor.is_Pow else factor
+        if base.is_Number:
+            return (-1, 0, "")
+        if base.is_Symbol:
+            stem, mark, index = _parts(base.name)
+            number = re.match(r"\d+", index)
+            return (
+                {"": _RANKS.get(stem, 4), "dot": 8, "ddot": 9}[mark],
+                int(number.group()) if number else 0,
+                base.name,
+            )
+        if base.is_Add:
+            parts = [_parts(s.name) for s in base.free_symbols]
+            if any(mark for _, mark, _ in parts):
+                return (7, 0, str(base))
+            heavy = any(stem in ("m", "I") for stem, _, _ in parts) and not base.has(sympy.sin, sympy.cos)
+            return (-0.5 if heavy else 5, 0, str(base))
+        return (6, 0, str(base))
+
+    def _power(self, expr: Any) -> str:
+        if expr.exp.is_Number and expr.exp.is_negative:
+            return self.fraction("1", self.write(expr.base**-expr.exp))
+        if not expr.exp.is_Integer:
+            return self.other(expr)
+        if expr.base.func.__name__ in ("sin", "cos"):
+            return self.function(expr.base.func.__name__, self.write(expr.base.args[0]), str(expr.exp))
+        base = self.write(expr.base)
+        return self.raised(base if expr.base.is_Symbol else self.bracket(base), str(expr.exp))
+
+    def _number(self, x: Any) -> str:
+        if x.is_negative:
+            return self.minus(self._number(-x))
+        if x.is_Rational and not x.is_Integer:
+            return self.fraction(self.figure(str(x.p)), self.figure(str(x.q)))
+        return self.figure(str(x) if x.is_Integer else f"{float(x):.6g}")
+
+    # How things look: in plain text, as in the terminal.
+
+    def symbol(self, name: str) -> str:
+        """A symbol: Greek letters, dots for rates, indices."""
+        stem, mark, index = _parts(name)
+        low = index.replace("_", ",").translate(_SUBSCRIPTS)
+        if set(index) - set("0123456789aeoxhklmnpstijruv"):  # no such letters among Unicode's subscripts
+            head = re.match(r"\d*", index)
+            digits = head.group() if head else ""
+            low = digits.translate(_SUBSCRIPTS) + index[len(digits) :].replace("_", ",")
+        return _GREEK.get(stem, stem) + (_MARKS[mark] if mark else "") + low
+
+    def figure(self, digits: str) -> str:
+        """A number without a sign."""
+        return digits
+
+    def function(self, name: str, argument: str, power: str = "") -> str:
+        """A sine or cosine, or a power of it."""
+        return f"{name}{power.translate(_SUPERSCRIPTS)}({argument})"
+
+    def raised(self, base: str, power: str) -> str:
+        """A power."""
+        return base + power.translate(_SUPERSCRIPTS)
+
+    def bracket(self, inner: str) -> str:
+        """Parentheses."""
+        return f"({inner})"
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """A quotient."""
+        halves = {("1", "2"): "½", ("1", "4"): "¼", ("3", "4"): "¾"}
+        return halves.get((top, bottom)) or f"{top}/{f'({bottom})' if ' ' in bottom else bottom}"
+
+    def times(self, factors: list[str]) -> str:
+        """A product."""
+        return " ".join(factors)
+
+    def minus(self, inner: str) -> str:
+        """The negative."""
+        return f"−{inner}"
+
+    def join(self, terms: list[tuple[str, str]]) -> str:
+        """A sum."""
+        first, *rest = terms
+        head = self.minus(first[1]) if first[0] == "-" else first[1]
+        return head + "".join(f" {self.operator(sign)} {term}" for sign, term in rest)
+
+    def operator(self, sign: str) -> str:
+        """Plus or minus between terms."""
+        return "−" if sign == "-" else "+"
+
+    def matrix(self, rows: list[list[str]]) -> str:
+        """A matrix; columns lie down, in parentheses."""
+        if all(len(row) == 1 for row in rows):
+            return "(" + ", ".join(row[0] for row in rows) + ")"
+        return "[" + "; ".join(", ".join(row) for row in rows) + "]"
+
+    def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
+        """∂top/∂variable, or its rate."""
+        return f"{'d/dt ' if rate else ''}∂{top}/∂{variable}"
+
+    def other(self, expr: Any) -> str:
+        """What there is no rule for."""
+        return str(expr)
+
+
+class Text(Notation):
+    """Plain text with Greek letters and indices."""
+
+
+class Latex(Notation):
+    """LaTeX for amsmath."""
+
+    def symbol(self, name: str) -> str:
+        """A symbol: Greek letters, dots for rates, indices."""
+        stem, mark, index = _parts(name)
+        letter = f"\\{stem}" if stem in _GREEK else stem if len(stem) == 1 else f"\\mathit{{{stem}}}"
+        letter = f"\\{mark}{{{letter}}}" if mark else letter
+        return f"{letter}_{{{index.replace('_', ',')}}}" if index else letter
+
+    def function(self, name: str, argument: str, power: str = "") -> str:
+        """A sine or cosine, or a power of it."""
+        raised = f"^{{{power}}}" if power else ""
+        return (
+            f"\\{name}{raised}{{{argument}}}"
+            if re.fullmatch(r"\\?\w+(_\{\w+\})?", argument)
+            else (f"\\{name}{raised}({argument})")
+        )
+
+    def raised(self, base: str, power: str) -> str:
+        """A power."""
+        return f"{base}^{{{power}}}"
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """A quotient."""
+        return f"\\frac{{{top}}}{{{bottom}}}" if (top, bottom) != ("1", "2") else "\\tfrac{1}{2}"
+
+    def times(self, factors: list[str]) -> str:
+        """A product."""
+        return " \\, ".join(factors)
+
+    def minus(self, inner: str) -> str:
+        """The negative."""
+        return f"-{inner}"
+
+    def operator(self, sign: str) -> str:
+        """Plus or minus between terms."""
+        return sign
+
+    def matrix(self, rows: list[list[str]]) -> str:
+        """A matrix."""
+        return "\\begin{bmatrix} " + " \\\\ ".join(" & ".join(row) for row in rows) + " \\end{bmatrix}"
+
+    def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
+        """∂top/∂variable, or its rate."""
+        return ("\\frac{d}{dt} " if rate else "") + f"\\frac{{\\partial {top}}}{{\\partial {variable}}}"
+
+    def other(self, expr: Any) -> str:
+        """What there is no rule for."""
+        import sympy
+
+        return str(sympy.latex(expr))
+
+
+class MathML(Notation):
+    """Presentation MathML, which browsers show without any script."""
+
+    def symbol(self, name: str) -> str:
+        """A symbol: Greek letters, dots for rates, indices."""
+        stem, mark, index = _parts(name)
+        letter = f"<mi>{escape(_GREEK.get(stem, stem))}</mi>"
+        if mark:
+            letter = f'<mover accent="true">{letter}<mo>{"˙" if mark == "dot" else "¨"}</mo></mover>'
+        return f"<msub>{letter}<mi>{escape(index.replace('_', ','))}</mi></msub>" if index else letter
+
+    def figure(self, digits: str) -> str:
+        """A number without a sign."""
+        mantissa, e, power = digits.partition("e")
+        if not e:
+            return f"<mn>{digits}</mn>"
+        return f"<mn>{mantissa}</mn><mo>·</mo><msup><mn>10</mn><mn>{int(power)}</mn></msup>".replace("<mn>-", "<mn>−")
+
+    def function(self, name: str, argument: str, power: str = "") -> str:
+        """A sine or cosine, or a power of it."""
+        head = f"<msup><mi>{name}</mi><mn>{power}</mn></msup>" if power else f"<mi>{name}</mi>"
+        return f"<mrow>{head}{self.bracket(argument)}</mrow>"
+
+    def raised(self, base: str, power: str) -> str:
+        """A power."""
+        return f"<msup><mrow>{base}</mrow><mn>{power.replace('-', '−')}</mn></msup>"
+
+    def bracket(self, inner: str) -> str:
+        """Parentheses."""
+        return f'<mo stretchy="false">(</mo>{inner}<mo stretchy="false">)</mo>'
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """A quotient."""
+        top, bottom = (x if x.startswith("<") else f"<mn>{x}</mn>" for x in (top, bottom))
+        return f"<mfrac><mrow>{top}</mrow><mrow>{bottom}</mrow></mfrac>"
+
+    def times(self, factors: list[str]) -> str:
+        """A product."""
+        return '<mspace width="0.15em"/>'.join(factors)
+
+    def minus(self, inner: str) -> str:
+        """The negative."""
+        return f'<mo form="prefix">−</mo>{inner}'
+
+    def join(self, terms: list[tuple[str, str]]) -> str:
+        """A sum."""
+        first, *rest = terms
+        head = self.minus(first[1]) if first[0] == "-" else first[1]
+        return head + "".join(f"<mo>{self.operator(sign)}</mo>{term}" for sign, term in rest)
+
+    def matrix(self, rows: list[list[str]]) -> str:
+        """A matrix."""
+        inner = "".join("<mtr>" + "".join(f"<mtd>{x}</mtd>" for x in row) + "</mtr>" for row in rows)
+        return f"<mrow><mo>[</mo><mtable>{inner}</mtable><mo>]</mo></mrow>"
+
+    def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
+        """∂top/∂variable, or its rate."""
+        head = "<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>" if rate else ""
+        return f"{head}<mfrac><mrow><mo>∂</mo>{top}</mrow><mrow><mo>∂</mo>{variable}</mrow></mfrac>"
+
+    def other(self, expr: Any) -> str:
+        """What there is no rule for."""
+        from sympy.printing.mathml import MathMLPresentationPrinter
+
+        return str(MathMLPresentationPrinter().doprint(expr))
+
+
+def _factors(expr: Any) -> list[Any]:
+    return list(expr.args) if expr.is_Mul else [expr]

@@ -1,0 +1,255 @@
+"""The numbers of a robot as named symbols: lengths, centres of mass, masses, inertias, gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UnknownNameError, ValueRangeError
+from ..model.model import BASE, Body, Model
+
+Array = NDArray[Any]
+
+__all__ = ["KINDS", "BodyEntries", "Entry", "ModelEntries", "Parameter", "model_entries"]
+
+KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs")
+"""What ``symbols=`` can name as a whole; ``"all"`` and ``"none"`` beside them."""
+
+_AXES = "xyz"
+_SAME = 1e-12  # a centre of mass is a quotient, so it meets the joint's place to round-off
+_ROUND_OFF = 1e-14
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named number of the robot. Signs stay in the equations: the values of lengths are positive."""
+
+    name: str
+    value: float
+    """In SI units."""
+    kinds: frozenset[str]
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A number of the model, in the equations ``sign * parameter``, or the number itself where there is no parameter."""
+
+    value: float
+    parameter: Parameter | None = None
+
+    @property
+    def sign(self) -> int:
+        """Of the value, beside a parameter."""
+        return -1 if self.parameter is not None and self.value * self.parameter.value < 0 else 1
+
+
+Entries = tuple[Entry, ...]
+
+
+@dataclass(frozen=True)
+class BodyEntries:
+    """The numbers of one body: place of its joint, a point of its axis, pitch, mass, centre of mass, inertia about it."""
+
+    place: Entries
+    point: Entries
+    pitch: Entry
+    mass: Entry
+    com: Entries
+    inertia: tuple[Entries, ...]
+
+
+@dataclass(frozen=True)
+class ModelEntries:
+    """The numbers of the robot, and the parameters among them."""
+
+    bodies: tuple[BodyEntries, ...]
+    gravity: Entries
+    springs: Entries
+    """Stiffnesses."""
+    parameters: tuple[Parameter, ...]
+
+
+def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:
+    """Name the model's numbers, those that ``symbols`` chooses: kinds, names, ``"all"`` or ``"none"``.
+
+    Raises :class:`~twistwrench.UnknownNameError` for names that the robot does not have.
+    """
+    namer = _Namer(model)
+    every = namer.entries()
+    chosen = _chosen(symbols, every.parameters)
+
+    def kept(entry: Entry) -> Entry:
+        return entry if entry.parameter is None or entry.parameter.name in chosen else Entry(entry.value)
+
+    def all_kept(entries: Entries) -> Entries:
+        return tuple(map(kept, entries))
+
+    bodies = tuple(
+        BodyEntries(
+            place=all_kept(b.place),
+            point=all_kept(b.point),
+            pitch=kept(b.pitch),
+            mass=kept(b.mass),
+            com=all_kept(b.com),
+            inertia=tuple(map(all_kept, b.inertia)),
+        )
+        for b in every.bodies
+    )
+    parameters = tuple(p for p in every.parameters if p.name in chosen)
+    return ModelEntries(bodies, all_kept(every.gravity), all_kept(every.springs), parameters)
+
+
+def _chosen(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> set[str]:
+    words = [symbols] if isinstance(symbols, str) else symbols
+    try:
+        words = [str(word).strip() for word in words]
+    except TypeError:
+        raise ValueRangeError(
+            f"symbols={symbols!r}: give 'all', 'none', or a list of kinds ({', '.join(KINDS)}) and names such as 'L_1'."
+        ) from None
+    names = {p.name for p in parameters}
+    chosen: set[str] = set()
+    for word in words:
+        if word == "all":
+            chosen |= names
+        elif word in KINDS:
+            chosen |= {p.name for p in parameters if word in p.kinds}
+        elif word in names:
+            chosen.add(word)
+        elif word != "none":
+            raise UnknownNameError.of("symbol or kind of symbols", word, ["all", "none", *KINDS, *sorted(names)])
+    return chosen
+
+
+class _Namer:
+    """Goes through a model body by body and gives names: L_1 for the place of the next joint, r_1 for a centre of mass."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.parameters: list[Parameter] = []
+
+    def entries(self) -> ModelEntries:
+        bodies = self.model.bodies
+        lengths = {i: self._lengths(i) for i in range(BASE, len(bodies))}
+        found = tuple(self._body(i, body, lengths) for i, body in enumerate(bodies))
+        gravity = self._gravity()
+        springs = tuple(
+            Entry(s.stiffness, self._new(f"k_{n}", s.stiffness, ["springs"], f"stiffness between {joined} [N m/rad]"))
+            for n, s in enumerate(self.model.springs, 1)
+            for joined in [" and ".join(joint for joint, _ in s.terms)]
+        )
+        return ModelEntries(found, gravity, springs, tuple(self.parameters))
+
+    def _new(self, name: str, value: float, kinds: Iterable[str], meaning: str) -> Parameter:
+        self.parameters.append(Parameter(name, abs(value), frozenset(kinds), meaning))
+        return self.parameters[-1]
+
+    def _lengths(self, i: int) -> dict[tuple[int, float], Parameter]:
+        """Of body i: coordinate axis and size of what is apart on it, joints and its tip, → their symbol."""
+        children = [(f"joint {b.joint.name}", b.placement[:3, 3]) for b in self.model.bodies if b.parent == i]
+        tip = self.model.frames.get(self.model.tip or "")
+        if i != BASE and tip is not None and tip.body == i:
+            children.append((f"frame {self.model.tip}", tip.pose[:3, 3]))
+        com = np.zeros(3) if i == BASE else self.model.bodies[i].inertia.com
+        sizes: dict[tuple[int, float], tuple[str, list[str]]] = {}
+        for what, place in children:
+            for k, x in enumerate(place):
+                if x and not any(_same(k, x, key) for key in sizes):
+                    sizes[k, abs(float(x))] = (what, ["lengths"])
+        for (k, size), (_, kinds) in sizes.items():
+            if _same(k, com[k], (k, size)):
+                kinds.append("coms")
+        axes = [k for k, _ in sizes]
+        found, link = {}, "the base" if i == BASE else self.model.bodies[i].link
+        for n, ((k, size), (what, kinds)) in enumerate(sizes.items()):
+            letter = _AXES[k] if len(sizes) > 1 else ""
+            again = f"_{axes[:n].count(k) + 1}" if axes[:n].count(k) else ""
+            meaning = f"{_AXES[k]} of {what} in {link}" + (", and of its centre of mass" if "coms" in kinds else "")
+            found[k, size] = self._new(f"L_{i + 1}{letter}{again}", size, kinds, f"{meaning} [m]")
+        return found
+
+    def _body(self, i: int, body: Body, lengths: dict[int, dict[tuple[int, float], Parameter]]) -> BodyEntries:
+        n, link, G = i + 1, body.link, body.inertia
+        mass = (
+            Entry(0.0) if not G.mass else Entry(G.mass, self._new(f"m_{n}", G.mass, ["masses"], f"mass of {link} [kg]"))
+        )
+        place = tuple(_with_length(k, x, lengths[body.parent]) for k, x in enumerate(body.placement[:3, 3]))
+        extent = float(np.abs(G.com).max())
+        com_places = [0.0 if abs(x) <= _ROUND_OFF * extent else float(x) for x in G.com]
+        com = [_with_length(k, x, lengths[i]) for k, x in enumerate(com_places)]
+        unnamed = [k for k, entry in enumerate(com) if entry.value and entry.parameter is None]
+        for k in unnamed:
+            name = f"r_{n}{_AXES[k] if len(unnamed) > 1 else ''}"
+            com[k] = Entry(
+                com[k].value, self._new(name, com[k].value, ["coms"], f"{_AXES[k]} of the centre of mass of {link} [m]")
+            )
+        point, pitch = self._axis(n, body)
+        return BodyEntries(place, point, pitch, mass, tuple(com), self._inertia(n, body))
+
+    def _axis(self, n: int, body: Body) -> tuple[Entries, Entry]:
+        """Where the axis passes, in the child's frame, and its pitch; zeros of joints that do not turn about one axis."""
+        none = (Entry(0.0),) * 3
+        if body.joint.nv > 1 or not body.joint.axes[0, :3].any():
+            return none, Entry(0.0)
+        w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
+        at, h = np.cross(w, v) / (w @ w), float(w @ v / (w @ w))
+        at = np.where(np.abs(at) <= _ROUND_OFF * np.abs(at).max(), 0.0, at)
+        name = body.joint.name
+        many = np.count_nonzero(at) > 1
+        point = tuple(
+            Entry(
+                float(x),
+                self._new(
+                    f"a_{n}{_AXES[k] if many else ''}",
+                    x,
+                    ["lengths"],
+                    f"{_AXES[k]} of the axis of {name} in {body.link} [m]",
+                ),
+            )
+            if x
+            else Entry(0.0)
+            for k, x in enumerate(at)
+        )
+        if abs(h) <= _ROUND_OFF * float(np.abs(v).max(initial=0.0)):
+            return point, Entry(0.0)
+        return point, Entry(h, self._new(f"h_{n}", h, ["lengths"], f"pitch of {name} [m/rad]"))
+
+    def _inertia(self, n: int, body: Body) -> tuple[Entries, ...]:
+        I, scale = body.inertia.moment_about_com, float(np.abs(body.inertia.moment_about_origin).max())
+        found: list[list[Entry]] = [[Entry(0.0)] * 3 for _ in range(3)]
+        for a in range(3):
+            for b in range(a, 3):
+                value = float(I[a, b])
+                if abs(value) > _ROUND_OFF * scale:
+                    axes = _AXES[a] + _AXES[b]
+                    meaning = f"rotational inertia {axes} of {body.link} about its centre of mass [kg m²]"
+                    found[a][b] = found[b][a] = Entry(value, self._signed(f"I_{n}{axes}", value, meaning))
+        return tuple(map(tuple, found))
+
+    def _signed(self, name: str, value: float, meaning: str) -> Parameter:
+        # Products of inertia have a sign of their own, as the matrix has them.
+        self.parameters.append(Parameter(name, value, frozenset(["inertias"]), meaning))
+        return self.parameters[-1]
+
+    def _gravity(self) -> Entries:
+        g = self.model.gravity
+        many = np.count_nonzero(g) > 1
+        return tuple(
+            Entry(float(x), self._new(f"g_{_AXES[k]}" if many else "g", x, ["gravity"], "gravity [m/s²]"))
+            if x
+            else Entry(0.0)
+            for k, x in enumerate(g)
+        )
+
+
+def _same(k: int, x: Any, key: tuple[int, float]) -> bool:
+    return key[0] == k and abs(abs(float(x)) - key[1]) <= _SAME * key[1]
+
+
+def _with_length(k: int, x: Any, lengths: dict[tuple[int, float], Parameter]) -> Entry:
+    return Entry(float(x), next((p for key, p in lengths.items() if x and _same(k, x, key)), None))

@@ -1,0 +1,241 @@
+"""Equations as straight-line statements, and those as a Python module that needs NumPy only."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .equations import Equations
+
+__all__ = [
+    "FUNCTIONS",
+    "Routine",
+    "constants",
+    "header",
+    "numpy_source",
+    "ordered_names",
+    "routine",
+    "unused",
+    "written",
+]
+
+FUNCTIONS = {
+    "inverse_dynamics": (("q", "dq", "ddq"), "tau", 1, "tau = M(q) ddq + c(q, dq) + g(q)"),
+    "mass_matrix": (("q",), "M", 2, "M, symmetric and full"),
+    "coriolis_forces": (("q", "dq"), "c", 1, "c, the velocity products"),
+    "coriolis_matrix": (("q", "dq"), "C", 2, "C with C dq = c and dM/dt - 2C skew"),
+    "gravity_forces": (("q",), "g", 1, "g, what is left at rest"),
+}
+"""Name of each function → its arrays in, its array out, how many axes that has, and what it is."""
+
+_FIELDS = {"inverse_dynamics": "tau"}
+_RESERVED = frozenset(
+    """q dq ddq tau M C c g p out batch parameters np math double int float char const void return if else for while do long
+    short signed unsigned static struct union enum switch case default break continue goto auto register volatile extern
+    inline restrict sizeof typedef sin cos pow sqrt exp log tan y0 y1 yn j0 j1 jn gamma lgamma""".split()  # noqa: SIM905
+)
+
+
+@dataclass(frozen=True)
+class Routine:
+    """One function as statements: what it reads, in which names, the lines in order, the results."""
+
+    name: str
+    inputs: tuple[tuple[str, int, str], ...]
+    """Array (q, dq, ddq, p), index, and the name for it."""
+    lines: tuple[tuple[str, Any], ...]
+    results: tuple[Any, ...]
+    """In C order; every symbol has its safe name."""
+
+
+def ordered_names(equations: Equations) -> dict[Any, str]:
+    """A safe and unused name for every symbol."""
+    taken: set[str] = set()
+    names = {}
+    symbols = [
+        *equations.q,
+        *equations.dq,
+        *equations.ddq,
+        *constants(equations),
+        *(s for s, _ in equations.definitions),
+    ]
+    for symbol in symbols:
+        name = re.sub(r"\W", "_", symbol.name, flags=re.ASCII)
+        name = name if re.match(r"[A-Za-z]", name) else f"v{name}"
+        while name in taken or name in _RESERVED or keyword.iskeyword(name):
+            name += "_"
+        taken.add(name)
+        names[symbol] = name
+    return names
+
+
+def constants(equations: Equations) -> list[Any]:
+    """The symbols that are neither coordinates nor definitions, the parameters first, in order."""
+    known = {*equations.q, *equations.dq, *equations.ddq, *(s for s, _ in equations.definitions)}
+    ordered = [s for s in equations.values if s not in known]
+    exprs = [*equations.tau, *equations.mass_matrix, *(e for _, e in equations.definitions)]
+    free = {s for e in exprs for s in e.free_symbols} - known - set(ordered)
+    return [*ordered, *sorted(free, key=str)]
+
+
+def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
+    """The statements of one function: the definitions it needs, then what its results share."""
+    import sympy
+
+    safe = {symbol: sympy.Symbol(text) for symbol, text in names.items()}
+    field = getattr(equations, _FIELDS.get(name, name))
+    results = [field[place] for place in np.ndindex(tuple(int(n) for n in field.shape))]
+    needed = _needed(equations, results)
+    exprs = [e for _, e in needed] + results
+    exprs = [e.xreplace(safe) for e in exprs]
+    fresh = (s for s in sympy.numbered_symbols("k") if s.name not in set(names.values()))
+    if needed:  # the definitions are what is shared
+        lines = [(names[s], e) for (s, _), e in zip(needed, exprs, strict=False)]
+        results = exprs[len(needed) :]
+    else:
+        shared, results = sympy.cse(exprs, symbols=fresh, order="none")
+        lines = [(s.name, e) for s, e in shared]
+    used = {s.name for e in [*(e for _, e in lines), *results] for s in e.free_symbols}
+    inputs = []
+    for array, symbols in (
+        ("q", equations.q),
+        ("dq", equations.dq),
+        ("ddq", equations.ddq),
+        ("p", constants(equations)),
+    ):
+        inputs += [(array, k, names[s]) for k, s in enumerate(symbols) if names[s] in used]
+    return Routine(name, tuple(inputs), tuple(lines), tuple(results))
+
+
+def _needed(equations: Equations, results: list[Any]) -> list[tuple[Any, Any]]:
+    """The definitions that the results depend on, in order."""
+    wanted = {s for e in results for s in e.free_symbols}
+    kept = []
+    for symbol, expr in reversed(equations.definitions):
+        if symbol in wanted:
+            kept.append((symbol, expr))
+            wanted |= expr.free_symbols
+    return kept[::-1]
+
+
+def written(expr: Any, function: Callable[[str], str]) -> str:
+    """An expression in the operators that Python and C share; powers of whole numbers as products."""
+    return _Operators(function).write(expr)
+
+
+class _Operators:
+    def __init__(self, function: Callable[[str], str]) -> None:
+        self.function = function
+
+    def write(self, expr: Any) -> str:
+        if expr.is_Add:
+            return " + ".join(self._tight(a) for a in expr.args).replace("+ -", "- ")
+        if expr.is_Mul:
+            coefficient, rest = expr.as_coeff_Mul()
+            if coefficient == -1:
+                return "-" + self._joined(rest)
+            return self._joined(expr)
+        if expr.is_Pow and expr.exp.is_Integer and 0 < int(expr.exp) <= 8:
+            return "*".join([self._factor(expr.base)] * int(expr.exp))
+        if expr.is_Pow and expr.exp == -1:
+            return f"1.0/{self._divisor(expr.base)}"
+        if expr.is_Pow and expr.exp.is_Integer and int(expr.exp) < 0:
+            return f"1.0/{self._divisor(expr.base**-expr.exp)}"
+        if expr.is_Symbol:
+            return str(expr.name)
+        if expr.is_Number:
+            return self._number(expr)
+        if expr.is_Pow and expr.exp == expr.exp.func(1, 2):
+            return f"{self.function('sqrt')}({self.write(expr.base)})"
+        if expr.is_Pow:
+            return f"{self.function('pow')}({self.write(expr.base)}, {self.write(expr.exp)})"
+        return f"{self.function(expr.func.__name__)}({', '.join(map(self.write, expr.args))})"
+
+    def _number(self, x: Any) -> str:
+        if x.is_Rational and not x.is_Integer:
+            exact = x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50
+            return repr(float(x)) if exact else f"({x.p}.0/{x.q}.0)"
+        return repr(float(x))
+
+    def _joined(self, expr: Any) -> str:
+        return "*".join(map(self._factor, expr.args)) if expr.is_Mul else self._factor(expr)
+
+    def _tight(self, expr: Any) -> str:
+        return self.write(expr)
+
+    def _factor(self, expr: Any) -> str:
+        text = self.write(expr)
+        plain = expr.is_Symbol or expr.is_Function or (expr.is_Number and not expr.is_negative)
+        power = expr.is_Pow and expr.exp.is_Integer and int(expr.exp) > 0
+        return text if plain or power else f"({text})"
+
+    def _divisor(self, expr: Any) -> str:
+        return self.write(expr) if expr.is_Symbol or expr.is_Function else f"({self.write(expr)})"
+
+
+def header(equations: Equations) -> list[str]:
+    """Sentences for the top of a file of source."""
+    from .documents import remarks_of
+
+    lines = [f"Equations of motion of {equations.name}: {FUNCTIONS['inverse_dynamics'][3]}. SI units, radians."]
+    for array, symbols in (("q", equations.q), ("dq", equations.dq), ("ddq", equations.ddq)):
+        lines.append(f"{array} = ({', '.join(s.name for s in symbols)})")
+    lines += [f"{name}: {meaning}" for name, meaning in equations.meanings]
+    return [*lines, *remarks_of(equations)]
+
+
+def numpy_source(equations: Equations) -> str:
+    """The Python module."""
+    names = ordered_names(equations)
+    values = {s: p.value for s, p in zip(equations.values, equations.parameters, strict=True)}
+    known = [
+        f"    {s.name!r}: {values[s]!r}," if s in values else f"    {s.name!r}: None,  # give a number"
+        for s in constants(equations)
+    ]
+    known = [line.replace("np.float64(", "").replace("),", ",") for line in known]
+    parts = ['"""' + "\n".join(header(equations)).replace("\\", "").replace('"', "'") + '\n"""\n\nimport numpy as np\n']
+    parts.append("PARAMETERS = {\n" + "\n".join(known) + "\n}\n" if known else "PARAMETERS = {}\n")
+    parts += [_numpy_function(equations, routine(equations, name, names)) for name in FUNCTIONS]
+    return "\n".join(parts)
+
+
+def _numpy_function(equations: Equations, made: Routine) -> str:
+    arrays, letter, axes, meaning = FUNCTIONS[made.name]
+    n = len(equations.q)
+    shape = ", ".join([str(n)] * axes)
+    lines = [f"\ndef {made.name}({', '.join(arrays)}, parameters=PARAMETERS):"]
+    ins = ", ".join(f"{a} (..., {n})" for a in arrays)
+    lines.append(f'    """{meaning}; {ins} -> (..., {shape})."""')
+    lines.append(
+        f"    {', '.join(arrays)}{',' if len(arrays) == 1 else ''} = (np.asarray(x, float) for x in ({', '.join(arrays)},))"
+    )
+    symbols = constants(equations)
+    for array, k, name in made.inputs:
+        lines.append(
+            f"    {name} = parameters[{symbols[k].name!r}]" if array == "p" else f"    {name} = {array}[..., {k}]"
+        )
+    lines += [f"    {name} = {written(expr, _numpy_name)}" for name, expr in made.lines]
+    batch = ", ".join(f"{a}.shape[:-1]" for a in arrays)
+    lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({batch}), {shape}))")
+    for place, expr in zip(np.ndindex((n,) * axes), made.results, strict=True):
+        if expr != 0:
+            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {written(expr, _numpy_name)}")
+    lines.append(f"    return {letter}\n")
+    return "\n".join(lines)
+
+
+def _numpy_name(name: str) -> str:
+    known = {"Abs": "abs", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2", "pow": "power"}
+    return f"np.{known.get(name, name)}"
+
+
+def unused(names: Iterable[str], made: Routine) -> list[str]:
+    """Those arrays that a function does not read."""
+    read = {array for array, _, _ in made.inputs}
+    return [name for name in names if name not in read]

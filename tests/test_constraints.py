@@ -1,0 +1,505 @@
+"""Closed robots: the laws of their constraints, singular and redundant ones, long motions, and what is refused."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from mechanisms import LEGS, along, closed_platform, four_bar, integrated
+from random_trees import DIFFERENCES, ROUNDING, frames
+from twistwrench.algorithms.constraints import Closure, Rolling
+from twistwrench.testing import assert_close, derivative, random_robot
+
+pytest_plugins = ("random_tree_fixtures",)
+
+ROWS = ("wx", "wy", "wz", "vx", "vy", "vz")
+
+
+@pytest.fixture(scope="module")
+def linkage():
+    return four_bar().close("rocker_pin", "coupler_pin", "vx vz")
+
+
+@pytest.fixture(scope="module")
+def platform():
+    return closed_platform()
+
+
+@pytest.fixture
+def at(linkage):
+    """A state of the linkage: q, dq, tau."""
+    q = linkage.consistent([0.3, 0.4, 1.2])
+    return q, linkage.project_velocity(q, [1.0, -2.0, 0.5]), np.array([1.0, 2.0, 3.0])
+
+
+# ── the rows of A ──
+
+
+def loops(robot, rng):
+    """Closures between frames of a tree, and rolling frames, wherever they are; every row."""
+    every = tuple(range(6))
+    pose = tuple(map(tuple, tw.se3.exp(rng.standard_normal(6)).tolist()))
+    names = frames(robot, 4)
+    pairs = [(a, b) for a, b in zip(names, [*names[1:], "ground"], strict=True)]
+    return tuple(Closure(a, b, every, pose) for a, b in pairs), tuple(Rolling(f, every, "body") for f in names[:2])
+
+
+@pytest.mark.usefixtures("on_numpy")
+def test_the_jacobian_of_a_loop_is_the_rate_of_its_pose(robot, state, rng):
+    q, dq, _ = state
+    closures, _ = loops(robot, rng)
+    poses = robot.kernel("closure_poses", constraints=closures)
+    V = (robot.kernel("constraint_jacobian", constraints=closures)(q) @ dq).reshape(-1, 6)
+    T, dT = poses(q), derivative(lambda t: poses(robot.add(q, np.multiply.outer(t, dq))), np.abs(dq).sum() + 1)
+    w = tw.so3.vee(dT[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2))  # [w] = dR/dt R'
+    assert_close(V, np.concatenate([w, dT[:, :3, 3]], axis=1), DIFFERENCES, "V_cb", scale=max(1.0, np.abs(dT).max()))
+
+
+@pytest.mark.usefixtures("on_numpy")
+def test_the_bias_is_the_rate_of_the_jacobian_times_the_velocity(robot, state, rng):
+    q, dq, _ = state
+    held = sum(loops(robot, rng), ())
+    A = robot.kernel("constraint_jacobian", constraints=held)
+    b = robot.kernel("constraint_bias", constraints=held)(q, dq)
+    rate = derivative(lambda t: A(robot.add(q, np.multiply.outer(t, dq))) @ dq, np.abs(dq).sum() + 1)
+    assert_close(b, rate, DIFFERENCES, "(dA/dt) dq", scale=max(1.0, np.abs(rate).max(), np.abs(A(q) @ dq).max()))
+
+
+@pytest.mark.usefixtures("on_numpy")
+def test_the_pose_of_a_loop_is_that_of_its_frames(robot, state, rng):
+    closures, _ = loops(robot, rng)
+    found = robot.kernel("closure_poses", constraints=closures)(state.q)
+    where = {name: robot.forward_kinematics(state.q, name) for name in robot.frame_names} | {"ground": np.eye(4)}
+    for c, T in zip(closures, found, strict=True):
+        expected = tw.se3.inverse(where[c.frame_a] @ c.T_ac) @ where[c.frame_b]
+        assert_close(T, expected, ROUNDING, c.name, scale=max(1.0, np.abs(expected).max()))
+
+
+def test_two_rows_of_turning_make_a_hinge_that_turns_all_the_way():
+    """The gap of a hinge's rows is that of its axes, zero for any turn about it, π for opposite ones; its slope is A."""
+    arm = random_robot(3, joints=3, kinds=("revolute",))
+    box = tw.robots.floating_box()
+    hinge = box.close("ground", "box", "wx wy vx vy vz")
+    turns = np.linspace(-np.pi, np.pi, 9)
+    q = np.array([[np.cos(t / 2), 0, 0, np.sin(t / 2), 0, 0, 0] for t in turns])
+    assert np.abs(hinge.constraint_error(q)).max() == 0
+    tilted = box.add(q, [0.3, 0, 0, 0, 0, 0])
+    assert_close(np.linalg.norm(hinge.constraint_error(tilted), axis=1), np.full(9, 0.3), 1e-13, "the tilt")
+    over = hinge.constraint_error([0, 1, 0, 0, 0, 0, 0])
+    assert_close(np.linalg.norm(over), np.pi, 1e-15, "upside down")
+    assert arm.nv == 3
+
+
+@pytest.mark.parametrize("which", ["linkage", "platform"])
+def test_a_gap_moves_as_its_rows_do(which, request):
+    closed = request.getfixturevalue(which)
+    closed, q = closed if which == "platform" else (closed, closed.consistent([0.3, 0.4, 1.2]))
+    v = np.random.default_rng(1).standard_normal(closed.nv)
+    rate = derivative(lambda t: closed.constraint_error(closed.robot.add(q, np.multiply.outer(t, v))), np.abs(v).sum())
+    assert_close(rate, closed.constraint_jacobian(q) @ v, DIFFERENCES, "dΦ/dt = A dq")
+
+
+# ── dynamics ──
+
+
+def both(platform, linkage):
+    rng = np.random.default_rng(5)
+    for closed, near in (platform, (linkage, np.array([0.3, 0.4, 1.2]))):
+        q = closed.consistent(closed.robot.add(near, 0.05 * rng.standard_normal((4, closed.nv))))
+        yield closed, q, closed.project_velocity(q, rng.standard_normal((4, closed.nv))), rng
+
+
+def test_the_equations_of_constrained_motion_hold(platform, linkage):
+    for closed, q, dq, rng in both(platform, linkage):
+        tau = 5 * rng.standard_normal((4, closed.nv))
+        ddq, lam = closed.forward_dynamics(q, dq, tau)
+        robot, A = closed.robot, closed.constraint_jacobian(q)
+        pressed = (np.swapaxes(A, 1, 2) @ lam[..., None])[..., 0]
+        scale = max(np.abs(tau).max(), np.abs(pressed).max())
+        assert_close(robot.inverse_dynamics(q, dq, ddq) + pressed, tau, ROUNDING, "τ = M q̈ + h + A'λ", scale=scale)
+        rest = (A @ ddq[..., None])[..., 0] + closed.constraint_bias(q, dq)
+        assert_close(rest, 0 * rest, ROUNDING, "A q̈ + (dA/dt) dq = 0", scale=np.abs(ddq).max())
+
+
+def test_wrenches_and_friction_enter_as_they_do_in_the_open_robot(linkage, at):
+    q, dq, tau = at
+    robot, F = linkage.robot, np.array([0.1, 0.2, 0.3, 4.0, 5.0, 6.0])
+    J = robot.jacobian(q, "coupler")
+    by, on = {"coupler": F}, {"coupler": -F}
+    expected = linkage.forward_dynamics(q, dq, tau - J.T @ F)
+    for found in (
+        linkage.forward_dynamics(q, dq, tau, wrench_by_robot=by),
+        linkage.forward_dynamics(q, dq, tau, wrench_on_robot=on),
+    ):
+        assert_close(found.ddq, expected.ddq, ROUNDING, "q̈")
+        assert_close(found.lam, expected.lam, ROUNDING, "λ")
+    assert_close(linkage.forward_dynamics(q, dq, tau, friction=True).ddq, linkage.forward_dynamics(q, dq, tau).ddq, 0.0)
+
+
+def test_the_compiled_kernel_is_the_algorithm(linkage, at):
+    kept = linkage.constraints
+    ddq, lam, _ = linkage.robot.reference("constrained_dynamics", *at, constraints=kept)
+    found = linkage.forward_dynamics(*at)
+    assert_close(found.ddq, ddq, ROUNDING, "q̈"), assert_close(found.lam, lam, ROUNDING, "λ")
+
+
+def test_the_projector_splits_torques(platform, linkage):
+    for closed, q, dq, rng in both(platform, linkage):
+        P, A, M = closed.projector(q), closed.constraint_jacobian(q), closed.robot.mass_matrix(q)
+        scale = np.abs(P).max()
+        assert_close(P @ P, P, ROUNDING, "P² = P", scale=scale**2)
+        assert_close(np.trace(P, axis1=1, axis2=2), np.full(4, closed.nv - A.shape[1]), ROUNDING, "rank of P")
+        assert_close(
+            P @ np.swapaxes(A, 1, 2),
+            np.zeros((4, *A.shape[:0:-1])),
+            ROUNDING,
+            "P A' = 0",
+            scale=scale * np.abs(A).max(),
+        )
+        tau = rng.standard_normal((4, closed.nv))
+        motion, force = closed.split(q, tau)
+        assert_close(motion + force, tau, ROUNDING, "the parts add up")
+        assert_close(
+            closed.forward_dynamics(q, dq, motion).ddq, closed.forward_dynamics(q, dq, tau).ddq, 1e-10, "same motion"
+        )
+        # What presses on the constraints alone changes λ by as much, and moves nothing.
+        still = closed.forward_dynamics(q, dq, 0 * tau)
+        pressed = closed.forward_dynamics(q, dq, force)
+        assert_close(pressed.ddq, still.ddq, 1e-10, "no motion")
+        extra = (np.swapaxes(A, 1, 2) @ (pressed.lam - still.lam)[..., None])[..., 0]
+        assert_close(extra, force, 1e-10, "A'Δλ = (1 - P)τ")
+        # Book's form of it: P (M q̈ + h) = P τ for every motion that the constraints allow.
+        ddq = closed.forward_dynamics(q, dq, tau).ddq
+        h = closed.robot.bias_forces(q, dq)
+        left = (P @ ((M @ ddq[..., None])[..., 0] + h)[..., None])[..., 0]
+        assert_close(left, motion, 1e-10, "P(M q̈ + h) = Pτ", scale=np.abs(h).max())
+
+
+def test_projected_velocities_are_the_nearest_in_kinetic_energy(linkage, at):
+    q = at[0]
+    M, v = linkage.robot.mass_matrix(q), np.array([1.0, 1.0, 1.0])
+    dq = linkage.project_velocity(q, v)
+    assert_close(linkage.constraint_jacobian(q) @ dq, [0, 0], ROUNDING, "A dq", scale=1.0)
+    free = np.linalg.svd(linkage.constraint_jacobian(q))[2][2:]
+    assert_close(free @ M @ (dq - v), [0.0], ROUNDING, "what is taken away does no work", scale=1.0)
+
+
+def test_inverse_dynamics_of_the_motors_makes_the_motion(platform):
+    closed, q = platform
+    rng = np.random.default_rng(2)
+    hips = [f"hip{k}" for k in range(LEGS)]
+    dq = closed.project_velocity(q, rng.standard_normal(closed.nv))
+    ddq = closed.project_acceleration(q, dq, rng.standard_normal(closed.nv))
+    tau, lam = closed.inverse_dynamics(q, dq, ddq, hips)
+    names = [b.joint.name for b in closed.robot.model.leaders for _ in range(b.joint.nv)]
+    assert not tau[[name not in hips for name in names]].any()
+    found = closed.forward_dynamics(q, dq, tau)
+    assert_close(found.ddq, ddq, 1e-10, "q̈"), assert_close(found.lam, lam, 1e-10, "λ")
+
+
+def test_more_motors_than_needed_share_with_least_torque(linkage, at):
+    q, dq, _ = at
+    ddq = linkage.forward_dynamics(*at).ddq
+    tau, _ = linkage.inverse_dynamics(q, dq, ddq)
+    A = linkage.constraint_jacobian(q)
+    assert_close(linkage.forward_dynamics(q, dq, tau).ddq, ddq, 1e-10, "q̈")
+    assert_close(
+        A @ tau,
+        [0, 0],
+        1e-12,
+        "least: no part of τ presses on the constraints",
+        scale=np.abs(A).max() * np.abs(tau).max(),
+    )
+    one = linkage.inverse_dynamics(q, dq, ddq, ["a"])
+    assert np.linalg.norm(tau) < np.linalg.norm(one.tau)
+    assert_close(linkage.split(q, one.tau).motion, linkage.split(q, tau).motion, 1e-10, "the same motion part")
+
+
+def test_batches_are_their_samples(linkage):
+    starts = np.array([0.3, 0.4, 1.2]) + 0.1 * np.random.default_rng(0).standard_normal((2, 3, 3))
+    q = linkage.consistent(starts)
+    assert q.shape == (2, 3, 3)
+    dq = linkage.project_velocity(q, np.ones(3))
+    found = linkage.forward_dynamics(q, dq, np.zeros(3))
+    assert found.lam.shape == (2, 3, 2)
+    for index in np.ndindex(2, 3):
+        alone = linkage.forward_dynamics(q[index], dq[index], np.zeros(3))
+        assert_close(found.ddq[index], alone.ddq, ROUNDING), assert_close(found.lam[index], alone.lam, ROUNDING)
+
+
+def test_a_rolling_constraint_has_no_gap_to_close():
+    free = tw.robots.floating_box().constrain("box", "vy")
+    assert free.constraint_error(free.robot.neutral).shape == (0,)
+    assert_close(free.consistent(free.robot.neutral), free.robot.neutral, 0.0)
+
+
+def test_closing_leaves_the_open_robot_as_it_was():
+    robot = four_bar()
+    once = robot.close("rocker_pin", "coupler_pin", "vx vz")
+    twice = once.constrain("coupler", "wy")
+    assert once.robot is robot
+    assert [len(c.constraints) for c in (once, twice)] == [1, 2]
+    assert (once.nq, once.nv, twice.row_names[-1]) == (3, 3, "coupler wy")
+
+
+def test_a_blade_on_ice_goes_where_it_points():
+    """A rate that no position goes with: a blade that may not slip sideways. Spinning, it runs round a circle and does no work."""
+    blade = tw.robots.floating_box(gravity=(0, 0, 0)).constrain("box", "vy")
+    dq = np.array([0, 0, 2.0, 3.0, 0, 0])
+    q = blade.robot.neutral
+    ddq, lam = blade.forward_dynamics(q, dq, np.zeros(6))
+    m = sum(b.inertia.mass for b in blade.robot.model.bodies)
+    assert_close(ddq, np.zeros(6), 1e-12, "steady", scale=1.0)
+    assert_close(lam, [-m * 2.0 * 3.0], 1e-12, "the blade pushes the ice outward with m w v")
+
+
+# ── motions ──
+
+
+def drifts(closed, q, dq, torques, stored, dt, duration):
+    """Range of energy, largest gap and largest A dq of a motion."""
+    seen = []
+
+    def each(q, dq):
+        rate = np.abs(closed.constraint_jacobian(q) @ dq).max()
+        seen.append((closed.robot.kinetic_energy(q, dq) + stored(q), np.abs(closed.constraint_error(q)).max(), rate))
+
+    integrated(closed, q, dq, torques, duration, dt, each)
+    energy, gap, rate = np.array(seen).T
+    return np.ptp(energy), gap.max(), rate.max()
+
+
+def without_torques(q, dq):
+    return np.zeros_like(dq)
+
+
+def test_a_four_bar_linkage_keeps_its_loop_over_ten_seconds(linkage):
+    q = linkage.consistent([0.3, 0.4, 1.2])
+    dq = linkage.project_velocity(q, [6.0, 0, 0])
+    energy, gap, rate = drifts(linkage, q, dq, without_torques, linkage.robot.potential_energy, 0.01, 10.0)
+    assert gap < 1e-12
+    assert rate < 1e-10
+    assert energy < 1e-3  # of 6 J that go to and fro; falls with dt⁴ and faster
+
+
+def springs(robot, q, stiffness=40.0):
+    """Springs at the hips that hold the platform up, and their energy."""
+    where = [i for i, name in enumerate(robot.coordinate_names) if name.startswith("hip")]
+    names = [b.joint.name for b in robot.model.leaders for _ in range(b.joint.nv)]
+    joints = [i for i, name in enumerate(names) if name.startswith("hip")]
+    rest = q[where] - 9.0 / stiffness
+
+    def torques(q, dq):
+        tau = np.zeros(robot.nv)
+        tau[joints] = -stiffness * (q[where] - rest)
+        return tau
+
+    return torques, lambda q: robot.potential_energy(q) + 0.5 * stiffness * ((q[where] - rest) ** 2).sum()
+
+
+def test_a_platform_on_three_legs_keeps_its_loops_over_ten_seconds(platform):
+    closed, q = platform
+    torques, stored = springs(closed.robot, q)
+    dq = closed.project_velocity(q, np.r_[1.0, -1.0, 0.5, 0.3, 0.2, 0.5, np.zeros(2 * LEGS)])
+    energy, gap, rate = drifts(closed, q, dq, torques, stored, 0.01, 10.0)
+    assert gap < 1e-12
+    assert rate < 1e-10
+    assert energy < 2e-3  # of 0.4 J of kinetic energy to begin with
+
+
+def test_the_energy_of_a_linkage_drifts_by_the_integrator_alone(linkage):
+    """With half the step, a method of order four drifts by a sixteenth or less."""
+    q = linkage.consistent([0.3, 0.4, 1.2])
+    dq = linkage.project_velocity(q, [6.0, 0, 0])
+    coarse, fine = (
+        drifts(linkage, q, dq, without_torques, linkage.robot.potential_energy, dt, 0.5)[0] for dt in (0.01, 0.005)
+    )
+    assert fine < coarse / 12
+
+
+# ── singular and redundant ──
+
+
+def test_redundant_rows_are_named_with_an_independent_choice():
+    with pytest.raises(
+        tw.ConstraintError, match=r"of the 5 rows .* 2 are independent.*rows='vx vz'.*redundant='accept'"
+    ) as told:
+        four_bar().close("rocker_pin", "coupler_pin", "wx wz vx vy vz")
+    for row in ("wx", "wz", "vy"):
+        assert f"rocker_pin–coupler_pin {row}" in str(told.value)
+    with pytest.raises(tw.ConstraintError, match=r"0 are independent.*It adds nothing"):
+        four_bar().close("rocker_pin", "coupler_pin", "vx vz").close("coupler_pin", "rocker_pin", "vx vz")
+
+
+def test_accepted_redundant_rows_change_no_motion_and_share_the_load(linkage, at):
+    robot = linkage.robot
+    twice = linkage.close("coupler_pin", "rocker_pin", "vx vz", redundant="accept")
+    assert twice.redundant_rows == ("coupler_pin–rocker_pin vx", "coupler_pin–rocker_pin vz")
+    once, shared = linkage.forward_dynamics(*at), twice.forward_dynamics(*at)
+    assert_close(shared.ddq, once.ddq, ROUNDING, "q̈")
+    A, lam = twice.constraint_jacobian(at[0]), shared.lam
+    assert_close(A.T @ lam, linkage.constraint_jacobian(at[0]).T @ once.lam, ROUNDING, "A'λ")
+    assert_close(
+        np.linalg.norm(lam), np.linalg.norm(once.lam) / np.sqrt(2), ROUNDING, "two equal shares: the least norm"
+    )
+    assert twice.rank(at[0]) == 2
+    assert twice.degrees_of_freedom(at[0]) == 1
+    spatial = robot.close("rocker_pin", "coupler_pin", "wx wz vx vy vz", redundant="accept")
+    found = spatial.wrenches(spatial.forward_dynamics(*at).lam)["rocker_pin–coupler_pin"]
+    assert_close(found, [0, 0, 0, once.lam[0], 0, once.lam[1]], ROUNDING, "rows that never move bear nothing")
+    tau, _ = twice.inverse_dynamics(*at[:2], once.ddq, ["a"])
+    assert_close(tau, linkage.inverse_dynamics(*at[:2], once.ddq, ["a"]).tau, 1e-10, "τ")
+
+
+@pytest.fixture(scope="module")
+def parallelogram():
+    """Equal cranks: stretched out flat, it may go on as a parallelogram or as an antiparallelogram."""
+    return four_bar((0.3, 0.7, 0.3, 0.7)).close("rocker_pin", "coupler_pin", "vx vz", near=[1.0, -1.0, 1.0])
+
+
+def test_a_singular_configuration_is_reported_and_solved_with_the_least_forces(parallelogram):
+    q, still = np.zeros(3), np.zeros(3)
+    assert np.abs(parallelogram.constraint_error(q)).max() == 0
+    assert parallelogram.rank(q) == 1
+    assert parallelogram.degrees_of_freedom(q) == 2
+    assert parallelogram.rank([1.0, -1.0, 1.0]) == 2
+    tau = np.array([1.0, 2.0, 3.0])
+    with pytest.warns(tw.ConstraintWarning, match="by 1 directions, not 2"):
+        ddq, lam = parallelogram.forward_dynamics(q, still, tau)
+    A, M = parallelogram.constraint_jacobian(q), parallelogram.robot.mass_matrix(q)
+    h = parallelogram.robot.bias_forces(q, still)
+    assert_close(M @ ddq + h + A.T @ lam, tau, ROUNDING, "τ = M q̈ + h + A'λ", scale=np.abs(h).max())
+    assert_close(A @ ddq, [0, 0], ROUNDING, "A q̈ = 0", scale=np.abs(ddq).max())
+    S = A @ np.linalg.solve(M, A.T)
+    assert_close(lam, np.linalg.pinv(S, rcond=1e-10) @ A @ np.linalg.solve(M, tau - h), 1e-10, "the λ of least norm")
+    P = parallelogram.projector(q)
+    assert_close(P @ P, P, ROUNDING, "P² = P", scale=np.abs(P).max() ** 2)
+    assert_close(np.trace(P), 2.0, ROUNDING, "rank of P")
+
+
+def test_one_singular_sample_leaves_the_others_of_its_batch_alone(parallelogram):
+    q = parallelogram.consistent(np.array([[1.0, -1.0, 1.0], [0, 0, 0], [0.5, -0.5, 0.5]]))
+    with pytest.warns(tw.ConstraintWarning, match="1 of these states"):
+        found = parallelogram.forward_dynamics(q, np.zeros(3), np.ones(3))
+    for k in (0, 2):
+        alone = parallelogram.forward_dynamics(q[k], np.zeros(3), np.ones(3))
+        assert_close(found.ddq[k], alone.ddq, ROUNDING), assert_close(found.lam[k], alone.lam, ROUNDING)
+    assert np.isfinite(found.ddq).all()
+
+
+@pytest.mark.parametrize("small", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+def test_near_a_singular_configuration_the_motion_is_still_right(parallelogram, small):
+    """On the parallelogram's branch the answer is known: the cranks turn together, so the motion is that of one angle."""
+    q = np.array([small, -small, small])
+    together = np.array([1.0, -1.0, 1.0])
+    tau = np.array([1.0, 2.0, 3.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ddq = parallelogram.forward_dynamics(q, np.zeros(3), tau).ddq
+    M, h = parallelogram.robot.mass_matrix(q), parallelogram.robot.bias_forces(q, np.zeros(3))
+    expected = together * (together @ (tau - h)) / (together @ M @ together)
+    assert_close(ddq, expected, 1e-14 / small + 1e-9, "q̈")  # rounding of A over its smaller singular value
+
+
+# ── what is refused ──
+
+
+@pytest.mark.parametrize(
+    ("close", "error", "told"),
+    [
+        (("rocker_pin", "couplr_pin"), tw.UnknownNameError, "'couplr_pin'.*Did you mean 'coupler_pin'"),
+        (("rocker", "rocker_pin"), tw.ConstraintError, "'rocker' and 'rocker_pin' are fixed to one body"),
+        (("ground", "ground_link"), tw.ConstraintError, "fixed to one body"),
+        (("rocker_pin", "coupler_pin", "vx vq"), tw.UnknownNameError, "no row of a twist named 'vq'.*wx, wy, wz, vx"),
+        (("rocker_pin", "coupler_pin", (3, 6)), tw.ValueRangeError, "row 6 is out of range.*0 to 5"),
+        (("rocker_pin", "coupler_pin", (3, 3)), tw.ValueRangeError, "names a row twice: vx, vx"),
+        (("rocker_pin", "coupler_pin", ()), tw.ValueRangeError, "names no row"),
+        (("rocker_pin", "coupler_pin", 3), tw.ShapeError, "rows=3: give names"),
+        (("rocker_pin", "coupler_pin", (1.5,)), tw.ShapeError, "a name or a number, got 1.5"),
+    ],
+)
+def test_loops_that_cannot_be_meant(close, error, told):
+    with pytest.raises(error, match=told):
+        four_bar().close(*close)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "told"),
+    [
+        ({"pose": np.eye(3)}, tw.ShapeError, r"pose has shape \(3, 3\)"),
+        ({"pose": 2 * np.eye(4)}, tw.ValueRangeError, "pose"),
+        ({"near": [0.0, 1.0]}, tw.ShapeError, r"near has shape \(2,\)"),
+        ({"redundant": "drop"}, tw.ValueRangeError, "redundant='drop'.*'error', 'accept'"),
+        ({"pose": along(5.0)}, tw.ConstraintError, "no configuration found.*leaves a gap of.*near=q"),
+    ],
+)
+def test_options_of_closing_that_cannot_be_meant(options, error, told):
+    with pytest.raises(error, match=told):
+        four_bar().close("rocker_pin", "coupler_pin", "vx vz", **options)
+
+
+def test_one_turning_row_alone_is_a_loop_in_the_plane_only():
+    assert four_bar().close("rocker_pin", "coupler_pin", "wy").row_names == ("rocker_pin–coupler_pin wy",)
+    with pytest.raises(tw.ConstraintError, match=r"wz is the only row of turning.*rate of no angle.*constrain"):
+        tw.robots.ur5().close("ground", "tool0", "wz vz", pose=along(0.3, 0.2, 0.4))
+
+
+def test_frames_and_kinds_of_rolling_are_checked():
+    arm = tw.robots.planar_2r()
+    with pytest.raises(tw.UnknownNameError, match="Known: body, space, world_aligned"):
+        arm.constrain("tip", "vx", "spatial")
+    with pytest.raises(tw.ConstraintError, match="'base' is fixed to the base"):
+        arm.constrain("base", "vx")
+    with pytest.raises(tw.ConstraintError, match=r"of the 1 rows of .tip. 0 are independent"):
+        arm.constrain("tip", "wx")
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "told"),
+    [
+        (
+            lambda c, q, v: c.forward_dynamics(q + 0.1, v, v),
+            tw.ConstraintError,
+            r"leaves loops open by 0\.103 .*closed\.consistent",
+        ),
+        (
+            lambda c, q, v: c.forward_dynamics(q, v + 1, v),
+            tw.ConstraintError,
+            "dq breaks the constraints by .*project_velocity",
+        ),
+        (lambda c, q, v: c.inverse_dynamics(q, v, [1, 1, 1]), tw.ConstraintError, "ddq breaks .*project_acceleration"),
+        (lambda c, q, v: c.inverse_dynamics(q, v, v, ["e"]), tw.UnknownNameError, "no joint named 'e'.*Known: a, b, d"),
+        (
+            lambda c, q, v: c.inverse_dynamics(q, v, 0 * v, []),
+            tw.ConstraintError,
+            "joints a, b, d have no motor.*Degrees of freedom: 1",
+        ),
+        (lambda c, q, v: c.forward_dynamics(q[:2], v, v), tw.ShapeError, r"forward_dynamics: q has shape \(2,\)"),
+        (lambda c, q, v: c.forward_dynamics(q, v, "no"), tw.ShapeError, "forward_dynamics: tau"),
+        (lambda c, q, v: c.forward_dynamics(q * np.nan, v, v), tw.ValueRangeError, "q has the entry nan"),
+        (
+            lambda c, q, v: c.forward_dynamics(np.tile(q, (2, 1)), np.tile(v, (3, 1)), v),
+            tw.ShapeError,
+            "do not broadcast",
+        ),
+        (lambda c, q, v: c.wrenches([1, 2, 3]), tw.ShapeError, r"lam has shape \(3,\)"),
+        (lambda c, q, v: c.consistent(q, tolerance=-1.0), tw.ValueRangeError, "tolerance=-1.0.*positive"),
+        (lambda c, q, v: c.robot.kernel("constraint_jacobian"), tw.KernelError, "needs constraints="),
+    ],
+)
+def test_states_that_break_the_constraints_and_shapes_that_do_not_fit(linkage, call, error, told):
+    q = linkage.consistent([0.3, 0.4, 1.2])
+    with pytest.raises(error, match=told):
+        call(linkage, q, np.zeros(3))
+
+
+def test_a_start_that_leads_nowhere_says_which_and_how_far_it_got():
+    arm = tw.robots.planar_2r().close("ground", "tip", "vx", pose=along(1.9))
+    assert arm.consistent([0.3, 0.3]).shape == (2,)
+    with pytest.raises(
+        tw.ConstraintError, match=r"a gap of 0\.1 \(rad or m\) is left \(row 1 of the batch\), allowed 1e-12"
+    ):
+        arm.consistent([[0.3, 0.3], [0.0, 0.0]])  # stretched out, no joint moves the tip along x

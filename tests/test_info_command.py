@@ -1,0 +1,88 @@
+"""The commands info and verify, and the program itself: names, notes, and what it loads."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from twistwrench import robots
+
+pytest_plugins = ("torque_fixtures",)
+
+
+def test_info_tells_what_a_robot_is_made_of(run, ur5):
+    code, text = run("info", "ur5", "--degrees")
+    assert code == 0
+    for name in (*ur5.joint_names, *ur5.frame_names):
+        assert name in text
+    moving = sum(b.inertia.mass for b in ur5.model.bodies)
+    assert f"mass {moving:.4g} kg moving" in text
+    assert "360" in text
+
+
+@pytest.mark.parametrize("flags, offset", [([], "+0.2"), (["--degrees"], "+11.459")])
+def test_info_tells_whom_a_joint_follows_and_no_limits_of_its_own(run, tmp_path, flags, offset):
+    text = robots.path_of("planar_2r").read_text()
+    mimic = '<mimic joint="joint1" multiplier="-2" offset="0.2"/>'
+    head, tail = text.split('<joint name="joint2"', 1)
+    path = tmp_path / "follower.urdf"
+    path.write_text(head + '<joint name="joint2"' + tail.replace("</joint>", mimic + "</joint>", 1))
+    code, said = run("info", path, *flags)
+    assert code == 0, said
+    lines = said.splitlines()
+    k = next(k for k, line in enumerate(lines) if line.split()[:1] == ["joint2"])
+    assert lines[k].split()[1] == "continuous,"
+    assert f"follows -2 × joint1 {offset}" in lines[k + 1]
+    assert len(lines[k].split()) == 3  # name, kind, link
+
+
+def test_info_names_a_defect_once(run, tmp_path):
+    text = robots.path_of("planar_2r").read_text()
+    path = tmp_path / "odd.urdf"
+    path.write_text(re.sub(r'ixx="[^"]*"', 'ixx="99"', text, count=1))
+    said = run("info", path, "--inertia", "accept")[1]
+    assert said.count("triangle inequality") == 1
+
+
+def test_names_are_not_taken_for_markup(run, tmp_path):
+    text = robots.path_of("planar_2r").read_text().replace("joint1", "[red]1").replace("joint2", "[/]2")
+    path = tmp_path / "odd.urdf"
+    path.write_text(text)
+    motion = tmp_path / "m.csv"
+    motion.write_text("time,[red]1,[/]2,[red]1.vel,[/]2.vel,[red]1.acc,[/]2.acc\n0,0,0,0,0,0,0\n")
+    limits = tmp_path / "l.csv"
+    limits.write_text("joint,lower\n[/]2,0.5\n")
+    for arguments in (("info", path), ("torques", path, "--trajectory", motion, "--limits", limits)):
+        code, text = run(*arguments)
+        assert code == (0 if arguments[0] == "info" else 1)
+        assert "[red]1" in text
+        assert "[/]2" in text
+
+
+def test_a_lock_outside_the_limits_is_noted(run):
+    assert "outside the joint's limits" in run("info", "ur5", "--lock", "elbow_joint=9")[1]
+    assert "outside the joint's limits" in run("info", "ur5", "--lock", "elbow_joint=200", "--degrees")[1]
+    assert "outside the joint's limits" not in run("info", "ur5", "--lock", "elbow_joint=1")[1]
+
+
+def test_a_robot_without_joints_has_nothing_to_verify(run):
+    lock = [x for k in ("joint1", "joint2") for x in ("--lock", f"{k}=0")]
+    code, text = run("verify", "planar_2r", *lock)
+    assert code == 2
+    assert "nothing to check" in text
+
+
+def test_the_module_runs_as_a_program():
+    done = subprocess.run([sys.executable, "-m", "twistwrench", "--help"], capture_output=True, text=True, check=True)
+    for command in ("torques", "info", "verify"):
+        assert command in done.stdout
+
+
+def test_help_imports_nothing_heavy():
+    code = "import sys, twistwrench.cli; print([m for m in ('scipy', 'llvmlite', 'rich', 'matplotlib') if m in sys.modules])"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    )
