@@ -216,7 +216,7 @@ TRAPS = (
     Trap("MatrixExp6", "turning 9e-7 rad", "entry", exp6(TINY), 3e-16, 5e-7),
     Trap("MatrixLog6", "π - 2e-8 rad", "entry", log6(math.pi - 2e-8), 3e-15, 0.1),
     Trap("MatrixLog6", "a half turn, trace -1 - 4e-16", "rad", half_turn, 1e-15, math.inf),
-    Trap("AxisAng6", "ω of 9e-7 beside v of 1: |ω| of S", "1", unit_screw, 1e-15, 0.9),
+    Trap("AxisAng6", "ω of 9e-7 beside v of 1: the length of ω in S", "1", unit_screw, 1e-15, 0.9),
     Trap("AxisAng6", "ω of 9e-7, v zero", "1", no_travel, 1e-15, math.inf),
     Trap("ProjectToSO3", "a reflection: further than the nearest", "1", reflected, 1e-15, 0.9),
     Trap("Normalize", "a vector of length 1e-200", "1", short, 1e-15, math.inf),

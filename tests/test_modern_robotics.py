@@ -273,6 +273,19 @@ def test_other_gravity_and_other_wrenches_compile_nothing_anew():
     assert chain.chain_of(*robot).inverse_dynamics is kernel
 
 
+def test_gravity_may_be_the_last_input_of_a_robots_kernel():
+    robot, rng = tw.robots.ur5(), np.random.default_rng(4)
+    (q, dq, tau), F, g = rng.standard_normal((3, 6)), rng.standard_normal(6), rng.standard_normal(3)
+    options = {"wrenches": ("tool0",), "gravity": "input"}
+    ddq = robot.kernel("forward_dynamics", **options)(q, dq, tau, F, g)
+    fixed = robot.with_gravity(g).forward_dynamics(q, dq, tau, wrench_by_robot={"tool0": F})
+    for other in (fixed, robot.reference("forward_dynamics", q, dq, tau, F, g, **options)):
+        assert np.abs(ddq - other).max() <= 1e-12 * np.abs(ddq).max() * np.linalg.cond(robot.mass_matrix(q)) / 1e2
+    for name, options in (("mass_matrix", {"gravity": "input"}), ("bias_forces", {"gravity": [0, 0, -9.81]})):
+        with pytest.raises(tw.KernelError, match="gravity"):
+            robot.kernel(name, **options)
+
+
 def test_lists_are_known_by_what_is_in_them():
     """A list changed in place is another robot; a list of arrays, nested lists and one array are the same."""
     rng = np.random.default_rng(6)

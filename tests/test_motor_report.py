@@ -97,6 +97,18 @@ def test_verdicts_and_exit_codes(tmp_path):
     assert "MOTORS: their limits are not known" in run("--actuators", silent).output
 
 
+def test_why_splits_the_worst_peak_by_link(robot):
+    report, plan, load = analysed(robot, 5.0)
+    k = report.worst
+    row = report.around.at(int(np.argmin(np.abs(report.around.time - report.joints[k].time))))
+    why = load.explain(row)
+    assert why.torque[k] == pytest.approx(report.joints[k].peak, rel=1e-12)
+    assert why.of("payload at tool0")[k] == pytest.approx(report.joints[k].terms["payload"], rel=1e-9)
+    output = run("--payload", 5, "--why").output
+    assert "Why shoulder_lift_joint at t = 1.808 s" in output
+    assert "payload at tool0" in output
+
+
 def test_the_picture_is_drawn(tmp_path):
     result = run("--actuators", "demo", "--motor-plot", tmp_path / "motors.png")
     assert result.exit_code == 0, result.output

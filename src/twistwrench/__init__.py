@@ -69,12 +69,13 @@ __all__ = [
 ]
 
 if _typing.TYPE_CHECKING:
+    from . import modern_robotics as modern_robotics
     from . import sensing as sensing
     from . import statics as statics
     from . import symbolic as symbolic
     from . import testing as testing
 
-_LATER = ("sensing", "statics", "symbolic", "testing")
+_LATER = ("modern_robotics", "sensing", "statics", "symbolic", "testing")
 """Packages that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
 
 

@@ -206,6 +206,7 @@ def main() -> None:
     help="Limits in place of the robot's: joint,lower,upper,velocity,effort.",
 )
 @click.option("--motor-plot", metavar="OUT.png", help="Draw what each motor does in its speed–torque region.")
+@click.option("--why", is_flag=True, help="Split the worst joint's peak by link, payload and rotor too.")
 @click.option("--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it.")
 @click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
 @robot_command
@@ -219,6 +220,7 @@ def torques(
     plot_path: str | None,
     limits_path: str | None,
     motor_plot: str | None,
+    why: bool,
     smooth: bool,
     no_friction: bool,
 ) -> None:
@@ -261,7 +263,7 @@ def torques(
         click.echo("note: --smooth changes nothing: the file gives velocities and accelerations.", err=True)
     with _progress(trajectory) as progress:
         report = analyse(load, differentiation, limits, csv=csv_path, split=split, progress=progress)
-    _console().print(report_view(report, degrees=options.degrees))
+    _console().print(report_view(report, degrees=options.degrees, why=why))
     if plot_path is not None:
         from .report.plot import plot_report
 

@@ -7,7 +7,7 @@ it times its own parameters: nothing is estimated, and the parts add up to τ.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,6 +63,12 @@ class Explanation:
         mine = self.parts[..., self.causes.index(cause), :]
         return np.asarray(mine.sum(axis=-2) if term is None else mine[..., self.terms.index(term), :])
 
+    def and_also(self, name: str, tau: Array) -> Explanation:
+        """With torques (..., nv) that no body causes, as a term and a cause of that name."""
+        parts = np.pad(self.parts, [(0, 0)] * (self.parts.ndim - 3) + [(0, 1), (0, 1), (0, 0)])
+        parts[..., -1, -1, :] = tau
+        return replace(self, terms=(*self.terms, name), causes=(*self.causes, name), parts=parts)
+
     def table(self, joint: str | None = None) -> Table:
         """Causes down, joints across; or, for one joint, causes down and terms across. Of one state; a rich table."""
         from rich.table import Table
@@ -93,7 +99,7 @@ class Explanation:
         k = self.joints.index(joint)
         rows = self.parts[:, :, k].T
         whole = np.concatenate([rows, rows.sum(axis=1, keepdims=True)], axis=1)
-        return whole, [*(f"{term} [{self.units[k]}]" for term in self.terms), "together"]
+        return whole, [*self.terms, f"together [{self.units[k]}]"]
 
     def __str__(self) -> str:
         if self.parts.ndim != 3:
@@ -131,16 +137,15 @@ def explained(
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *apart.values())))
     bodies = _causes(model)
     Y = _regressors(model, regressor, *(np.broadcast_to(x, (*batch, x.shape[-1])) for x in state))
-    terms, causes = (*MOTION_TERMS, *apart), (*bodies, *apart)
-    parts = np.zeros((*batch, len(terms), len(causes), model.nv))
-    for c, parameters in enumerate(bodies.values()):
-        parts[..., :4, c, :] = Y @ parameters
-    for k, tau in enumerate(apart.values()):
-        parts[..., 4 + k, len(bodies) + k, :] = tau
+    columns = np.array(list(bodies.values())).reshape(-1, Y.shape[-1])
+    parts = np.swapaxes(Y @ columns.T, -1, -2)  # (..., terms, causes, nv)
     velocities = [(b, a) for b in model.leaders for a in range(b.joint.nv)]
     names = tuple(b.joint.name if b.joint.nv == 1 else f"{b.joint.name}.{a}" for b, a in velocities)
     units = tuple("N m" if b.joint.axes[a, :3].any() else "N" for b, a in velocities)
-    return Explanation(terms, causes, names, units, parts)
+    why = Explanation(MOTION_TERMS, tuple(bodies), names, units, parts)
+    for name, tau in apart.items():
+        why = why.and_also(name, tau)
+    return why
 
 
 def _regressors(model: Model, regressor: Callable[..., Array], q: Array, dq: Array, ddq: Array) -> Array:

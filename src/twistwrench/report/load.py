@@ -15,6 +15,7 @@ from ..errors import ValueRangeError
 from .derivatives import States
 
 if TYPE_CHECKING:
+    from ..explanation import Explanation
     from ..robot import Robot
 
 Array = NDArray[Any]
@@ -79,6 +80,11 @@ class LoadedRobot:
         }
         tau = np.sum(list(terms.values()), axis=0)
         return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
+
+    def explain(self, s: States) -> Explanation:
+        """The torques of one state by link and by term, friction as in :meth:`terms`."""
+        why = self.loaded.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
+        return why.and_also("friction", self._friction(s, why.torque)) if self.friction else why
 
     def motor_loads(self, s: States) -> MotorLoads:
         """What the motors of the robot and its payloads must give; (n, actuators) each."""

@@ -35,9 +35,11 @@ def cause_label(term: str) -> str:
     return _LABELS.get(term, term)
 
 
-def report_view(report: TorqueReport, *, degrees: bool = False) -> RenderableType:
-    """The whole report; angles in degrees if ``degrees``."""
+def report_view(report: TorqueReport, *, degrees: bool = False, why: bool = False) -> RenderableType:
+    """The whole report; angles in degrees if ``degrees``, and what each link does to the worst joint if ``why``."""
     parts: list[RenderableType] = [_heading(report), _peaks(report), _split(report)]
+    if why and report.worst is not None:
+        parts.append(_why(report, report.worst))
     if report.motors:
         parts.append(motors_table(report.motors))
     if moved := [e for e in report.excesses if e.kind != "effort"]:
@@ -120,6 +122,16 @@ def _split(report: TorqueReport) -> Table:
             Text(torque_label(report, j.terms[term]), style="bold" if term == main and some else "") for term in shown
         ]
         table.add_row(*_cells(report, j), *cells, f"{cause_label(main)} {100 * share:.0f} %" if some else "–")
+    return table
+
+
+def _why(report: TorqueReport, k: int) -> Table:
+    """The worst joint's peak, by link and by term."""
+    joint, states = report.joints[k], report.around
+    why = report.load.explain(states.at(int(np.argmin(np.abs(states.time - joint.time)))))
+    table = why.table(why.joints[k])
+    table.box, table.pad_edge = SIMPLE_HEAD, False
+    table.title, table.title_justify, table.title_style = f"Why {joint.joint} at t = {joint.time:.3f} s", "left", "bold"
     return table
 
 

@@ -61,9 +61,8 @@ def dotted(name: str, mark: str = "dot") -> str:
 
 
 def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
-    """The coordinates, in the order of the joints; named by the number of the body that the joint carries."""
-    numbers = {id(body): i + 1 for i, body in enumerate(model.bodies)}
-    return tuple(c for body in model.leaders for c in _of_joint(body, numbers[id(body)]))
+    """The coordinates, in the order of q; numbered by the joints that have coordinates of their own."""
+    return tuple(c for n, body in enumerate(model.leaders, 1) for c in _of_joint(body, n))
 
 
 def _of_joint(body: Body, n: int) -> list[Coordinate]:

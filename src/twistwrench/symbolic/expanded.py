@@ -193,10 +193,14 @@ class Terms:
     @cached_property
     def christoffel(self) -> Array:
         """Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j - ∂M_jk/∂q_i); MR section 8.1.2."""
-        n, M = len(self.coordinates), self.mass_matrix
+        n = len(self.coordinates)
+
+        def entry(i: int, j: int) -> TrigSum:
+            return self.mass_matrix[i, j]
+
         dM = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
-            dM[i, j, k] = M[i, j].diff(self.coordinates[k].name) if i <= j else dM[j, i, k]
+            dM[i, j, k] = entry(i, j).diff(self.coordinates[k].name) if i <= j else dM[j, i, k]
         gamma = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
             gamma[i, j, k] = 0.5 * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i]) if j <= k else gamma[i, k, j]

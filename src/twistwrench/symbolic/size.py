@@ -23,13 +23,13 @@ __all__ = [
 
 LARGEST_POSITION = 4000
 """Terms of a coordinate of a centre of mass, beyond which nothing is expanded."""
-COMFORTABLE = 400_000
+COMFORTABLE = 30_000
 """Products of two terms in the kinetic energy, up to which equations are written out unless asked otherwise."""
 LARGEST_EXPANDED = 5_000_000
 """Products beyond which even that is refused: minutes, and hundreds of pages."""
 MOST_EXPANDED = 4
 """Coordinates up to which equations are written out unless asked otherwise: beyond, nobody reads them."""
-LARGEST_NAMED = 20_000
+LARGEST_NAMED = 8_000
 """Lines of named intermediate results beyond which a derivation is refused."""
 
 
