@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -122,6 +124,34 @@ def test_the_equations_of_constrained_motion_hold(platform, linkage):
         assert_close(robot.inverse_dynamics(q, dq, ddq) + pressed, tau, ROUNDING, "τ = M q̈ + h + A'λ", scale=scale)
         rest = (A @ ddq[..., None])[..., 0] + closed.constraint_bias(q, dq)
         assert_close(rest, 0 * rest, ROUNDING, "A q̈ + (dA/dt) dq = 0", scale=np.abs(ddq).max())
+
+
+@pytest.mark.usefixtures("on_numpy")
+def test_any_tree_closed_anywhere_moves_by_the_equations(robot, state, rng):
+    """Two frames of a random tree held where they are, on random rows: redundant rows are accepted, and still met."""
+    q, dq, _ = state
+    names = [name for name in robot.frame_names if robot.model.frames[name].body >= 0]
+    a, b = names[-1], names[0]
+    if robot.model.frames[a].body == robot.model.frames[b].body:
+        b = "ground"
+    pose_of = {name: robot.forward_kinematics(q, name) for name in names} | {"ground": np.eye(4)}
+    rows = [("vx", "vy", "vz"), ("wx", "wy", "vx"), ROWS][rng.integers(3)]
+    pose = tw.se3.inverse(pose_of[a]) @ pose_of[b]
+    closed = robot.close(a, b, rows, pose=pose, near=q, redundant="accept")
+    assert np.abs(closed.constraint_error(q)).max() < 1e-12
+    dq = closed.project_velocity(q, dq)
+    tau = rng.standard_normal(robot.nv)
+    ddq, lam = closed.forward_dynamics(q, dq, tau)
+    A, h = closed.constraint_jacobian(q), robot.bias_forces(q, dq)
+    pressed = A.T @ lam
+    scale = max(np.abs(pressed).max(), np.abs(h).max(), 1.0)
+    tolerance = 1e-13 * np.linalg.cond(robot.mass_matrix(q)) + ROUNDING
+    assert_close(robot.inverse_dynamics(q, dq, ddq) + pressed, tau, tolerance, "τ = M q̈ + h + A'λ", scale=scale)
+    slip = A @ ddq + closed.constraint_bias(q, dq)
+    assert_close(slip, 0 * slip, 1e-8, "A q̈ + (dA/dt) dq = 0", scale=max(1.0, np.abs(A).max() * np.abs(ddq).max()))
+    P = closed.projector(q)
+    assert_close(P @ P, P, 1e-9, "P² = P", scale=np.abs(P).max() ** 2)
+    assert_close(np.trace(P), closed.degrees_of_freedom(q), 1e-9, "rank of P", scale=1.0)
 
 
 def test_wrenches_and_friction_enter_as_they_do_in_the_open_robot(linkage, at):
@@ -503,3 +533,11 @@ def test_a_start_that_leads_nowhere_says_which_and_how_far_it_got():
         tw.ConstraintError, match=r"a gap of 0\.1 \(rad or m\) is left \(row 1 of the batch\), allowed 1e-12"
     ):
         arm.consistent([[0.3, 0.3], [0.0, 0.0]])  # stretched out, no joint moves the tip along x
+
+
+def test_the_example_draws_and_says_what_its_motion_keeps(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    example = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "four_bar.py"))
+    example["main"](tmp_path, duration=0.1)
+    assert (tmp_path / "four_bar.png").read_bytes().startswith(b"\x89PNG")
+    assert "over 0.1 s in steps of 0.005 s: gap" in capsys.readouterr().out

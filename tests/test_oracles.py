@@ -118,6 +118,17 @@ def test_forward_dynamics(at):
         assert_close(at.ours("forward_dynamics", state.q, state.dq, at.P.T @ tau), theirs, allowed, "forward dynamics")
 
 
+def test_derivatives_of_inverse_dynamics(at):
+    """Pinocchio's along its own tangent vectors, of which P makes ours."""
+    state = at.states[0]
+    found = at.ours("inverse_dynamics_derivatives", *state)
+    theirs = pin.computeRNEADerivatives(at.model, at.data, *at.theirs(state))[:2]
+    # Entries are torques per radian and per rad/s; one may vanish (of a body in free flight), the torques do not.
+    scale = max(float(np.abs(x).max()) for x in (*theirs, pin.rnea(at.model, at.data, *at.theirs(state))))
+    for ours, their, what in zip(found, theirs, ("by q", "by dq"), strict=True):
+        assert_close(ours, at.P.T @ their @ at.P, TOLERANCE, f"∂τ {what}", scale=scale)
+
+
 def matrix(rows):
     """A Jacobian of Pinocchio's with the angular part first; of a single joint it comes as a vector."""
     return swap_halves(np.reshape(rows, (6, -1)))

@@ -9,6 +9,7 @@ from typing import Any
 from .algorithms import (
     constraints,
     coriolis,
+    derivatives,
     energy,
     forward_dynamics,
     forward_kinematics,
@@ -24,7 +25,7 @@ from .model.model import Model
 from .model.regroup import regrouped
 from .program.program import Program
 
-__all__ = ["QUANTITIES", "Quantity", "checked_options", "evaluated", "program_of"]
+__all__ = ["NEED_INVERSE", "QUANTITIES", "Quantity", "checked_options", "evaluated", "program_of"]
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,12 @@ QUANTITIES: Mapping[str, Quantity] = {
     "friction_under_load": _quantity(friction.friction_forces, "dq load", "tau"),
     "gravity_forces": _felt(inverse_dynamics.gravity_forces, "q", "g", "wrenches", "gravity"),
     "holding_torques": _felt(inverse_dynamics.holding_torques, "q", "tau", "wrenches"),
+    "forward_dynamics_derivatives": _felt(
+        derivatives.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "wrenches"
+    ),
+    "inverse_dynamics_derivatives": _felt(
+        derivatives.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "wrenches"
+    ),
     "inverse_dynamics": _felt(inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "wrenches", "gravity"),
     "jacobian": _quantity(jacobians.jacobian, "q", "J", "frame", "kind"),
     "jacobian_rate": _quantity(jacobians.jacobian_rate, "q dq", "dJ", "frame", "kind"),
@@ -91,6 +98,16 @@ QUANTITIES: Mapping[str, Quantity] = {
     "torque_past_friction": _quantity(friction.torque_past_friction, "dq tau", "tau"),
     "wrench_torques": _quantity(jacobians.wrench_torques, "q wrench", "tau", "frame"),
 }
+
+
+NEED_INVERSE = (
+    "constrained_dynamics",
+    "forward_dynamics",
+    "forward_dynamics_derivatives",
+    "task_bias",
+    "task_inertia",
+)
+"""The quantities that M⁻¹ is part of."""
 
 
 def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -312,7 +312,7 @@ class Robot:
         key = (name, *full.items())
         kernel = self._kernels.get(key)
         if kernel is None:
-            if name in ("forward_dynamics", "constrained_dynamics", "task_bias", "task_inertia"):
+            if name in quantities.NEED_INVERSE:
                 self._require_invertible()
             program = quantities.program_of(self.model, name, full)
             doc = f"{name} of {self.name}, compiled. Inputs: {', '.join(p.name for p in program.inputs)}."
@@ -555,6 +555,51 @@ class Robot:
         [29.43, 9.81]
         """
         return self._call("regressor", q, dq, ddq, out=out)
+
+    # ── derivatives ──
+
+    def inverse_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array]:
+        """∂τ/∂q and ∂τ/∂dq; (nq), (nv), (nv) → (nv, nv) each; ∂τ/∂ddq is M. By q along :meth:`add`, friction left out.
+
+        Wrenches keep their numbers in their frames, which move along. ``out`` is a pair of arrays.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> by_q, by_dq = tw.robots.planar_2r().inverse_dynamics_derivatives([np.pi / 2, 0], [0, 0], [0, 0])
+        >>> np.round(by_q, 2).tolist()
+        [[-29.43, -9.81], [-9.81, -9.81]]
+        """
+        by_q, by_dq = self._with_wrenches(
+            "inverse_dynamics_derivatives", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out
+        )
+        return by_q, by_dq
+
+    def forward_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
+        """∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹; (nq), (nv), (nv) → (nv, nv) each. As above otherwise.
+
+        Raises SingularMassMatrixError where a joint moves nothing with inertia.
+        """
+        by_q, by_dq, inverse = self._with_wrenches(
+            "forward_dynamics_derivatives", (q, dq, tau), wrench_by_robot, wrench_on_robot, out
+        )
+        return by_q, by_dq, inverse
 
     # ── statics ──
 

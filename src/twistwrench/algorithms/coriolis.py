@@ -24,27 +24,27 @@ from .recursion import ancestors, inward, joint_poses, zeros
 
 Array = NDArray[Any]
 
-__all__ = ["christoffel", "coriolis_matrix"]
+__all__ = ["BodyCoriolis", "christoffel", "coriolis_matrix"]
 
 
-class _Coriolis:
+class BodyCoriolis:
     """The operator B of one body or of several joined, by its K (3, 3) and p (3,)."""
 
     def __init__(self, K: Array, p: Array) -> None:
         self.K, self.p = K, p
 
     @classmethod
-    def of(cls, G: SpatialInertia, V: Array) -> _Coriolis:
+    def of(cls, G: SpatialInertia, V: Array) -> BodyCoriolis:
         w, v, h = V[:3], V[3:], G.first_moment
         return cls(so3.hat(w) @ G.second_moment + np.outer(v, h), so3.cross(w, h) + G.mass * v)
 
-    def __add__(self, other: _Coriolis) -> _Coriolis:
-        return _Coriolis(self.K + other.K, self.p + other.p)
+    def __add__(self, other: BodyCoriolis) -> BodyCoriolis:
+        return BodyCoriolis(self.K + other.K, self.p + other.p)
 
-    def in_frame(self, T: Array) -> _Coriolis:
+    def in_frame(self, T: Array) -> BodyCoriolis:
         R, r = T[:3, :3], T[:3, 3]
         p = R @ self.p
-        return _Coriolis(R @ self.K @ R.T + np.outer(p, r), p)
+        return BodyCoriolis(R @ self.K @ R.T + np.outer(p, r), p)
 
     def __matmul__(self, V: Array) -> Array:
         w = V[:3]
@@ -59,7 +59,7 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
     """C with C dq = c and dM/dt - 2C skew; the Christoffel one on one-degree joints; (nv, nv)."""
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
-    B = [_Coriolis.of(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
+    B = [BodyCoriolis.of(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
     for i, p in inward(model):
         if p != BASE:
             B[p] = B[p] + B[i].in_frame(T[i])

@@ -29,6 +29,7 @@ Wrenches = Mapping[str, Array]
 
 __all__ = [
     "Motion",
+    "applied_wrenches",
     "bias_forces",
     "body_motions",
     "coriolis_forces",
@@ -83,14 +84,20 @@ def joint_wrenches(
     F: dict[int, Array] = {}
     for i, motion in body_motions(model, T, dq, ddq, gravity):
         F[i] = inertial_wrench(model.bodies[i].inertia, motion)  # (8.53), the body's own part
-    for name, F_by in (wrenches or {}).items():
-        frame = model.frame(name)
-        if frame.body != BASE:
-            F[frame.body] = F[frame.body] + Ad(se3.inverse(frame.pose)).T @ F_by
+    for i, F_by in applied_wrenches(model, wrenches):
+        F[i] = F[i] + F_by
     for i, p in inward(model):
         if p != BASE:
             F[p] = F[p] + Ad(se3.inverse(T[i])).T @ F[i]  # (8.53), the children's part
     return np.array([F[i] for i in range(len(model.bodies))]).reshape(-1, 6)
+
+
+def applied_wrenches(model: Model, wrenches: Wrenches | None) -> Iterator[tuple[int, Array]]:
+    """(body, wrench in its frame) of what the robot applies at frames; what the base applies moves nothing."""
+    for name, F_by in (wrenches or {}).items():
+        frame = model.frame(name)
+        if frame.body != BASE:
+            yield frame.body, Ad(se3.inverse(frame.pose)).T @ F_by
 
 
 def inertial_wrench(G: SpatialInertia, motion: Motion) -> Array:

@@ -13,7 +13,7 @@ from .recursion import zeros
 
 Array = NDArray[Any]
 
-__all__ = ["spring_energy", "spring_forces"]
+__all__ = ["spring_energy", "spring_forces", "spring_stiffness"]
 
 
 def spring_energy(model: Model, q: Array) -> Any:
@@ -29,6 +29,16 @@ def spring_forces(model: Model, q: Array) -> Array:
         for body, weight in _ends(model, spring):
             tau[body.v_index] = tau[body.v_index] + weight * force
     return tau
+
+
+def spring_stiffness(model: Model) -> Array:
+    """The second derivative of their energy; (nv, nv)."""
+    K = zeros(model.nv, model.nv)
+    for spring in model.springs:
+        for one, a in _ends(model, spring):
+            for other, b in _ends(model, spring):
+                K[one.v_index, other.v_index] = K[one.v_index, other.v_index] + spring.stiffness * a * b
+    return K
 
 
 def _stretch(model: Model, spring: Spring, q: Array) -> Any:

@@ -156,7 +156,8 @@ def EulerStep(
     [[0.11, 0.12, 0.13], [0.3, 0.35, 0.4]]
     """
     q, dq = door.array(thetalist, "thetalist"), door.array(dthetalist, "dthetalist")
-    ddq, step = door.array(ddthetalist, "ddthetalist"), door.array(dt, "dt")[..., None]
+    ddq, step = door.array(ddthetalist, "ddthetalist"), door.array(dt, "dt")
+    step = step[..., None] if step.ndim else step
     try:
         return q + step * dq, dq + step * ddq
     except ValueError:

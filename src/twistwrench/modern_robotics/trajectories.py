@@ -98,7 +98,7 @@ def _scaling(Tf: float, N: float, method: int) -> Array:
     """s at N instants from 0 to Tf, both ends exact."""
     n = door.count(N, "N", 2)
     scalings = {3: CubicTimeScaling, 5: QuinticTimeScaling}
-    if method not in scalings:
+    if method not in tuple(scalings):
         raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
     _fraction(checks.number(Tf, "Tf"), 0.0)
     return np.asarray(scalings[method](1.0, np.arange(n) / (n - 1.0)))

@@ -9,7 +9,7 @@ from .notation import Latex, Notation
 if TYPE_CHECKING:
     from .equations import Equations, Step
 
-__all__ = ["heading", "latex_document", "markdown_document", "remarks_of"]
+__all__ = ["heading", "latex_document", "markdown_document", "remarks_of", "sentence"]
 
 _LINE = 110  # characters of LaTeX, blanks and braces included, after which a sum goes on in the next line
 
@@ -32,6 +32,12 @@ def heading(step: Step) -> str:
     return _HEADINGS.get(step.name, step.name.replace("_", " ").capitalize())
 
 
+def sentence(remark: str) -> str:
+    """A remark with a full stop, and a capital where it begins with a word."""
+    first = remark.partition(" ")[0]
+    return f"{remark[:1].upper()}{remark[1:]}." if first.isalpha() and len(first) > 1 else f"{remark}."
+
+
 def remarks_of(equations: Equations) -> list[str]:
     """Sentences that belong under the title: the check, where there is one."""
     check = getattr(equations, "check", None)
@@ -43,7 +49,7 @@ def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Late
     """Sections of aligned equations; a document where ``whole``."""
     parts = []
     for step in steps:
-        parts.append(f"\\section*{{{_in_latex(heading(step))}}}\n{_in_latex(step.remark)}")
+        parts.append(f"\\section*{{{_in_latex(heading(step))}}}\n{_in_latex(sentence(step.remark))}")
         lines = [_broken(label.write(notation), expr, notation) for label, expr in step.lines]
         parts.append("\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}")
     body = "\n".join(parts)
@@ -67,7 +73,7 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
         rows = [f"| ${notation.symbol(name)}$ | {meaning.replace('|', chr(92) + '|')} |" for name, meaning in legend]
         parts.append("\n".join(["| symbol | meaning |", "|---|---|", *rows]))
     for step in steps:
-        parts.append(f"## {heading(step)}\n\n{step.remark[:1].upper()}{step.remark[1:]}.")
+        parts.append(f"## {heading(step)}\n\n{sentence(step.remark)}")
         parts.extend(
             f"$$\n\\begin{{aligned}} {_broken(label.write(notation), expr, notation)} \\end{{aligned}}\n$$"
             for label, expr in step.lines

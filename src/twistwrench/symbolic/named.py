@@ -18,13 +18,19 @@ from .coordinates import Coordinate
 from .equations import Label, Step
 from .kinematics import exact, joint_motion, numbers_of
 from .parameters import BodyEntries, Entry, ModelEntries
-from .writing import as_number
 
 Array = NDArray[Any]
 
 __all__ = ["named_derivation"]
 
 _AXES = "xyz"
+
+
+def _number(value: float) -> Any:
+    """A SymPy number: whole ones exact, so that 0 and ±1 leave nothing behind."""
+    import sympy
+
+    return sympy.sympify(exact(value))
 
 
 class _Names:
@@ -87,7 +93,7 @@ class _Names:
     def number(self, entry: Entry) -> Any:
         """A number of the model, or its symbol."""
         if entry.parameter is None:
-            return as_number(float(entry.value))
+            return _number(entry.value)
         return entry.sign * self._sympy.Symbol(entry.parameter.name)
 
     def coordinate(self, k: int) -> Any:
@@ -100,7 +106,7 @@ class _Names:
         if key not in self._waves:
             again = sum(1 for other in self._waves if other[0] == k)
             index = f"{self.q[k].name.partition('_')[2]}{'_' + str(again + 1) if again else ''}"
-            argument = as_number(float(rate)) * self.q[k] + as_number(float(offset))
+            argument = _number(rate) * self.q[k] + _number(offset)
             letter = "" if self.q[k].name.startswith("theta") else self.q[k].name.partition("_")[0]
             self._waves[key] = (
                 self.name(f"c{letter}_{index}", self._sympy.cos(argument)),
@@ -108,7 +114,7 @@ class _Names:
             )
             c, s = self._waves[key]
             if c in self._expr:  # their derivatives are each other, not sines and cosines anew
-                self._slopes[c, k], self._slopes[s, k] = -as_number(float(rate)) * s, as_number(float(rate)) * c
+                self._slopes[c, k], self._slopes[s, k] = -_number(rate) * s, _number(rate) * c
         return self._waves[key]
 
 
@@ -236,8 +242,8 @@ def _springs(names: _Names, model: Model, entries: ModelEntries) -> Any:
     places = {body.joint.name: body.v_index for body in model.leaders}
     total = sympy.Integer(0)
     for spring, k in zip(model.springs, entries.springs, strict=True):
-        ends = (as_number(float(weight)) * names.q[places[joint]] for joint, weight in spring.terms)
-        stretch = sympy.Add(*ends) - as_number(float(spring.rest))
+        ends = (_number(weight) * names.q[places[joint]] for joint, weight in spring.terms)
+        stretch = sympy.Add(*ends) - _number(spring.rest)
         total += sympy.Rational(1, 2) * names.number(k) * stretch**2
     return total
 

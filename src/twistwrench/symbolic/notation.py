@@ -20,7 +20,7 @@ _GREEK = {
     "Lambda": "Λ", "Xi": "Ξ", "Pi": "Π", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ", "Omega": "Ω",
 }  # fmt: skip
 _MARKS = {"ddot": "\u0308", "dot": "\u0307"}
-_SUBSCRIPTS = str.maketrans("0123456789aeoxhklmnpstijruv", "₀₁₂₃₄₅₆₇₈₉ₐₑₒₓₕₖₗₘₙₚₛₜᵢⱼᵣᵤᵥ")
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")  # Unicode has x below the line, but neither y nor z
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
@@ -141,10 +141,6 @@ class Notation:
         """A symbol: Greek letters, dots for rates, indices."""
         stem, mark, index = _parts(name)
         low = index.replace("_", ",").translate(_SUBSCRIPTS)
-        if set(index) - set("0123456789aeoxhklmnpstijruv"):  # no such letters among Unicode's subscripts
-            head = re.match(r"\d*", index)
-            digits = head.group() if head else ""
-            low = digits.translate(_SUBSCRIPTS) + index[len(digits) :].replace("_", ",")
         return _GREEK.get(stem, stem) + (_MARKS[mark] if mark else "") + low
 
     def figure(self, digits: str) -> str:
@@ -215,6 +211,11 @@ class Latex(Notation):
         letter = f"\\{mark}{{{letter}}}" if mark else letter
         return f"{letter}_{{{index.replace('_', ',')}}}" if index else letter
 
+    def figure(self, digits: str) -> str:
+        """A number without a sign."""
+        mantissa, _, power = digits.partition("e")
+        return f"{mantissa} \\cdot 10^{{{int(power)}}}" if power else digits
+
     def function(self, name: str, argument: str, power: str = "") -> str:
         """A sine or cosine, or a power of it."""
         raised = f"^{{{power}}}" if power else ""
@@ -272,10 +273,10 @@ class MathML(Notation):
 
     def figure(self, digits: str) -> str:
         """A number without a sign."""
-        mantissa, e, power = digits.partition("e")
-        if not e:
+        mantissa, _, power = digits.partition("e")
+        if not power:
             return f"<mn>{digits}</mn>"
-        return f"<mn>{mantissa}</mn><mo>·</mo><msup><mn>10</mn><mn>{int(power)}</mn></msup>".replace("<mn>-", "<mn>−")
+        return f"<mn>{mantissa}</mn><mo>·</mo><msup><mn>10</mn><mn>{str(int(power)).replace('-', '−')}</mn></msup>"
 
     def function(self, name: str, argument: str, power: str = "") -> str:
         """A sine or cosine, or a power of it."""

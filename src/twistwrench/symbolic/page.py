@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from .documents import heading, remarks_of
+from .documents import heading, remarks_of, sentence
 from .notation import MathML
 
 if TYPE_CHECKING:
@@ -41,9 +41,8 @@ def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
         _symbols(equations, notation),
     ]
     for step in steps:
-        remark = f"{step.remark[:1].upper()}{step.remark[1:]}."
         parts.append(
-            f'<section id="{step.name}"><h2>{escape(heading(step))}</h2><p class="remark">{escape(remark)}</p>'
+            f'<section id="{step.name}"><h2>{escape(heading(step))}</h2><p class="remark">{escape(sentence(step.remark))}</p>'
         )
         parts.extend(_line(label.write(notation), expr, notation) for label, expr in step.lines)
         parts.append("</section>")

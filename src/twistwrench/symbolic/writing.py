@@ -159,9 +159,11 @@ class Writer:
         return self._forms[key]
 
 
-def _length(form: dict[Waves, Any]) -> tuple[int, int, int]:
-    fractions = sum(1 for c in form.values() if float(2 * c).is_integer() and not float(c).is_integer())
-    return len(form), fractions, sum(power for waves in form for _, power in waves)
+def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
+    """Terms; doubled angles; halves; factors. The first that differs decides."""
+    doubled = sum(1 for waves in form for (_, f), _ in waves if any(abs(x) > 1 for x in f))
+    halves = sum(1 for c in form.values() if float(2 * c).is_integer() and not float(c).is_integer())
+    return len(form), doubled, halves, sum(power for waves in form for _, power in waves)
 
 
 def _waves_of(powers: Mapping[Basis, int]) -> Waves:

@@ -102,18 +102,23 @@ class RowStorer(_Rows):
         super().__init__(w, base, columns)
         self.span = 2 * self.width if columns >= 2 * self.width else self.width
         self._ready: dict[int, str] = {}
-        self._open = dict.fromkeys(_pieces(columns, self.span))
-        self._single = not self._open
+        self._missing = {start: self.span for start in _pieces(columns, self.span)}
+        self._single = not self._missing
 
     def put(self, c: int, vector: str) -> None:
-        """Hand over one column."""
+        """Hand over one column, once."""
         self._ready[c] = vector
         if self._single:
             self._scatter(c, vector)
-        for start in list(self._open):
-            if all(start + k in self._ready for k in range(self.span)):
-                del self._open[start]
+        for start in self._tiles(c):
+            self._missing[start] -= 1
+            if not self._missing[start]:
                 self._store(start)
+
+    def _tiles(self, c: int) -> list[int]:
+        """First columns of the tiles with column c: the one in step, and the last, which ends with the row."""
+        starts = sorted({c - c % self.span, self.columns - self.span})
+        return [start for start in starts if start in self._missing and start <= c]
 
     def _store(self, start: int) -> None:
         w, width, span = self.w, self.width, self.span

@@ -1,0 +1,123 @@
+"""Derivatives of the dynamics, by recursion: ∂τ/∂(q, dq) and ∂ddq/∂(q, dq, τ). Analytic, exact to round-off.
+
+Turning coordinate j moves all it carries by S_j. In frames that move along, body k then has (λ the parent of j's body)
+
+    ∂V_k/∂q_j = P_j,     ∂dV_k/∂q_j = Q_j - [V_k, P_j],     P_j = [V_λ, S_j],  Q_j = [dV_λ, S_j] + [V_λ, P_j],
+
+with everything seen from body k. The bracket with V_k goes to the velocity products, which together are 2 B P_j, where B is
+the operator of the Coriolis matrix: it adds up over bodies as the inertia G does. So with G, B and F of all that i carries,
+
+    ∂τ_i/∂q_j = S_i·(2B P_j + G Q_j),                     ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)     for j before i,
+    ∂τ_i/∂dq_j = S_i·(2B S_j + G (P_j + [V_j, S_j])),     ∂τ_j/∂dq_i = S_j·(2B S_i + G (P_i + [V_i, S_i])).
+
+Four wrenches of each joint travel to the base. Derivatives by q are along robot.add, on planar and floating joints too.
+Sources: Carpentier and Mansard, RSS 2018; Singh, Russell and Wensing, IEEE RA-L 7(2), 2022.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies.inertia import SpatialInertia
+from ..lie import se3, so3
+from ..lie.adjoint import Ad, ad
+from ..model.model import BASE, Body, Model
+from .coriolis import BodyCoriolis
+from .energy import body_velocities
+from .forward_dynamics import factored, solved
+from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
+from .mass_matrix import composite_inertias, mass_matrix
+from .recursion import ancestors, inward, joint_poses, zeros
+from .springs import spring_stiffness
+
+Array = NDArray[Any]
+
+__all__ = ["forward_dynamics_derivatives", "inverse_dynamics_derivatives"]
+
+
+class _Column(NamedTuple):
+    """One velocity of one joint, seen from its body: S, P, Q, and P + [V, S]."""
+
+    S: Array
+    P: Array
+    Q: Array
+    R: Array
+
+
+def inverse_dynamics_derivatives(
+    model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None
+) -> tuple[Array, Array]:
+    """∂τ/∂q and ∂τ/∂dq; (nv, nv) each. ∂τ/∂ddq is M."""
+    T = joint_poses(model, q)
+    V, G = body_velocities(model, T, dq), composite_inertias(model, q)
+    B, F, columns = _carried(model, T, V, dq, ddq, wrenches)
+    up = [Ad(se3.inverse(X)).T for X in T]
+    by_q, by_dq = zeros(model.nv, model.nv) + spring_stiffness(model), zeros(model.nv, model.nv)
+    for i, body in enumerate(model.bodies):
+        for b, c in enumerate(columns[i]):
+            along = G[i] @ c.S, 2.0 * B[i].transposed_times(c.S)
+            moved = 2.0 * (B[i] @ c.P) + G[i] @ c.Q - ad(c.S).T @ F[i]
+            faster = 2.0 * (B[i] @ c.S) + G[i] @ c.R
+            for j in ancestors(model, i):
+                other = model.bodies[j]
+                for a, d in enumerate(columns[j]):
+                    if _turns(other):
+                        _add(by_q, body, b, other, a, d.P @ along[1] + d.Q @ along[0])
+                    _add(by_dq, body, b, other, a, d.S @ along[1] + d.R @ along[0])
+                    if j != i:
+                        if _turns(body):
+                            _add(by_q, other, a, body, b, d.S @ moved)
+                        _add(by_dq, other, a, body, b, d.S @ faster)
+                along = up[j] @ along[0], up[j] @ along[1]
+                moved, faster = up[j] @ moved, up[j] @ faster
+    return by_q, by_dq
+
+
+def _carried(
+    model: Model, T: list[Array], V: list[Array], dq: Array, ddq: Array, wrenches: Wrenches | None
+) -> tuple[list[BodyCoriolis], list[Array], list[list[_Column]]]:
+    """B and F of all that each body carries, and the columns of its joint."""
+    B, columns = [BodyCoriolis.of(body.inertia, V[i]) for i, body in enumerate(model.bodies)], []
+    F: list[Array] = []
+    dV = {BASE: np.concatenate([zeros(3), -model.gravity])}
+    for i, motion in body_motions(model, T, dq, ddq):
+        body = model.bodies[i]
+        F.append(inertial_wrench(body.inertia, motion))
+        dV[i] = np.concatenate([motion.dw, motion.a - so3.cross(V[i][:3], V[i][3:])])
+        down, p = Ad(se3.inverse(T[i])), body.parent
+        V_up, dV_up = down @ (zeros(6) if p == BASE else V[p]), down @ dV[p]
+        mine = []
+        for S in body.joint.axes:
+            P = ad(V_up) @ S
+            mine.append(_Column(S, P, ad(dV_up) @ S + ad(V_up) @ P, P + ad(V[i]) @ S))
+        columns.append(mine)
+    for i, F_by in applied_wrenches(model, wrenches):
+        F[i] = F[i] + F_by
+    for i, p in inward(model):
+        if p != BASE:
+            B[p], F[p] = B[p] + B[i].in_frame(T[i]), F[p] + Ad(se3.inverse(T[i])).T @ F[i]
+    return B, F, columns
+
+
+def _turns(body: Body) -> bool:
+    """Whether the joint's coordinate changes anything: a body of revolution is the same however it has turned."""
+    return body.joint.kind != "rotor"
+
+
+def _add(matrix: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
+    r, c = row.v_index + a, column.v_index + b
+    matrix[r, c] = matrix[r, c] + row.ratio * column.ratio * value
+
+
+def forward_dynamics_derivatives(
+    model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
+) -> tuple[Array, Array, Array]:
+    """∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹; (nv, nv) each. By  M ∂ddq/∂x = -∂τ/∂x  at the ddq that τ gives."""
+    L, D = factored(mass_matrix(model, q))
+    ddq = solved(L, D, tau - bias_forces(model, q, dq, wrenches))
+    by_q, by_dq = inverse_dynamics_derivatives(model, q, dq, ddq, wrenches)
+    inverse = np.array([solved(L, D, e) for e in np.eye(model.nv).astype(object)]).T
+    return -(inverse @ by_q), -(inverse @ by_dq), inverse
