@@ -1,4 +1,7 @@
-"""Run everything and write the report: `python -m bench [--rounds N] [--robots ur5,panda,talos] [--render]`."""
+"""Run everything and write the report: `python -m bench [--rounds N] [--robots ur5,panda,talos]`.
+
+`--only one_body` times that section alone and leaves the rest of the results as it is; `--render` times nothing.
+"""
 
 import argparse
 import json
@@ -20,9 +23,13 @@ TOLERANCE = 1e-8  # a contender further off computes something else; the table o
 
 def main() -> None:
     options = _options()
-    if not options.render:
-        (HERE / "results.json").write_text(json.dumps(_measure(options), indent=1) + "\n")
-    results = json.loads((HERE / "results.json").read_text())
+    kept = HERE / "results.json"
+    if options.only:
+        part = {options.only: _part(options.only, options.rounds)}
+        kept.write_text(_json({**json.loads(kept.read_text()), **part}))
+    elif not options.render:
+        kept.write_text(_json(_measure(options)))
+    results = json.loads(kept.read_text())
     (HERE / "RESULTS.md").write_text(report.write(results))
     print(f"wrote {HERE / 'RESULTS.md'}")
 
@@ -33,8 +40,22 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="interleaved repeats (default %(default)s)")
     parser.add_argument("--robots", default=",".join(c.name for c in CASES), help="default %(default)s")
-    parser.add_argument("--render", action="store_true", help="only write RESULTS.md again, from results.json")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--only", choices=("one_body",), help="time this section alone and keep the others' results")
+    what.add_argument("--render", action="store_true", help="only write RESULTS.md again, from results.json")
     return parser.parse_args()
+
+
+def _part(name: str, rounds: int) -> dict[str, Any]:
+    """What one section takes, by its name in the results."""
+    from bench import one_body
+
+    pin_to_one_core()
+    return {"one_body": one_body.times}[name](rounds)
+
+
+def _json(results: dict[str, Any]) -> str:
+    return json.dumps(results, indent=1) + "\n"
 
 
 def _measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -54,6 +75,7 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
         results["kernels"] = {case.name: footprint.kernel_times(case) for case in cases}
         panda = next(c for c in CASES if c.name == "panda")
         results["start"] = footprint.start_times(panda, max(options.rounds // 2, 3))
+        results["one_body"] = _part("one_body", options.rounds)
     results["installed"] = footprint.installed_bytes()
     return results
 

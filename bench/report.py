@@ -18,7 +18,7 @@ def write(results: dict[str, Any]) -> str:
     """The whole of RESULTS.md."""
     parts = [_head(results), _required(results)]
     parts += [_robot(robot, results["missing"]) for robot in results["robots"].values()]
-    parts += [part(results) for part in (_agreement, _builds, _operations, _kernels, _start)]
+    parts += [part(results) for part in (_agreement, _builds, _operations, _one_body, _kernels, _start)]
     return "\n\n".join([*filter(None, parts), METHOD.read_text()])
 
 
@@ -128,6 +128,38 @@ def _operations(results: dict[str, Any]) -> str:
     )
     head = ("", "", "multiplications", "flops", "mul", "fma", "add, sub", "div", "sqrt", "sin", "cos")
     return section("Operations", text, head, rows)
+
+
+def _one_body(results: dict[str, Any]) -> str:
+    found = results.get("one_body")
+    if not found:
+        return ""
+    sizes = list(found["rows"])
+    rows = []
+    for function, first in found["rows"][sizes[0]].items() if sizes else ():
+        for name in first["timings"]:
+            all_timings = [found["rows"][size][function]["timings"] for size in sizes]
+            cells = [_beside_ours(timings, name) for timings in all_timings]
+            rows.append((f"`{function}`" if name == next(iter(first["timings"])) else "", name, *cells))
+    counted = " and ".join(f"{found['rounds'][size]} rounds of {int(size):,} rows" for size in sizes)
+    worst = max(
+        (e for each in found["rows"].values() for m in each.values() for e in m["agreement"].values()), default=0
+    )
+    text = (
+        f"Measured {found['date']} on {found['cpu']}, {counted}: the median, the quartiles, and how many times faster"
+        " ours is than this peer (1/n: n times slower). Rows are random twists, wrenches and poses in plain float64"
+        f" arrays; every result is a fresh array; ours check their input. Peers agree with ours to {worst:.0e} of the"
+        " largest entry, checked before anything is timed."
+    )
+    if found["left_out"]:
+        text += f" Not timed for want of memory: {', '.join(f'{size:,}' for size in found['left_out'])} rows."
+    return section("One body and the groups, ns per row", text, ("", "", *(f"{int(n):,} rows" for n in sizes)), rows)
+
+
+def _beside_ours(timings: dict[str, dict[str, float]], name: str) -> str:
+    timing, ours = timings[name], next(iter(timings.values()))  # ours comes first
+    text = f"{timing['median']:.0f} [{timing['low']:.0f}–{timing['high']:.0f}]"
+    return text if timing is ours else f"{text} **{times(timing['median'] / ours['median'])}**"
 
 
 def _kernels(results: dict[str, Any]) -> str:

@@ -238,7 +238,9 @@ def test_without_the_compiler_everything_runs_on_numpy(monkeypatch):
     monkeypatch.setenv("TWISTWRENCH_JIT", "0")
     by_numpy = tw.robots.planar_2r()
     rng = np.random.default_rng(2)
-    for name in tw.quantities.QUANTITIES:
+    for name, quantity in tw.quantities.QUANTITIES.items():
+        if "constraints" in quantity.options:  # those of closed robots
+            continue
         monkeypatch.setenv("TWISTWRENCH_JIT", "1")
         compiled_kernel = by_machine.kernel(name)
         monkeypatch.setenv("TWISTWRENCH_JIT", "0")
@@ -249,7 +251,8 @@ def test_without_the_compiler_everything_runs_on_numpy(monkeypatch):
         )  # fmt: skip
         arrays = [rng.normal(size=(5, *port.shape)) for port in by_numpy.program(name).inputs]
         # Some hundred operations on numbers up to about 100, the mass matrix's condition number below 1000 included.
-        assert np.allclose(kernel(*arrays), compiled_kernel(*arrays), rtol=1e-11, atol=1e-11)
+        pairs = zip(*(x if isinstance(x, tuple) else (x,) for x in (kernel(*arrays), compiled_kernel(*arrays))), strict=True)
+        assert all(np.allclose(a, b, rtol=1e-11, atol=1e-11) for a, b in pairs), name
         names.append(name)
     assert len(names) > 20
 

@@ -12,6 +12,7 @@ import pytest
 import twistwrench as tw
 from mechanisms import LEGS, along, closed_platform, four_bar, integrated
 from random_trees import DIFFERENCES, ROUNDING, frames
+from twistwrench.algorithms import gaps
 from twistwrench.algorithms.constraints import Closure, Rolling
 from twistwrench.testing import assert_close, derivative, random_robot
 
@@ -102,6 +103,15 @@ def test_a_gap_moves_as_its_rows_do(which, request):
     v = np.random.default_rng(1).standard_normal(closed.nv)
     rate = derivative(lambda t: closed.constraint_error(closed.robot.add(q, np.multiply.outer(t, v))), np.abs(v).sum())
     assert_close(rate, closed.constraint_jacobian(q) @ v, DIFFERENCES, "dΦ/dt = A dq")
+
+
+def test_loops_close_with_newton_s_speed(platform, linkage, monkeypatch):
+    """From a gap of a millimetre, squared each time: 1e-6, 1e-12, rounding."""
+    monkeypatch.setattr(gaps, "ITERATIONS", 3)
+    for closed, near in (platform, (linkage, linkage.consistent([0.3, 0.4, 1.2]))):
+        start = closed.robot.add(near, 1e-3 * np.random.default_rng(0).standard_normal(closed.nv))
+        assert np.abs(closed.constraint_error(start)).max() > 1e-4
+        assert np.abs(closed.constraint_error(closed.consistent(start))).max() < 1e-12
 
 
 # ── dynamics ──
@@ -260,10 +270,29 @@ def test_batches_are_their_samples(linkage):
         assert_close(found.ddq[index], alone.ddq, ROUNDING), assert_close(found.lam[index], alone.lam, ROUNDING)
 
 
+def test_single_precision_stays_single(linkage, at):
+    single = [x.astype(np.float32) for x in at]
+    found, double = linkage.forward_dynamics(*single), linkage.forward_dynamics(*at)
+    assert found.ddq.dtype == found.lam.dtype == np.float32
+    assert_close(found.ddq, double.ddq, 1e-4, "q̈ in float32"), assert_close(found.lam, double.lam, 1e-4, "λ in float32")
+
+
 def test_a_rolling_constraint_has_no_gap_to_close():
     free = tw.robots.floating_box().constrain("box", "vy")
     assert free.constraint_error(free.robot.neutral).shape == (0,)
     assert_close(free.consistent(free.robot.neutral), free.robot.neutral, 0.0)
+
+
+def test_constraints_between_the_same_frames_keep_names_and_forces_apart(linkage, at):
+    aslant = tw.se3.exp([0, 0.6, 0, 0, 0, 0])
+    first = linkage.robot.close("rocker_pin", "coupler_pin", "vx", pose=aslant)
+    both = first.close("rocker_pin", "coupler_pin", "vx", pose=tw.se3.exp([0, 0.6 - np.pi / 2, 0, 0, 0, 0]))
+    assert both.row_names == ("rocker_pin–coupler_pin vx", "rocker_pin–coupler_pin #2 vx")
+    expected, (ddq, lam) = linkage.forward_dynamics(*at), both.forward_dynamics(*at)
+    assert_close(ddq, expected.ddq, 1e-10, "the same pin in other axes")
+    assert_close(np.linalg.norm(lam), np.linalg.norm(expected.lam), 1e-10, "|λ|")
+    wrenches = both.wrenches(lam)
+    assert [F[3] for F in wrenches.values()] == lam.tolist()
 
 
 def test_closing_leaves_the_open_robot_as_it_was():
@@ -422,13 +451,18 @@ def test_one_singular_sample_leaves_the_others_of_its_batch_alone(parallelogram)
 
 @pytest.mark.parametrize("small", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
 def test_near_a_singular_configuration_the_motion_is_still_right(parallelogram, small):
-    """On the parallelogram's branch the answer is known: the cranks turn together, so the motion is that of one angle."""
+    """On the parallelogram's branch the answer is known: the cranks turn together, so the motion is that of one angle.
+
+    The rows lie aslant, so that both feel the lost direction.
+    """
+    aslant = tw.se3.exp([0, 0.6, 0, 0, 0, 0])
+    slanted = parallelogram.robot.close("rocker_pin", "coupler_pin", "vx vz", pose=aslant, near=[1.0, -1.0, 1.0])
     q = np.array([small, -small, small])
     together = np.array([1.0, -1.0, 1.0])
     tau = np.array([1.0, 2.0, 3.0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        ddq = parallelogram.forward_dynamics(q, np.zeros(3), tau).ddq
+        ddq = slanted.forward_dynamics(q, np.zeros(3), tau).ddq
     M, h = parallelogram.robot.mass_matrix(q), parallelogram.robot.bias_forces(q, np.zeros(3))
     expected = together * (together @ (tau - h)) / (together @ M @ together)
     assert_close(ddq, expected, 1e-14 / small + 1e-9, "q̈")  # rounding of A over its smaller singular value

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.kernels.ufunc import make_ufunc
+from twistwrench.program.program import Program
+from twistwrench.program.trace import trace
+from twistwrench.targets.llvm import CUT_OUTPUTS, WIDE
 from twistwrench.targets.machine import DOUBLE, SINGLE, host
+from twistwrench.targets.numpy import NumpyKernel
 
 # Rows of 7, 2 and 13 (no, one and several whole vectors), results of rank 0, 1 and 2, angles by the sincos path and none.
 KERNELS = [
@@ -178,6 +183,65 @@ def test_out_may_overlap_an_input(bundled, dtype, shift):
         assert same_bits(theirs, whole)
     with pytest.raises(ValueError, match="read-only"):
         kernel(*arrays, out=read_only(whole))
+
+
+# ── wide results ──
+
+SHAPE = (18, 130)
+
+
+@functools.cache
+def wide() -> Program:
+    """A matrix as wide as a quadruped's regressor, and a row that ends with it; of small integers, so that nothing rounds.
+
+    Half of the matrix is 0 and so there from the start, some entries are inputs, constants or the same value again; what
+    is computed is scattered, so that hardly a tile of the matrix is complete before the end.
+    """
+    rng = np.random.default_rng(12)
+    kinds = rng.choice(5, size=SHAPE, p=[0.5, 0.1, 0.05, 0.3, 0.05])
+    picks = rng.integers(7, size=(*SHAPE, 3))
+    order = rng.permutation(kinds.size)
+
+    def results(x):
+        W = np.empty(SHAPE, object)
+        made = [x[0] + x[1]]
+        for i, j in zip(*np.unravel_index(order, SHAPE), strict=True):
+            a, b, c = x[picks[i, j]]
+            if kinds[i, j] == 3:
+                made.append(a * b - float(i) * c + float(j))
+            W[i, j] = (0.0, a, float(i - j), made[-1], made[len(made) // 2])[kinds[i, j]]
+        return W, np.array([W[-1, -1], W[0, 0], made[-1], x[3], 1.0], object)
+
+    program = trace(results, [("x", (7,))], ["W", "y"])
+    assert len(program.results) > max(WIDE, 10 * CUT_OUTPUTS)
+    return program
+
+
+@dtypes
+def test_every_entry_of_a_wide_result_is_in_its_place(dtype):
+    kernel, oracle = make_ufunc(wide(), "wide", ""), NumpyKernel(wide(), "wide", "")
+    rng = np.random.default_rng(13)
+    for batch in [(), (1,), (3,), (COUNT,), (64,), (2, 0, 5), (3, 5)]:
+        x = rng.integers(-9, 10, size=(*batch, 7)).astype(dtype)
+        for got, expected in zip(kernel(x), oracle(x), strict=True):
+            assert got.dtype == expected.dtype == dtype
+            assert np.array_equal(got, expected)
+    spread = np.full((COUNT, 7 * 2), np.nan, dtype)
+    spread[:, ::2] = rng.integers(-9, 10, size=(COUNT, 7))
+    W = np.full((*SHAPE[::-1], COUNT), np.nan, dtype)
+    kernel(spread[:, ::2], out=(W.T, np.empty((COUNT, 5), dtype)))
+    assert np.array_equal(W.T, oracle(spread[:, ::2])[0])
+
+
+@dtypes
+def test_a_wide_kernel_gives_a_sample_the_same_bits_everywhere(bundled, dtype):
+    kernel, arrays, whole = case(bundled, "quadruped", "regressor", dtype)
+    assert whole.shape[1:] == SHAPE
+    for k in range(COUNT):
+        assert same_bits(kernel(*(a[k] for a in arrays)), whole[k])
+    for start, size in itertools.product((0, 1, 3), range(COUNT - 3)):
+        part = slice(start, start + size)
+        assert same_bits(kernel(*(a[part] for a in arrays)), whole[part])
 
 
 # ── element types and shapes ──

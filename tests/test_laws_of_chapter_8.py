@@ -18,7 +18,6 @@ import twistwrench as tw
 from chains import chain
 from random_trees import DIFFERENCES, ONE_DEGREE, ROUNDING, driven, frames
 from twistwrench import Ad, ad, laws, se3, so3
-from twistwrench.model.builder import ModelBuilder
 from twistwrench.testing import (
     assert_close,
     derivative,
@@ -115,8 +114,8 @@ def test_the_mass_matrix_is_a_sum_over_the_links(seed):
     hold(robot.mass_matrix(q), total("body"), wrong, ROUNDING, "M = Σ J' G J")
 
 
-def test_only_the_christoffel_factor_makes_the_rate_of_m_less_2c_skew(simple_robot, rng):
-    """B3. Γ_ijk less its part that is odd in j and k gives another C with the same C q̇ = c, and Ṁ - 2C is not skew."""
+def test_a_factor_of_c_that_is_not_christoffels_leaves_the_rate_of_m_less_2c_not_skew(simple_robot, rng):
+    """B3. C q̇ = c does not say what C is: Ṁ - ½ ∂(M q̇)/∂q, its indices as they come, has it too, and is no use."""
     robot = simple_robot
     if robot.nv < 2:
         pytest.skip("a single joint has a single factor")
@@ -138,7 +137,8 @@ def test_only_the_christoffel_factor_makes_the_rate_of_m_less_2c_skew(simple_rob
 def test_the_kinetic_energy_of_any_2r_arm(seed):
     """B4, and slip 5: L₁² in the cross term, which only arms of equal links forgive."""
     rng = np.random.default_rng(seed)
-    L1, L2, m1, m2 = rng.uniform(0.2, 2.0, 4)
+    L1, m1, m2, ratio = rng.uniform(0.5, 2.0, 4)
+    L2 = L1 * (1 + ratio)
     (t1, t2), (d1, d2) = rng.standard_normal((2, 2))
     arm = tw.from_dh({"a": [L1, L2]}, masses=[m1, m2])
     K = arm.kinetic_energy([t1, t2], [d1, d2]) - 0.5 * m1 * L1**2 * d1**2
@@ -171,7 +171,7 @@ def newton_euler(robot, state, F_tip, *, sign=-1.0, transposed=True, gravity=-1.
     F, tau = F_tip, np.zeros(n)
     for i in reversed(range(n)):
         G = lists.Glist[i]
-        F = (X[i + 1].T if transposed else X[i + 1]) @ F + G @ dVs[i] + sign * ad(Vs[i]).T @ (G @ Vs[i])
+        F = (X[i + 1].T if transposed else X[i + 1]) @ F + G @ dVs[i] + sign * (ad(Vs[i]).T @ (G @ Vs[i]))
         tau[i] = F @ A[i]
     return tau
 
@@ -228,8 +228,8 @@ def test_motion_that_is_integrated_gains_the_work_of_its_torques(seed):
         return E[1] - E[0], end[-1], max(map(abs, E))
 
     change, work, size = gained(1.0)
-    # The integrator keeps 1e-11 a step of numbers whose rates are up to some hundred times larger.
-    assert_close(work, change, 1e-7, "∫ τ·θ̇ dt", scale=size)
+    # The integrator keeps 1e-11 a step, some hundred steps of numbers whose rates are up to a hundred times larger.
+    assert_close(work, change, 1e-8, "∫ τ·θ̇ dt", scale=size)
     _, work, _ = gained(-1.0)
     assert relative_gap(work, change, size) > WRONG
 
@@ -252,8 +252,8 @@ def test_task_space_needs_the_rate_of_the_jacobian_and_both_inverses(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_forces_of_constraint_by_the_books_formula(seed):
-    """B9 on random trees: λ and P, and that λ without Ȧθ̇ lets go of the constraint."""
-    robot = random_robot(seed, joints=6, kinds=("revolute", "prismatic", "helical", "planar"))
+    """B9 on random trees that float, so that no row is lost: λ and P, and that λ without Ȧθ̇ lets go of the constraint."""
+    robot = random_robot(seed, joints=4, kinds=("revolute", "helical", "planar"), floating_base=True)
     frame = frames(robot)[0]
     held = robot.constrain(frame, "vx vz", kind="world_aligned")
     rng = np.random.default_rng(seed)
@@ -283,7 +283,7 @@ def test_an_inertial_frame_that_is_turned(seed):
     cloud = tw.SpatialInertia.from_points(masses, points)
     I_c, com, xyz, rpy = cloud.moment_about_com, cloud.com, rng.normal(size=3), rng.uniform(-1.5, 1.5, 3)
     names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    entries = " ".join(f'{name}="{I_c[place]!r}"'.replace("np.float64(", "").replace(")", "") for name, place in names.items())
+    entries = " ".join(f'{name}="{float(I_c[place])!r}"' for name, place in names.items())
     robot = tw.load(
         f"""<robot name="r"><link name="base"/><link name="body"><inertial>
         <origin xyz="{" ".join(map(str, xyz))}" rpy="{" ".join(map(str, rpy))}"/>
@@ -322,9 +322,8 @@ def test_reflected_inertia_grows_with_the_square_of_the_ratio(seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_flexible_joints_move_by_lagranges_equations(seed):
     """B14: rotors and springs are in the energies and nowhere else, on random trees. A spring that pushes does not fit."""
-    robot = driven(random_robot(seed, joints=3, kinds=("revolute", "prismatic")), seed, stiffness="30 N m/rad") if (
-        seed % 2
-    ) else driven(random_robot(seed, joints=3, kinds=("revolute",), floating_base=True), seed, stiffness="30 N m/rad")
+    tree = random_robot(seed, joints=3, kinds=("revolute",), floating_base=seed % 2 == 0)
+    robot = driven(tree, seed, stiffness="30 N m/rad")
     state = random_state(robot, seed)
     assert laws.lagrange_gap(robot, state) < DIFFERENCES
     springs = robot.holding_torques(state.q) - robot.gravity_forces(state.q)

@@ -152,16 +152,22 @@ def test_a_stretched_arm_is_infinitely_heavy_along_itself_and_says_so(arm):
 
 @pytest.mark.parametrize("angle", [1e-2, 1e-4, 1e-5, 1e-6])
 def test_near_the_singular_configuration_the_inertia_grows_as_it_should(arm, angle):
-    """Elimination, then singular values: both against the exact Λ = J⁻ᵀ M J⁻¹ of the 2R arm in fifty digits."""
+    """Elimination, then singular values: both against the exact Λ = J⁻ᵀ M J⁻¹ of the 2R arm in fifty digits.
+
+    The arm points aslant, so that the lost direction is in both rows and the pivot is what is left of a cancellation.
+    """
     mpmath = pytest.importorskip("mpmath")
+    q = np.array([0.7, angle])
     with mpmath.workdps(50):
-        t = mpmath.mpf(angle)
-        c, s = mpmath.cos(t), mpmath.sin(t)
+        a, t = mpmath.mpf(q[0]), mpmath.mpf(q[1])
+        c = mpmath.cos(t)
         M = mpmath.matrix([[3 + 2 * c, 1 + c], [1 + c, 1]])
-        J = mpmath.matrix([[-s, -s], [1 + c, c]])
-        exact = (J**-1).T * M * J**-1
+        x, z = -mpmath.sin(a + t), mpmath.cos(a + t)
+        inverse = mpmath.matrix([[x - mpmath.sin(a), x], [z + mpmath.cos(a), z]]) ** -1
+        exact = inverse.T * M * inverse
         expected = np.array([[float(exact[i, j]) for j in range(2)] for i in range(2)])
-    assert_close(arm.task_inertia([0.0, angle], **PLANE), expected, max(1e-9, 1e-14 / angle), "Λ")
+    # Rounding of q and J moves the singular value, which is some `angle`, by 1e-16.
+    assert_close(arm.task_inertia(q, **PLANE), expected, max(1e-9, 1e-14 / angle), "Λ")
 
 
 def test_singular_samples_of_a_batch_leave_the_others_alone(arm):
@@ -244,8 +250,20 @@ def test_a_robot_without_inertia_says_so():
     builder.add_link("base")
     builder.add_link("ghost")
     builder.add_joint("turn", "continuous", "base", "ghost")
+    ghost = tw.Robot(builder.build())
+    for call in (ghost.task_inertia, ghost.lost_directions):
+        with pytest.raises(tw.SingularMassMatrixError, match="turn"):
+            call([0.0], "ghost", rows="wx")
     with pytest.raises(tw.SingularMassMatrixError, match="turn"):
-        tw.Robot(builder.build()).task_inertia([0.0], "ghost", rows="wx")
+        ghost.close("ground", "ghost", "wx")
+
+
+def test_what_comes_in_as_nan_goes_out_as_nan(arm):
+    Lambda = arm.task_inertia([[0.0, 0.0], [np.nan, 1.0], [0.0, np.pi / 2]], **PLANE)
+    assert np.isnan(Lambda[1]).all()
+    assert_close(Lambda[[0, 2]], [np.diag([0.0, 1.0]), np.diag([1.0, 2.0])], 1e-12)
+    with pytest.raises(tw.ValueRangeError, match="lost_directions: q has the entry nan"):
+        arm.lost_directions([0.0, np.nan])
 
 
 def test_a_robot_that_cannot_move_has_no_inertia_to_show(arm):
@@ -272,6 +290,7 @@ def test_the_kernel_has_the_pivots_beside_the_result(arm):
     assert_close(reference[0], Lambda, ROUNDING, "Λ"), assert_close(reference[1], pivots, ROUNDING, "pivots")
 
 
+@pytest.mark.usefixtures("on_numpy")
 def test_any_robot_any_rows_never_end_in_a_raw_error():
     for seed in range(4):
         robot = random_robot(seed, joints=5, floating_base=seed % 2 == 0)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import closing
 from .algorithms.balance import UNBALANCED, balance
-from .algorithms.constraints import Closure, Constraint, Rolling, place_of, row_names
+from .algorithms.constraints import Closure, Constraint, Rolling, names, place_of, row_names
 from .algorithms.gaps import closure_gaps, settled
 from .algorithms.jacobians import KINDS
 from .algorithms.reach import Reach, doubtful, independent_rows
@@ -231,7 +231,7 @@ class ClosedRobot:
 
     def rank(self, q: ArrayLike) -> Array:
         """How many rows of A are independent at q; fewer than usual where the configuration is singular; (nq) → ()."""
-        return self._reach(*self._state("rank", q=q))[2].rank
+        return self._reach(*self._state("rank", q=q))[1].rank
 
     def degrees_of_freedom(self, q: ArrayLike) -> Array:
         """nv less the rank; (nq) → ()."""
@@ -242,9 +242,7 @@ class ClosedRobot:
 
         Its transpose takes from velocities what breaks them. MR section 8.7.
         """
-        A, M, reach = self._reach(*self._state("projector", q=q))
-        At = np.swapaxes(A, -1, -2)
-        return np.asarray(np.eye(self.nv) - At @ reach.inverse @ np.swapaxes(np.linalg.solve(M, At), -1, -2))
+        return self._reach(*self._state("projector", q=q))[1].projector
 
     def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
         """Torques as those that move the robot, Pτ, and those that the constraints bear; (nq), (nv) → (nv), (nv)."""
@@ -263,9 +261,8 @@ class ClosedRobot:
         return self._nearest(q, ddq, self.constraint_bias(q, dq))
 
     def _nearest(self, q: Array, v: Array, b: Array | float) -> Array:
-        A, M, reach = self._reach(q)
-        missing = (A @ v[..., None])[..., 0] + b
-        return np.asarray(v - np.linalg.solve(M, np.swapaxes(A, -1, -2) @ (reach.inverse @ missing[..., None]))[..., 0])
+        A, reach = self._reach(q)
+        return reach.nearest(v, (A @ v[..., None])[..., 0] + b)
 
     def wrenches(self, lam: ArrayLike) -> dict[str, Array]:
         """λ as wrenches (m, f) that the robot applies where it is held, by the names of the constraints; (k) → (6) each.
@@ -273,11 +270,10 @@ class ClosedRobot:
         A closure's is what {b} applies to {a}, at the origin of {b}, along the axes of {c}.
         """
         lam = checks.finite(lam, "lam", len(self.sizes))
-        found: dict[str, Array] = {}
-        first = 0
-        for c in self.constraints:
-            F = found.setdefault(c.name, np.zeros((*lam.shape[:-1], 6)))
-            F[..., list(c.rows)] += lam[..., first : first + len(c.rows)]
+        found, first = {}, 0
+        for name, c in zip(names(self.constraints), self.constraints, strict=True):
+            found[name] = np.zeros((*lam.shape[:-1], 6))
+            found[name][..., list(c.rows)] = lam[..., first : first + len(c.rows)]
             first += len(c.rows)
         return found
 
@@ -318,7 +314,7 @@ class ClosedRobot:
         again = doubtful(pivots, self.sizes[rows])
         if len(rows) < len(self.sizes) and not again.all():
             usual = np.broadcast_to(q, (*again.shape, self.nq))[~again]
-            lam[~again] = (self._reach(usual)[2].range @ lam[~again][..., None])[..., 0]
+            lam[~again] = (self._reach(usual)[1].range @ lam[~again][..., None])[..., 0]
         if again.any():
             h = self.robot._with_wrenches("bias_forces", (q, dq), by, on, None)
             batch = again.shape
@@ -328,7 +324,7 @@ class ClosedRobot:
 
     def _by_singular_values(self, q: Array, dq: Array, force: Array) -> tuple[Array, Array]:
         """The same from τ - h (n, nv), however singular A is."""
-        A, M, reach = self._reach(q)
+        _, reach = self._reach(q)
         lost = reach.rank < len(self.independent)
         if lost.any():
             warnings.warn(
@@ -337,10 +333,7 @@ class ClosedRobot:
                 ConstraintWarning,
                 stacklevel=3,
             )
-        At = np.swapaxes(A, -1, -2)
-        b = A @ np.linalg.solve(M, force[..., None]) + self.constraint_bias(q, dq)[..., None]
-        lam = reach.range @ reach.inverse @ b
-        return np.linalg.solve(M, force[..., None] - At @ lam)[..., 0], lam[..., 0]
+        return reach.constrained(force, self.constraint_bias(q, dq))
 
     def inverse_dynamics(
         self,
@@ -361,7 +354,7 @@ class ClosedRobot:
         closing.require_met(self, q, dq, ddq)
         driven = closing.driven(self.robot, actuated)
         f = self.robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=wrench_by_robot, wrench_on_robot=wrench_on_robot)
-        A, _, reach = self._reach(q)
+        A, reach = self._reach(q)
         lam, left = balance(f, A, self.sizes, driven)
         if not np.abs(left).max(initial=0.0) <= UNBALANCED * np.abs(f).max(initial=0.0):
             idle, moving = (", ".join(closing.joints(self.robot, which)) for which in (~driven, driven))
@@ -386,9 +379,9 @@ class ClosedRobot:
                 kept.append(replace(c, rows=rows))
         return tuple(kept)
 
-    def _reach(self, q: Array) -> tuple[Array, Array, Reach]:
-        A, M = self.constraint_jacobian(q), self.robot.mass_matrix(q)
-        return A, M, Reach.of(A, M, self.sizes)
+    def _reach(self, q: Array) -> tuple[Array, Reach]:
+        A = self.constraint_jacobian(q)
+        return A, Reach.of(A, self.robot.mass_matrix(q), self.sizes)
 
     def _state(self, name: str, **arrays: ArrayLike) -> list[Array]:
         """Arrays of finite numbers of the right last axis whose batch shapes broadcast."""

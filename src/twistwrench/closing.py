@@ -52,6 +52,7 @@ def _all_rows(constraint: Constraint) -> Constraint:
 
 
 def _six_sizes(robot: Robot, constraint: Constraint) -> Array:
+    robot._require_invertible()
     some = robot.random_configuration(0, 8)
     J = np.stack([robot.reference("constraint_jacobian", q, constraints=(_all_rows(constraint),)) for q in some])
     return usual_sizes(J, robot.mass_matrix(some))
@@ -91,8 +92,8 @@ def require_angle(closed: ClosedRobot, q: Array) -> None:
 
 def refuse_redundant(closed: ClosedRobot) -> None:
     """Raise a ConstraintError that names the rows that depend on others, and an independent choice."""
-    new, names = closed.constraints[-1], closed.row_names
-    first = len(names) - len(new.rows)
+    new = closed.constraints[-1]
+    first = len(closed.sizes) - len(new.rows)
     keep = " ".join(ROWS[new.rows[k - first]] for k in closed.independent if k >= first)
     advice = f"Independent ones are rows={keep!r}: close with these" if keep else "It adds nothing: leave it out"
     raise ConstraintError(

@@ -110,7 +110,7 @@ class Robot:
         self.model = model
         self._kernels: dict[Any, Any] = {}
         self._called: dict[Any, Any] = {}
-        self._inverse_dynamics: Any = None
+        self._called_once: set[Any] = set()
         self._sizes: dict[Any, Array] = {}
 
     def __repr__(self) -> str:
@@ -355,10 +355,25 @@ class Robot:
         if kernel is None:
             kernel = self.kernel(name, **options)
             self._called[key] = kernel
+            if all(value in (None, "body", ()) for value in options.values()):
+                self._called_once.add(key)
+        elif key in self._called_once:  # called again, so perhaps often
+            self._called_once.discard(key)
+            self._put_in_front(name, kernel)
         try:
             return kernel(*arrays) if out is None else kernel(*arrays, out=out)
         except (TypeError, ValueError) as problem:
             raise self._explained(problem, name, arrays) from None
+
+    def _put_in_front(self, name: str, kernel: Any) -> None:
+        """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before."""
+        method = getattr(type(self), name, None)
+        if method is not None:
+            from .kernels.call import make_call
+
+            direct = make_call(kernel, method.__get__(self), name)
+            if direct is not None:
+                vars(self)[name] = direct
 
     def _explained(self, problem: Exception, name: str, arrays: Sequence[Any]) -> Exception:
         """A shape error that names the argument, or the original problem where shapes are not to blame."""
@@ -477,14 +492,6 @@ class Robot:
         >>> np.round(robot.inverse_dynamics([0, 0], [0, 0], [0, 0]), 2).tolist()
         [29.43, 9.81]
         """
-        if wrench_by_robot is None and wrench_on_robot is None and not friction and out is None:
-            kernel = self._inverse_dynamics  # the kilohertz loop's own way: nothing between it and the kernel
-            if kernel is None:
-                kernel = self._inverse_dynamics = self.kernel("inverse_dynamics")
-            try:
-                return kernel(q, dq, ddq)
-            except (TypeError, ValueError) as problem:
-                raise self._explained(problem, "inverse_dynamics", (q, dq, ddq)) from None
         tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
         return np.add(tau, self.friction_forces(dq, load=tau), out=out) if friction else tau
 
@@ -725,10 +732,10 @@ class Robot:
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
-        q = checks.one(q, "lost_directions: q", self.nq)
+        q = checks.finite(checks.one(q, "lost_directions: q", self.nq), "lost_directions: q", self.nq)
         chosen = list(row_numbers(rows))
-        A = self.jacobian(q, frame, kind)[chosen]
-        reach = Reach.of(A, self.mass_matrix(q), self._usual_sizes(frame, kind)[chosen])
+        sizes = self._usual_sizes(frame, kind)[chosen]
+        reach = Reach.of(self.jacobian(q, frame, kind)[chosen], self.mass_matrix(q), sizes)
         return np.asarray(reach.directions[:, int(reach.rank) :].T)
 
     def _task(
@@ -744,6 +751,8 @@ class Robot:
             found, pivots = self._call(name, *arrays, frame=frame, kind=kind, rows=chosen)
         sizes = self._usual_sizes(frame, kind)[list(chosen)]
         again = doubtful(pivots, sizes)
+        for array in arrays:  # what came in as NaN goes out as NaN
+            again = again & np.isfinite(array).all(axis=-1)
         if again.any():
             q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)
             J, M = self.jacobian(q, frame, kind)[:, chosen], self.mass_matrix(q)
@@ -759,6 +768,7 @@ class Robot:
     def _usual_sizes(self, frame: str | None, kind: str) -> Array:
         sizes = self._sizes.get((frame, kind))
         if sizes is None:
+            self._require_invertible()
             some = self.random_configuration(0, 8)
             J = np.stack([self.reference("jacobian", q, frame=frame, kind=kind) for q in some])
             M = np.stack([self.reference("mass_matrix", q) for q in some])

@@ -43,6 +43,7 @@ __all__ = [
     "constrained_dynamics",
     "constraint_bias",
     "constraint_jacobian",
+    "names",
     "place_of",
     "row_names",
 ]
@@ -85,9 +86,16 @@ class Rolling:
 Constraint = Closure | Rolling
 
 
+def names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
+    """A name for each constraint, its frames; with a number where there are several of one name."""
+    plain = [c.name for c in constraints]
+    before = [plain[:n].count(name) for n, name in enumerate(plain)]
+    return tuple(f"{name} #{n + 1}" if n else name for name, n in zip(plain, before, strict=True))
+
+
 def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
-    """A name for each row of A: the frames and the row of their twist."""
-    return tuple(f"{c.name} {ROWS[k]}" for c in constraints for k in c.rows)
+    """A name for each row of A: the constraint's and that of the row of a twist."""
+    return tuple(f"{name} {ROWS[k]}" for name, c in zip(names(constraints), constraints, strict=True) for k in c.rows)
 
 
 def place_of(model: Model, frame: str) -> Frame:
@@ -119,30 +127,29 @@ def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Ar
     return walk, np.asarray(X @ b.pose)
 
 
-def _columns(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
-    """(body, its joint's screw axes (k, 6) in {c}, sign) in the order of the walk, and p of {b} in {c}."""
+def _columns(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array]], Array]:
+    """(body, what its joint adds to the twist of {b} seen from {c}, (k, 6)) in the order of the walk, and p of {b} in {c}."""
     walk, T_cb = _walk(model, q, closure)
-    return [(b, sign * b.ratio * (Ad(X) @ b.joint.axes), sign) for b, X, sign in walk], T_cb[:3, 3]
+    return [(b, sign * b.ratio * (Ad(X) @ b.joint.axes)) for b, X, sign in walk], T_cb[:3, 3]
 
 
 def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
     """V_cb = J dq, with J; (6, nv)."""
     J = zeros(6, model.nv)
     columns, p = _columns(model, q, closure)
-    for body, axes, _ in columns:
+    for body, axes in columns:
         mine = slice(body.v_index, body.v_index + body.joint.nv)
         J[:, mine] = J[:, mine] + np.array([_at(p, V) for V in axes]).T
     return J
 
 
 def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array:
-    """dV_cb/dt at ddq = 0; (6,). An axis turns with the body whose frame it is given in: d(axis)/dt = [V_body, axis]."""
+    """dV_cb/dt at ddq = 0; (6,). A joint's axes turn with what is before it on the walk: d(axis)/dt = [V, axis]."""
     V, dV = zeros(6), zeros(6)
     columns, p = _columns(model, q, closure)
-    for body, axes, sign in columns:
+    for body, axes in columns:
         mine = dq[body.v_index : body.v_index + body.joint.nv] @ axes
-        here = V + mine if sign > 0 else V  # going up, the body is on the near side of its joint
-        dV = dV + ad(here) @ mine
+        dV = dV + ad(V) @ mine  # or with what is after it, for [mine, mine] = 0
         V = V + mine
     dp = _at(p, V)[3:]
     return np.concatenate([dV[:3], _at(p, dV)[3:] + so3.cross(V[:3], dp)])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..lie import so3
 from .constraints import Closure, Constraint
-from .reach import TOLERANCE, through
+from .reach import TOLERANCE, Reach
 
 Array = NDArray[Any]
 
@@ -79,7 +79,7 @@ def settled(
         n = np.flatnonzero(going)
         if not n.size:
             break
-        step = _step(gap[n] / sizes, *slopes(q[n]), sizes, np.minimum(1.0, left[n] ** 2))
+        step = _step(gap[n], *slopes(q[n]), sizes, np.minimum(1.0, left[n] ** 2))
         length = np.ones(n.size)
         before = np.linalg.norm(gap[n] / sizes, axis=-1)
         for _ in range(12):
@@ -96,9 +96,7 @@ def settled(
 
 
 def _step(gap: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:
-    """dv = -M⁻¹ ... : the least in the kinetic metric that closes the (damped) gaps; (n, nv)."""
-    B = through(A, M) / sizes[:, None]
-    U, sigma, Vt = np.linalg.svd(B, full_matrices=False)
-    factor = np.where(sigma > TOLERANCE, sigma / (sigma**2 + damping[:, None] + TOLERANCE**4), 0.0)
-    y = np.swapaxes(Vt, -1, -2) @ (factor * (np.swapaxes(U, -1, -2) @ gap[..., None])[..., 0])[..., None]
-    return -np.linalg.solve(np.swapaxes(np.linalg.cholesky(M), -1, -2), y)[..., 0]
+    """The dv, least in the kinetic metric, that closes the gaps as far as damping lets it; (n, nv)."""
+    reach = Reach.of(A, M, sizes)
+    damped = 1.0 / (1.0 + damping[:, None] * reach.inverse_sigma**2)  # σ²/(σ² + damping)
+    return reach.nearest(np.zeros(A.shape[:1] + A.shape[2:]), gap, damped)

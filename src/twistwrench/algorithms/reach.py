@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import SingularMassMatrixError
+
 Array = NDArray[Any]
 
 TOLERANCE = 1.5e-8
@@ -35,31 +37,48 @@ __all__ = ["Reach", "doubtful", "independent_rows", "through", "usual_sizes"]
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """The singular value decomposition of B = W⁻¹ A L⁻ᵀ, U σ V'; any leading batch shape."""
+    """B = W⁻¹ A L⁻ᵀ = U σ V' by singular values, those that count; any leading batch shape.
+
+    In the coordinates y = L'q̈, B y is what the rows see, and no length of y is larger than another of the same energy. So
+    what constrains is V, what is free is the rest, and no number is divided by σ² on its way to q̈.
+    """
 
     sizes: Array
     """The diagonal of W; (k,)."""
+    L: Array
+    """(..., nv, nv)."""
     U: Array
-    sigma: Array
+    """Its columns beyond the rank are zero, as are those of V, and 1/σ; (..., k, m)."""
+    V: Array
+    """(..., nv, m)."""
+    inverse_sigma: Array
+    """(..., m)."""
 
     @classmethod
     def of(cls, A: Array, M: Array, sizes: Array) -> Reach:
         """A (..., k, nv), M (..., nv, nv), sizes (k,)."""
-        B = through(A, M) / sizes[:, None]
+        L = _factor(M)
+        B = _through(A, L) / sizes[:, None]
         if 0 in B.shape[-2:]:
-            return cls(sizes, np.zeros((*B.shape[:-1], 0)), np.zeros((*B.shape[:-2], 0)))
-        U, sigma, _ = np.linalg.svd(B, full_matrices=False)
-        return cls(sizes, U, sigma)
+            empty = [np.zeros((*B.shape[:-2], *shape)) for shape in ((B.shape[-2], 0), (B.shape[-1], 0), (0,))]
+            return cls(sizes, L, *empty)
+        U, sigma, Vt = np.linalg.svd(B, full_matrices=False)
+        kept = sigma > TOLERANCE
+        inverse = np.where(kept, 1.0 / np.where(kept, sigma, 1.0), 0.0)
+        return cls(sizes, L, U * kept[..., None, :], np.swapaxes(Vt, -1, -2) * kept[..., None, :], inverse)
 
     @property
     def rank(self) -> Array:
         """How many directions there are; (...)."""
-        return np.count_nonzero(self.sigma > TOLERANCE, axis=-1)
+        return np.count_nonzero(self.inverse_sigma, axis=-1)
 
     @property
-    def basis(self) -> Array:
-        """W U, its columns beyond the rank zero: a basis of what A reaches; (..., k, m)."""
-        return self.sizes[:, None] * self.U * (self.sigma > TOLERANCE)[..., None, :]
+    def directions(self) -> Array:
+        """Orthonormal columns: first those that span what A reaches, then the rest; (..., k, k)."""
+        basis = self.sizes[:, None] * self.U
+        if basis.shape[-1] == 0:
+            return np.broadcast_to(np.eye(len(self.sizes)), (*basis.shape[:-1], len(self.sizes)))
+        return np.linalg.svd(basis / self.sizes.max(), full_matrices=True)[0]
 
     @property
     def range(self) -> Array:
@@ -68,34 +87,54 @@ class Reach:
         return np.asarray(Q @ np.swapaxes(Q, -1, -2))
 
     @property
-    def directions(self) -> Array:
-        """Orthonormal columns: first those that span what A reaches, then the rest; (..., k, k)."""
-        G = self.basis
-        if G.shape[-1] == 0:
-            return np.broadcast_to(np.eye(len(self.sizes)), (*G.shape[:-1], len(self.sizes)))
-        return np.linalg.svd(G / self.sizes.max(), full_matrices=True)[0]
-
-    @property
-    def inverse(self) -> Array:
-        """A generalised inverse of S = A M⁻¹ A', symmetric: S X S = S; (..., k, k)."""
-        kept = self.sigma > TOLERANCE
-        scaled = (self.U * np.where(kept, 1.0 / np.where(kept, self.sigma, 1.0), 0.0)[..., None, :]) / self.sizes[
-            :, None
-        ]
-        return np.asarray(scaled @ np.swapaxes(scaled, -1, -2))
-
-    @property
     def pseudoinverse(self) -> Array:
-        """That of Moore and Penrose of S, in the units of its rows; (..., k, k)."""
-        P = self.range
-        return np.asarray(P @ self.inverse @ P)
+        """That of Moore and Penrose of A M⁻¹ A', in the units of its rows; (..., k, k)."""
+        half = self.range @ (self.U * self.inverse_sigma[..., None, :] / self.sizes[:, None])
+        return np.asarray(half @ np.swapaxes(half, -1, -2))
+
+    @property
+    def projector(self) -> Array:
+        """1 - A'(A M⁻¹ A')⁺ A M⁻¹ = L (1 - V V') L⁻¹; (..., nv, nv)."""
+        free = np.eye(self.V.shape[-2]) - self.V @ np.swapaxes(self.V, -1, -2)
+        return np.asarray(self.L @ np.swapaxes(np.linalg.solve(np.swapaxes(self.L, -1, -2), free), -1, -2))
+
+    def nearest(self, v: Array, missing: Array, damped: Array | float = 1.0) -> Array:
+        """v less the least in the kinetic metric that A makes ``missing`` of, its directions ``damped`` (..., m)."""
+        y = self.V @ (damped * self.inverse_sigma * self._seen(missing))[..., None]
+        return np.asarray(v - self._back(y))
+
+    def constrained(self, force: Array, b: Array) -> tuple[Array, Array]:
+        """q̈ and λ of M q̈ + A'λ = force, A q̈ + b = 0, λ of least norm; (..., nv), (..., k)."""
+        w = np.linalg.solve(self.L, force[..., None])
+        taken = (np.swapaxes(self.V, -1, -2) @ w)[..., 0] + self.inverse_sigma * self._seen(b)
+        lam = (self.U @ (self.inverse_sigma * taken)[..., None])[..., 0] / self.sizes
+        return self._back(w - self.V @ taken[..., None]), (self.range @ lam[..., None])[..., 0]
+
+    def _seen(self, b: Array) -> Array:
+        return np.asarray((np.swapaxes(self.U, -1, -2) @ (b / self.sizes)[..., None])[..., 0])
+
+    def _back(self, y: Array) -> Array:
+        """L⁻ᵀ y; (..., nv, 1) → (..., nv)."""
+        return np.asarray(np.linalg.solve(np.swapaxes(self.L, -1, -2), y)[..., 0])
 
 
 def through(A: Array, M: Array) -> Array:
     """A L⁻ᵀ with M = L L'; (..., k, nv)."""
-    if 0 in A.shape[-2:]:
-        return A
-    return np.swapaxes(np.linalg.solve(np.linalg.cholesky(M), np.swapaxes(A, -1, -2)), -1, -2)
+    return _through(A, _factor(M))
+
+
+def _factor(M: Array) -> Array:
+    try:
+        return np.linalg.cholesky(M) if M.size else M
+    except np.linalg.LinAlgError:
+        raise SingularMassMatrixError(
+            "the mass matrix has no inverse at this configuration: some joint moves nothing with inertia there. Choose other "
+            "joints where their axes coincide, or give their links mass."
+        ) from None
+
+
+def _through(A: Array, L: Array) -> Array:
+    return np.swapaxes(np.linalg.solve(L, np.swapaxes(A, -1, -2)), -1, -2) if 0 not in A.shape[-2:] else A
 
 
 def usual_sizes(J: Array, M: Array) -> Array:

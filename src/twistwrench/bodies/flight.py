@@ -9,8 +9,9 @@ symmetric, the orders of the compositions hold for wrenches that depend on veloc
 
 from __future__ import annotations
 
+import inspect
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,13 +21,17 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InertiaError, ValueRangeError
 from ..lie import checks, quaternion, se3, so3
 from .inertia import SpatialInertia
+from .labels import common_frame
 from .splitting import COMPOSITIONS, Quat, Rotor, Vec
 
 Array = NDArray[Any]
 WrenchLaw = Callable[[float, Array, Array], ArrayLike]
-"""A wrench (6,) in {b} from the time [s], the pose T_sb (4, 4) and the body twist (6,)."""
+"""A wrench (6,) in {b} from the time [s], the pose T_sb (4, 4) and the body twist (6,), which are plain arrays."""
 
 __all__ = ["Drift", "Flight", "WrenchLaw", "fly"]
+
+_LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
+"""rad a step, and share of the energy, from which flights of a box were seen to go astray within some turns."""
 
 
 @dataclass(frozen=True)
@@ -41,17 +46,22 @@ class Drift:
     """The part of that which grows: the slope of the straight line through it, times the duration."""
     rotation: float
     """Largest entry of RᵀR − 1 over all poses."""
+    remarks: tuple[str, ...] = ()
+    """Steps too large to be trusted, or other than asked for, in words; see :func:`fly`."""
 
     def __str__(self) -> str:
-        return (
-            f"momentum {self.momentum:.1e}, energy {self.energy:.1e} (trend {self.energy_trend:+.1e}), "
-            f"rotation {self.rotation:.1e}"
+        return "; note: ".join(
+            (
+                f"momentum {self.momentum:.1e}, energy {self.energy:.1e} (trend {self.energy_trend:+.1e}), "
+                f"rotation {self.rotation:.1e}",
+                *self.remarks,
+            )
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Flight:
-    """A recorded free motion: n + 1 states, the first at time 0."""
+    """A recorded free motion: n + 1 states, the first at time 0. Printing it says how many, and what drifted."""
 
     times: Array
     """(n + 1,) [s]."""
@@ -67,7 +77,22 @@ class Flight:
     """(n + 1, 6), of the wrench so far, about the origin of {s} [N m s, N s]."""
     work: Array
     """(n + 1,), of the wrench so far [J]."""
+    dt: float = np.nan
+    """s: the step asked for."""
+    step: float = np.nan
+    """s: the step taken, or with a tolerance the spacing of the record; the duration is a whole number of them."""
+    turn: float = 0.0
+    """rad: the largest turn in one step; 0 where steps adapt, or are exact."""
     drift: Drift = field(init=False)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What to know before the flight is used, in words; empty if nothing. Those of :attr:`drift`."""
+        return self.drift.remarks
+
+    def __repr__(self) -> str:
+        steps = "" if np.isnan(self.step) else f", steps of {self.step:.6g} s"
+        return f"Flight of {self.times[-1]:g} s: {len(self.times)} states{steps}; drift: {self.drift}"
 
     def __post_init__(self) -> None:
         R, p = self.poses[:, :3, :3], self.poses[:, :3, 3]
@@ -81,7 +106,17 @@ class Flight:
         t = self.times / self.times[-1] - 0.5
         trend = float((t - t.mean()) @ dE / ((t - t.mean()) @ t))
         rotation = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
-        object.__setattr__(self, "drift", Drift(momentum, float(np.abs(dE).max()), trend, rotation))
+        lost = float(np.abs(dE).max())
+        remarks = tuple(self._remarks(lost))
+        object.__setattr__(self, "drift", Drift(momentum, lost, trend, rotation, remarks))
+
+    def _remarks(self, lost: float) -> Iterator[str]:
+        if abs(self.step - self.dt) > 1e-9 * self.dt:
+            yield f"steps of {self.step:.6g} s, not {self.dt:.6g} s, so that a whole number fills {self.times[-1]:g} s"
+        if self.turn > _LARGE_TURN:
+            yield f"dt is too large to trust the motion: the body turns up to {self.turn:.3g} rad in a step; keep it below 1"
+        if lost > _LARGE_LOSS:
+            yield f"the energy is off by {100 * lost:.2g} %, so the motion is wrong: take a smaller dt, or a tolerance"
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,16 +166,23 @@ def fly(
 
     Parameters
     ----------
-    duration, dt: s; ``dt`` is shortened so that a whole number of steps fills the duration.
-    wrench: in {b}: constant (6,), or a function of time, T_sb and V_b; none is torque-free flight.
+    T0, V0: may be labelled, a Pose of {b} and a Twist in {b}.
+    duration, dt: s; ``dt`` is shortened so that a whole number of steps fills the duration: 0.3 s becomes 0.25 s in 1 s.
+    wrench: in {b}: constant (6,), or a function ``wrench(t, T, V)`` of time, T_sb and V_b; none is torque-free flight. It may
+        be labelled, or give a labelled one; T and V are plain arrays.
     order: 2, 4 or 6: the error of the motion falls as that power of dt. A body with two equal moments moves exactly.
     tolerance: relative error per step; given, the steps are SciPy's DOP853 and adapt, and ``dt`` only spaces the record.
         The spatial momentum of torque-free flight stays exact, the energy slowly drifts.
     every: keep one state in so many, and the last.
 
+    Steps that were shortened, in which the body turns by more than 1 rad, or that lose more than 1 % of the energy, are said
+    in ``flight.remarks`` and wherever a flight or its drift is printed. No warning is raised.
+
     Raises
     ------
-    ShapeError, ValueRangeError: for arguments of the wrong shape, not finite, or a T0 that is not a pose.
+    ShapeError, ValueRangeError: for arguments of the wrong shape, not finite, a T0 that is not a pose, or a function that
+        does not take (t, T, V).
+    FrameError: for labels that name two body frames, or a twist for a wrench.
     InertiaError: for a body without inertia about some axis.
     """
     moments, axes = inertia.principal()
@@ -156,10 +198,11 @@ def fly(
         raise ValueRangeError(f"order {order} is not available; choose one of {sorted(COMPOSITIONS)}.")
     if tolerance is not None and not 1e-13 <= checks.number(tolerance, "tolerance") <= 1e-2:
         raise ValueRangeError(f"tolerance is {tolerance}, and must be between 1e-13 and 1e-2.")
+    frame = common_frame(T0=T0, V0=V0, wrench=wrench)
     pose = checks.pose(checks.finite(checks.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
     start = body.state(pose, _six("V0", V0))
     kept = np.append(np.arange(0, n, every), n)
-    law = wrench if wrench is None or callable(wrench) else _constant(wrench)
+    law = None if wrench is None else _called(wrench, frame) if callable(wrench) else _constant(wrench)
     if tolerance is not None:
         rows = _adaptive(body, start, kept * h, law, tolerance)
     elif law is None:
@@ -170,7 +213,10 @@ def fly(
     T, V = body.motion(q, p, l, f)
     P = inertia @ V
     energy = 0.5 * np.einsum("ij,ij->i", V, P)
-    return Flight(kept * h, T, V, se3.Ad(se3.inverse(T)).T @ P, energy, impulse, work)
+    exact = law is None and np.diff(moments).min() <= 1e-6 * moments[2]
+    turn = 0.0 if exact or tolerance is not None else h * float(np.linalg.norm(V[:, :3], axis=-1).max())
+    momentum = se3.Ad(se3.inverse(T)).T @ P
+    return Flight(kept * h, T, V, momentum, energy, impulse, work, float(dt), h, turn)
 
 
 Rows = tuple[Array, Array, Array, Array, Array, Array]
@@ -307,6 +353,30 @@ def _six(name: str, x: ArrayLike) -> Array:
 def _constant(wrench: ArrayLike) -> WrenchLaw:
     F = _six("wrench", wrench)
     return lambda _t, _T, _V: F
+
+
+def _called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
+    """The function, once it takes three arguments; what it gives is held to one frame, the first that is named."""
+    try:
+        taken = inspect.signature(wrench)
+    except (TypeError, ValueError):  # some of C say nothing
+        taken = None
+    if taken is not None:
+        try:
+            taken.bind(0.0, None, None)
+        except TypeError as problem:
+            raise ValueRangeError(
+                f"wrench is a function of {taken}, and is called as wrench(t, T, V), with the time [s], the pose T_sb "
+                f"(4, 4) and the body twist (6,): {problem}. Write lambda t, T, V: …"
+            ) from None
+
+    def law(t: float, T: Array, V: Array) -> ArrayLike:
+        nonlocal frame
+        F = wrench(t, T, V)
+        frame = common_frame(frame, wrench=F)
+        return F
+
+    return law
 
 
 def _vec(x: Array) -> Vec:

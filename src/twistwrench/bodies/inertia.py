@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InertiaError, ValueRangeError
+from ..errors import FrameError, InertiaError, ShapeError, ValueRangeError
 from ..lie import checks, so3
+from ..screws.labelled import Labelled
+from ..screws.words import tuple_of, without_noise
 from . import mesh as meshes
 from . import parameters as forms
 from . import solids
@@ -19,14 +21,19 @@ Array = NDArray[Any]
 __all__ = ["SpatialInertia"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SpatialInertia:
     """Mass, first moment and rotational inertia of a body, about the origin of a frame fixed to it.
 
-    Building one never judges whether a real body can have it: :meth:`defects` does, and whoever needs a real body asks.
-    ``G @ V`` is the momentum of the body moving with twist V. The parameters may be symbols.
+    It names no frame: it is about that of whatever it is used with, the frame of the twist in ``G @ V``, of the other in
+    ``G1 + G2``, of ``frame=`` in ``with_payload``. So a sum of inertias about two frames is a wrong number without an error:
+    bring one over first, with :meth:`in_frame`. Building one never judges whether a real body can have it: :meth:`defects`
+    does, and whoever needs a real body asks. ``G @ V`` is the momentum of the body moving with twist V. The parameters may
+    be symbols.
 
     >>> G = SpatialInertia.from_com(2.0, (0, 0, 0.5), np.diag([0.1, 0.1, 0.02]))
+    >>> G
+    SpatialInertia: mass 2 kg, com (0, 0, 0.5) m, about the com Ixx, Iyy, Izz = (0.1, 0.1, 0.02) kg m²
     >>> G.mass, G.com.tolist(), round(float(G.moment_about_origin[0, 0]), 6)
     (2.0, [0.0, 0.0, 0.5], 0.6)
     """
@@ -39,6 +46,18 @@ class SpatialInertia:
         pi = np.array(checks.one(self.parameters, f"{what} the array", 10, symbols=True))
         pi.setflags(write=False)
         object.__setattr__(self, "parameters", pi)
+
+    def __repr__(self) -> str:
+        if self.parameters.dtype == object or not np.isfinite(self.parameters).all():
+            ten = ", ".join(map(str, self.parameters))
+            return f"SpatialInertia: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = ({ten}) about the origin"
+        I, c = self.moment_about_com, self.com
+        products = I[[0, 0, 1], [1, 2, 2]]
+        scale = float(np.abs(I).max() + self.mass * c @ c)  # Steiner's terms leave their rounding behind
+        said = f"Ixx, Iyy, Izz = {tuple_of(without_noise(I.diagonal(), scale))}"
+        if without_noise(products, scale).any():
+            said += f", Ixy, Ixz, Iyz = {tuple_of(without_noise(products, scale))}"
+        return f"SpatialInertia: mass {self.mass:.6g} kg, com {tuple_of(c)} m, about the com {said} kg m²"
 
     # ── ways in ──
 
@@ -53,7 +72,7 @@ class SpatialInertia:
     ) -> SpatialInertia:
         """From mass [kg], centre of mass (3,) [m] and rotational inertia (3, 3) about it [kg m²], in the frame's axes."""
         m, c = checks.number(mass, "mass"), checks.one(com, "com", 3)
-        I = np.zeros((3, 3)) if moment_about_com is None else checks.one(moment_about_com, "moment_about_com", 3, 3)
+        I = np.zeros((3, 3)) if moment_about_com is None else _moment(moment_about_com)
         with np.errstate(over="ignore", invalid="ignore"):  # defects() says what is not finite
             if not (gap := float(np.abs(I - I.T).max())) <= 1e-9 * float(np.abs(I).max()) and np.isfinite(I).all():
                 raise InertiaError(
@@ -188,7 +207,15 @@ class SpatialInertia:
         return SpatialInertia.from_parameters([self.mass, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
     def __matmul__(self, V: ArrayLike) -> Array:
-        """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w)."""
+        """Momentum (..., 6) of the body with twist V (..., 6): (I w + h × v, m v - h × w).
+
+        A labelled one is a :class:`~twistwrench.FrameError`: an inertia names no frame, so nothing could be checked.
+        """
+        if isinstance(V, Labelled):
+            raise FrameError(
+                f"SpatialInertia @ {V.symbol}: an inertia names no frame, so that of {V.symbol} cannot be checked. If the inertia "
+                f"is about the origin of {V.frame!r}, write G @ {V.symbol}.values."
+            )
         V = checks.array(V, "V", 6)
         w, v, h = V[..., :3], V[..., 3:], self.first_moment
         return np.concatenate(
@@ -197,6 +224,11 @@ class SpatialInertia:
 
     def __add__(self, other: SpatialInertia) -> SpatialInertia:
         return SpatialInertia.from_parameters(self.parameters + self._ten(other, "+"))
+
+    def __radd__(self, other: Any) -> SpatialInertia:
+        if np.ndim(other) == 0 and not isinstance(other, str) and other == 0:  # so that sum() works
+            return self
+        raise InertiaError(f"{type(other).__name__} + SpatialInertia: an inertia goes with another SpatialInertia.")
 
     def __sub__(self, other: SpatialInertia) -> SpatialInertia:
         return SpatialInertia.from_parameters(self.parameters - self._ten(other, "-"))
@@ -257,3 +289,16 @@ class SpatialInertia:
     def repair(self) -> forms.Repair:
         """:meth:`nearest_consistent` with a report of what moved and why: a :class:`Repair`."""
         return forms.Repair(self, self.nearest_consistent())
+
+
+def _moment(I: ArrayLike) -> Array:
+    """A rotational inertia (3, 3); three numbers, which could only be its diagonal, are told how to become one."""
+    try:
+        return checks.one(I, "moment_about_com", 3, 3)
+    except ShapeError as problem:
+        try:
+            three = np.shape(I) == (3,)
+        except ValueError:  # ragged
+            three = False
+        hint = " Three moments about the axes are np.diag(…) of them." if three else ""
+        raise ShapeError(f"{problem}{hint}") from None

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import FrameError, InertiaError, SingularMassMatrixError
+from ..errors import InertiaError, SingularMassMatrixError
 from ..lie import checks, so3
-from ..screws.twist import Twist
-from ..screws.wrench import Wrench
 from .flight import Flight, WrenchLaw, fly
 from .inertia import SpatialInertia
+from .labels import numbers
 
 Array = NDArray[Any]
 
@@ -90,7 +89,7 @@ class RigidBody:
         >>> float(RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).kinetic_energy([1, 0, 0, 0, 2, 0]))
         11.0
         """
-        (V,) = _numbers(V=V)
+        (V,) = numbers(V=V)
         return 0.5 * np.einsum("...i,...i->...", V, self.momentum(V))
 
     def weight(self, T_sb: ArrayLike, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> Array:
@@ -107,7 +106,7 @@ class RigidBody:
 
     def point_velocity(self, V: ArrayLike, r: ArrayLike) -> Array:
         """Velocity (..., 3) [m/s] of the body's point at r (..., 3), in the axes of {b}: v + ω × r."""
-        (V,), r = _numbers(V=V), checks.real(r, "r", 3)
+        (V,), r = numbers(V=V), checks.real(r, "r", 3)
         return V[..., 3:] + so3.cross(V[..., :3], r)
 
     def point_acceleration(self, V: ArrayLike, dV: ArrayLike, r: ArrayLike) -> Array:
@@ -115,7 +114,7 @@ class RigidBody:
 
         In the axes of {b} and relative to {s}: what an accelerometer fixed there feels, without gravity.
         """
-        (V, dV), r = _numbers(V=V, dV=dV), checks.real(r, "r", 3)
+        (V, dV), r = numbers(V=V, dV=dV), checks.real(r, "r", 3)
         V, dV = checks.together(V=V, dV=dV)
         return dV[..., 3:] + so3.cross(dV[..., :3], r) + so3.cross(V[..., :3], self.point_velocity(V, r))
 
@@ -137,9 +136,10 @@ class RigidBody:
     ) -> Flight:
         """Free motion from pose T0 (4, 4) and body twist V0 (6,), with a report of what drifted.
 
-        ``duration`` and ``dt`` in s; ``wrench`` in {b} as a constant (6,) or a function of time, pose and twist; ``order`` 2,
-        4 or 6 of the steps; with a ``tolerance`` the steps adapt and ``dt`` only spaces the record; ``every`` keeps one
-        step in so many. See :func:`~twistwrench.bodies.flight.fly`.
+        ``duration`` and ``dt`` in s, dt shortened where no whole number of steps fills the duration; ``wrench`` in {b} as a
+        constant (6,) or a function ``wrench(t, T, V)``; ``order`` 2, 4 or 6 of the steps; with a ``tolerance`` the steps
+        adapt and ``dt`` only spaces the record; ``every`` keeps one step in so many. Labelled poses, twists and wrenches
+        must agree on {b}: else :class:`~twistwrench.FrameError`. See :func:`~twistwrench.bodies.flight.fly`.
 
         >>> from twistwrench import SpatialInertia
         >>> body = RigidBody(SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
@@ -153,7 +153,7 @@ class RigidBody:
 
     def _by_rows(self, law: Callable[..., Array], **vectors: ArrayLike) -> Array:
         """Apply ``law(G, *columns)`` to (..., 6) arrays, some thousand rows at a time as contiguous (6, n) columns."""
-        arrays = checks.together(**dict(zip(vectors, _numbers(**vectors), strict=True)))
+        arrays = checks.together(**dict(zip(vectors, numbers(**vectors), strict=True)))
         dtype = np.result_type(*arrays)
         G = self._matrix.astype(dtype)
         shape = arrays[0].shape
@@ -162,23 +162,6 @@ class RigidBody:
         for i in range(0, len(out), ROWS):
             out[i : i + ROWS] = law(G, *(np.ascontiguousarray(x[i : i + ROWS].T) for x in flat)).T
         return out.reshape(shape)
-
-
-_LABELS = {"V": Twist, "dV": Twist, "F": Wrench}
-
-
-def _numbers(**vectors: Any) -> list[Array]:
-    """The numbers (..., 6), those of labelled twists and wrenches once their kinds and frames are found to agree."""
-    frames: dict[str, str] = {}
-    for name, x in vectors.items():
-        if isinstance(x, Twist | Wrench):
-            if not isinstance(x, _LABELS.get(name, Twist)):
-                raise FrameError(f"{name} is a {_LABELS[name].__name__}, not a {type(x).__name__}.")
-            frames[name] = x.frame
-    if len(set(frames.values())) > 1:
-        listed = ", ".join(f"{name} in {frame!r}" for name, frame in frames.items())
-        raise FrameError(f"{listed}: a body's equations hold in one frame. Move one first, with a Pose between them.")
-    return [checks.real(x, name, 6) for name, x in vectors.items()]
 
 
 def _ad_transposed(V: Array, P: Array) -> Array:

@@ -15,12 +15,12 @@ from ..targets.llvm import LOOP, assembly
 from ..targets.machine import Machine, Precision, host
 from . import cache
 
-__all__ = ["LOCK", "Code", "compiled"]
+__all__ = ["LOCK", "Code", "assembled", "compiled"]
 
 
 @dataclass(frozen=True)
 class Code:
-    """A loop in memory; the code is freed with this object."""
+    """A function in memory; the code is freed with this object."""
 
     address: int
     keep: Any
@@ -51,12 +51,12 @@ class _Jit:
             cpu=machine.cpu, features=machine.features, opt=2, reloc="pic", codemodel="small"
         )
 
-    def link(self, code: bytes, machine: Machine) -> Any:
+    def link(self, code: bytes, symbol: str, machine: Machine) -> Any:
         import llvmlite.binding as llvm
 
         if self._linker is None:
             self._linker = llvm.create_lljit_compiler(self.target(machine))
-        builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(LOOP)
+        builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(symbol)
         return builder.link(self._linker, f"twistwrench{next(self._numbers)}")
 
 
@@ -67,23 +67,28 @@ LOCK = _JIT.lock
 
 def compiled(program: Program, precision: Precision) -> Code:
     """Code for ``program`` on this machine, from the cache if it is there."""
+    with _JIT.lock:
+        return assembled(assembly(program, precision, host()), LOOP)
+
+
+def assembled(text: str, symbol: str) -> Code:
+    """Code of a module of LLVM assembly, from the cache if it is there; the address is that of ``symbol``."""
     import llvmlite
     import llvmlite.binding as llvm
 
     machine = host()
     with _JIT.lock:
-        text = assembly(program, precision, machine)
         versions = f"{llvmlite.__version__} {llvm.llvm_version_info} {machine}"
         key = hashlib.sha256(f"{versions}\n{text}".encode()).hexdigest()
         code = cache.load(key)
         try:
             if code is not None:
                 try:
-                    return _loaded(code, machine, cached=True)
+                    return _loaded(code, symbol, machine, cached=True)
                 except RuntimeError:  # a cache entry that no longer links is as good as none
                     code = None
             code = _JIT.target(machine).emit_object(llvm.parse_assembly(text))
-            loaded = _loaded(code, machine, cached=False)
+            loaded = _loaded(code, symbol, machine, cached=False)
         except RuntimeError as problem:
             raise KernelError(
                 f"LLVM refused a kernel ({problem}). Set TWISTWRENCH_JIT=0 to run on NumPy, and please report this."
@@ -92,6 +97,6 @@ def compiled(program: Program, precision: Precision) -> Code:
         return loaded
 
 
-def _loaded(code: bytes, machine: Machine, *, cached: bool) -> Code:
-    library = _JIT.link(code, machine)
-    return Code(library[LOOP], library, len(code), cached)
+def _loaded(code: bytes, symbol: str, machine: Machine, *, cached: bool) -> Code:
+    library = _JIT.link(code, symbol, machine)
+    return Code(library[symbol], library, len(code), cached)

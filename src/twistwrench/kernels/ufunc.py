@@ -17,7 +17,7 @@ from ..program.program import Program
 from ..targets.machine import DOUBLE, SINGLE, Precision
 from .code import LOCK, Code, compiled
 
-__all__ = ["make_ufunc"]
+__all__ = ["make_ufunc", "owner_of"]
 
 _LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
@@ -124,6 +124,15 @@ def make_ufunc(program: Program, name: str, doc: str) -> np.ufunc:
 
 
 _FOREVER: list[_Owner] = []
+
+
+def owner_of(kernel: Any) -> _Owner | None:
+    """What is behind a ufunc made here; None of anything else."""
+    if not isinstance(kernel, np.ufunc):
+        return None
+    address = _UFuncObject.from_address(id(kernel)).owner
+    owner = ctypes.cast(address, ctypes.py_object).value if address else None
+    return owner if isinstance(owner, _Owner) else None
 
 
 def _constructor() -> Any:

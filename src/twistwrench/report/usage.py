@@ -14,7 +14,7 @@ __all__ = ["Commands", "in_shell_words"]
 _SHELL_WORDS = (
     # The library speaks Python; the shell's user knows options.
     (r"\bPass frame=…, or load with tip=…", "Name one with --tip FRAME"),
-    (r"\b(inertia|mimic|sign)='(\w+)'", r"--\1 \2"),
+    (r"\b(inertia|mimic|sign|symbols|form)='(\w+)'", r"--\1 \2"),
     (r"\b(orientation|inertia)=True", r"--\1"),
     (r"\bfloating_base=True", "--floating-base"),
     (r"\b(limits|tip|lock|frame)=(?:…|(?=[\s.,;]))", r"--\1"),

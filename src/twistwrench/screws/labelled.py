@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie import checks
 from ..lie.adjoint import Ad, ad
+from .words import tuple_of
 
 Array = NDArray[Any]
 
@@ -40,7 +41,7 @@ def missing_pose(to: str, of: str) -> str:
     return f"{symbol('T', to, of)} = Pose(…, to={to!r}, of={of!r})"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Labelled(ABC):
     """Six numbers (..., 6), angular part first, and the name of the frame that they are expressed in."""
 
@@ -49,6 +50,8 @@ class Labelled(ABC):
 
     __array_ufunc__ = None  # array + labelled is refused rather than done entry by entry
     _kind: ClassVar[str]
+    _halves: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
+    """Names and units of the angular and of the linear part."""
 
     def __post_init__(self) -> None:
         given: Any = self.values
@@ -74,6 +77,17 @@ class Labelled(ABC):
     def shape(self) -> tuple[int, ...]:
         """The batch shape: that of :attr:`values` without the last axis."""
         return self.values.shape[:-1]
+
+    def __repr__(self) -> str:
+        parts = zip(self._halves, (self.values[..., :3], self.values[..., 3:]), strict=True)
+        if not self.shape:
+            said = [f"{name} = {tuple_of(x)} {unit}" for (name, unit), x in parts]
+            return f"{type(self).__name__} in {self.frame!r}: {', '.join(said)}"
+        what = f"{type(self).__name__} in {self.frame!r}, batch {self.shape}"
+        if self.values.dtype == object or not self.values.size:
+            return what
+        said = [f"|{name}| up to {np.linalg.norm(x, axis=-1).max():.6g} {unit}" for (name, unit), x in parts]
+        return f"{what}: {', '.join(said)}"
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.values, dtype, copy=copy)
@@ -128,6 +142,10 @@ class Labelled(ABC):
 
     def __rmatmul__(self, operator: Any) -> Self:
         """``Ad(T_ab) @ V_b``, ``Ad(T_ab).T @ F_a``, ``ad(V_b) @ dV_b``, ``ad(V_b).T @ F_b``; T_ab and V_b need names too."""
+        if isinstance(operator, np.ndarray):
+            raise FrameError(
+                f"ndarray @ {self._kind} in {self.frame!r}: plain numbers name no frame; work on {self.symbol}.values."
+            )
         if not isinstance(operator, Ad | ad):
             return NotImplemented
         name = f"{type(operator).__name__}(…){'.T' * operator.transposed}"

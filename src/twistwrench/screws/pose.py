@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FrameError
-from ..lie import checks, se3
+from ..lie import checks, se3, so3
 from ..lie.adjoint import Ad
 from .labelled import frame_name, missing_pose, symbol
 from .twist import Twist
+from .words import tuple_of
 from .wrench import Wrench
 
 Array = NDArray[Any]
@@ -21,7 +22,7 @@ __all__ = ["Pose"]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Pose:
     """The pose T_ab (..., 4, 4) of the frame ``of="b"`` seen from the frame ``to="a"``: it brings things of {b} to {a}.
 
@@ -30,7 +31,9 @@ class Pose:
 
     >>> T_ab = Pose(se3.exp([0, 0, 0, 2, 0, 0]), to="a", of="b")
     >>> T_ab @ Wrench([0, 0, 0, 0, 3, 0], "b")
-    Wrench(values=array([0., 0., 6., 0., 3., 0.]), frame='a')
+    Wrench in 'a': m = (0, 0, 6) N m, f = (0, 3, 0) N
+    >>> T_ab
+    Pose T_ab of 'b' seen from 'a': at (2, 0, 0) m, not turned
     """
 
     matrix: Array
@@ -72,6 +75,22 @@ class Pose:
     def inverse(self) -> Pose:
         """T_ba."""
         return _follows(se3.inverse(self), to=self.of, of=self.to)
+
+    def __repr__(self) -> str:
+        what = f"Pose {self.symbol} of {self.of!r} seen from {self.to!r}"
+        if self.matrix.ndim > 2:
+            return f"{what}, batch {self.matrix.shape[:-2]}"
+        place = f"{what}: at {tuple_of(self.position)} m"
+        if self.matrix.dtype == object:
+            return place
+        turn = so3.log(so3.project(self.rotation, within=np.inf))  # what adds up in products is no reason not to print
+        angle = float(np.linalg.norm(turn))
+        return f"{place}, " + (f"turned {angle:.6g} rad about {tuple_of(turn / angle)}" if angle > 1e-12 else "not turned")
+
+    def __rmatmul__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            raise FrameError(f"ndarray @ {self.symbol}: plain numbers name no frames; work on {self.symbol}.matrix.")
+        return NotImplemented
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.matrix, dtype, copy=copy)

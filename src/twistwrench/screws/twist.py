@@ -18,7 +18,7 @@ __all__ = ["Twist"]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Twist(Labelled):
     """A twist V = (omega, v) [rad/s, m/s], (..., 6), expressed in a named frame.
 
@@ -31,6 +31,7 @@ class Twist(Labelled):
     """
 
     _kind: ClassVar[str] = "twist"
+    _halves = (("omega", "rad/s"), ("v", "m/s"))
 
     @property
     def symbol(self) -> str:

@@ -22,7 +22,7 @@ __all__ = ["Wrench", "move_covariance"]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Wrench(Labelled):
     """A wrench F = (m, f) [N m, N], (..., 6), expressed in a named frame.
 
@@ -35,6 +35,7 @@ class Wrench(Labelled):
     """
 
     _kind: ClassVar[str] = "wrench"
+    _halves = (("m", "N m"), ("f", "N"))
 
     @classmethod
     def of_force(cls, f: ArrayLike, frame: str, at: ArrayLike = (0.0, 0.0, 0.0)) -> Wrench:

@@ -13,7 +13,7 @@ from .explanations import Explanation, first_guess, least_readings
 from .fit import Unknowns, fit
 from .identified import Identification
 from .judgement import judged
-from .log import ReadingLog
+from .log import ReadingLog, checked_log
 from .noise import checked_noise
 from .outliers import trimmed
 from .sensor import Sign, sign_factor
@@ -41,7 +41,9 @@ def identify(
     (moment [N m], force [N]) in place of the fit's own. ``outliers``: ``trim`` leaves out readings that the others
     contradict and says which, ``keep`` trusts all.
 
-    Raises :class:`~twistwrench.ValueRangeError` when the log cannot tell what was asked, naming the combinations of unknowns
+    Without ``inertia`` the sensor found has a load whose inertia is ``unknown``: it compensates forces in motion, not moments.
+
+    Raises :class:`~twistwrench.ShapeError` for anything that is no log, :class:`~twistwrench.ValueRangeError` when the log cannot tell what was asked, naming the combinations of unknowns
     that no reading changes with, and when mass comes out negative. Doubts of units, sign, mounting and poses are in the
     result.
     Source: least squares of F = Y π, Modern Robotics eq. 8.40.
@@ -53,7 +55,7 @@ def identify(
     >>> round(found.sensor.load.mass, 6), round(float(found.sensor.load.com[2]), 6)
     (3.0, 0.1)
     """
-    factor = sign_factor(sign)
+    log, factor = checked_log(log, "identify"), sign_factor(sign)
     unknowns = Unknowns(bias=bias is None, inertia=inertia, turn=orientation)
     known_bias, known_noise = _checked(bias, noise, outliers, confidence)
     if inertia and log.V is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,17 +16,18 @@ from .sensor import ForceTorqueSensor
 
 Array = NDArray[Any]
 
-__all__ = ["AXES", "ReadingLog"]
+__all__ = ["AXES", "ReadingLog", "checked_log", "late"]
 
 AXES = ("mx", "my", "mz", "fx", "fy", "fz")
 _STRONG = 1100.0  # N; twice the weight of 50 kg turned over, and a tenth; a log in grams of 1.1 kg is above
 _LONG_LEVER = 5.0  # m; N mm read as N m make levers a thousand times too long
 _FAST = 50.0  # rad/s; no arm turns so fast, but in degrees per second any does
 _SWIFT, _HURLED = 30.0, 1000.0  # m/s, m/s²; no arm is so fast, but in millimetres any is
+_AFTER = "not after the {:g} s of the one before. Times must increase: sort the readings, or remove the column."
 _GRAVITY = (1.5, 30.0)  # m/s²; from the Moon to Jupiter, but not in g or cm/s²
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ReadingLog:
     """n readings with what is needed to explain them, in SI units and in {f}, the frame whose poses are known.
 
@@ -47,6 +48,10 @@ class ReadingLog:
     """(n,) s."""
     name: str = "log"
     """What errors and reports call it."""
+    notes: tuple[str, ...] = ()
+    """What was left out when it was read, in sentences."""
+    by_gravity: bool = False
+    """Whether gravity itself was logged, reading by reading, and not orientations."""
 
     @classmethod
     def of(
@@ -100,10 +105,17 @@ class ReadingLog:
         t = None if time is None else np.array(time, float)
         if t is not None and (t.shape != (len(r),) or not np.isfinite(t).all()):
             raise ShapeError(f"{name}: time has shape {t.shape}, expected ({len(r)},) finite numbers [s].")
-        log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name)
+        if t is not None and (row := late(t)) is not None:
+            raise ValueRangeError(f"{name}: time of reading {row} is {t[row]:g} s, {_AFTER.format(t[row - 1])}")
+        by_gravity = pose is None and g.ndim == 2
+        log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name, by_gravity=by_gravity)
         for doubt in log.doubts():
             warnings.warn(f"{name}: {doubt}", ModelWarning, stacklevel=2)
         return log
+
+    def __repr__(self) -> str:
+        motion = "at rest" if self.V is None else "in motion"
+        return f"<ReadingLog {self.name!r}: {len(self)} readings, {motion}>"
 
     def __len__(self) -> int:
         return len(self.readings)
@@ -111,7 +123,7 @@ class ReadingLog:
     def rows(self, which: Any) -> ReadingLog:
         """The log of some of the readings only; ``which`` is a slice, a mask or indices."""
         V, dV, time = (None if x is None else x[which] for x in (self.V, self.dV, self.time))
-        return ReadingLog(self.readings[which], self.gravity[which], V, dV, time, self.name)
+        return replace(self, readings=self.readings[which], gravity=self.gravity[which], V=V, dV=dV, time=time)
 
     def doubts(self) -> list[str]:
         """Units that look wrong, in words; empty when all look right."""
@@ -157,8 +169,31 @@ class ReadingLog:
         return sensor.predict(np.eye(3), self.V, self.dV, gravity=self.gravity)
 
     def compensated(self, sensor: ForceTorqueSensor) -> Array:
-        """The readings (n, 6) without that sensor's bias, weight and inertial load."""
+        """The readings (n, 6) without that sensor's bias, weight and inertial load.
+
+        Warns (:class:`~twistwrench.ModelWarning`) in motion when the load's inertia is unknown.
+        """
+        if not isinstance(sensor, ForceTorqueSensor):
+            raise ShapeError(f"compensated takes a ForceTorqueSensor, got {type(sensor).__name__}.")
+        sensor.warn_of_motion(self.V, self.dV)
         return self.readings - self.predicted(sensor)
+
+
+def checked_log(log: Any, taker: str) -> ReadingLog:
+    """The log itself; :class:`~twistwrench.ShapeError` naming who takes it and how to make one, if it is none."""
+    if isinstance(log, ReadingLog):
+        return log
+    got = f"an array of shape {log.shape}" if isinstance(log, np.ndarray) else f"a {type(log).__name__}"
+    raise ShapeError(
+        f"{taker} takes a ReadingLog, got {'None' if log is None else got}. Make one with "
+        "ReadingLog.of(readings, pose=T_wf), or read one with read_log(path)."
+    )
+
+
+def late(time: Array) -> int | None:
+    """The first of these times (n,) that is not after the one before; None if all are."""
+    late = np.flatnonzero(np.diff(time) <= 0)
+    return int(late[0]) + 1 if late.size else None
 
 
 def _rows(value: ArrayLike | None, count: int, width: int, where: str) -> Any:

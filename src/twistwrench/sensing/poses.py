@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ShapeError, ValueRangeError
 from .directions import GRAVITY, rotations_to_gravity
 from .fit import Unknowns
-from .log import ReadingLog
+from .log import ReadingLog, checked_log
 from .noise import checked_noise
 
 Array = NDArray[Any]
@@ -69,7 +69,7 @@ def propose_poses(
     rows = _design(gravity * directions, unknowns) * weight
     information = np.diag(1.0 / (_BELIEF * unknowns.scales) ** 2)
     if log is not None:
-        past = _design(log.gravity, unknowns) * weight
+        past = _design(checked_log(log, "propose_poses").gravity, unknowns) * weight
         information = information + np.einsum("nki,nkj->ij", past, past)
     chosen, deviations = [], []
     for _ in range(count):

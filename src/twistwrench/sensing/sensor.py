@@ -7,6 +7,7 @@ in; wrenches are (m, f) in N m and N, twists (omega, v).
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bodies.inertia import SpatialInertia
-from ..errors import ShapeError, ValueRangeError
+from ..errors import InertiaError, ModelWarning, ShapeError, ValueRangeError
 from ..lie import so3
 from ..screws.labelled import frame_name
 from .directions import GRAVITY, checked_rotations, gravity_in_frame
@@ -22,11 +23,16 @@ from .frames import unlabelled
 
 Array = NDArray[Any]
 Sign = Literal["on_sensor", "by_sensor"]
+Inertia = Literal["given", "accept", "unknown"]
 
 _TWIST, _READING = "(omega, v) in the sensor's frame", "mx, my, mz, fx, fy, fz"
 _TURNED = 1e-9  # entries of the mounting; {s} and {f} are one below
+_UNTOLD = (
+    "inertia not identified: the log is in motion, and what the load's rotational inertia does to the moments is left in them; "
+    "forces are free of it. Identify with inertia=True from a log in motion."
+)
 
-__all__ = ["ForceTorqueSensor", "Sign", "load_regressor", "sign_factor"]
+__all__ = ["ForceTorqueSensor", "Inertia", "Sign", "load_regressor", "sign_factor"]
 
 
 def sign_factor(sign: str) -> float:
@@ -84,13 +90,26 @@ class ForceTorqueSensor:
     """R_fs (3, 3): the sensor's own axes in {f}; the identity for a sensor mounted as drawn."""
     frame: str | None = None
     """The name of {f}, if labelled poses, twists and wrenches are to be checked against it, not only against each other."""
+    inertia: Inertia = "given"
+    """``given``: the load's rotational inertia is one that a body has, else :class:`~twistwrench.InertiaError`; ``accept``: its
+    numbers are kept as they are; ``unknown``: they stand for nothing (a point mass's, say), so moments in motion are not told."""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.load, SpatialInertia):
+            raise InertiaError(f"a sensor's load is a SpatialInertia, got {type(self.load).__name__}.")
+        if self.inertia not in get_args(Inertia):
+            raise ValueRangeError(f"inertia {self.inertia!r} is not known. Choose one of: {', '.join(get_args(Inertia))}.")
         bias = np.array(self.bias, float)
         if bias.shape != (6,):
             raise ShapeError(f"bias has shape {bias.shape}, expected (6,): mx, my, mz, fx, fy, fz.")
         if not np.isfinite(bias).all() or not np.isfinite(self.load.parameters.astype(float)).all():
             raise ValueRangeError("the sensor's bias or load has a value that is not a finite number.")
+        problem = "; ".join(self.load.defects())
+        if problem and (self.inertia == "given" or self.load.mass < 0):
+            raise InertiaError(
+                f"no load has this inertia: {problem}. See nearest_consistent() and repair(); inertia='accept' keeps the "
+                "numbers of a mass that is not negative."
+            )
         sign_factor(self.sign)
         if self.frame is not None:
             frame_name(self.frame, "the frame of a sensor")
@@ -138,11 +157,13 @@ class ForceTorqueSensor:
         """Readings (..., 6) without bias, weight and inertial load: what else acts, in the same sign and axes as they.
 
         A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: those of {f} unless the mounting is turned.
-        The other arguments and errors are those of :meth:`predict`.
+        The other arguments and errors are those of :meth:`predict`; warns (:class:`~twistwrench.ModelWarning`) in motion when
+        the load's inertia is unknown.
         """
         given = self._unlabelled(readings=readings, pose=pose, V=V, dV=dV)
         read = np.asarray(_six(given.pop("readings"), "readings", _READING))
         predicted = self.predict(**given, gravity=gravity)
+        self.warn_of_motion(given["V"], given["dV"])
         _broadcast(readings=read, predicted=predicted)
         return read - predicted
 
@@ -155,6 +176,16 @@ class ForceTorqueSensor:
         F = sign_factor(self.sign) * np.asarray(_six(given, "compensated", _READING))
         Rt = np.asarray(self.mounting).T
         return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
+
+    def untold(self, V: ArrayLike | None, dV: ArrayLike | None) -> str | None:
+        """What a motion, V and dV (..., 6), leaves in the moments because the load's inertia is unknown; None if nothing."""
+        turning = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
+        return _UNTOLD if self.inertia == "unknown" and turning else None
+
+    def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:
+        """Warn (:class:`~twistwrench.ModelWarning`) of what :meth:`untold` says."""
+        if said := self.untold(V, dV):
+            warnings.warn(said, ModelWarning, stacklevel=3)
 
     def _unlabelled(self, **given: Any) -> dict[str, Any]:
         turned = float(np.abs(np.asarray(self.mounting) - np.eye(3)).max()) > _TURNED

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..errors import NotFoundError, TwistWrenchError, ValueRangeError
+from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..outputs import replacing
 from .noise import checked_noise
 from .sensor import ForceTorqueSensor
@@ -20,13 +20,19 @@ __all__ = ["read_sensor", "write_sensor"]
 def write_sensor(sensor: ForceTorqueSensor, path: str | Path, noise: tuple[float, float]) -> None:
     """Write a sensor and the noise (moments [N m], forces [N]) of its readings, every digit of them.
 
-    Raises :class:`~twistwrench.ValueRangeError` for a noise that is none, or where nothing can be written.
+    Whether the load's rotational inertia is known goes with it. Raises :class:`~twistwrench.ShapeError` for arguments of
+    another type, :class:`~twistwrench.ValueRangeError` for a noise that is none, or where nothing can be written.
     """
+    if not isinstance(sensor, ForceTorqueSensor) or not isinstance(path, str | Path):
+        raise ShapeError(
+            f"write_sensor takes a ForceTorqueSensor, then a path, got {type(sensor).__name__} and {type(path).__name__}."
+        )
     content: dict[str, Any] = {
         "sign": sensor.sign,
         "bias": np.asarray(sensor.bias).tolist(),
         "mounting": np.asarray(sensor.mounting).tolist(),
         "load": sensor.load.parameters.tolist(),
+        "inertia": sensor.inertia,
         "noise": checked_noise(noise, none_at_all=True).tolist(),
     }
     if sensor.frame is not None:
@@ -40,13 +46,17 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
 
     Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`.
     """
+    if not isinstance(path, str | Path):
+        raise ShapeError(f"read_sensor takes the path of a sensor file, got {type(path).__name__}.")
     path = Path(path)
     try:
         content = json.loads(path.read_text("utf-8"))
         load = SpatialInertia.from_parameters(content["load"])
-        sensor = ForceTorqueSensor(load, content["bias"], content["sign"], content["mounting"], content.get("frame"))
-        if not load.mass >= 0:
+        if load.mass < 0:
             raise ValueRangeError(f"the load's mass, {load.mass} kg, is negative. Identify the sensor again.")
+        sensor = ForceTorqueSensor(
+            load, content["bias"], content["sign"], content["mounting"], content.get("frame"), _inertia(content, load)
+        )
         moment, force = checked_noise(content["noise"], none_at_all=True).tolist()
     except FileNotFoundError:
         raise NotFoundError(f"no sensor file {str(path)!r}. `sensor identify LOG --save FILE` writes one.") from None
@@ -55,3 +65,12 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
     except (OSError, ValueError, TypeError, KeyError):
         raise ValueRangeError(f"{path}: is no sensor file. `sensor identify LOG --save FILE` writes one.") from None
     return sensor, (moment, force)
+
+
+def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:
+    """What the file says of the rotational inertia; one that says nothing has none if it is that of a point mass."""
+    if "inertia" in content:
+        return content["inertia"]
+    point = SpatialInertia.from_com(load.mass, load.com) if load.mass else SpatialInertia.zero()
+    same = np.allclose(load.parameters, point.parameters, rtol=1e-9, atol=1e-12)
+    return "unknown" if same or load.defects() else "given"

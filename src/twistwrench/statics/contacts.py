@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ValueRangeError
 from ..lie import checks
+from ..screws.words import tuple_of
 from .checks import whole
 
 Array = NDArray[Any]
@@ -17,7 +18,7 @@ Array = NDArray[Any]
 __all__ = ["Contact"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Contact:
     """A point where the world pushes: a force within the friction cone about ``normal``, \\|tangential\\| ≤ μ · normal part.
 
@@ -36,7 +37,7 @@ class Contact:
     friction: float = 0.5
     """μ, the Coulomb coefficient; 0 for none."""
     frame: str | None = None
-    """The robot's link that touches; the tip if None. Of no meaning for a single body."""
+    """The robot's link that touches; the tip if None. On a single body it has to be None."""
 
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
@@ -54,6 +55,10 @@ class Contact:
         if not isinstance(self.frame, str | None):
             raise ValueRangeError(f"a contact's frame is {self.frame!r}. Give the name of a link, or None for the tip.")
         object.__setattr__(self, "normal", self.normal / size)
+
+    def __repr__(self) -> str:
+        at = f" of {self.frame}" if self.frame else ""
+        return f"Contact at {tuple_of(self.point)} m{at}, normal {tuple_of(self.normal)}, friction {self.friction:g}"
 
     def edges(self, count: int, *, around: bool = False) -> Array:
         """Forces (count, 3) with unit normal part whose cone lies inside the friction cone, or ``around`` it; (1, 3) for μ = 0.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import UnknownNameError, ValueRangeError
+from ..screws.words import tuple_of
 from .checks import same_batch, unit_vectors
 from .limits import effort_limits
 from .torques import RANK_TOLERANCE
@@ -24,7 +25,7 @@ PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
 """The rows of a wrench that each part means."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WrenchEllipsoid:
     """All x (n,) with x' A x ≤ 1, centred where the torques of gravity would put nothing. Leading axes are the poses'."""
 
@@ -36,6 +37,15 @@ class WrenchEllipsoid:
     """(..., n): their lengths, descending; inf along what the structure bears."""
     part: str
     kind: str
+
+    def __repr__(self) -> str:
+        what = f"WrenchEllipsoid of {self.part}s, {self.kind}"
+        if self.semi_axes.ndim > 1:
+            return f"{what}, of poses {self.semi_axes.shape[:-1]}"
+        along = zip(self.semi_axes, self.axes.T, strict=True)
+        return f"{what}: " + ", ".join(
+            f"{'unbounded' if np.isinf(size) else f'{size:.4g}'} along {tuple_of(np.round(axis, 4))}" for size, axis in along
+        )
 
     @property
     def condition(self) -> Array:
@@ -76,6 +86,8 @@ def wrench_ellipsoid(
     >>> arm = tw.robots.planar_2r()
     >>> wrench_ellipsoid(arm, [0.0, np.pi / 2]).semi_axes.round(6).tolist()  # the golden ratio, and one over it
     [inf, 1.618034, 0.618034]
+    >>> wrench_ellipsoid(arm, [0.0, np.pi / 2], part="moment")
+    WrenchEllipsoid of moments, world_aligned: unbounded along (1, 0, 0), unbounded along (0, 1, 0), 0.7071 along (0, 0, 1)
     """
     J = np.asarray(robot.jacobian(q, frame, kind))[..., part_rows(part), :]
     if limits is not None:

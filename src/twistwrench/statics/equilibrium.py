@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ValueRangeError
+from ..errors import FrameError, ValueRangeError
 from ..lie import checks
 from .checks import one_configuration, whole
 from .contacts import Contact
@@ -30,7 +30,7 @@ _TOLERANCE = 1e-7
 """Power, as a share of the drive's, from which a motion counts as driven: ten times what the solver keeps to."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Equilibrium:
     r"""An answer with its proof: contact forces and torques that balance, or a motion nothing resists.
 
@@ -49,7 +49,7 @@ class Equilibrium:
     torques: Array | None
     """(nv,) of the joints, 0 for floating ones; (6,) zeros for a body; None unless it holds."""
     share: float | None
-    """The largest share of a torque limit, made as small as can be; 0 for a body."""
+    """The largest share of a torque limit, made as small as can be; None unless it holds by torques with limits."""
     motion: Array | None
     """(nv,) or (6,): the certificate, dq or the body's twist V, largest entry 1; None unless it cannot hold.
 
@@ -65,11 +65,14 @@ class Equilibrium:
     frame: str
     """What ``motion`` is, and in which frame."""
 
+    def __repr__(self) -> str:
+        return f"Equilibrium: {self}"
+
     def __str__(self) -> str:
         if self.holds:
             forces = np.asarray(self.forces)
             largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
-            used = f", torques up to {100 * self.share:.0f} % of their limits" if self.share else ""
+            used = "" if self.share is None else f", torques up to {100 * self.share:.3g} % of their limits"
             return f"holds, with contact forces up to {largest:.4g} N{used}"
         if self.holds is None:
             return f"marginal: cones of {self.edges} edges decide neither way"
@@ -86,7 +89,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
 
     Forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0, or by Farkas' lemma a twist V with F·V > 0 along which
     no contact force does negative work. One wrench at a time, as each is a linear programme. Raises ShapeError,
-    ValueRangeError.
+    ValueRangeError, and FrameError for a contact with a ``frame``: that is a link of a robot, and its normal in the base frame.
 
     >>> legs = [Contact((x, y, 0), friction=0.3) for x, y in ((1, 0), (-1, 1), (-1, -1))]
     >>> print(body_equilibrium(legs, [0, 0, 0, 0, 0, -30.0]))
@@ -96,6 +99,12 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     normals, into which the load puts 30 W
     """
     contacts, edges = _clean(contacts, edges)
+    for k, c in enumerate(contacts):
+        if c.frame is not None:
+            raise FrameError(
+                f"contacts[{k}] is at {c.frame!r}, a link of a robot: on one body all points and normals are in the one frame "
+                "of its wrench. Give them in that frame, with frame=None, or ask robot_equilibrium."
+            )
     F = checks.finite(checks.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
     maps = [np.vstack([_hat(c.point), np.eye(3)]) for c in contacts]  # f → (p × f, f)
     return _decide(contacts, maps, F, np.zeros(6), edges, _TWIST_NAMES, _OF_A_BODY)
@@ -179,8 +188,11 @@ def _decide(
 
 def _balance(
     contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
-) -> tuple[Array, float] | None:
-    """Forces (contacts, 3) that balance at the least share of the limits, then with the least sum; None if none do."""
+) -> tuple[Array, float | None] | None:
+    """Forces (contacts, 3) that balance at the least share of the limits, then with the least sum; None if none do.
+
+    The share is None where no torque has a limit above zero to be a share of.
+    """
     from scipy.optimize import linprog
 
     cones = [np.vstack([c.normal, c.edges(edges)]) for c in contacts]  # the normal alone, lest forces lean without need
@@ -207,7 +219,7 @@ def _balance(
         return None
     weights = np.split(size * found.x[:-1], np.cumsum([len(D) for D in cones])[:-1]) if cones else []
     forces = np.array([w @ D for w, D in zip(weights, cones, strict=True)]).reshape(-1, 3)
-    return forces, share
+    return forces, share if driven.any() else None
 
 
 def _unresisted(

@@ -24,6 +24,8 @@ __all__ = ["SLICES", "PayloadMap", "payload_map", "plane_and_samples"]
 SLICES = {"xz": (0, 2, 1), "yz": (1, 2, 0), "xy": (0, 1, 2)}
 """The two axes of a plane slice, and the one across it; beside them "rz" is radius and height, any direction around z."""
 _CHUNK = 1 << 15
+_CELLS, _PER_CELL = (8, 60), 40
+"""Cells along the longer side, and configurations for each cell of a square; slices fill half of theirs, as arms go."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ def payload_map(
     *,
     at: float = 0.0,
     thickness: float = 0.1,
-    cells: int = 60,
+    cells: int | None = None,
     samples: int = 200_000,
     com: ArrayLike = (0.0, 0.0, 0.0),
     frame: str | None = None,
@@ -78,8 +80,8 @@ def payload_map(
     """The best and worst :func:`largest_payload` in each cell of a slice, over random configurations within the limits.
 
     ``plane``: "xz", "yz" or "xy" of the base frame, a slab of ``thickness`` [m] about ``at`` [m] on the axis across it; or
-    "rz", the distance from the base's z axis and the height, which wastes no sample. ``cells`` along the longer side.
-    Raises ValueRangeError, UnknownNameError, and what largest_payload raises.
+    "rz", the distance from the base's z axis and the height, which wastes no sample. ``cells`` along the longer side; if None
+    as many as the configurations in the slice fill, 8 to 60, so that extremes are not those of a handful. Raises ValueRangeError, UnknownNameError, and what largest_payload raises.
 
     >>> import twistwrench as tw
     >>> found = payload_map(tw.robots.planar_2r(), "xz", cells=8, samples=4000, limits=[50.0, 20.0])
@@ -87,7 +89,8 @@ def payload_map(
     ((8, 8), True)
     """
     plane, samples = plane_and_samples(plane, samples)
-    cells, thickness = whole(cells, "cells", 1), positive(thickness, "thickness [m]", "Give a positive thickness.")
+    cells = None if cells is None else whole(cells, "cells", 1)
+    thickness = positive(thickness, "thickness [m]", "Give a positive thickness.")
     at = checks.number(at, "at [m]")
     if not np.isfinite(at):
         raise ValueRangeError(f"at is {at:g}. Give where the slice lies on the axis across it [m].")
@@ -113,8 +116,12 @@ def payload_map(
             f"none of {samples} configurations has its tip in the {plane} slice {thickness:g} m thick at {at:g} m. "
             "Move the slice, make it thicker, or draw more samples."
         )
+    found = np.concatenate(parts)
+    if cells is None:
+        fewest, most = _CELLS
+        cells = int(np.clip(np.sqrt(len(found) / _PER_CELL), fewest, most))
     slab = (0.0, np.inf) if plane == "rz" else (at, thickness)
-    edges, best, worst, count = _binned(np.concatenate(parts), cells)
+    edges, best, worst, count = _binned(found, cells)
     return PayloadMap(plane, *slab, edges, best, worst, count)
 
 

@@ -75,12 +75,12 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
     entries, coordinates = model_entries(model, symbols), coordinates_of(model)
     ring = ring_of(entries, coordinates)
     motion = None
-    if form != "named":
-        motion = motion_of(model, entries, coordinates, ring, size.LARGEST_POSITION)
+    if form == "expanded" or (form == "auto" and model.nv <= size.MOST_EXPANDED):
+        motion = motion_of(model, entries, coordinates, ring, size.LARGEST_POSITION, size.LARGEST_ROTATION)
         work = size.expanded_products(entries, motion)
         if form == "expanded":
             size.check_expanded(robot.name, work)
-        elif model.nv > size.MOST_EXPANDED or work > size.COMFORTABLE:
+        elif work > size.COMFORTABLE:
             motion = None
     if motion is None:
         from .named import named_derivation

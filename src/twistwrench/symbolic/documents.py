@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 from .notation import Latex, Notation
@@ -103,12 +104,13 @@ def _broken(left: str, expr: Any, notation: Notation) -> str:
 
 _PLAIN = {
     "Γ": "$\\Gamma$", "τ": "$\\tau$", "Σ": "$\\Sigma$", "ω": "$\\omega$", "½": "$\\tfrac12$", "∂": "$\\partial$", "−": "$-$",
-    "·": "$\\cdot$", "≤": "$\\le$", "q̇": "$\\dot q$", "²": "$^2$", "_": "\\_", "–": "--", "%": "\\%", "&": "\\&", "#": "\\#",
-    "q̈": "$\\ddot q$", "…": "\\dots{}", "'": "'", "°": "$^\\circ$",
+    "·": "$\\cdot$", "≤": "$\\le$", "q̇": "$\\dot q$", "q̈": "$\\ddot q$", "²": "$^2$", "–": "--", "…": "\\dots{}",
+    "_": "\\_", "%": "\\%", "&": "\\&", "#": "\\#", "$": "\\$", "{": "\\{", "}": "\\}", "^": "\\^{}", "~": "\\~{}",
+    "\\": "\\textbackslash{}",
 }  # fmt: skip
+_SPECIAL = re.compile("|".join(re.escape(plain) for plain in sorted(_PLAIN, key=len, reverse=True)))
 
 
 def _in_latex(text: str) -> str:
-    for plain, latex in sorted(_PLAIN.items(), key=lambda pair: -len(pair[0])):
-        text = text.replace(plain, latex)
-    return text.replace("$$", "")
+    """Names and sentences as LaTeX, formulas side by side as one."""
+    return re.sub(r"(?<!\\)\$\$", "", _SPECIAL.sub(lambda found: _PLAIN[found.group()], text))

@@ -6,6 +6,7 @@ K = Σ ½ m v'v + ½ ω'I ω, and everything after that is differentiation. Mode
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -82,9 +83,14 @@ def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
 
 
 def motion_of(
-    model: Model, entries: ModelEntries, coordinates: tuple[Coordinate, ...], ring: Ring, most: int
+    model: Model,
+    entries: ModelEntries,
+    coordinates: tuple[Coordinate, ...],
+    ring: Ring,
+    largest_position: int,
+    largest_rotation: int,
 ) -> Motion | None:
-    """Positions and velocities of all bodies; None once a position has more than ``most`` terms."""
+    """Positions and velocities of all bodies; None once an entry of one has more terms than allowed."""
     arithmetic = RingArithmetic(ring, coordinates)
     poses: list[tuple[Array, Array]] = []
     positions, velocities, turning = [], [], []
@@ -95,7 +101,7 @@ def motion_of(
             R, p = R_p @ R, p_p + R_p @ p
         poses.append((R, p))
         place = p + R @ numbers_of(arithmetic, mine.com)
-        if max(len(ring.number(0.0) + x) for x in (*place, *R.flat)) > most:
+        if _terms(place, ring) > largest_position or _terms(R.flat, ring) > largest_rotation:
             return None
         R = np.array([[ring.number(0.0) + x for x in row] for row in R], object)
         spin = [ring.number(0.0)] * 3
@@ -109,6 +115,10 @@ def motion_of(
         slopes = zip((W[2, 1], W[0, 2], W[1, 0]), spin, strict=True)
         turning.append(np.array([(x + s).without_dust(_DUST) for x, s in slopes], object))
     return Motion(tuple(positions), tuple(velocities), tuple(turning))
+
+
+def _terms(entries: Iterable[Any], ring: Ring) -> int:
+    return max(len(ring.number(0.0) + x) for x in entries)
 
 
 def _rate(x: TrigSum, coordinates: tuple[Coordinate, ...], ring: Ring) -> TrigSum:

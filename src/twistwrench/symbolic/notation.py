@@ -7,6 +7,7 @@ accelerations, with rates, without; then by the numbers of the links.
 from __future__ import annotations
 
 import re
+import unicodedata
 from typing import Any
 from xml.sax.saxutils import escape
 
@@ -141,7 +142,7 @@ class Notation:
         """A symbol: Greek letters, dots for rates, indices."""
         stem, mark, index = _parts(name)
         low = index.replace("_", ",").translate(_SUBSCRIPTS)
-        return _GREEK.get(stem, stem) + (_MARKS[mark] if mark else "") + low
+        return unicodedata.normalize("NFC", _GREEK.get(stem, stem) + (_MARKS[mark] if mark else "")) + low
 
     def figure(self, digits: str) -> str:
         """A number without a sign."""

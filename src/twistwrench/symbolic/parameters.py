@@ -139,7 +139,10 @@ class _Namer:
         found = tuple(self._body(i, body, lengths) for i, body in enumerate(bodies))
         gravity = self._gravity()
         springs = tuple(
-            Entry(s.stiffness, self._new(f"k_{n}", s.stiffness, ["springs"], f"stiffness between {joined} [N m/rad]"))
+            Entry(
+                s.stiffness,
+                self._new(f"k_{n}", s.stiffness, ["springs"], f"stiffness between {joined} [N m/rad or N/m]"),
+            )
             for n, s in enumerate(self.model.springs, 1)
             for joined in [" and ".join(joint for joint, _ in s.terms)]
         )

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 __all__ = [
     "COMFORTABLE",
     "LARGEST_POSITION",
+    "LARGEST_ROTATION",
     "MOST_EXPANDED",
     "check_expanded",
     "check_named",
@@ -21,8 +22,10 @@ __all__ = [
     "named_lines",
 ]
 
-LARGEST_POSITION = 4000
+LARGEST_POSITION = 1500
 """Terms of a coordinate of a centre of mass, beyond which nothing is expanded."""
+LARGEST_ROTATION = 100
+"""Terms of an entry of a rotation, likewise."""
 COMFORTABLE = 30_000
 """Products of two terms in the kinetic energy, up to which equations are written out unless asked otherwise."""
 LARGEST_EXPANDED = 5_000_000
@@ -44,7 +47,7 @@ def check_expanded(name: str, products: float) -> None:
     """ValueRangeError beyond :data:`LARGEST_EXPANDED`."""
     if products > LARGEST_EXPANDED:
         count = (
-            f"more than {LARGEST_POSITION:,} terms in one coordinate of a position"
+            f"more than {LARGEST_POSITION:,} terms in a coordinate of a position, or {LARGEST_ROTATION} in a rotation"
             if products == float("inf")
             else (f"{int(products):,} products of terms in its kinetic energy; allowed are {LARGEST_EXPANDED:,}")
         )

@@ -194,13 +194,13 @@ def numpy_source(equations: Equations) -> str:
     """The Python module."""
     names = ordered_names(equations)
     values = {s: p.value for s, p in zip(equations.values, equations.parameters, strict=True)}
-    known = [
-        f"    {s.name!r}: {values[s]!r}," if s in values else f"    {s.name!r}: None,  # give a number"
-        for s in constants(equations)
-    ]
-    known = [line.replace("np.float64(", "").replace("),", ",") for line in known]
+    symbols = constants(equations)
     parts = ['"""' + "\n".join(header(equations)).replace("\\", "").replace('"', "'") + '\n"""\n\nimport numpy as np\n']
-    parts.append("PARAMETERS = {\n" + "\n".join(known) + "\n}\n" if known else "PARAMETERS = {}\n")
+    if all(s in values for s in symbols):
+        rows = [f"    {s.name!r}: {float(values[s])!r}," for s in symbols]
+        parts.append("\n".join(["PARAMETERS = {", *rows, "}\n"]))
+    else:
+        parts.append(f"# parameters = {{{', '.join(f'{s.name!r}: …' for s in symbols)}}}\n")
     parts += [_numpy_function(equations, routine(equations, name, names)) for name in FUNCTIONS]
     return "\n".join(parts)
 
@@ -209,13 +209,17 @@ def _numpy_function(equations: Equations, made: Routine) -> str:
     arrays, letter, axes, meaning = FUNCTIONS[made.name]
     n = len(equations.q)
     shape = ", ".join([str(n)] * axes)
-    lines = [f"\ndef {made.name}({', '.join(arrays)}, parameters=PARAMETERS):"]
+    symbols = constants(equations)
+    known = len(symbols) == len(equations.parameters)
+    lines = [f"\ndef {made.name}({', '.join(arrays)}, parameters{'=PARAMETERS' if known else ''}):"]
     ins = ", ".join(f"{a} (..., {n})" for a in arrays)
     lines.append(f'    """{meaning}; {ins} -> (..., {shape})."""')
     lines.append(
         f"    {', '.join(arrays)}{',' if len(arrays) == 1 else ''} = (np.asarray(x, float) for x in ({', '.join(arrays)},))"
     )
-    symbols = constants(equations)
+    for name in arrays:
+        wanted = f'f"{name} has shape {{{name}.shape}}, wanted (..., {n})"'
+        lines += [f"    if {name}.shape[-1:] != ({n},):", f"        raise ValueError({wanted})"]
     for array, k, name in made.inputs:
         lines.append(
             f"    {name} = parameters[{symbols[k].name!r}]" if array == "p" else f"    {name} = {array}[..., {k}]"

@@ -245,6 +245,8 @@ def _ratio(one: TrigSum, other: TrigSum) -> Any:
 
 def _content(coefficients: list[Any]) -> Any:
     """The largest simple number that divides all coefficients, with the sign of most; 1 where they are measured."""
+    if all(abs(c) == abs(coefficients[0]) for c in coefficients):
+        return -abs(coefficients[0]) if all(c < 0 for c in coefficients) else abs(coefficients[0])
     fractions = [Fraction(c).limit_denominator(1 << 20) for c in coefficients]
     if any(Fraction(c) != f or f.denominator > 64 for c, f in zip(coefficients, fractions, strict=True)):
         return 1

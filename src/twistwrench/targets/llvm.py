@@ -28,6 +28,12 @@ SIDE_BY_SIDE = 6
 LARGE = 6000
 """Programs beyond this many instructions are cut: LLVM's time grows faster than the length of a block."""
 
+CUT_OUTPUTS = 125
+"""Entries of results handed over in a basic block of a wide program."""
+
+WIDE = 500
+"""Programs with more entries of results are cut by these, too: LLVM's schedulers compare every two stores of a block."""
+
 
 def assembly(program: Program, precision: Precision, machine: Machine) -> str:
     """The module: the block, the loop, and what they call."""
@@ -66,6 +72,7 @@ class _Emitter:
         self.label = "entry"
         self.pairs: dict[int, tuple[str, str]] = {}
         self.waiting: dict[int, str] = {}
+        self.wide, self.stored = len(program.results) > WIDE, 0
         self.loaders, self.storers = [], []
         for k, port in enumerate([*program.inputs, *program.outputs]):
             if k < len(program.inputs):
@@ -91,6 +98,19 @@ class _Emitter:
     def output(self, number: int, value: str) -> None:
         storer, column = self._outputs[number]
         storer.put(column, value)
+        self.stored += 1
+        if self.wide and self.stored % CUT_OUTPUTS == 0:
+            self.cut()
+
+    def cut(self) -> None:
+        """End the basic block with a branch that is never taken, for a reason LLVM cannot know."""
+        following = self.w.label("cut")
+        never = self.w.new("icmp eq ptr %a0, null")
+        self.w.do(f"br i1 {never}, label %out{following}, label %{following}")
+        self.w.begin(f"out{following}")
+        self.w.do("ret void")
+        self.w.begin(following)
+        self.label = following
 
     def check(self, angles: list[int]) -> None:
         """Load angles that are plain inputs, and bring huge ones into reach."""
@@ -118,14 +138,14 @@ def _block(w: Writer, program: Program) -> None:
     for k, result in enumerate(program.results):
         wanted.setdefault(result, []).append(k)
     e.check(_plain_angles(program))
-    cut = len(program.instructions) > LARGE
+    large = len(program.instructions) > LARGE
     for number, (op, args, value) in enumerate(program.instructions):
         if op == "const":
             for k in wanted.get(number, ()):
                 e.output(k, w.splat(value))
             continue
-        if cut and number % CUT == CUT - 1:
-            _cut(e)
+        if large and number % CUT == CUT - 1:
+            e.cut()
         if op in ("sin", "cos"):
             e.values[number] = e.sincos(args[0])[op == "cos"]
         elif op == "input":
@@ -140,17 +160,6 @@ def _plain_angles(program: Program) -> list[int]:
     """Inputs whose sine or cosine is taken: their sizes are checked together, once a block."""
     taken = {i.args[0] for i in program.instructions if i.op in ("sin", "cos")}
     return sorted(k for k in taken if program.instructions[k].op == "input")
-
-
-def _cut(e: _Emitter) -> None:
-    """End the basic block with a branch that is never taken, for a reason LLVM cannot know."""
-    following = e.w.label("cut")
-    never = e.w.new("icmp eq ptr %a0, null")
-    e.w.do(f"br i1 {never}, label %out{following}, label %{following}")
-    e.w.begin(f"out{following}")
-    e.w.do("ret void")
-    e.w.begin(following)
-    e.label = following
 
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}

@@ -102,7 +102,7 @@ class RowStorer(_Rows):
         super().__init__(w, base, columns)
         self.span = 2 * self.width if columns >= 2 * self.width else self.width
         self._ready: dict[int, str] = {}
-        self._missing = {start: self.span for start in _pieces(columns, self.span)}
+        self._missing = dict.fromkeys(_pieces(columns, self.span), self.span)
         self._single = not self._missing
 
     def put(self, c: int, vector: str) -> None:

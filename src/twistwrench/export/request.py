@@ -1,0 +1,124 @@
+"""What is exported: quantities with their options, each as a function with a name in C."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from .. import quantities as table
+from ..algorithms.task_space import ROWS
+from ..errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
+from ..targets.c import PRECISIONS, CFunction, identifier
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, Mapping[str, Any]]]
+
+__all__ = ["Quantities", "Request", "prefix_of", "requests"]
+
+
+@dataclass(frozen=True)
+class Request:
+    """One quantity with its options, and the function it becomes."""
+
+    quantity: str
+    options: Mapping[str, Any]
+    """As given, for :meth:`~twistwrench.Robot.kernel`."""
+    full: Mapping[str, Any]
+    """Checked, defaults filled in."""
+    function: CFunction
+
+
+def prefix_of(robot: Robot, prefix: str | None) -> str:
+    """What the names of the functions begin with: ``prefix``, or the robot's name made a C identifier.
+
+    Raises ValueRangeError for a prefix that is none.
+    """
+    if prefix is None:
+        found = identifier(robot.name)
+        return found if re.match(r"[A-Za-z]", found) else f"robot_{found}".strip("_")
+    if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
+        raise ValueRangeError(
+            f"prefix={prefix!r} cannot begin a name in C. Use letters, digits and underscores, a letter first."
+        )
+    return prefix
+
+
+def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) -> list[Request]:
+    """One for each quantity asked for, in that order.
+
+    Raises UnknownNameError for names that are none, KernelError for options that do not apply and for what has no function,
+    SingularMassMatrixError where the mass matrix has no inverse and one is needed, ValueRangeError where nothing is asked
+    for, or the same twice.
+    """
+    if precision not in PRECISIONS:
+        raise UnknownNameError.of("precision", precision, PRECISIONS)
+    if robot.nv == 0:
+        raise KernelError(f"robot {robot.name!r} has no joint that moves: there is no function of q to export.")
+    found: list[Request] = []
+    for name, options in _named(quantities):
+        full = table.checked_options(robot.model, name, options)
+        _require_a_program(robot, name, full)
+        function = CFunction(
+            "_".join([prefix, name, *_words(full)]), table.program_of(robot.model, name, full), precision
+        )
+        if any(port.size == 0 for port in (*function.program.inputs, *function.program.outputs)):
+            raise KernelError(f"{name} of robot {robot.name!r} has no entry: there is nothing to export.")
+        if twins := [r for r in found if r.function.name == function.name]:
+            raise ValueRangeError(
+                f"{function.name} would be there twice, for {name} {dict(options)} and {twins[0].quantity} "
+                f"{dict(twins[0].options)}. Name each once, or export them to files of different prefixes."
+            )
+        found.append(Request(name, options, full, function))
+    if not found:
+        raise ValueRangeError(f"no quantity is named. Choose from {', '.join(sorted(table.QUANTITIES))}.")
+    return found
+
+
+def _named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """(name, options) from one name, a mapping, or names with or without options."""
+    if isinstance(quantities, Mapping):
+        quantities = list(quantities.items())
+    try:
+        given = [quantities] if isinstance(quantities, str) else list(quantities)
+    except TypeError:
+        given = [quantities]  # refused below
+    for entry in given:
+        if isinstance(entry, str):
+            yield entry, {}
+        elif isinstance(entry, tuple | list) and len(entry) == 2 and isinstance(entry[1], Mapping):
+            yield str(entry[0]), entry[1]
+        else:
+            raise ShapeError(
+                f"{entry!r} is no quantity to export: give its name, or (name, options) such as "
+                "('jacobian', {'frame': 'tool0'})."
+            )
+
+
+def _require_a_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
+    """Refuse what a program without branches gets wrong everywhere."""
+    if name in table.NEED_INVERSE:
+        robot._require_invertible()
+    if len(full.get("rows", ())) > robot.nv:
+        rows = " ".join(ROWS[k] for k in full["rows"])
+        raise KernelError(
+            f"{name} of the {len(full['rows'])} rows {rows} needs the singular values of J on a robot with {robot.nv} "
+            f"velocities, which a program without branches does not have. Name at most {robot.nv} rows, as in rows='vx vz'."
+        )
+
+
+def _words(full: Mapping[str, Any]) -> Iterator[str]:
+    """The options as parts of a name, in the order of the table."""
+    if frame := full.get("frame"):
+        yield identifier(frame)
+    if kind := full.get("kind"):
+        yield kind
+    if (rows := full.get("rows")) and rows != tuple(range(6)):
+        yield from (ROWS[k] for k in rows)
+    for frame in full.get("wrenches", ()):
+        yield from ("wrench", identifier(frame))
+    if "gravity" in full:
+        yield "gravity_input"
