@@ -5,13 +5,14 @@ the tip of the angular momentum keeps to a sphere (its size is constant) and to 
 two cut lies its path, the polhode. Around the long and the short axis the cuts are small loops, so those turns are steady;
 through the middle axis they cross, so the smallest push sends the tip to the other side and back.
 
-Run it: ``python examples/intermediate_axis.py [FOLDER]``. It writes intermediate_axis.png and intermediate_axis.gif.
+Run it: ``python examples/intermediate_axis.py [FOLDER]``. It writes intermediate_axis.png and intermediate_axis.gif there,
+the folder where it is run if none is named.
 Needs ``pip install "twistwrench[plot]"``.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import matplotlib as mpl
@@ -56,19 +57,46 @@ def on_sphere(n: int) -> np.ndarray:
     return np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
 
 
-def draw(axes: plt.Axes, points: np.ndarray, **style: object) -> None:
-    """A curve on the surface, strong in front and faint behind."""
+def eye(axes: plt.Axes) -> np.ndarray:
+    """The unit vector towards whoever looks."""
     e, a = np.radians(axes.elev), np.radians(axes.azim)
-    front = (points @ np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) > 0.0)[:, None]
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def visible(points: np.ndarray, towards: np.ndarray, energy: float) -> np.ndarray:
+    """Which points (n, 3) outside both surfaces are hidden by neither, seen along ``towards``.
+
+    A line of sight x + s e, s > 0, misses the sphere if it leads away from its middle, x · e > 0, or passes further than its
+    radius; and the ellipsoid likewise, once space is stretched until that is a sphere.
+    """
+    seen = np.ones(len(points), bool)
+    for stretch in (np.ones(3), 1.0 / np.sqrt(energy * I)):
+        x, e = points * stretch, towards * stretch
+        along = x @ e
+        seen &= (along > 0.0) | ((x**2).sum(axis=-1) - along**2 / (e @ e) > 1.0)
+    return seen
+
+
+def once(path: np.ndarray) -> np.ndarray:
+    """The first time around a closed path that is gone around several times."""
+    away = np.linalg.norm(path - path[0], axis=-1)
+    far = int(np.argmax(away > 0.5 * away.max()))
+    back = np.flatnonzero(away[far:] < 0.05)
+    return path[: far + int(back[0]) + 1] if back.size else path
+
+
+def draw(axes: plt.Axes, points: np.ndarray, energy: float, **style: object) -> None:
+    """A closed curve on the surface: a line in front, and thin dashes where the surface hides it."""
+    front = visible(points, eye(axes), energy)[:, None]
     axes.plot(*np.where(front, points, np.nan).T, zorder=5, **style)
-    axes.plot(*np.where(front, np.nan, points).T, zorder=0, **{**style, "alpha": 0.3, "lw": 0.7})
+    axes.plot(*np.where(front, np.nan, points).T, zorder=4, **{**style, "alpha": 0.45, "lw": 0.8, "ls": (0, (4, 3))})
 
 
 def prepare(axes: plt.Axes, reach: float) -> None:
     """A bare cube of space from -reach to reach."""
     axes.set_proj_type("ortho")
-    axes.view_init(elev=24, azim=38)
-    axes.set_box_aspect((1, 1, 1), zoom=1.28)
+    axes.view_init(elev=24, azim=50)
+    axes.set_box_aspect((1, 1, 1), zoom=1.12)
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
     axes.set_axis_off()
 
@@ -84,14 +112,15 @@ def sphere_and_ellipsoid(axes: plt.Axes, path: np.ndarray, n: int) -> None:
     axes.plot_surface(*np.moveaxis(outer[..., None] * points, -1, 0), facecolors=colours, rstride=1, cstride=1, lw=0,
                       antialiased=False, shade=False, zorder=1)  # fmt: skip
     for w in steady():
-        loop = momentum_in_body(fly(w, 12.0).twists)
-        draw(axes, 1.005 * hull(loop, energy)[:, None] * loop, color="#5b6470", lw=0.8)
-    draw(axes, 1.01 * path, color=RED, lw=2.6)
-    draw(axes, -1.01 * path, color=RED, lw=1.0)  # the seam's other half, which this flight never visits
-    for k, name in enumerate(("axis 1: least moment", "axis 2", "axis 3: greatest moment")):
+        loop = once(momentum_in_body(fly(w, 12.0).twists))
+        draw(axes, 1.005 * hull(loop, energy)[:, None] * loop, energy, color="#5b6470", lw=0.8)
+    draw(axes, 1.01 * once(path), energy, color=RED, lw=2.6)
+    draw(axes, -1.01 * once(path), energy, color=RED, lw=1.0)  # the seam's other half, which this flight never visits
+    for k, name in enumerate(("axis 1:\nleast moment", "axis 2:\nmiddle", "axis 3: greatest moment")):
         tip = np.eye(3)[k] * hull(np.eye(3)[k], energy)
-        axes.plot(*np.outer(tip, (1.0, 1.22)), color="black", lw=1.2, zorder=6)
-        axes.text(*(1.32 * tip), name, ha=("right", "left", "center")[k], va="center", fontsize=8, zorder=7)
+        axes.plot(*np.outer(tip, (1.0, (1.5, 1.6, 1.15)[k])), color="black", lw=1.2, zorder=6)
+        place, across = (1.55, 1.66, 1.24)[k] * tip, ("right", "left", "center")[k]
+        axes.text(*place, name, ha=across, va="center", fontsize=8, zorder=7)
 
 
 def steady() -> list[tuple[float, float, float]]:
@@ -118,7 +147,7 @@ def histories(axes: plt.Axes, flight: tw.bodies.flight.Flight) -> None:
 
 def picture(path: Path, flight: tw.bodies.flight.Flight) -> None:
     """The surfaces with the polhode, beside the angular velocity over time."""
-    figure = plt.figure(figsize=(11, 5), layout="constrained")
+    figure = plt.figure(figsize=(11, 5.4), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1, 1.2))
     L = momentum_in_body(flight.twists)
     globe = left.add_subplot(projection="3d", computed_zorder=False)
@@ -127,6 +156,7 @@ def picture(path: Path, flight: tw.bodies.flight.Flight) -> None:
     globe.legend(handles=[*patches, Line2D([], [], color=RED, lw=2.6, label="polhode of the flip")], frameon=False,
                  loc="lower center", ncols=3, fontsize=8)  # fmt: skip
     histories(right.add_subplot(), flight)
+    figure.suptitle("A box turned about its middle axis turns over, again and again", x=0.02, ha="left", fontweight="bold")
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
@@ -147,14 +177,15 @@ def animation(path: Path, flight: tw.bodies.flight.Flight, frames: int) -> None:
     space.add_collection3d(box)
     for x, name in ((0.25, "seen from space"), (0.75, "seen from the body")):
         figure.text(x, 0.97, name, ha="center", va="top", fontsize=10)
-    eye = np.array([np.cos(0.42) * np.cos(0.66), np.cos(0.42) * np.sin(0.66), np.sin(0.42)])
+    energy = float((L[0] ** 2 / I).sum())
+    seen = visible(1.01 * L, eye(sphere), energy)
 
     def show(i: int) -> None:
         corners = 0.5 * signs * SIZE @ flight.poses[i, :3, :3].T
         box.set_verts([corners[q] for q in quads])
         box.set_facecolor(colours)
         tip.set_data_3d(*L[i][:, None])
-        tip.set_alpha(1.0 if L[i] @ eye > 0 else 0.25)  # faint when behind
+        tip.set_alpha(1.0 if seen[i] else 0.25)  # faint when behind
 
     chosen = np.linspace(0, len(flight.times) - 1, frames).astype(int)
     FuncAnimation(figure, show, chosen).save(path, PillowWriter(fps=20), dpi=70)
@@ -162,12 +193,25 @@ def animation(path: Path, flight: tw.bodies.flight.Flight, frames: int) -> None:
 
 
 def main(folder: Path, frames: int = 100) -> None:
-    """Write the picture and the animation to ``folder``."""
+    """Write the picture and the animation to ``folder``, and say where they are."""
     flight = fly((0.0, 5.0, 0.02), duration=18.0)
-    picture(folder / "intermediate_axis.png", flight)
-    animation(folder / "intermediate_axis.gif", fly((0.0, 5.0, 0.02), duration=9.0), frames)
-    print(f"drift over {len(flight.times) - 1} steps: {flight.drift}")  # noqa: T201
+    still, moving = folder / "intermediate_axis.png", folder / "intermediate_axis.gif"
+    picture(still, flight)
+    animation(moving, fly((0.0, 5.0, 0.02), duration=9.0), frames)
+    print(f"drift over {len(flight.times) - 1} steps: {flight.drift}\nwrote {still}\nwrote {moving}")  # noqa: T201
+
+
+def asked_folder() -> Path:
+    """The folder named on the command line, made if it is not there."""
+    parser = argparse.ArgumentParser(description="Draw the intermediate-axis flip, as a picture and as an animation.")
+    parser.add_argument("folder", nargs="?", default=".", type=Path, help="where to write them; this one if not given")
+    folder: Path = parser.parse_args().folder
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        parser.error(f"cannot write to the folder {folder}: {problem.strerror}")
+    return folder
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path())
+    main(asked_folder())

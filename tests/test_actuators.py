@@ -67,7 +67,7 @@ def test_motor_loads_follow_the_book(robot):
     rng = np.random.default_rng(0)
     q = robot.random_configuration(rng, 500)
     dq, ddq = rng.normal(size=(2, 500, 6))
-    loads = robot.motor_loads(q, dq, ddq)
+    loads = robot.motor_loads(q, dq, ddq, friction=True)
     assert loads.torque.shape == (500, 2)
     k = [robot.joint_names.index(j) for j in robot.actuators]
     assert_close(loads.speed, dq[:, k] * [101.0, -100.0], 1e-15, "ω = G dq")
@@ -80,6 +80,32 @@ def test_motor_loads_follow_the_book(robot):
     assert_close(loads.current[:, 0], loads.torque[:, 0] / 0.06, 1e-14, "i")
     assert_close(loads.voltage[:, 0], 0.06 * loads.speed[:, 0] + 0.6 * loads.current[:, 0], 1e-13, "V")
     assert_close(loads.power, loads.torque * loads.speed + loads.heat, 1e-12, "P = τω + R i²")
+
+
+def test_wrenches_reach_the_motors(robot):
+    q, dq, ddq = np.full(6, 0.3), np.full(6, 0.2), np.zeros(6)
+    push = {"tool0": np.array([1.0, 2, 3, 40, 50, 60])}
+    free, pushed = (robot.motor_loads(q, dq, ddq, wrench_by_robot=w) for w in (None, push))
+    k = robot.joint_names.index("elbow_joint")
+    more = robot.wrench_torques(q, push["tool0"], "tool0")[k]
+    carried = robot.drive_torques(q, dq, ddq)[0][k]
+    expected = [x / (0.75 * 101) if x * 0.2 > 0 else x * 0.75 / 101 for x in (carried, carried + more)]
+    assert pushed.torque[0] - free.torque[0] == pytest.approx(expected[1] - expected[0], rel=1e-9)
+
+
+def test_the_motor_of_an_elastic_joint_is_loaded_by_its_spring():
+    """τ_m = (k (θ - q) / η + J G² ddθ) / G: link and motor move apart, and only the spring joins them."""
+    entry = {"ratio": 50, "efficiency": 0.8, "stiffness": "300 N m/rad", "motor": {"torque_constant": "0.1 N m/A"}}
+    entry["rotor"] = {"inertia": "2 kg cm^2", "extra": True}
+    arm = tw.robots.planar_2r().with_actuators({"actuators": {"joint2": entry}})
+    q, dq, ddq = np.array([0.1, 0.2, 0.25]), np.array([0.0, 0.3, 0.4]), np.array([0.0, 1.0, 2.0])
+    loads = arm.motor_loads(q, dq, ddq)
+    assert loads.speed == pytest.approx([50 * 0.4])
+    assert loads.torque == pytest.approx([(300 * 0.05 / 0.8 + 2e-4 * 50**2 * 2.0) / 50])
+    slide = {"ratio": "200", "friction": {"coulomb": "3 N", "viscous": "2 N s/m"}}
+    cart = tw.robots.cart_pole()
+    k = cart.joint_names[0]
+    assert cart.with_actuators({"actuators": {k: slide}}).friction_forces([0.5, 0]).tolist() == [4.0, 0.0]
 
 
 def test_the_speed_torque_region():
@@ -136,6 +162,9 @@ BAD = {
     "no YAML": ("actuators:", "actuators: [", tw.ModelError, "is no YAML"),
     "no actuators": ("actuators:", "motor_list:", tw.UnknownNameError, "'motor_list'"),
     "an entry that is text": ("rotor: {inertia: 0.3 kg cm^2}", "rotor: big", tw.ModelError, "rotor is 'big', expected entries"),
+    "no current": ("current_peak: 12 A", "current_peak: 0 A", tw.ValueRangeError, "current peak 0; it must be above 0"),
+    "infinite": ("0.6 ohm", "1e999 ohm", tw.ModelError, "no finite number"),
+    "true is no number": ("ratio: -100", "ratio: yes", tw.ModelError, "expected a number such as 101"),
     "negative resistance": ("0.6 ohm", "-0.6 ohm", tw.ValueRangeError, "resistance -0.6"),
 }  # fmt: skip
 
@@ -153,6 +182,16 @@ def test_what_cannot_be_meant_is_one_clear_error(case):
 def test_other_errors(robot, tmp_path):
     with pytest.raises(tw.NotFoundError, match="no actuator file"):
         tw.robots.ur5().with_actuators(tmp_path / "none.yaml")
+    for junk in (None, 5, [1], b"abc"):
+        with pytest.raises(tw.ModelError, match="come from a path"):
+            tw.robots.ur5().with_actuators(junk)
+    one_line = tw.robots.ur5().with_actuators("actuators: {elbow_joint: {ratio: 10}}")
+    assert one_line.actuators["elbow_joint"].ratio == 10
+    for long in ("x" * 5000, "\n" + "[" * 20000):
+        with pytest.raises(tw.TwistWrenchError):
+            tw.robots.ur5().with_actuators(long)
+    with pytest.raises(tw.ModelError, match="has rotors"):
+        robot.screws_at_com()
     with pytest.raises(tw.ModelError, match="has no actuators"):
         tw.robots.ur5().motor_loads(np.zeros(6), np.zeros(6), np.zeros(6))
     with pytest.raises(tw.ModelError, match="has an actuator already"):

@@ -29,7 +29,7 @@ def test_parts_add_up_to_the_torque_on_every_bundled_robot(name):
     rng = np.random.default_rng(3)
     q, dq, ddq = (np.stack(x) for x in zip(*(random_state(robot, rng) for _ in range(20)), strict=True))
     F = {robot.link_names[-1]: rng.normal(size=(20, 6))}
-    why = robot.explain(q, dq, ddq, wrench_by_robot=F)
+    why = robot.explain(q, dq, ddq, wrench_by_robot=F, friction=True)
     tau = robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=F, friction=True)
     assert_close(why.torque, tau, ROUNDING, "Σ parts = τ")
     assert why.parts.shape == (20, len(why.terms), len(why.causes), robot.nv)
@@ -104,6 +104,24 @@ def test_springs_are_a_cause():
     why = robot.explain(q, dq, ddq)
     assert_close(why.of("springs", "springs"), 500 * (q[0] - q[2]) * np.array([1.0, 0.0, -1.0]), 1e-12, "spring")
     assert_close(why.torque, robot.inverse_dynamics(q, dq, ddq), ROUNDING, "τ")
+
+
+def test_wrenches_on_the_robot_count_with_a_minus():
+    robot = tw.robots.ur5()
+    state, F = random_state(robot, np.random.default_rng(8)), np.array([1.0, -2, 3, 10, 20, -30])
+    for keyword, sign in (("wrench_by_robot", 1), ("wrench_on_robot", -1)):
+        why = robot.explain(*state, **{keyword: {"tool0": F}})
+        assert_close(why.of("wrench at tool0"), sign * robot.wrench_torques(state.q, F), ROUNDING, keyword)
+        assert_close(why.torque, robot.inverse_dynamics(*state, **{keyword: {"tool0": F}}), ROUNDING, "τ")
+
+
+def test_the_table_of_a_joint_has_its_parts_and_their_sum():
+    robot = tw.robots.planar_2r()
+    why = robot.explain([0, 0], [0, 0], [0, 0])
+    columns = {str(c.header): [str(x) for x in c.cells] for c in why.table("joint2").columns}
+    assert columns["gravity"][-1] == columns["together [N m]"][-1] == "9.81"
+    whole = {str(c.header): [str(x) for x in c.cells] for c in why.table().columns}
+    assert whole["joint1 [N m]"][-1] == "29.43"
 
 
 def test_table_and_text_and_picture(tmp_path):

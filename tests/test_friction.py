@@ -55,6 +55,21 @@ def test_friction_is_left_out_unless_asked_for(arm):
     assert_close(with_it - tau, robot.friction_forces(state[1], load=tau), 1e-13, "friction=True adds friction_forces")
 
 
+def test_the_result_may_take_the_place_of_an_input(arm):
+    robot = rubbing(arm, **LAW)
+    q, dq, ddq = (np.array(x) for x in ([0.3, 0.4], [1.0, -2.0], [0.5, 0.6]))
+    expected = robot.inverse_dynamics(q, dq, ddq, friction=True)
+    assert robot.inverse_dynamics(q, dq, ddq, friction=True, out=dq) is dq
+    np.testing.assert_array_equal(dq, expected)
+
+
+def test_load_has_the_shape_of_torques_whether_or_not_friction_depends_on_it(arm):
+    for robot in (arm, rubbing(arm, **LAW)):
+        assert robot.friction_forces([1.0, 1.0], load=np.ones((3, 2))).shape == (3, 2)
+        with pytest.raises(tw.ShapeError, match="load"):
+            robot.friction_forces([1.0, 1.0], load="nonsense")
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_forward_dynamics_undoes_inverse_dynamics_under_every_law_together(seed):
     """With load-dependent friction the torque that arrives is on both sides of its equation."""
@@ -106,7 +121,8 @@ def test_motion_in_the_power_balance_is_the_rate_of_the_energy(arm):
 
 def test_laws_that_cannot_be_meant_are_errors(arm):
     for law, text in (
-        ({"coulomb": 2.0, "static": 1.0}, "static 1 must be at least coulomb 2"),
+        ({"coulomb": 2.0, "static": 3.0}, "give stribeck"),
+        ({"coulomb": 2.0, "static": 1.0, "stribeck": 0.1}, "static 1 must be at least coulomb 2"),
         ({"load": 1.0}, "load 1 below 1"),
         ({"coulomb": 1.0, "static": 2.0, "stribeck": 0.0}, "Stribeck speed 0 above 0"),
         ({"viscous": -1.0}, "viscous friction of joint 'joint1' is -1"),

@@ -138,7 +138,7 @@ def test_power_into_the_motors_is_the_rate_of_the_energy_and_the_losses(name):
         friction = robot.friction_forces(dq, load=carried + rotor)
         power = (carried + friction) * dq
         gears = np.where(power >= 0, power * (1 / 0.7 - 1), -power * (1 - 0.7)).sum()
-        loads = robot.motor_loads(q, dq, ddq)
+        loads = robot.motor_loads(q, dq, ddq, friction=True)
         into_motors = (loads.torque * loads.speed).sum()
         rate = derivative(lambda s, t=t: energy(t + s), 5.0)
         size = np.abs(loads.torque * loads.speed).max() + abs(energy(np.array(t)))
@@ -171,3 +171,80 @@ def test_a_rotor_that_its_link_cannot_contain_is_an_error():
         tw.robots.planar_2r().with_actuators(
             {"actuators": {"joint2": {"ratio": 100, "rotor": {"inertia": "1 kg m^2"}}}}
         )
+
+
+def test_numbers_of_the_file_arrive_in_the_energy():
+    """Mass, place, inertia and axis as the file has them, by hand: a rotor beside a pendulum's link, on a slanted axis."""
+    rotor = {
+        "inertia": "3 kg cm^2",
+        "extra": True,
+        "mass": "0.7 kg",
+        "place": ["0.1 m", "-20 mm", "0.3 m"],
+        "axis": (1, 2, 2),
+    }
+    bare = tw.robots.planar_2r()
+    robot = bare.with_actuators({"actuators": {"joint2": {"ratio": "-30:1", "rotor": {"link": "link1", **rotor}}}})
+    q, dq = np.array([0.4, -0.9]), np.array([1.3, 2.1])
+    T, J_world = bare.forward_kinematics(q, "link1"), bare.jacobian(q, "link1", "world_aligned")
+    V, R = J_world @ dq, T[:3, :3]
+    v = V[3:] + np.cross(V[:3], R @ [0.1, -0.02, 0.3])
+    a = R @ np.array([1, 2, 2]) / 3
+    w = V[:3] - 30 * 2.1 * a
+    along = w @ a
+    energy = 0.5 * 0.7 * v @ v + 0.5 * 3e-4 * along**2 + 0.5 * 1.5e-4 * (w @ w - along**2)
+    assert_close(robot.kinetic_energy(q, dq) - bare.kinetic_energy(q, dq), energy, 1e-12, "K of the rotor")
+    height = (T @ [0.1, -0.02, 0.3, 1])[:3] @ bare.gravity
+    assert_close(robot.potential_energy(q) - bare.potential_energy(q), -0.7 * height, 1e-12, "P of the rotor")
+
+
+def test_naming_the_link_that_carries_the_joint_changes_nothing():
+    panda = tw.robots.panda()
+    entry = {"ratio": 100, "rotor": {"inertia": "200 g cm^2"}}
+    one = panda.with_actuators({"actuators": {"panda_joint2": entry}})
+    named = {"ratio": 100, "rotor": {"inertia": "200 g cm^2", "link": "panda_link1"}}
+    other = panda.with_actuators({"actuators": {"panda_joint2": named}})
+    q = panda.random_configuration(1)
+    assert_close(other.mass_matrix(q), one.mass_matrix(q), 1e-14, "M")
+    with pytest.raises(tw.ModelError, match="Give its axis"):
+        panda.with_actuators({"actuators": {"panda_joint2": {"rotor": {"inertia": "1 g cm^2", "link": "panda_link4"}}}})
+
+
+def test_a_link_may_contain_several_rotors_and_payloads_do_not_matter():
+    builder = ModelBuilder("cube")
+    builder.add_link("base")
+    builder.add_link("cube", tw.SpatialInertia.from_com(1.0, (0, 0, 0), 1.2e-4 * np.eye(3)))
+    builder.add_joint("hinge", "revolute", "base", "cube", axis=(0, 0, 1))
+    for name, axis in (("x", (1, 0, 0)), ("y", (0, 1, 0))):
+        builder.add_link(name, tw.SpatialInertia.box((0.1, 0.1, 0.1), mass=0.1))
+        builder.add_joint(f"{name}_joint", "revolute", "cube", name, axis=axis)
+    robot = tw.Robot(builder.build(tip="x"))
+    entry = {"ratio": 2, "rotor": {"inertia": "1 kg cm^2"}}
+    both = robot.with_actuators({"actuators": {"x_joint": entry, "y_joint": entry}})
+    assert np.linalg.eigvalsh(both.mass_matrix([0.1, 0.2, 0.3])).min() > 0
+    with pytest.raises(tw.InertiaError, match="cannot contain"):
+        both.lock({}).with_actuators(
+            {"actuators": {"hinge": {"rotor": {"inertia": "1.5 kg cm^2", "link": "cube", "axis": [1, 1, 0]}}}}
+        )
+
+
+def test_robots_share_nothing_that_can_be_changed():
+    robot = geared(tw.robots.ur5())
+    with pytest.raises(TypeError):
+        robot.actuators["elbow_joint"] = None
+    import pickle
+
+    again = pickle.loads(pickle.dumps(robot))
+    for one in (robot, again):
+        for array in (one.actuators["elbow_joint"].rotor.place, one.model.friction.viscous):
+            with pytest.raises(ValueError, match="read-only"):
+                array[:] = 1.0
+    q = robot.random_configuration(2)
+    np.testing.assert_array_equal(again.mass_matrix(q), robot.mass_matrix(q))
+
+
+def test_a_second_actuator_is_an_error_under_either_name():
+    entry = {"ratio": 50, "stiffness": "100 N m/rad", "rotor": {"inertia": "1 g cm^2", "extra": "true"}}
+    elastic = tw.robots.planar_2r().with_actuators({"actuators": {"joint1": entry}})
+    for name in ("joint1", "joint1.motor"):
+        with pytest.raises(tw.ModelError, match="has an actuator already"):
+            elastic.with_actuators({"actuators": {name: {"ratio": 3}}})

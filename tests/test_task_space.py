@@ -64,37 +64,6 @@ def test_with_a_square_jacobian_the_terms_are_the_book_s(ur5, kind):
     assert_close(ur5.task_bias(q, dq, kind=kind), eta[..., 0], tolerance, "η")
 
 
-@pytest.mark.usefixtures("on_numpy")
-def test_task_inertia_is_the_inverse_of_the_mobility_on_any_tree(robot, state):
-    q, _, _ = state
-    frame = frames(robot)[0]
-    J, M = robot.jacobian(q, frame), robot.mass_matrix(q)
-    S = J @ np.linalg.solve(M, J.T)
-    # Pseudo-inverses: on every row, in whatever number of directions the frame can be moved in.
-    rows = [k for k in range(6) if np.abs(J[k]).max() > 1e-9]
-    kept = _independent(S, rows)
-    Lambda = robot.task_inertia(q, frame, rows=kept)
-    part = S[np.ix_(kept, kept)]
-    assert_close(Lambda, np.linalg.inv(part), 1e-14 * np.linalg.cond(part) * np.linalg.cond(M), "Λ")
-    assert (Lambda == Lambda.T).all()
-    every = robot.task_inertia(q, frame)
-    assert_close(S @ every @ S, S, 1e-9, "S Λ S = S on all rows")
-    lost = robot.lost_directions(q, frame)
-    assert lost.shape == (6 - np.linalg.matrix_rank(J, tol=1e-8), 6)
-    assert_close(lost @ J, np.zeros((len(lost), robot.nv)), 1e-8, "F'J = 0", scale=np.abs(J).max())
-    assert_close(every @ lost.T, np.zeros((6, len(lost))), 1e-7, "Λ F = 0", scale=np.abs(every).max())
-
-
-def _independent(S, rows):
-    """Some rows on which S is well away from singular."""
-    kept = []
-    for k in rows:
-        d = np.sqrt(np.diagonal(S)[[*kept, k]])
-        if np.linalg.eigvalsh(S[np.ix_([*kept, k], [*kept, k])] / np.outer(d, d)).min() > 1e-3:
-            kept.append(k)
-    return kept
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_wrench_at_the_hand_moves_it_as_task_space_says(ur5, kind):
     """F = Λ dV + η along motions: torques J'F, accelerations from forward dynamics, dV by differences along the motion."""
@@ -288,6 +257,40 @@ def test_the_kernel_has_the_pivots_beside_the_result(arm):
     assert_close(np.prod(pivots), 1 / np.linalg.det(Lambda), 1e-14, "det J M⁻¹ J' is the product of its pivots")
     reference = arm.reference("task_inertia", [0.0, np.pi / 2], **PLANE)
     assert_close(reference[0], Lambda, ROUNDING, "Λ"), assert_close(reference[1], pivots, ROUNDING, "pivots")
+
+
+# ── any tree; last, for what uses on_numpy leaves the rest of a file without compiled code ──
+
+
+@pytest.mark.usefixtures("on_numpy")
+def test_task_inertia_is_the_inverse_of_the_mobility_on_any_tree(robot, state):
+    q, _, _ = state
+    frame = frames(robot)[0]
+    J, M = robot.jacobian(q, frame), robot.mass_matrix(q)
+    S = J @ np.linalg.solve(M, J.T)
+    # Pseudo-inverses: on every row, in whatever number of directions the frame can be moved in.
+    rows = [k for k in range(6) if np.abs(J[k]).max() > 1e-9]
+    kept = _independent(S, rows)
+    Lambda = robot.task_inertia(q, frame, rows=kept)
+    part = S[np.ix_(kept, kept)]
+    assert_close(Lambda, np.linalg.inv(part), 1e-14 * np.linalg.cond(part) * np.linalg.cond(M), "Λ")
+    assert (Lambda == Lambda.T).all()
+    every = robot.task_inertia(q, frame)
+    assert_close(S @ every @ S, S, 1e-9, "S Λ S = S on all rows")
+    lost = robot.lost_directions(q, frame)
+    assert lost.shape == (6 - np.linalg.matrix_rank(J, tol=1e-8), 6)
+    assert_close(lost @ J, np.zeros((len(lost), robot.nv)), 1e-8, "F'J = 0", scale=np.abs(J).max())
+    assert_close(every @ lost.T, np.zeros((6, len(lost))), 1e-7, "Λ F = 0", scale=np.abs(every).max())
+
+
+def _independent(S, rows):
+    """Some rows on which S is well away from singular."""
+    kept = []
+    for k in rows:
+        d = np.sqrt(np.diagonal(S)[[*kept, k]])
+        if np.linalg.eigvalsh(S[np.ix_([*kept, k], [*kept, k])] / np.outer(d, d)).min() > 1e-3:
+            kept.append(k)
+    return kept
 
 
 @pytest.mark.usefixtures("on_numpy")

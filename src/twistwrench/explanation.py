@@ -74,14 +74,16 @@ class Explanation:
         from rich.table import Table
 
         parts, heads = self._columns(joint)
+        from rich.text import Text
+
         shown = Table(box=None, pad_edge=False, header_style="bold")
         shown.add_column("caused by", no_wrap=True)
         for head in heads:
-            shown.add_column(head, justify="right", no_wrap=True)
+            shown.add_column(Text(head), justify="right", no_wrap=True)
         least = 1e-12 * max(float(np.abs(self.torque).max(initial=0.0)), 1.0)
         for cause, row in zip(self.causes, parts, strict=True):
             if np.abs(row).max(initial=0.0) > least:
-                shown.add_row(cause, *_cells(row, least))
+                shown.add_row(Text(cause), *_cells(row, least))
         shown.add_row("together", *_cells(parts.sum(axis=0), least), style="bold")
         return shown
 
@@ -136,29 +138,31 @@ def explained(
     """Split the torques at ``state``; ``apart`` are those that no inertia causes, (..., nv) by name."""
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *apart.values())))
     bodies = _causes(model)
-    Y = _regressors(model, regressor, *(np.broadcast_to(x, (*batch, x.shape[-1])) for x in state))
-    columns = np.array(list(bodies.values())).reshape(-1, Y.shape[-1])
-    parts = np.swapaxes(Y @ columns.T, -1, -2)  # (..., terms, causes, nv)
-    velocities = [(b, a) for b in model.leaders for a in range(b.joint.nv)]
-    names = tuple(b.joint.name if b.joint.nv == 1 else f"{b.joint.name}.{a}" for b, a in velocities)
-    units = tuple("N m" if b.joint.axes[a, :3].any() else "N" for b, a in velocities)
-    why = Explanation(MOTION_TERMS, tuple(bodies), names, units, parts)
+    columns = np.array(list(bodies.values())).reshape(len(bodies), 10 * len(model.bodies))
+
+    def torques(q: Array, dq: Array, ddq: Array) -> Array:
+        return np.swapaxes(regressor(q, dq, ddq) @ columns.T, -1, -2)  # (..., causes, nv)
+
+    parts = _motion_parts(torques, *(np.broadcast_to(x, (*batch, x.shape[-1])) for x in state))
+    units = tuple("N m" if S[:3].any() else "N" for b in model.leaders for S in b.joint.axes)
+    why = Explanation(MOTION_TERMS, tuple(bodies), model.velocity_names, units, parts)
     for name, tau in apart.items():
         why = why.and_also(name, tau)
     return why
 
 
-def _regressors(model: Model, regressor: Callable[..., Array], q: Array, dq: Array, ddq: Array) -> Array:
-    """Y of each of the motion terms; (..., 4, nv, 10 nbodies).
+def _motion_parts(torques: Callable[..., Array], q: Array, dq: Array, ddq: Array) -> Array:
+    """The motion terms, from a function of the state that is linear in each body's parameters; (..., 4, causes, nv).
 
     Velocity products are a quadratic form in dq: its squares are what each velocity makes by itself.
     """
     still = np.zeros_like(dq)
-    gravity = regressor(q, still, still)
-    inertia = regressor(q, still, ddq) - gravity
-    velocity = regressor(q, dq, still) - gravity
-    singly = dq[..., None, :] * np.eye(model.nv)
-    squares = (regressor(q[..., None, :], singly, still[..., None, :]) - gravity[..., None, :, :]).sum(axis=-3)
+    gravity = torques(q, still, still)
+    inertia = torques(q, still, ddq) - gravity
+    velocity = torques(q, dq, still) - gravity
+    squares = np.zeros_like(gravity)
+    for e in np.eye(dq.shape[-1]):
+        squares += torques(q, dq * e, still) - gravity
     return np.stack([inertia, squares, velocity - squares, gravity], axis=-3)
 
 

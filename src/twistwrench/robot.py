@@ -111,6 +111,7 @@ class Robot:
         self._kernels: dict[Any, Any] = {}
         self._called: dict[Any, Any] = {}
         self._called_once: set[Any] = set()
+        self._regressor: Any = None
         self._sizes: dict[Any, Array] = {}
 
     def __repr__(self) -> str:
@@ -272,7 +273,7 @@ class Robot:
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """The same robot under another gravity, (3,) m/s² in the base frame."""
-        return Robot(edit.with_gravity(self.model, np.asarray(gravity, float)))
+        return Robot(edit.with_gravity(self.model, gravity))
 
     def with_actuators(self, source: str | Path | Mapping[str, Any]) -> Robot:
         """The robot with motors, gears, rotors, elastic joints and friction laws from a YAML file, text, or mapping.
@@ -492,7 +493,8 @@ class Robot:
         >>> np.round(robot.inverse_dynamics([0, 0], [0, 0], [0, 0]), 2).tolist()
         [29.43, 9.81]
         """
-        tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
+        first = None if friction else out  # friction still needs dq, which out may be
+        tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, first)
         return np.add(tau, self.friction_forces(dq, load=tau), out=out) if friction else tau
 
     def forward_dynamics(
@@ -548,7 +550,7 @@ class Robot:
         ``load`` (nv): the torques the joints carry, for friction that grows with them. At rest friction may be anything
         up to the static one, and the law gives 0.
         """
-        if load is None or not self.model.friction.load.any():
+        if load is None:
             return self._call("friction_forces", dq, out=out)
         return self._call("friction_under_load", dq, load, out=out)
 
@@ -865,11 +867,11 @@ class Robot:
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
-        friction: bool = True,
+        friction: bool = False,
     ) -> MotorLoads:
         """Torque, speed, current, voltage, power and heat of the motor of each actuator. MR section 8.9.
 
-        Rotors are accelerated before the gear; the rest, and joint friction, go through it at its efficiency. Raises
+        Rotors are accelerated before the gear; the rest, and joint friction if asked for, go through it at its efficiency. Raises
         ModelError for a robot without actuators: see :meth:`with_actuators`.
         """
         if not self.actuators:
@@ -914,7 +916,7 @@ class Robot:
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
-        friction: bool = True,
+        friction: bool = False,
     ) -> Explanation:
         """τ of each joint, split by term and by the link, rotor or payload that causes it; adds up to τ.
 
@@ -938,10 +940,11 @@ class Robot:
             apart["springs"] = self.holding_torques(q) - self.gravity_forces(q)
         if friction and self.model.friction.any:
             apart["friction"] = self.friction_forces(dq, load=tau)
-        from .targets.numpy import NumpyKernel  # asked once in a while: not worth the second that compiling takes
+        if self._regressor is None:  # asked once in a while: not worth the second that compiling takes
+            from .targets.numpy import NumpyKernel
 
-        regressor = NumpyKernel(self.program("regressor"), "regressor", "")
-        return explained(self.model, regressor, (q, dq, ddq), apart)
+            self._regressor = NumpyKernel(self.program("regressor"), "regressor", "")
+        return explained(self.model, self._regressor, (q, dq, ddq), apart)
 
     # ── energies, momentum, centre of mass ──
 

@@ -48,10 +48,10 @@ def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorL
     dq, carried, rotor = (x[..., at] for x in np.broadcast_arrays(dq, carried, rotor))
     through = np.where(carried * dq >= 0, carried / eta, carried * eta)
     torque, speed = (through + rotor) / G, G * dq
-    k, R = (
-        np.array([np.nan if a.motor is None else getattr(a.motor, name) for a in actuators])
-        for name in ("torque_constant", "resistance")
-    )
-    current = torque / k
-    voltage = k * speed + R * current
-    return MotorLoads(torque, speed, current, voltage, voltage * current, R * current**2)
+    current, voltage, heat = (np.full_like(torque, np.nan) for _ in range(3))
+    for k, motor in enumerate(a.motor for a in actuators):
+        if motor is not None:
+            current[..., k] = motor.current(torque[..., k])
+            voltage[..., k] = motor.voltage_at(current[..., k], speed[..., k])
+            heat[..., k] = motor.heat(current[..., k])
+    return MotorLoads(torque, speed, current, voltage, voltage * current, heat)

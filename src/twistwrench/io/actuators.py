@@ -47,11 +47,17 @@ def add_actuators(model: Model, source: Source) -> Model:
 def _read(source: Source) -> tuple[object, str]:
     if isinstance(source, Mapping):
         return source, "the actuators given"
+    if not isinstance(source, str | os.PathLike):
+        raise ModelError(f"actuators come from a path, YAML text or a mapping, not from {type(source).__name__}.")
     text, origin = str(source), "the text given"
-    if "\n" not in text:
+    if "\n" not in text and ":" not in Path(text).name:
         path = Path(source)
-        if not path.is_file():
-            raise NotFoundError(f"no actuator file {str(path)!r}. It is YAML; docs/actuation.md shows one.")
+        try:
+            found = path.is_file()
+        except (OSError, ValueError):
+            found = False
+        if not found:
+            raise NotFoundError(f"no actuator file {text[:200]!r}. It is YAML; docs/actuation.md shows one.")
         try:
             text, origin = path.read_text(encoding="utf-8"), str(path)
         except (OSError, UnicodeDecodeError) as error:
@@ -73,7 +79,7 @@ def _parsed(text: str, origin: str) -> object:
 
     try:
         return yaml.load(text, Loader)  # a BaseLoader makes nothing but text
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, RecursionError) as error:
         raise ModelError(f"{origin} is no YAML: {' '.join(str(error).split())}.") from None
 
 
@@ -107,14 +113,11 @@ class _Section:
         value = self.content[key]
         if kind:
             return in_si(value, kind, self.where(key))
-        try:
-            return float(value)
-        except (TypeError, ValueError):
-            raise ModelError(f"{self.where(key)} is {value!r}, expected a plain number.") from None
+        return _plain(value, f"{self.where(key)} is {value!r}, expected a plain number.")
 
     def vector(self, key: str, kind: str) -> Any:
         values = self.content[key]
-        if not isinstance(values, list) or len(values) != 3:
+        if isinstance(values, str | Mapping) or np.ndim(np.asarray(values, object)) != 1 or len(values) != 3:
             raise ModelError(f"{self.where(key)} is {values!r}, expected three entries in brackets.")
         items = _Section({str(k): v for k, v in zip("xyz", values, strict=True)}, self.where(key))
         return np.array([items.number(k, kind) for k in "xyz"])
@@ -203,8 +206,22 @@ def _rotor(section: _Section) -> Rotor:
 
 def _ratio(value: object, where: str) -> float:
     """A plain number, or ``101:1``."""
+    problem = f"{where} is {value!r}, expected a number such as 101, or 101:1."
+    turns, colon, per = value.partition(":") if isinstance(value, str) else (value, "", "")
+    divisor = _plain(per, problem) if colon else 1.0
+    if divisor == 0:
+        raise ModelError(problem)
+    return _plain(turns, problem) / divisor
+
+
+def _plain(value: object, problem: str) -> float:
+    """A number that is finite, or text of one; booleans and Python's 1_0 are none."""
     try:
-        turns, _, per = str(value).partition(":")
-        return float(turns) / float(per or 1)
-    except (ValueError, ZeroDivisionError):
-        raise ModelError(f"{where} is {value!r}, expected a number such as 101, or 101:1.") from None
+        if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
+            raise ValueError  # noqa: TRY301  one sentence answers all of it
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise ModelError(problem) from None
+    if not np.isfinite(number):
+        raise ModelError(problem)
+    return number

@@ -43,6 +43,10 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
 
     Raises ModelError where the robot is no serial chain of one-degree joints with a tip.
     """
+    if any(body.joint.kind == "rotor" for body in model.bodies):
+        raise ModelError(
+            f"robot {model.name!r} has rotors, which no Slist holds. Take the screws of the robot before with_actuators."
+        )
     for i, body in enumerate(model.bodies):
         if body.parent != i - 1 or body.joint.nv != 1 or body.follows:
             raise ModelError(

@@ -25,6 +25,8 @@ Array = NDArray[Any]
 
 __all__ = ["with_actuators", "with_friction"]
 
+_LAWS = ("viscous", "coulomb", "static", "stribeck", "load")
+
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
     """The model with its joints driven so.
@@ -43,7 +45,15 @@ def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Mode
     friction = model.friction
     for joint, law in laws.items():
         place = _leader(model, joint).v_index
+        for name in law:
+            if name not in _LAWS:
+                raise UnknownNameError.of("friction law", name, _LAWS)
         coulomb = law.get("coulomb", 0.0)
+        if law.get("static", coulomb) > coulomb and "stribeck" not in law:
+            raise ValueRangeError(
+                f"the static friction of joint {joint!r} is above its Coulomb friction, so there is a speed at which the one "
+                "goes over into the other: give stribeck, such as 0.05 rad/s."
+            )
         full = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
         for name, value in full.items():
             if not (0 <= value < np.inf):
@@ -73,7 +83,7 @@ def _leader(model: Model, name: str) -> Body:
 
 def _driven(model: Model, actuator: Actuator) -> Model:
     driven = _leader(model, actuator.joint)
-    if any(a.joint == actuator.joint for a in model.actuators.values()):
+    if actuator.joint in model.actuators or any(a.joint == actuator.joint for a in model.actuators.values()):
         raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
     _check(actuator)
     flexible = np.isfinite(actuator.stiffness)
@@ -98,6 +108,8 @@ def _check(actuator: Actuator) -> None:
         raise ValueRangeError(f"{who} has the efficiency {actuator.efficiency:g}; it must be above 0 and at most 1.")
     if not actuator.stiffness > 0:
         raise ValueRangeError(f"{who} has the stiffness {actuator.stiffness:g}; it must be above 0.")
+    if rotor is not None and not np.isfinite(rotor.place).all():
+        raise ValueRangeError(f"{who} has a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite.")
     if rotor is not None and not (0 < rotor.inertia < np.inf and 0 <= rotor.mass < np.inf):
         raise ValueRangeError(
             f"{who} has a rotor of {rotor.inertia:g} kg m² and {rotor.mass:g} kg; give positive ones."
@@ -106,25 +118,22 @@ def _check(actuator: Actuator) -> None:
         if not 0 < motor.torque_constant < np.inf:
             raise ValueRangeError(f"{who} has the torque constant {motor.torque_constant:g} N m/A; it must be above 0.")
         for field, value in vars(motor).items():
-            if not value >= 0:
-                raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {value:g}; it must be at least 0.")
+            may_be_zero = field in ("resistance", "inductance")
+            if not (0 <= value < np.inf if may_be_zero else value > 0):
+                allowed = "at least 0" if may_be_zero else "above 0"
+                raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {value:g}; it must be {allowed}.")
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
     """The model whose carrying link has the rotor taken out where it counts it, and the rotor as a body."""
-    if rotor.link is None:
-        carrier, T = driven.parent, driven.placement
-    else:
-        frame = model.frame(rotor.link)
-        carrier, T = frame.body, frame.pose
-    axis = _axis(driven.joint, rotor)
+    carrier, T, axis = _mounted(model, driven, rotor)
     placement = T @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
     # A thin ring: what a rotor has across its axis moves with the carrier however it spins, and is in no balance twice.
     spin = rotor.inertia * np.outer(axis, axis)
     G = SpatialInertia.from_com(rotor.mass, np.zeros(3), spin + 0.5 * (rotor.inertia * np.eye(3) - spin))
     if carrier != BASE and not rotor.extra:
         body = model.bodies[carrier]
-        _check_contained(body, placement[:3, :3] @ axis, actuator.joint, rotor.inertia)
+        _check_contained(model, carrier, placement[:3, :3] @ axis, actuator.joint, rotor.inertia)
         without = replace(body, inertia=body.inertia - G.in_frame(placement))
         bodies = (*model.bodies[:carrier], without, *model.bodies[carrier + 1 :])
         model = replace(model, bodies=bodies)
@@ -142,18 +151,49 @@ def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: R
     )
 
 
-def _check_contained(carrier: Body, axis: Array, joint: str, J: float) -> None:
-    """A link that contains the rotor has at least its inertia about the axis: then M stays positive definite.
+def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: float) -> None:
+    """A link that contains rotors has at least their inertias about their axes: then M stays positive definite.
 
-    Of the rotor's other moments nothing is known, and nothing depends on them.
+    Of a rotor's other moments nothing is known, and nothing depends on them: those of rotors taken out before go back.
     """
-    I = carrier.inertia.moment_about_com
-    if np.linalg.eigvalsh(I - J * np.outer(axis, axis)).min() < -1e-9 * np.abs(I).max():
+    body = model.bodies[carrier]
+    whole, spinning = body.inertia, J * np.outer(axis, axis)
+    for other in model.bodies:
+        if other.joint.kind == "rotor" and other.parent == carrier and not _extra(model, other):
+            whole = whole + other.inertia.in_frame(other.placement)
+            a = other.joint.axes[0, :3]
+            along = other.placement[:3, :3] @ a
+            spinning = spinning + (a @ other.inertia.moment_about_origin @ a) * np.outer(along, along)
+    I = whole.moment_about_com
+    if np.linalg.eigvalsh(I - spinning).min() < -1e-9 * np.abs(I).max():
         raise InertiaError(
-            f"link {carrier.link!r} cannot contain the rotor of joint {joint!r}, {J:g} kg m² about its axis: all of the link "
+            f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {J:g} kg m² about its axis: all of the link "
             f"has {axis @ I @ axis:.3g} kg m² about that direction. Check the unit; if the link was weighed without its "
             "motor, say extra: true."
         )
+
+
+def _extra(model: Model, rotor: Body) -> bool:
+    """Whether the links were weighed without this rotor."""
+    name = rotor.joint.name
+    actuator = model.actuators.get(name) or model.actuators[name.removesuffix(".rotor")]
+    return actuator.rotor is None or actuator.rotor.extra
+
+
+def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Array]:
+    """The body that carries the rotor, the frame its place is given in, and its axis there."""
+    if rotor.link is None:
+        return driven.parent, driven.placement, _axis(driven.joint, rotor)
+    frame = model.frame(rotor.link)
+    if rotor.axis is None and frame.body != driven.parent:
+        raise ModelError(
+            f"the rotor of joint {driven.joint.name!r} is said to be on link {rotor.link!r}, which is not what carries the "
+            "joint, so the joint's axis says nothing about it. Give its axis in that link's frame."
+        )
+    if rotor.axis is None:  # the joint's own, seen from the link
+        turn = frame.pose[:3, :3].T @ driven.placement[:3, :3]
+        return frame.body, frame.pose, turn @ _axis(driven.joint, rotor)
+    return frame.body, frame.pose, _axis(driven.joint, rotor)
 
 
 def _axis(joint: Joint, rotor: Rotor) -> Array:

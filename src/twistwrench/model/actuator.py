@@ -55,7 +55,8 @@ class Motor:
     def greatest_torque(self, speed: ArrayLike, current: float | None = None) -> Array:
         """The edge of the speed–torque region, N m: by the current (None: the peak one) and by the voltage.
 
-        Where the motor runs faster than the voltage allows without a load, it is negative: it brakes.
+        Where the motor runs faster than the voltage allows without a load, it is negative: it brakes. Beyond its top
+        speed, either way, nothing is allowed: -inf.
         """
         w = np.asarray(speed, float)
         by_current = self.torque_constant * (self.current_peak if current is None else current)
@@ -63,7 +64,8 @@ class Motor:
             by_voltage = np.where(self.torque_constant * w <= self.voltage, np.inf, -np.inf)
         else:
             by_voltage = self.torque_constant * (self.voltage - self.torque_constant * w) / self.resistance
-        return np.where(w <= self.speed, np.minimum(by_current, by_voltage), -np.inf)
+        within = np.where(np.abs(w) <= self.speed, np.minimum(by_current, by_voltage), -np.inf)
+        return np.where(np.isnan(w), np.nan, within)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +84,17 @@ class Rotor:
     """(3,) its direction in that link's frame; None is the joint's own."""
     place: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) m, its centre in that link's frame; from the joint's own frame where no link is named."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # arrays come out of a pickle writable
+
+    def __post_init__(self) -> None:
+        for name in ("axis", "place"):
+            if getattr(self, name) is not None:
+                array = np.array(getattr(self, name), float)
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
 
 
 @dataclass(frozen=True, eq=False)

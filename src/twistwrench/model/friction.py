@@ -38,6 +38,10 @@ class Friction:
         for f in fields(self):
             getattr(self, f.name).setflags(write=False)
 
+    def __setstate__(self, state: dict[str, Array]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # arrays come out of a pickle writable
+
     @classmethod
     def plain(cls, viscous: Array, coulomb: Array) -> Friction:
         """Viscous and Coulomb friction only, as robot files give it."""

@@ -53,6 +53,13 @@ class Joint:
             return (".qw", ".qx", ".qy", ".qz", ".x", ".y", ".z")
         return (".x", ".y", ".theta") if self.kind == "planar" else ("",)
 
+    @property
+    def velocity_suffixes(self) -> tuple[str, ...]:
+        """What is appended to the joint's name to name its velocities."""
+        if self.kind == "floating":
+            return (".wx", ".wy", ".wz", ".vx", ".vy", ".vz")
+        return (".w", ".vx", ".vy") if self.kind == "planar" else ("",)
+
     def pose(self, q: Array) -> Array:
         """T_jc, pose of the child's frame in the joint's frame; (nq,) → (4, 4). Works on symbols."""
         if self.kind == "floating":

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -102,13 +103,15 @@ class Model:
     """How near to 0 or ±1 an entry of a fixed rotation was to be to count as exactly that; edits keep to it."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "actuators", MappingProxyType(dict(self.actuators)))
         arrays = [self.gravity, *vars(self.limits).values()]
         arrays += [frame.pose for frame in self.frames.values()]
         for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
             array.setflags(write=False)  # robots share these, and kernels have them compiled in
 
     def __getstate__(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # what is derived is derived again
+        state = {f.name: getattr(self, f.name) for f in fields(self)}  # what is derived is derived again
+        return {**state, "actuators": dict(self.actuators)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -128,6 +131,11 @@ class Model:
     def leaders(self) -> tuple[Body, ...]:
         """The bodies whose joints have coordinates of their own, in the order of q: all but followers of mimic joints."""
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
+
+    @property
+    def velocity_names(self) -> tuple[str, ...]:
+        """A name for each velocity and torque: the joint's, with a suffix where it has several; (nv,)."""
+        return tuple(b.joint.name + s for b in self.leaders for s in b.joint.velocity_suffixes)
 
     @property
     def neutral(self) -> Array:

@@ -145,7 +145,7 @@ def _identify(plain: Callable[..., Any]) -> click.Command:
         if save_path is not None:
             write_sensor(found.sensor, save_path, found.noise)
         if csv_path is not None:
-            _write(readings, readings.compensated(found.sensor), csv_path)
+            _write(readings, readings.readings - readings.predicted(found.sensor), csv_path)
         if plot_path is not None:
             from .plot import plot_compensation
 
@@ -186,30 +186,25 @@ def _compensate(plain: Callable[..., Any]) -> click.Command:
     ) -> None:
         """Readings without bias, weight and inertial load of what the sensor carries.
 
-        Exit code 1 if --contacts finds one, or if the log looks as if its units or sign were not the sensor's.
+        Exit code 1 if --contacts finds one, or, LOOK AGAIN, if the sensor file does not explain the log: another tool, unit,
+        sign or orientation, or a log in motion whose moments hold an inertia that was not identified.
         """
-        import numpy as np
-
-        from .contact import CollisionThreshold
+        from .compensation import compensation
         from .sensor_file import read_sensor
         from .tables import compensation_view
-        from .units import log_doubt
 
         sensor, noise = read_sensor(_sensor_path(sensor_path))
-        threshold = None if false_alarms is None else CollisionThreshold.of_noise(noise, false_alarms)
         readings = _read(log, gravity)
-        rest = readings.compensated(sensor)
-        doubts = [*filter(None, [log_doubt(readings, sensor, noise)]), *readings.motion_doubts()]
-        console.print(compensation_view(readings, sensor.sign, rest, threshold, doubts))
+        found = compensation(readings, sensor, noise, false_alarms)
+        console.print(compensation_view(found))
         if csv_path is not None:
-            _write(readings, rest, csv_path)
-        hits = np.zeros(len(readings), bool) if threshold is None else threshold(rest)
+            _write(readings, found.rest, csv_path)
         if plot_path is not None:
             from .plot import plot_compensation
 
-            plot_compensation(readings, sensor, noise, plot_path, marked=hits, mark="contact")
+            plot_compensation(readings, sensor, noise, plot_path, marked=found.hits, mark="contact")
         _tell(csv_path, plot_path)
-        if hits.any() or doubts:
+        if found.doubtful:
             sys.exit(_FOUND_A_PROBLEM)
 
     return compensate_command
@@ -238,25 +233,31 @@ def _poses(plain: Callable[..., Any]) -> click.Command:
         gravity: float,
         csv_path: str | None,
     ) -> None:
-        """The next orientations to read: those that tell most, after the readings of LOG or from nothing."""
+        """The next orientations to read: those that tell most, after the readings of LOG or from nothing.
+
+        Exit code 1, LOOK AGAIN, if these cannot tell the mass or the centre of mass.
+        """
         import numpy as np
 
         from ..lie import quaternion
         from ..report.table_file import TableFile
         from .poses import propose_poses
-        from .tables import proposal_view
+        from .tables import cannot_tell, proposal_view
 
         if not (mass > 0 and math.isfinite(mass)):
             raise ValueRangeError(f"--mass {mass!r} is no mass. Give about how many kilograms the load has.")
         past = None if log is None else _read(log, gravity)
         proposal = propose_poses(count, log=past, within=math.radians(within), noise=_noise(noise), gravity=gravity)
         quat = quaternion.from_matrix(proposal.rotations)
-        console.print(proposal_view(proposal, quat, mass))
+        untold = cannot_tell(proposal, mass, None if within >= 90 else within)
+        console.print(proposal_view(proposal, quat, mass, untold))
         unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)
         with TableFile.writing(csv_path, ["qw", "qx", "qy", "qz", "gx", "gy", "gz"]) as file:
             if file is not None:
                 file.write(np.concatenate([quat, unit], axis=1))
         _tell(csv_path)
+        if untold:
+            sys.exit(_FOUND_A_PROBLEM)
 
     return poses_command
 

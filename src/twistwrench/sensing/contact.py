@@ -87,15 +87,24 @@ class CollisionThreshold:
     """The squared Mahalanobis distance from which a reading is called a contact."""
     false_alarms: float
     """Share of readings without contact that pass it."""
+    axes: slice = slice(0, 6)
+    """Which of the six are looked at: ``slice(3, 6)`` for forces alone."""
 
     @classmethod
-    def of_noise(cls, noise: tuple[float, float], false_alarms: float = 1e-6) -> CollisionThreshold:
-        """From known standard deviations of moments [N m] and forces [N], independent and normal: a χ² test of six."""
+    def of_noise(
+        cls, noise: tuple[float, float], false_alarms: float = 1e-6, *, axes: slice = slice(0, 6)
+    ) -> CollisionThreshold:
+        """From known standard deviations of moments [N m] and forces [N], independent and normal: a χ² test of the six.
+
+        ``axes`` tests some only: ``slice(3, 6)`` the forces, where a load's inertia is unknown and spoils the moments.
+        """
         from scipy import special
 
         _check_rate(false_alarms)
         sigma = checked_noise(noise)
-        return cls(np.zeros(6), np.diag(np.repeat(sigma, 3) ** 2), float(special.chdtri(6, false_alarms)), false_alarms)
+        covariance = np.diag(np.repeat(sigma, 3) ** 2)
+        limit = float(special.chdtri(len(range(6)[axes]), false_alarms))
+        return cls(np.zeros(6), covariance, limit, false_alarms, axes)
 
     @classmethod
     def of_residuals(cls, residuals: ArrayLike, false_alarms: float = 1e-6) -> CollisionThreshold:
@@ -135,13 +144,15 @@ class CollisionThreshold:
         given = np.asarray(compensated, float)
         if given.shape[-1:] != (6,):
             raise ShapeError(f"compensated readings have shape {given.shape}, expected (..., 6): (m, f).")
-        r = given - self.middle
-        return np.asarray((r * np.linalg.solve(self.covariance, r[..., None])[..., 0]).sum(-1))
+        r = (given - self.middle)[..., self.axes]
+        return np.asarray((r * np.linalg.solve(self.covariance[self.axes, self.axes], r[..., None])[..., 0]).sum(-1))
 
     @property
     def per_axis(self) -> Array:
-        """The smallest moments [N m] and forces [N] (6,) that pass, each acting along its axis alone."""
-        return math.sqrt(self.limit) / np.sqrt(np.diag(np.linalg.inv(self.covariance)))
+        """The smallest moments [N m] and forces [N] (6,) that pass, each acting along its axis alone; inf if not looked at."""
+        least = np.full(6, math.inf)
+        least[self.axes] = np.sqrt(self.limit / np.diag(np.linalg.inv(self.covariance[self.axes, self.axes])))
+        return least
 
 
 def _check_rate(false_alarms: float) -> None:

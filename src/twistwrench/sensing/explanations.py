@@ -58,7 +58,7 @@ class Explanation:
         if not self.turn:
             return f"sign={self.sign!r}"
         degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
-        return f"sign={self.sign!r} with orientation=True, turned by {degrees:.3g}°"
+        return f"sign={self.sign!r} with orientation=True (turned by {degrees:.3g}°)"
 
     def improves(self, on: Fit) -> bool:
         """Whether the noise left is surely less than that of another fit of the same log."""

@@ -64,7 +64,7 @@ class Unknowns:
         return np.concatenate(columns, axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """The unknowns that explain a log best, with their covariance."""
 
@@ -83,6 +83,9 @@ class Fit:
     """R_fs (3, 3)."""
     design: Array
     """(n, 6, p)."""
+
+    def __repr__(self) -> str:
+        return f"<Fit: {', '.join(self.unknowns.names)} from {len(self.residuals)} readings>"
 
     @property
     def load(self) -> Array:

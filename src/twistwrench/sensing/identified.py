@@ -16,10 +16,10 @@ from .sensor import ForceTorqueSensor
 
 Array = NDArray[Any]
 
-__all__ = ["Identification", "weakness"]
+__all__ = ["Identification", "mass_interval", "weakness"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification:
     """A sensor found from a log, and how well it is known. Regions are exact for noise that is normal."""
 
@@ -32,6 +32,22 @@ class Identification:
     """What a person should know before using it, in sentences."""
     doubts: tuple[str, ...] = ()
     """Why the log seems not to mean what it says: its units, sign, mounting or poses, in sentences."""
+
+    def __repr__(self) -> str:
+        # What was found, never the arrays it was found from.
+        place = ", ".join(f"{1e3 * x:.1f}" for x in self.sensor.load.com)
+        wide = ", ".join(f"{5e2 * w:.1f}" for w in np.diff(self.com_intervals, axis=1)[:, 0])
+        look = "; LOOK AGAIN, see doubts and remarks" if self.doubtful else ""
+        return (
+            f"<Identification: {self.mass_text}, com ({place}) ± ({wide}) mm, noise {self.noise[1]:.2g} N and "
+            f"{self.noise[0]:.2g} N m{look}>"
+        )
+
+    @property
+    def mass_text(self) -> str:
+        """The mass with half of its confidence interval, in words."""
+        low, high = self.mass_interval
+        return f"{self.fit.load[0]:.4g} ± {(high - low) / 2:.2g} kg ({100 * self.confidence:g} %)"
 
     @property
     def outliers(self) -> list[int]:
@@ -61,7 +77,7 @@ class Identification:
     @property
     def mass_interval(self) -> tuple[float, float]:
         """Confidence interval of the mass [kg]."""
-        return self.interval("mass")
+        return mass_interval(self.fit, self.confidence)
 
     @property
     def com_intervals(self) -> Array:
@@ -119,25 +135,40 @@ class Identification:
 
     @property
     def _freedom(self) -> float:
-        return float(min(self.fit.freedom.min(), 1e9))
+        return _freedom(self.fit)
 
     @property
     def _t(self) -> float:
-        from scipy import special
+        return _student(self.fit, self.confidence)
 
-        return float(special.stdtrit(self._freedom, 0.5 + 0.5 * self.confidence))
+
+def mass_interval(fit: Fit, confidence: float) -> tuple[float, float]:
+    """Confidence interval of a fit's mass [kg]."""
+    k = fit.unknowns.load.start
+    half = _student(fit, confidence) * math.sqrt(fit.covariance[k, k])
+    return float(fit.estimate[k]) - half, float(fit.estimate[k]) + half
+
+
+def _freedom(fit: Fit) -> float:
+    return float(min(fit.freedom.min(), 1e9))
+
+
+def _student(fit: Fit, confidence: float) -> float:
+    from scipy import special
+
+    return float(special.stdtrit(_freedom(fit), 0.5 + 0.5 * confidence))
 
 
 def weakness(result: Identification) -> str | None:
     """A remark if mass or centre of mass is known badly."""
-    names = result.fit.unknowns.names
+    names, percent = result.fit.unknowns.names, 100 * result.confidence
     if result.fit.unknowns.inertia:
         size = float(result.sensor.load.moment_about_com.trace())
         unsure = {n: float(np.ptp(result.interval(n))) / 2 for n in names if n.startswith("I")}
         worst = max(unsure, key=lambda n: unsure[n])
         if unsure[worst] > 0.5 * abs(size):
             return (
-                f"The motion tells {worst} to ± {unsure[worst]:.2g} kg m² only, beside a trace of {size:.2g}. "
+                f"The motion tells {worst} to ± {unsure[worst]:.2g} kg m² ({percent:g} %) only, beside a trace of {size:.2g}. "
                 "Log faster turns about three axes."
             )
     low, high = result.mass_interval
@@ -147,6 +178,6 @@ def weakness(result: Identification) -> str | None:
     if share < 0.1 and widths[k] < 0.01:
         return None
     return (
-        f"The log tells the mass to ± {100 * share:.2g} % and the centre of mass along {'xyz'[k]} to ± {1e3 * widths[k]:.2g} "
-        "mm only. Readings in more and wider orientations tell more; `poses` proposes some."
+        f"The log tells the mass to ± {(high - low) / 2:.2g} kg and the centre of mass along {'xyz'[k]} to ± "
+        f"{1e3 * widths[k]:.2g} mm only ({percent:g} %). Readings in more and wider orientations tell more; `poses` proposes some."
     )

@@ -20,10 +20,11 @@ from .explanations import (
     turns_may_help,
     unexplained_turns,
 )
-from .identified import Identification, weakness
+from .identified import Identification, mass_interval, weakness
 from .log import ReadingLog
 from .outliers import runs
 from .sensor import ForceTorqueSensor
+from .slips import MAY_MOVE, MAY_POINT_UP, free_bias, listed_bias, may_point_up, seems_moving, swapped, upside_down
 from .units import unit_doubt
 
 __all__ = ["judged"]
@@ -39,14 +40,21 @@ def judged(found: Explanation, confidence: float, problem: dict[str, Any]) -> Id
     deviation = math.sqrt(fit.covariance[unknowns.load.start, unknowns.load.start])
     if found.mass < -2 * deviation or found.mass == 0:
         raise ValueRangeError(_no_mass(found, log, problem))
-    told = found.mass >= 2 * deviation
+    low, high = mass_interval(fit, confidence)
+    told = low > 0
+    load = _load(found, told=told)
     sensor = ForceTorqueSensor(
-        _load(found, told=told), fit.estimate[:6] if unknowns.bias else problem["bias"], found.sign, fit.mounting
+        load,
+        fit.estimate[:6] if unknowns.bias else problem["bias"],
+        found.sign,
+        fit.mounting,
+        inertia="unknown" if not unknowns.inertia else "accept" if load.defects() else "given",
     )
     remarks = []
     if not told:
         remarks.append(
-            f"The mass, {found.mass:.3g} ± {deviation:.2g} kg, cannot be told from zero, so neither can its place."
+            f"The mass, {found.mass:.4g} ± {(high - low) / 2:.2g} kg ({100 * confidence:g} %), cannot be told from zero, so "
+            "neither can its place."
         )
     elif defects := sensor.load.defects():
         remarks.append(
@@ -58,11 +66,12 @@ def judged(found: Explanation, confidence: float, problem: dict[str, Any]) -> Id
         listed = ", ".join(spans[:10]) + (", …" if len(spans) > 10 else "")
         counted = " (from 0)" if log.time is None else ""
         remarks.append(f"Left out {len(out)} of {len(log)} readings that the others contradict: {listed}{counted}.")
-    doubts = _noise_doubts(found) + _explanation_doubts(found, log, problem)
+    slip, doubted = _explanation_doubts(found, log, problem)
+    doubts = _noise_doubts(found) + doubted + ([slip] if slip else [])
     result = Identification(sensor, fit, kept, confidence, tuple(remarks))
     motion = log.motion_doubts()
     units = unit_doubt(result, log) if told and not motion else None
-    doubts += motion or ([units] if units else log.size_doubts())
+    doubts += motion or ([units] if units else log.size_doubts()) if not slip else []
     weak = weakness(result) if told and not doubts else None  # more readings of the wrong kind help nobody
     return Identification(sensor, fit, kept, confidence, (*remarks, *([weak] if weak else [])), tuple(doubts))
 
@@ -84,12 +93,18 @@ def _load(found: Explanation, *, told: bool) -> SpatialInertia:
 
 def _no_mass(found: Explanation, log: ReadingLog, problem: dict[str, Any]) -> str:
     said = f"{log.name}: mass comes out as {found.mass:.4g} kg"
+    if slip := _slip(found, log, problem, found):
+        return f"{said}. {slip}"
     better = others(found.sign, **problem)
+    if better and (slip := _slip(found, log, problem, better[0])):
+        return f"{said}. {slip}"
+    if seems_moving(log):
+        return f"{said}. {MAY_MOVE}"
     if not better:
         return f"{said}, with either sign. Check that the poses are of the sensor's frame and the readings of a load."
     if (own := unexplained_turns(log, better[0].fit, better[0].kept)) is not None:
         return f"{said}: {_poses(better[0], own)}"
-    return f"{said}, so sign or mounting are not as said. With {_ways(better)}"
+    return f"{said}, so sign or mounting are not as said. {_ways(better, found, log)}"
 
 
 def _poses(found: Explanation, own: float) -> str:
@@ -100,14 +115,33 @@ def _poses(found: Explanation, own: float) -> str:
     )
 
 
-def _ways(better: list[Explanation]) -> str:
+def _ways(better: list[Explanation], found: Explanation, log: ReadingLog) -> str:
     best, *same = as_good_as_the_best(better)
-    if not same:
-        return f"{best.options} what is left is {_noise(best)}."
-    return (
-        f"{' or '.join(e.options for e in (best, *same))} what is left is {_noise(best)}. These cannot be told apart: make "
-        "sure of the sign, or add readings tilted about another axis."
-    )
+    said = f"Use {' or '.join(e.options for e in (best, *same))}: what is left is then {_noise(best)}."
+    if same:
+        said += " These cannot be told apart: make sure of the sign, or add readings tilted about another axis."
+    return f"{said} {MAY_POINT_UP}" if may_point_up(log, found.sign, best) else said
+
+
+def _slip(found: Explanation, log: ReadingLog, problem: dict[str, Any], than: Explanation) -> str | None:
+    """A slip that explains the log surely better ``than`` what there is."""
+    if (free := free_bias(found, problem)) is not None:
+        return (
+            f"The bias given does not fit: left free, it comes out as {listed_bias(free.fit.estimate[:6])} [N m, N], and what "
+            f"is left goes from {_noise(found)} to {_noise(free)}. Give no bias, or that of today."
+        )
+    if (exchanged := swapped(found, log, problem, than)) is not None:
+        return (
+            f"Forces and moments seem swapped: with mx, my, mz and fx, fy, fz exchanged and sign={exchanged.sign!r} what is left "
+            f"is noise of {exchanged.fit.sigma[1]:.2g} N and {exchanged.fit.sigma[0]:.2g} N m. A reading has moments and forces "
+            "under their own names."
+        )
+    if (upright := upside_down(found, log, problem, than)) is not None:
+        return (
+            f"gx, gy, gz seem to point up, as an accelerometer logs them: negated, what is left is {_noise(upright)}. Negate "
+            "these three and keep the sign."
+        )
+    return None
 
 
 def _noise_doubts(found: Explanation) -> list[str]:
@@ -122,15 +156,24 @@ def _noise_doubts(found: Explanation) -> list[str]:
     return doubts
 
 
-def _explanation_doubts(found: Explanation, log: ReadingLog, problem: dict[str, Any]) -> list[str]:
+def _explanation_doubts(
+    found: Explanation, log: ReadingLog, problem: dict[str, Any]
+) -> tuple[str | None, list[str]]:
+    """A slip that explains the log, if there is one, else what may."""
     share = misfit(log, found.fit, found.kept)
-    doubts = []
+    doubts: list[str] = []
+    if free_bias(found, problem) is not None:
+        return _slip(found, log, problem, found), []
     if share > _UNEXPLAINED:
         left = f"what is left is {_noise(found)}, {100 * share:.2g} % of how forces change"
         tried = others(found.sign, **problem) if turns_may_help(log, found.fit, found.kept) else []
         better = [e for e in tried if e.improves(found.fit)]
+        if slip := _slip(found, log, problem, better[0] if better else found):
+            return slip, []
         if better:
-            doubts.append(f"Poses, sign or mounting do not explain the readings: {left}. With {_ways(better)}")
+            doubts.append(f"Poses, sign or mounting do not explain the readings: {left}. {_ways(better, found, log)}")
+        elif seems_moving(log):
+            doubts.append(f"Poses do not explain the readings: {left}. {MAY_MOVE}")
         elif (own := unexplained_turns(log, found.fit, found.kept)) is not None:
             doubts.append(f"Look at the poses: {_poses(found, own)}")
     if log.V is not None and not found.fit.unknowns.inertia:
@@ -148,7 +191,7 @@ def _explanation_doubts(found: Explanation, log: ReadingLog, problem: dict[str, 
                 f"Sign and mounting cannot be told apart: {other.options} leaves {_noise(other)}, no more than this. Make "
                 "sure of the sign, or add readings tilted about another axis."
             )
-    return doubts
+    return None, doubts
 
 
 def _noise(found: Explanation) -> str:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import difflib
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import NotFoundError, ValueRangeError
+from ..errors import NotFoundError, ShapeError, ValueRangeError
 from ..report.numbers import parse_table
 from ..report.table_file import TableFile
 from .directions import GRAVITY, rotations_of_quaternions
-from .log import AXES, ReadingLog
+from .log import AXES, ReadingLog, checked_log, late
 
 Array = NDArray[Any]
 
@@ -28,9 +29,10 @@ _DV = tuple(f"d{name}" for name in _V)
 _POSITION = ("px", "py", "pz")
 _KNOWN = ("time", *_QUATERNION, *_MATRIX, *_GRAVITY, *AXES, *_V, *_DV, *_POSITION)
 _ALIASES = {"t": "time", "tx": "mx", "ty": "my", "tz": "mz"}
+_ANGLES = {"roll", "pitch", "yaw", "rx", "ry", "rz", "a", "b", "c", "alpha", "beta", "gamma", "phi", "theta", "psi"}
 _UNITS = {
-    "m": ("n m", "nm", "n*m", "n·m"),
-    "f": ("n",),
+    "m": ("N m", "Nm", "N*m", "N·m"),
+    "f": ("N",),
     "w": ("rad/s", "1/s"),
     "v": ("m/s",),
     "dw": ("rad/s²", "rad/s^2", "rad/s2", "1/s²", "1/s^2"),
@@ -46,10 +48,14 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
 
     ``mx, my, mz, fx, fy, fz`` readings [N m, N]; the orientation as ``qw, qx, qy, qz`` or ``r11, r12, …, r33`` (R_wf, row by
     row) or ``gx, gy, gz`` (the direction of gravity in {f}, of any length); optionally ``time`` [s], ``wx … vz`` and
-    ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz``, which nothing depends on. ``gravity`` (3,) is that of {w}.
+    ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz``, which nothing depends on. ``gravity`` (3,) is that of {w}. Other
+    columns are ignored, and named in the log's ``notes``.
 
-    Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`, which name the file, line and column.
+    Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`, which name the file, line and column,
+    and :class:`~twistwrench.ShapeError` for what is no path.
     """
+    if not isinstance(path, str | Path):
+        raise ShapeError(f"read_log takes the path of a CSV file, got a {type(path).__name__}.")
     path = Path(path)
     try:
         text = path.read_text("utf-8-sig")
@@ -62,14 +68,24 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
         raise ValueRangeError(
             f"{path}: the log is empty. A log has a header ({', '.join(AXES)} and an orientation), then rows."
         )
-    names = _names(lines[0][1], f"{path}: line {lines[0][0]}")
+    where = f"{path}: line {lines[0][0]}"
+    header = _names(lines[0][1], where)
+    names = [name for name in header if name in _KNOWN]
+    ignored = [name for name in header if name not in _KNOWN]
+    _check_complete(names, ignored, where)
     if len(lines) == 1:
         raise ValueRangeError(f"{path}: no readings after the header. Give at least one row.")
-    body = "\n".join(line for _, line in lines[1:]) + "\n"
-    table = parse_table(body.encode(), len(names))
+    rows = _columns(path, lines[1:], header) if ignored else lines[1:]
+    table = parse_table(("\n".join(line for _, line in rows) + "\n").encode(), len(names))
     if table is None or not np.isfinite(table).all():
-        raise _blame(path, lines[1:], names)
-    return _log(path, {name: table[:, k] for k, name in enumerate(names)}, gravity)
+        raise _blame(path, rows, names)
+    columns = {name: table[:, k] for k, name in enumerate(names)}
+    if "time" in columns and (k := late(columns["time"])) is not None:
+        raise ValueRangeError(
+            f"{path}: line {rows[k][0]}: time {columns['time'][k]:g} s is not after the {columns['time'][k - 1]:g} s of the "
+            "reading before. Times must increase: sort the rows, or remove the column."
+        )
+    return replace(_log(path, columns, gravity), notes=_notes(ignored))
 
 
 def _names(text: str, where: str) -> list[str]:
@@ -82,44 +98,79 @@ def _names(text: str, where: str) -> list[str]:
         match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", column.strip().strip('"'))
         name = (match[1] if match else column).strip().lower()
         name = _ALIASES.get(name, name)
-        if name not in _KNOWN:
-            if re.fullmatch(r"[-+.\deE]+", name):
-                raise ValueRangeError(f"{where}: the header is missing; the first line has numbers. Name the columns.")
-            near = difflib.get_close_matches(name, _KNOWN, n=1)
-            hint = f"Did you mean {near[0]!r}? " if near else ""
-            raise ValueRangeError(f"{where}: column {column.strip()!r} is not known. {hint}Known: {_listed(_KNOWN)}.")
-        if match and match[2] is not None:
+        if re.fullmatch(r"[-+]?\d[-+.\de]*", name):
+            raise ValueRangeError(f"{where}: the header is missing; the first line has numbers. Name the columns.")
+        if name in _KNOWN and match and match[2] is not None:
             _check_unit(name, match[2], where)
-        names.append(name)
+        names.append(name if name in _KNOWN else column.strip().strip('"'))
     for name in names:
-        if names.count(name) > 1:
+        if name in _KNOWN and names.count(name) > 1:
             raise ValueRangeError(f"{where}: column {name!r} is there {names.count(name)} times. Keep one of them.")
-    _check_complete(names, where)
     return names
+
+
+def _columns(path: Path, lines: list[tuple[int, str]], header: list[str]) -> list[tuple[int, str]]:
+    """The lines with the fields of known columns only: the others may hold anything."""
+    places = [k for k, name in enumerate(header) if name in _KNOWN]
+    kept = []
+    for number, line in lines:
+        fields = line.split(",")
+        if len(fields) != len(header):
+            raise _incomplete(path, number, len(fields), len(header))
+        kept.append((number, ",".join(fields[k] for k in places)))
+    return kept
+
+
+def _notes(ignored: list[str]) -> tuple[str, ...]:
+    if not ignored:
+        return ()
+    meant = {name: difflib.get_close_matches(name.lower(), _KNOWN, n=1, cutoff=0.7) for name in ignored}
+    said = [f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name) for name, near in meant.items()]
+    return (f"Columns that are no part of a reading are ignored: {_listed(said)}.",)
 
 
 def _check_unit(name: str, unit: str, where: str) -> None:
     kind = name if name in _UNITS else name.rstrip("xyz")
     allowed = _UNITS.get(kind)
-    if allowed is not None and unit.strip().lower() not in allowed:
+    if allowed is not None and unit.strip().lower() not in map(str.lower, allowed):
         raise ValueRangeError(
             f"{where}: column {name!r} is in {unit.strip()!r}. Convert it to {allowed[0] or 'a plain direction'} (SI units)."
         )
 
 
-def _check_complete(names: list[str], where: str) -> None:
+def _check_complete(names: list[str], ignored: list[str], where: str) -> None:
     if missing := [name for name in AXES if name not in names]:
-        raise ValueRangeError(f"{where}: no column for {_listed(missing)}. A reading has {_listed(AXES)}.")
+        raise ValueRangeError(
+            f"{where}: no column for {_listed(missing)}. {_near(missing, ignored)}A reading has {_listed(AXES)}, the moments "
+            "perhaps as Tx, Ty, Tz."
+        )
     kinds = [kind for kind in (_QUATERNION, _MATRIX, _GRAVITY) if any(name in names for name in kind)]
     if len(kinds) != 1:
         said = "no orientation" if not kinds else "more than one orientation"
+        angles = [name for name in ignored if re.sub(r"[^a-z]", "", name.lower()) in _ANGLES] if not kinds else []
+        hint = (
+            f"{_listed(angles)}: angles have many conventions, so none is guessed; convert them to a quaternion. "
+            if len(angles) > 1
+            else _near([*_QUATERNION, *_MATRIX, *_GRAVITY], ignored)
+        )
         raise ValueRangeError(
-            f"{where}: {said}. Give one of: {_listed(_QUATERNION)}; r11, r12, …, r33; {_listed(_GRAVITY)} (gravity's "
+            f"{where}: {said}. {hint}Give one of: {_listed(_QUATERNION)}; r11, r12, …, r33; {_listed(_GRAVITY)} (gravity's "
             "direction in the sensor's frame)."
         )
     moving = _V + _DV if any(name in names for name in _V + _DV) else ()
     if missing := [name for name in (*kinds[0], *moving) if name not in names]:
-        raise ValueRangeError(f"{where}: no column for {_listed(missing)}, although others of its kind are there.")
+        raise ValueRangeError(
+            f"{where}: no column for {_listed(missing)}, although others of its kind are there. {_near(missing, ignored)}"
+            "Add it."
+        )
+
+
+def _near(missing: list[str], ignored: list[str]) -> str:
+    """A column that is not known, but spelt like one that is missing."""
+    for name in ignored:
+        if near := difflib.get_close_matches(re.sub(r"force|torque|moment", "", name.lower()) or name, missing, n=1):
+            return f"Column {name!r} is not known: did you mean {near[0]!r}? "
+    return ""
 
 
 def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLog:
@@ -149,9 +200,7 @@ def _blame(path: Path, lines: list[tuple[int, str]], names: list[str]) -> ValueR
         fields = line.split(",")
         where = f"{path}: line {number}"
         if len(fields) != len(names):
-            return ValueRangeError(
-                f"{where} has {len(fields)} values, the header names {len(names)}. Complete the row."
-            )
+            return _incomplete(path, number, len(fields), len(names))
         for name, field in zip(names, fields, strict=True):
             try:
                 good = bool(np.isfinite(float(field))) and "_" not in field
@@ -164,8 +213,22 @@ def _blame(path: Path, lines: list[tuple[int, str]], names: list[str]) -> ValueR
     return ValueRangeError(f"{path}: rows that cannot be read as numbers. Save the log as plain CSV.")
 
 
+def _incomplete(path: Path, number: int, count: int, wanted: int) -> ValueRangeError:
+    return ValueRangeError(
+        f"{path}: line {number} has {count} values, the header names {wanted}. Complete the row."
+    )
+
+
 def write_log(log: ReadingLog, path: str | Path) -> None:
-    """Write a log that :func:`read_log` reads back; orientations become gravity's direction ``gx, gy, gz``."""
+    """Write a log that :func:`read_log` reads back; orientations become gravity's direction ``gx, gy, gz``.
+
+    Raises :class:`~twistwrench.ShapeError` for arguments of another type or order.
+    """
+    if isinstance(path, ReadingLog):
+        raise ShapeError("write_log takes the log first, then the path: write_log(log, 'log.csv').")
+    checked_log(log, "write_log")
+    if not isinstance(path, str | Path):
+        raise ShapeError(f"write_log takes a path after the log, got a {type(path).__name__}.")
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
     parts: list[tuple[tuple[str, ...], Array | None]] = [
         (("time",), None if log.time is None else log.time[:, None]),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ValueRangeError
+from ..errors import ShapeError, ValueRangeError
 from ..lie import se3
 from .directions import GRAVITY, gravity_in_frame
 from .frames import unlabelled
@@ -45,6 +45,8 @@ def simulate(
     >>> simulate(sensor, 2, noise=(0, 0)).readings.tolist()
     [[0.0, 0.0, 0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]]
     """
+    if not isinstance(sensor, ForceTorqueSensor):
+        raise ShapeError(f"simulate takes a ForceTorqueSensor, got a {type(sensor).__name__}.")
     rng = np.random.default_rng(rng)
     sigma = checked_noise(noise, none_at_all=True)
     V = dV = time = None

@@ -14,13 +14,15 @@ from rich.table import Table
 from rich.text import Text
 
 from ..report.usage import in_shell_words
-from .contact import CollisionThreshold
+from .compensation import Compensation, left_over
 from .identified import Identification
 from .log import AXES, ReadingLog
 from .outliers import runs
 from .poses import PoseProposal
 
-__all__ = ["compensation_view", "identification_view", "proposal_view"]
+__all__ = ["cannot_tell", "compensation_view", "identification_view", "proposal_view"]
+
+_WIDE = 0.1  # m; a centre of mass known no better is not told
 
 
 def identification_view(found: Identification, log: ReadingLog) -> RenderableType:
@@ -28,7 +30,7 @@ def identification_view(found: Identification, log: ReadingLog) -> RenderableTyp
     load, percent = found.sensor.load, 100 * found.confidence
     table = _table("Load and sensor", ["quantity", "unit"], ["value", f"± ({percent:g} %)"])
     low, high = found.mass_interval
-    table.add_row("mass", "kg", _number(load.mass, 4), _number((high - low) / 2, 4))
+    table.add_row("mass", "kg", _number((high + low) / 2, 4), _number((high - low) / 2, 4))
     for axis, place, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
         table.add_row(f"centre of mass {axis}", "mm", _number(1e3 * place, 2), _number(5e2 * (high - low), 2))
     names = found.fit.unknowns.names
@@ -52,9 +54,9 @@ def identification_view(found: Identification, log: ReadingLog) -> RenderableTyp
                 f"mounting turned about {axis}", "°", _number(math.degrees(found.turn[k]), 3), _number(half, 3)
             )
     parts: list[RenderableType] = [_heading(log, found.sensor.sign), table]
-    parts.append(_before_and_after(log, log.compensated(found.sensor), found.kept))
+    parts.append(_before_and_after(log, log.readings - log.predicted(found.sensor), found.kept))
     parts.append(Text(f"Noise of a reading: {found.noise[0]:.3g} N m, {found.noise[1]:.3g} N (1 σ)."))
-    parts.extend(_remarks([*found.remarks, *found.doubts]))
+    parts.extend(_remarks([*log.notes, *found.remarks, *found.doubts]))
     return Group(*parts, Text(), _verdict(found))
 
 
@@ -63,55 +65,68 @@ def _remarks(sentences: Sequence[str]) -> list[Text]:
 
 
 def _verdict(found: Identification) -> Text:
-    load = found.sensor.load
-    low, high = found.mass_interval
-    place = ", ".join(_number(1e3 * x, 1) for x in load.com)
-    text = f": {load.mass:.4g} ± {(high - low) / 2:.2g} kg at ({place}) mm."
-    if found.mass_interval[0] <= 0:
-        text = f": {load.mass:.4g} ± {(high - low) / 2:.2g} kg, which may be nothing."
+    place = ", ".join(_number(1e3 * x, 1) for x in found.sensor.load.com)
+    mass = found.mass_text.replace("-", "−")
+    text = f": {mass} at ({place}) mm." if found.mass_interval[0] > 0 else f": {mass}, which may be nothing."
     return Text.assemble(("LOOK AGAIN", "bold red") if found.doubtful else ("OK", "bold green"), text)
 
 
-def compensation_view(
-    log: ReadingLog,
-    sign: str,
-    compensated: NDArray[np.float64],
-    threshold: CollisionThreshold | None,
-    doubts: Sequence[str] = (),
-) -> RenderableType:
+def compensation_view(found: Compensation) -> RenderableType:
     """Readings before and after, and where something else acted."""
-    parts: list[RenderableType] = [_heading(log, sign), _before_and_after(log, compensated, np.ones(len(log), bool))]
-    parts.extend(_remarks(doubts))
-    look = Text.assemble(("LOOK AGAIN", "bold red"), ": the log seems not to be of this sensor in these units.")
-    if threshold is None:
-        return Group(*parts, *([Text(), look] if doubts else []))
-    hits = threshold(compensated)
-    floor = threshold.per_axis
-    parts.append(
-        Text(
-            f"Contact is what noise alone reaches once in {1 / threshold.false_alarms:,.0f} readings: from "
-            f"{floor[:3].min():.3g} N m or {floor[3:].min():.3g} N on."
+    log = found.log
+    parts: list[RenderableType] = [_heading(log, found.sensor.sign)]
+    parts.append(_before_and_after(log, found.rest, np.ones(len(log), bool)))
+    if found.threshold is not None:
+        floor = found.threshold.per_axis
+        least = [f"{x.min():.3g} {unit}" for x, unit in ((floor[:3], "N m"), (floor[3:], "N")) if np.isfinite(x).all()]
+        parts.append(
+            Text(
+                f"Contact is what noise alone reaches once in {1 / found.threshold.false_alarms:,.0f} readings: from "
+                f"{' or '.join(least)} on{'; moments are not looked at' if found.untold else ''}."
+            )
         )
-    )
-    if doubts:
-        return Group(*parts, Text(), look)
-    if not hits.any():
-        return Group(*parts, Text(), Text.assemble(("OK", "bold green"), ": no contact."))
-    spans = [_span(log, a, b) for a, b in runs(hits)]
-    peak = np.linalg.norm(compensated[hits][:, 3:], axis=1).max()
-    shown = "; ".join(spans[:5]) + ("; …" if len(spans) > 5 else "")
-    text = f": {hits.sum()} of {len(log)} readings, {shown}; up to {peak:.3g} N."
-    return Group(*parts, Text(), Text.assemble(("CONTACT", "bold red"), text))
+    parts.extend(_remarks([*log.notes, *([found.untold] if found.untold else []), *found.doubts]))
+    return Group(*parts, Text(), _outcome(found))
 
 
-def proposal_view(proposal: PoseProposal, quaternions: NDArray[np.float64], mass: float) -> RenderableType:
-    """The orientations in the order to read them."""
+def _outcome(found: Compensation) -> Text:
+    log, hits = found.log, found.hits
+    look = ("LOOK AGAIN", "bold red")
+    if found.doubts:
+        return Text.assemble(look, ": this sensor file does not explain this log.")
+    moment, force = left_over(found.rest[~found.off])
+    noise = f"beside noise of {found.noise[1]:.2g} N and {found.noise[0]:.2g} N m"
+    if hits.any():
+        spans = [_span(log, a, b) for a, b in runs(hits)]
+        peak = np.linalg.norm(found.rest[hits][:, 3:], axis=1).max()
+        shown = "; ".join(spans[:5]) + ("; …" if len(spans) > 5 else "")
+        return Text.assemble(
+            ("CONTACT", "bold red"), f": {hits.sum()} of {len(log)} readings, {shown}; up to {peak:.3g} N."
+        )
+    if found.threshold is not None:
+        what = "no contact force; moments were not looked at" if found.untold else "no contact"
+        return Text.assemble(("OK", "bold green"), f": {what}.")
+    if found.untold_shows:
+        return Text.assemble(look, f": the load's inertia is left in the moments, {moment:.2g} N m {noise}.")
+    good = int((~found.off).sum())
+    said = f": {good} of {len(log)} readings are explained, with {force:.2g} N and {moment:.2g} N m left {noise}."
+    rest = "" if good == len(log) else " In the others something else acts; --contacts 1e-6 says when."
+    return Text.assemble(("OK", "bold green"), said + rest)
+
+
+def proposal_view(
+    proposal: PoseProposal, quaternions: NDArray[np.float64], mass: float, untold: str | None
+) -> RenderableType:
+    """The orientations in the order to read them, unless they tell nothing."""
+    verdict = Text.assemble(("LOOK AGAIN", "bold red"), f": {untold}") if untold else None
     table = _table("Next poses", ["no."], ["qw", "qx", "qy", "qz", "gx", "gy", "gz", "mass ± [kg]", "centre ± [mm]"])
     unit = proposal.gravity / np.linalg.norm(proposal.gravity, axis=1, keepdims=True)
+    known = _known(proposal, mass)
     for k in range(len(unit)):
         cells = [_number(x, 3) for x in (*quaternions[k], *unit[k])]
-        known = (1.96 * proposal.mass_deviation[k], 1.96e3 * proposal.first_moment_deviation[k] / mass)
-        table.add_row(str(k + 1), *cells, _number(known[0], 4), _number(known[1], 3))
+        table.add_row(str(k + 1), *cells, _number(known[k, 0], 4), _number(1e3 * known[k, 1], 3))
+    if verdict is not None:
+        return verdict
     return Group(
         table,
         Text(
@@ -120,6 +135,27 @@ def proposal_view(proposal: PoseProposal, quaternions: NDArray[np.float64], mass
             "is across the line to the sensor, along it add the share of the mass."
         ),
     )
+
+
+def cannot_tell(proposal: PoseProposal, mass: float, within: float | None) -> str | None:
+    """Why all the poses together do not tell a load of about that mass [kg]; None if they do. ``within`` [°] if narrow."""
+    heavy, out = _known(proposal, mass)[-1]
+    what = [
+        f"{name} ({f'± {scale * x:.2g} {unit}' if math.isfinite(x) else 'not at all'})"
+        for name, x, most, scale, unit in (("mass", heavy, mass, 1.0, "kg"), ("centre", out, _WIDE, 1e3, "mm"))
+        if not x < most
+    ]
+    if not what:
+        return None
+    count = len(proposal.gravity)
+    those = f"{count} pose{'s' * (count > 1)}" + ("" if within is None else f" tilted by up to {within:g}°")
+    way = "Ask for more of them" if within is None else "Allow larger tilts, such as --within 60"
+    return f"{those} cannot tell {' or '.join(what)} of a load of {mass:g} kg. {way}."
+
+
+def _known(proposal: PoseProposal, mass: float) -> NDArray[np.float64]:
+    """Half of the 95 % intervals (count, 2) of mass [kg] and centre of mass [m]."""
+    return 1.96 * np.stack([proposal.mass_deviation, proposal.first_moment_deviation / mass], axis=1)
 
 
 def _span(log: ReadingLog, first: int, last: int) -> str:

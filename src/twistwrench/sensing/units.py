@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from .identified import Identification
 from .log import ReadingLog
-from .sensor import ForceTorqueSensor
 
 Array = NDArray[Any]
 
-__all__ = ["MIXUPS", "Mixup", "log_doubt", "unit_doubt"]
+__all__ = ["MIXUPS", "Mixup", "unit_doubt"]
 
 _G = 9.80665  # N in a kilogram-force
 
@@ -55,7 +54,6 @@ _USUAL = np.array([[0.045, 55.0], [0.009, 0.33], [4.0, 600.0]])
 _BEYOND = np.array([500.0, 0.5, math.inf])  # no tool on a six-axis sensor has these
 _FAR = 0.4  # m; a long tool is no doubt yet
 _SURE, _NOISE_SURE = 1e-5, 1e-3  # chances that an interval below misses the truth
-_STRANGE = 5.0  # times what is left otherwise, or its noise
 _NO_NOISE = 1e-4  # of the weight; below, what is left of the readings is their rounding
 
 
@@ -87,26 +85,6 @@ def unit_doubt(result: Identification, log: ReadingLog) -> str | None:
     best = [way for _, way in sorted(ways, key=lambda pair: pair[0])[:3]]
     first, *others = (f"{way.said} ({way.cure})" for way in best)
     return f"Units look wrong: {tool}, is unusual. Perhaps {'; or '.join([first, *others])}."
-
-
-def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> str | None:
-    """Which unit or sign a log seems to be in that this sensor does not explain; None if none explains it far better."""
-    predicted = log.predicted(sensor)
-    sigma = np.maximum(noise, 1e-6 * (1.0 + np.abs(predicted).max()))
-
-    def left(force: float, moment: float) -> float:
-        r = (log.readings / np.repeat([moment, force], 3) - predicted).reshape(-1, 2, 3)
-        return float(np.median(np.linalg.norm(np.linalg.norm(r, axis=2) / sigma, axis=1)))
-
-    as_read = left(1.0, 1.0)
-    other = "by_sensor" if sensor.sign == "on_sensor" else "on_sensor"
-    turned = Mixup(
-        f"readings have the sign {other}", "change their signs, or identify the sensor from such a log", -1.0, -1.0
-    )
-    best = min((*MIXUPS, turned), key=lambda way: left(way.force, way.moment))
-    if as_read < _STRANGE or left(best.force, best.moment) > as_read / _STRANGE:
-        return None
-    return f"The sensor does not explain the log. Perhaps {best.said} ({best.cure}): then it does."
 
 
 def _overlap(found: Array, usual: Array) -> Array:

@@ -44,6 +44,13 @@ def payload_options(function: Callable[..., None]) -> Callable[..., None]:
             "--com", metavar="x,y,z", default="0,0,0", show_default=True, help="Centre of mass in the frame [m]."
         ),
         click.option("--frame", metavar="FRAME", help="What carries the payload; the tip if not given."),
+        click.option(
+            "--payload",
+            "payloads",
+            metavar="MASS[,x,y,z][@FRAME]",
+            multiple=True,
+            help="A point mass carried already, such as the gripper; may be repeated.",
+        ),
         click.option("--configuration", metavar="v,v,…", help="All coordinates at once."),
         click.option(
             "--at",
@@ -65,20 +72,23 @@ def answer_payload(
     configuration: str | None,
     frame: str | None,
     com: str,
+    payloads: tuple[str, ...],
     limits_path: str | None,
     plane: str | None,
     samples: int | None,
     csv_path: str | None,
     plot_path: str | None,
 ) -> bool:
-    """Print the answer part by part with ``show``, and write the files; whether the pose is within the joint limits.
+    """Print the answer part by part with ``show``, and write the files.
 
-    All options are read before anything is printed. Raises errors of the library.
+    Returns whether the robot can be in the pose, and holds itself there. All options are read before anything is printed. Raises errors of the library.
     """
+    from ..report.load import LoadedRobot, parse_payload
     from .map import payload_map, plane_and_samples
     from .payload import largest_payload
+    from .slips import unit_slips
     from .stops import joints_beyond_stops
-    from .tables import payload_view, stops_view, write_payload
+    from .tables import carried_words, caution, map_view, payload_view, place_words, stops_view, write_payload
 
     if samples is not None and plane is None:
         raise ValueRangeError("--samples is about the map, and there is none. Add --map rz.")
@@ -93,25 +103,32 @@ def answer_payload(
 
         allowed = read_limits(limits_path, robot.model, degrees=degrees)
     limits = allowed.effort
+    load = LoadedRobot(robot, tuple(map(parse_payload, payloads)))
+    robot = load.loaded
     found = largest_payload(robot, q, place, frame=frame, limits=limits)
     name = str(robot.tip if frame is None else frame)
-    show(payload_view(robot, found, q, name, place, degrees=degrees, limits=limits))
+    where, carried = place_words(name, place), carried_words(robot, load.payloads)
+    show(payload_view(robot, found, q, name, where, carried=carried, degrees=degrees, limits=limits))
     beyond = joints_beyond_stops(robot, q, allowed)
     if beyond:
         show(stops_view(beyond, degrees=degrees))
     chart = None
     if plane is not None:
         chart = payload_map(robot, plane, samples=count, com=place, frame=frame, limits=limits)
-        show(f"map, {chart}")
+        show(map_view(chart))
+    show(caution())
+    places = {"--com": place, **{f"--payload {t}": np.array(p.place) for t, p in zip(payloads, load.payloads, strict=True)}}
+    for slip in unit_slips(robot, q, allowed, places, degrees=degrees):
+        click.echo(f"note: {slip}", err=True)
     if csv_path is not None:
-        write_payload(found, csv_path)
+        write_payload(robot, found, q, csv_path, degrees=degrees)
     if plot_path is not None:
         from .picture import plot_payload
 
-        plot_payload(robot, q, found, plot_path, frame=name, limits=limits, chart=chart)
+        plot_payload(robot, q, found, plot_path, frame=name, where=where, carried=carried, limits=limits, chart=chart)
     for written in filter(None, (csv_path, plot_path)):
         show(f"wrote {written}")
-    return not beyond
+    return bool(found.holds) and not beyond
 
 
 def _configuration(robot: Robot, at: Iterable[str], configuration: str | None, *, degrees: bool) -> Array:

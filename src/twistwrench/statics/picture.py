@@ -23,6 +23,9 @@ Array = NDArray[Any]
 
 __all__ = ["plot_payload"]
 
+_POLYTOPE = "polytope: each joint within its limit, gravity held first"
+_ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gravity"
+
 
 def plot_payload(
     robot: Robot,
@@ -31,29 +34,32 @@ def plot_payload(
     path: str | Path,
     *,
     frame: str | None = None,
+    where: str = "",
+    carried: str = "",
     limits: ArrayLike | None = None,
     chart: PayloadMap | None = None,
 ) -> None:
     """Draw one pose, and the map if there is one, to ``path``; its suffix says the format.
 
+    The title says ``where`` the payload is, the frame if empty, and what is ``carried`` besides.
     Forces are the robot's on the world at zero moment, along the base's axes. The ellipsoid holds where all torques
     together stay within their limits in norm, without gravity.
     Raises :class:`~twistwrench.MissingExtraError` without matplotlib, :class:`~twistwrench.ValueRangeError` if the file
     cannot be written.
     """
-    with figure(10.5, 4.6 if chart is None else 9.2, _title(robot, found, frame)) as drawn:
+    with figure(10.5, 4.6 if chart is None else 9.2, _title(robot, found, where or frame or robot.tip, carried)) as drawn:
         parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
         left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
         _draw_forces(left, robot, q, frame, limits)
-        _draw_shares(right.subplots(), found)
+        _draw_shares(right.subplots(), found, carried)
         if chart is not None:
             _draw_map(parts[1], chart, np.asarray(robot.forward_kinematics(q, frame))[:3, 3])
         save(drawn, path)
 
 
-def _title(robot: Robot, found: LargestPayload, frame: str | None) -> str:
+def _title(robot: Robot, found: LargestPayload, where: str | None, carried: str) -> str:
     mass = "any payload" if np.isinf(found.mass) else f"largest payload {found.mass:.4g} kg"
-    return f"{robot.name} · {mass} at {frame or robot.tip}"
+    return f"{robot.name} · {mass if found.holds else 'no payload'} at {where}" + (f", beside {carried}" if carried else "")
 
 
 def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
@@ -110,14 +116,14 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
     faces = Poly3DCollection(_faces(polytope), facecolor=SKY, edgecolor=LINE, linewidth=0.8, alpha=0.22, zorder=1)
-    faces.set_label("polytope, gravity held first")
+    faces.set_label(_POLYTOPE)
     axis.add_collection3d(faces)
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
     ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     shell = (ball * ellipsoid.semi_axes) @ ellipsoid.axes.T
     axis.plot_wireframe(
         shell[..., 0], shell[..., 1], shell[..., 2], color=ORANGE, linewidth=0.6, rstride=2, cstride=2, zorder=2,
-        label="ellipsoid of joint effort, no gravity",
+        label=_ELLIPSOID,
     )  # fmt: skip
     every = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
     low, high = every.min(axis=0), every.max(axis=0)
@@ -152,11 +158,11 @@ def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoi
     corners = np.column_stack([polytope.vertices @ first, polytope.vertices @ second])
     spokes = corners - corners.mean(axis=0)
     ring = corners[np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))]
-    axis.fill(*ring.T, facecolor=SKY, edgecolor=LINE, alpha=0.35, label="polytope, gravity held first")
+    axis.fill(*ring.T, facecolor=SKY, edgecolor=LINE, alpha=0.35, label=_POLYTOPE)
     turn = np.linspace(0, 2 * np.pi, 181)
     round_ = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     reach = ellipsoid.reach(round_)
-    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=ORANGE, label="ellipsoid of joint effort, no gravity")
+    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=ORANGE, label=_ELLIPSOID)
     axis.set_aspect("equal", "datalim")
     axis.margins(0.12)
     axis.set_xlabel(f"force along {_words(first)} [N]")
@@ -214,7 +220,7 @@ def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     axis.plot(tip @ first, tip @ second, "o", color=OVER, markersize=8, markeredgecolor="white", zorder=11)
 
 
-def _draw_shares(axis: Any, found: LargestPayload) -> None:
+def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     from matplotlib.patches import Patch
 
     rows = np.arange(len(found.joint_names))
@@ -234,7 +240,7 @@ def _draw_shares(axis: Any, found: LargestPayload) -> None:
     axis.set_xlabel("torque as a share of its limit")
     axis.grid(visible=False, axis="y")
     axis.set_title("Holding torques", loc="left", fontweight="bold")
-    meanings = {"robot alone": LINE, "with the payload": SKY, "at its limit or over": OVER}
+    meanings = {"robot as it is" if carried else "robot alone": LINE, "with the payload": SKY, "at its limit or over": OVER}
     patches = [Patch(color=colour, label=label) for label, colour in meanings.items()]
     axis.legend(
         handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=SMALL
@@ -261,9 +267,9 @@ def _draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
         names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
         axis.set_xlabel(f"{names[0]} [m]")
         axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
-        axis.plot(*place, "x", color=OVER, markeredgewidth=1.8, markersize=7, label="the pose above")
+        (cross,) = axis.plot(*place, "x", color=OVER, markeredgewidth=1.8, markersize=7, linestyle="none")
     axes[0].set_ylabel(f"{names[1]} [m]")
-    axes[0].legend(loc="lower right", fontsize=SMALL, framealpha=0.9, edgecolor="none")
+    figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=SMALL)
     bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
     ticks = [x for x in np.unique([float(f"{x:.1g}") for x in np.geomspace(low, high, 6)]) if low <= x <= high]
     bar.set_ticks(ticks, labels=[f"{x:g}" for x in ticks], minor=False)

@@ -17,7 +17,10 @@ from rich.text import Text
 
 from ..errors import ValueRangeError
 from ..outputs import replacing
+from ..report.load import Payload
+from ..screws.words import without_noise
 from .directions import largest_wrench, weakest_direction
+from .map import PayloadMap
 from .payload import LargestPayload
 from .stops import BeyondStop
 
@@ -26,7 +29,15 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["payload_view", "stops_view", "write_payload"]
+__all__ = [
+    "carried_words",
+    "caution",
+    "map_view",
+    "payload_view",
+    "place_words",
+    "stops_view",
+    "write_payload",
+]
 
 _BAR = 16
 
@@ -36,14 +47,17 @@ def payload_view(
     found: LargestPayload,
     q: Array,
     frame: str,
-    com: Array,
+    where: str,
     *,
+    carried: str = "",
     degrees: bool = False,
     limits: ArrayLike | None = None,
 ) -> RenderableType:
-    """Heading, a row per joint, the forces the robot can apply there, and the verdict; for one pose."""
+    """Heading, a row per joint, the forces the robot can apply there, and the verdict; for one pose.
+
+    ``where`` the payload is, and what is ``carried`` already, in words.
+    """
     turning = np.array([b.joint.kind != "prismatic" for b in robot.model.leaders for _ in range(b.joint.nv)])
-    angle = 180 / math.pi if degrees else 1.0
     unit = "N m" if turning.all() else "N" if not turning.any() else "N m, N"
     table = Table(
         box=SIMPLE_HEAD, title=f"Holding torques \\[{unit}]", title_justify="left", title_style="bold", pad_edge=False
@@ -61,14 +75,14 @@ def payload_view(
     for name in headings:
         table.add_column(name, justify="right")
     table.add_column("")
-    one_degree = robot.nq == robot.nv
+    places = _places(robot, q, degrees=degrees)
     for k, name in enumerate(found.joint_names):
         share, worst = float(found.share[k]), k == int(found.joint)
         style = "bold red" if share > 1 + 1e-9 else "bold" if worst else ""
-        place = f"{q[k] * (angle if turning[k] else 1.0):.4g}" if one_degree else ""
+        place = "" if np.isnan(places[k]) else _number(places[k], 1e-12)
         table.add_row(
             Text(name),
-            place.replace("-", "−"),
+            place,
             _number(found.unloaded[k]),
             _number(found.per_kilogram[k]),
             _number(found.torques[k]),
@@ -78,9 +92,44 @@ def payload_view(
             Text("█" * round(_BAR * min(share, 1.0)), style="red" if worst or share > 1 else "cyan"),
             style=style,
         )
-    where = f" + [{', '.join(f'{x:g}' for x in com)}] m" if np.any(com) else ""
-    heading = Text.assemble((robot.name, "bold"), f"  ·  payload at {frame}{where}")
-    return Group(heading, table, *_forces(robot, q, frame, limits), _verdict(found))
+    besides = f"  ·  carrying {carried} already" if carried else ""
+    heading = Text.assemble((robot.name, "bold"), f"  ·  payload at {where}{besides}")
+    return Group(heading, table, *_forces(robot, q, frame, limits), _verdict(found, carried))
+
+
+def place_words(frame: str, com: Array) -> str:
+    """A point of a frame: tool0 + [0, 0, 0.1] m."""
+    return frame + (f" + [{', '.join(f'{x:g}' for x in com)}] m" if np.any(com) else "")
+
+
+def carried_words(robot: Robot, payloads: Sequence[Payload]) -> str:
+    """Point masses with their places: 1.2 kg at tool0 + [0, 0, 0.05] m."""
+    return " and ".join(
+        f"{p.mass:g} kg at {place_words(str(p.frame or robot.tip), np.array(p.place))}" for p in payloads
+    )
+
+
+def map_view(chart: PayloadMap) -> Text:
+    """The map in a line."""
+    return Text(f"map, {chart}")
+
+
+def caution() -> Text:
+    """What the numbers leave out."""
+    return Text(
+        "Counts joint torques at rest alone: structure, grip, warm motors and motion may set a lower bound.",
+        style="dim",
+    )
+
+
+def _places(robot: Robot, q: Array, *, degrees: bool = False) -> Array:
+    """(nv,): where each joint is [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
+    places = np.full(robot.nv, np.nan)
+    for b in robot.model.leaders:
+        if b.joint.nq == b.joint.nv == 1:
+            turns = b.joint.kind != "prismatic"
+            places[b.v_index] = q[b.q_index] * (180 / math.pi if degrees and turns else 1.0)
+    return places
 
 
 def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> list[Text]:
@@ -97,9 +146,11 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> lis
     return [*lines, Text(f"Weakest along ({d}): {_force(weakest.magnitude)} N{limited}."), Text()]
 
 
-def _verdict(found: LargestPayload) -> Text:
+def _verdict(found: LargestPayload, carried: str) -> Text:
+    itself = "the robot and what it carries" if carried else "the robot itself"
     if not found.holds:
-        return Text.assemble(("NONE", "bold red"), f": {str(found).removeprefix('no payload: ')}.")
+        why = str(found).removeprefix("no payload: ").replace("the robot alone", itself if carried else "the robot alone")
+        return Text.assemble(("NONE", "bold red"), f": {why}.")
     if found.joint < 0:
         return Text.assemble(("ANY", "bold green"), ": no joint with a limit feels the payload at this pose.")
     k = int(found.joint)
@@ -107,7 +158,7 @@ def _verdict(found: LargestPayload) -> Text:
     return Text.assemble(
         (f"{found.mass:.4g} kg", "bold green"),
         f": the largest payload held at rest, limited by {found.joint_names[k]} at its {side} limit "
-        f"({_number(found.torques[k])}, of which {_number(found.unloaded[k])} hold the robot itself).",
+        f"({_number(found.torques[k])}, of which {_number(found.unloaded[k])} hold {itself}).",
     )
 
 
@@ -122,15 +173,23 @@ def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
     return Text.assemble(("OVER LIMIT", "bold red"), f": the robot cannot be in this pose: {'; '.join(said)}.")
 
 
-def write_payload(found: LargestPayload, path: str | Path) -> None:
-    """A CSV row per joint: names, then numbers with all their digits. ValueRangeError if the file cannot be written."""
-    columns = ("alone", "per_kilogram", "with_payload", "limit", "holds_up_to", "share")
-    data = (found.unloaded, found.per_kilogram, found.torques, found.limits, found.per_joint, found.share)
+def write_payload(
+    robot: Robot, found: LargestPayload, q: Array, path: str | Path, *, degrees: bool = False
+) -> None:
+    """A CSV row per joint: its name, where it is (``q_degrees`` if so, and empty where that is no one number), its torques.
+
+    Numbers have all their digits, and what rounding left in place of a zero is zero. ValueRangeError if the file cannot be
+    written.
+    """
+    columns = ("q_degrees" if degrees else "q", "alone", "per_kilogram", "with_payload", "limit", "holds_up_to", "share")
+    torques = (without_noise(x) for x in (found.unloaded, found.per_kilogram, found.torques))
+    data = (_places(robot, q, degrees=degrees), *torques, found.limits, found.per_joint, without_noise(found.share))
     with replacing(path) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("joint", *columns))
         for k, name in enumerate(found.joint_names):
-            writer.writerow((name, *(repr(float(column[k])) for column in data)))
+            row = (float(column[k]) for column in data)
+            writer.writerow((name, *("" if math.isnan(x) else repr(x) for x in row)))
 
 
 def _force(value: Any) -> str:

@@ -1,0 +1,120 @@
+"""A log without what the sensor's load does to it, and whether the sensor's file explains it at all."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ModelWarning
+from .contact import CollisionThreshold
+from .log import ReadingLog
+from .mismatch import log_doubt, smallest_noise
+from .sensor import ForceTorqueSensor
+from .slips import MAY_MOVE, seems_moving
+
+Array = NDArray[Any]
+
+__all__ = ["Compensation", "compensation", "left_over"]
+
+_ALARM = 1e-6  # chance that noise alone puts a reading off
+_NEARLY_ALL = 0.75  # of the readings off, from which the file explains nothing
+_SOME = 0.1  # of the moments off, from which an unknown inertia shows
+_NOISY = 5.0  # times its noise, from which what is left counts as more than before
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compensation:
+    """Compensated readings with what there is to say of them."""
+
+    log: ReadingLog
+    sensor: ForceTorqueSensor
+    noise: tuple[float, float]
+    rest: Array
+    """(n, 6) the readings without bias and load."""
+    off: Array
+    """(n,) which of them noise does not explain."""
+    doubts: tuple[str, ...]
+    """Why the file and the log do not belong together."""
+    untold: str | None
+    """What is left in the moments because the load's inertia is unknown."""
+    untold_shows: bool
+    """Whether that is more than noise."""
+    threshold: CollisionThreshold | None
+    """What is called a contact, if any were looked for."""
+
+    @property
+    def hits(self) -> Array:
+        """(n,) which readings are contacts; none where nothing was looked for, or the file does not explain the log."""
+        if self.threshold is None or self.doubts:
+            return np.zeros(len(self.log), bool)
+        return self.threshold(self.rest)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a person must look: contacts, doubts, or moments with an unknown inertia in them that were asked for."""
+        return bool(self.doubts) or bool(self.hits.any()) or (self.untold_shows and self.threshold is None)
+
+
+def compensation(
+    log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float], false_alarms: float | None = None
+) -> Compensation:
+    """Take the load off a log, judge what is left by the ``noise`` of the sensor's file, and look for contacts if asked to.
+
+    An unknown inertia leaves only the forces of a log in motion to judge by: it has no part in them.
+    """
+    untold = sensor.untold(log.V, log.dV)
+    judged = slice(3, 6) if untold else slice(0, 6)
+    threshold = None if false_alarms is None else CollisionThreshold.of_noise(noise, false_alarms, axes=judged)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # ``untold`` says it
+        rest = log.compensated(sensor)
+    floor = smallest_noise(log, sensor, noise)
+    level = (float(floor[0]), float(floor[1]))
+    off = CollisionThreshold.of_noise(level, _ALARM, axes=judged)(rest)
+    shows = bool(untold) and CollisionThreshold.of_noise(level, _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
+    doubts = [*_unexplained(log, sensor, noise, rest, off, level, judged), *log.motion_doubts()]
+    return Compensation(log, sensor, noise, rest, off, tuple(doubts), untold, shows, threshold)
+
+
+def _unexplained(
+    log: ReadingLog,
+    sensor: ForceTorqueSensor,
+    noise: tuple[float, float],
+    rest: Array,
+    off: Array,
+    level: tuple[float, float],
+    judged: slice,
+) -> list[str]:
+    halves = [("moments", "N m", slice(0, 3), level[0]), ("forces", "N", slice(3, 6), level[1])]
+    more = []
+    for what, unit, part, sigma in halves[1 if judged.start else 0 :]:
+        before, after = (float(np.median(np.linalg.norm(x[:, part], axis=1))) for x in (log.readings, rest))
+        if after > before and after > _NOISY * sigma:
+            more.append(f"the {what} are larger than before, {after:.3g} after {before:.3g} {unit} (medians)")
+    many = off.mean() >= _NEARLY_ALL
+    known = log_doubt(log, sensor, noise)
+    if not (more or many or known):
+        return []
+    if many:
+        more.insert(0, f"{off.sum()} of {len(log)} readings are off by more than noise")
+    if known:
+        return [known]
+    said = f"The sensor does not explain the log: {'; '.join(more)}."
+    if seems_moving(log):
+        return [f"{said} {MAY_MOVE}"]
+    return [
+        f"{said} No other unit, sign or bias does. Is it the log of this tool, are the orientations those of the sensor in the "
+        "world, R_wf (not of the world in the sensor), and does nothing touch the tool all along?"
+    ]
+
+
+def left_over(rest: Array) -> tuple[float, float]:
+    """Root mean square of the moments and of the forces of compensated readings (n, 6), per axis; zero of none."""
+    if not len(rest):
+        return 0.0, 0.0
+    moment, force = np.sqrt((rest.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
+    return float(moment), float(force)
