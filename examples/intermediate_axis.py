@@ -82,7 +82,7 @@ def once(path: np.ndarray) -> np.ndarray:
     away = np.linalg.norm(path - path[0], axis=-1)
     far = int(np.argmax(away > 0.5 * away.max()))
     back = np.flatnonzero(away[far:] < 0.05)
-    return path[: far + int(back[0]) + 1] if back.size else path
+    return np.vstack([path[: far + int(back[0]) + 1], path[:1]]) if back.size else path
 
 
 def draw(axes: plt.Axes, points: np.ndarray, energy: float, **style: object) -> None:

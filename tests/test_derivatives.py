@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from random_trees import DIFFERENCES, ROUNDING, driven, tree
+from random_trees import DIFFERENCES, ROUNDING, driven
 from twistwrench.testing import assert_close, derivative, derivative_along, random_state
 
 pytest_plugins = ("random_tree_fixtures",)

@@ -98,7 +98,7 @@ def test_verdicts_and_exit_codes(tmp_path):
 
 
 def test_why_splits_the_worst_peak_by_link(robot):
-    report, plan, load = analysed(robot, 5.0)
+    report, _, load = analysed(robot, 5.0)
     k = report.worst
     row = report.around.at(int(np.argmin(np.abs(report.around.time - report.joints[k].time))))
     why = load.explain(row)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .errors import ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from .export.command import export_options
 from .report.usage import Commands, in_shell_words
 from .sensing.command import sensor_group
 from .statics.command import payload_options
@@ -317,7 +318,7 @@ def verify(options: RobotOptions) -> None:
 def payload(options: RobotOptions, **given: Any) -> None:
     """The largest payload held at rest at a pose, the joint that limits it, and the forces the robot can apply.
 
-    Exit code 1 if the pose is outside the joints' position limits.
+    Exit code 1 if the pose is outside the joints' position limits, or the robot cannot hold itself there.
     """
     from .outputs import check_outputs, picture_path
     from .statics.command import answer_payload
@@ -346,6 +347,17 @@ def derive(options: RobotOptions, **given: Any) -> None:
             click.echo(part)
         else:
             _console().print(part)
+
+
+@main.command()
+@export_options
+@robot_command
+def export(options: RobotOptions, **given: Any) -> None:
+    """The robot's quantities as C99 source that allocates nothing and needs math.h only, with a program that checks it."""
+    from .export.command import export_answer
+
+    for line in export_answer(options.load(), options.files, **given):
+        click.echo(line)
 
 
 def _check_extra(plot_path: str | None) -> None:

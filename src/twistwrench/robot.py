@@ -34,6 +34,7 @@ from .screws.wrench import Wrench
 
 if TYPE_CHECKING:
     from .closed import ClosedRobot
+    from .export.request import Quantities
 
 Array = NDArray[Any]
 Wrenches = Mapping[str, ArrayLike | Wrench]
@@ -323,6 +324,34 @@ class Robot:
     def program(self, name: str, **options: Any) -> Program:
         """The straight-line program behind a kernel, for counting its operations."""
         return quantities.program_of(self.model, name, quantities.checked_options(self.model, name, options))
+
+    def export_c(
+        self,
+        quantities: Quantities,
+        path: str | Path,
+        *,
+        precision: str = "double",
+        prefix: str | None = None,
+        test: bool = True,
+    ) -> tuple[Path, ...]:
+        """Write quantities as C99 functions that allocate nothing and need ``math.h`` only; the paths of what was written.
+
+        ``quantities``: names as for :meth:`kernel`, with options as ``(name, {option: value})``; ``path``: a folder, or the .c
+        file, the header goes beside it; ``precision``: ``"double"`` or ``"float"``; ``prefix``: what the functions' names begin
+        with, else the robot's name; ``test``: write a program that compares the functions with the kernels, too.
+
+        Raises UnknownNameError, KernelError for options that do not apply and for what no program without branches computes,
+        SingularMassMatrixError, and ValueRangeError for a path that cannot be written. docs/export.md shows the files.
+
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     files = tw.robots.ur5().export_c(["mass_matrix", ("jacobian", {"kind": "space"})], folder)
+        ...     print("void ur5_mass_matrix(const double q[6], double M[36]);" in files[0].read_text())
+        True
+        """
+        from .export import export_c
+
+        return export_c(self, quantities, path, precision=precision, prefix=prefix, test=test)
 
     def reference(self, name: str, *arrays: ArrayLike, **options: Any) -> Any:
         """The same quantity by the algorithm itself on floats, one state at a time: the readable oracle."""

@@ -21,7 +21,9 @@ def export_options(function: Callable[..., None]) -> Callable[..., None]:
     """The options of the command, all but the robot's own."""
     for option in (
         click.option("--no-test", is_flag=True, help="Leave out the program that checks the functions."),
-        click.option("--prefix", metavar="NAME", help="What the functions' names begin with; the robot's name otherwise."),
+        click.option(
+            "--prefix", metavar="NAME", help="What the functions' names begin with; the robot's name otherwise."
+        ),
         click.option("--float", "single", is_flag=True, help="Single precision."),
         click.option(
             "--quantity",

@@ -80,7 +80,9 @@ def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
 def comment(lines: Sequence[str]) -> str:
     """A block comment; names from robot files can neither end it nor hide in it."""
     safe = "\n".join(lines).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
-    plain = "".join(c if c.isprintable() or c == "\n" else "?" for c in safe).encode("ascii", "backslashreplace").decode()
+    plain = (
+        "".join(c if c.isprintable() or c == "\n" else "?" for c in safe).encode("ascii", "backslashreplace").decode()
+    )
     body = "\n".join(f" * {line}".rstrip() for line in plain.split("\n"))
     return f"/*\n{body}\n */"
 
@@ -93,7 +95,9 @@ def _entries(robot: Robot) -> Iterator[str]:
     units = [
         "m" if suffix in (".x", ".y", ".z") else "" if suffix in (".qw", ".qx", ".qy", ".qz") else "rad"
         for b in robot.model.leaders
-        for suffix in (b.joint.coordinate_suffixes if b.joint.nv > 1 else (".theta" if _turns(b.joint.axes[0]) else ".x",))
+        for suffix in (
+            b.joint.coordinate_suffixes if b.joint.nv > 1 else (".theta" if _turns(b.joint.axes[0]) else ".x",)
+        )
     ]
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         yield f"  {k:3}  {name:{wide}}  {unit}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -87,7 +87,7 @@ class CollisionThreshold:
     """The squared Mahalanobis distance from which a reading is called a contact."""
     false_alarms: float
     """Share of readings without contact that pass it."""
-    axes: slice = slice(0, 6)
+    axes: slice = field(default_factory=lambda: slice(0, 6))
     """Which of the six are looked at: ``slice(3, 6)`` for forces alone."""
 
     @classmethod
