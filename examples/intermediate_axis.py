@@ -156,7 +156,9 @@ def picture(path: Path, flight: tw.bodies.flight.Flight) -> None:
     globe.legend(handles=[*patches, Line2D([], [], color=RED, lw=2.6, label="polhode of the flip")], frameon=False,
                  loc="lower center", ncols=3, fontsize=8)  # fmt: skip
     histories(right.add_subplot(), flight)
-    figure.suptitle("A box turned about its middle axis turns over, again and again", x=0.02, ha="left", fontweight="bold")
+    figure.suptitle(
+        "A box turned about its middle axis turns over, again and again", x=0.02, ha="left", fontweight="bold"
+    )
     figure.savefig(path, dpi=150)
     plt.close(figure)
 

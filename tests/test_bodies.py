@@ -291,6 +291,37 @@ def test_labels_of_two_frames_and_wrong_kinds_are_refused():
         body.acceleration(V, tw.Twist(dV, "b"))
 
 
+def test_a_labelled_twist_times_an_inertia_is_refused():
+    """An inertia names no frame, so the frame of the twist would be dropped unchecked."""
+    G, V = tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2), tw.Twist(np.ones(6), "b")
+    with pytest.raises(tw.FrameError, match=r"write G @ V_b\.values"):
+        G @ V
+    with pytest.raises(tw.FrameError, match=r"work on V_b\.values"):
+        G.matrix @ V
+    assert np.array_equal(G @ V.values, G.matrix @ V.values)
+
+
+def test_inertias_of_one_frame_can_be_summed():
+    grip, part = tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2), tw.SpatialInertia.from_com(2.0, (0, 0, 0.1))
+    assert np.array_equal(sum([grip, part]).parameters, (grip + part).parameters)
+    for wrong in (1, "0", None, np.zeros(2)):
+        with pytest.raises(tw.InertiaError, match="goes with another SpatialInertia"):
+            wrong + grip
+
+
+def test_an_inertia_prints_mass_centre_and_moments():
+    G = tw.SpatialInertia.from_com(2.0, (0, 0, 0.5), np.diag([0.1, 0.2, 0.25]))
+    words = "about the com Ixx, Iyy, Izz = (0.1, 0.2, 0.25)"
+    assert repr(G) == f"SpatialInertia: mass 2 kg, com (0, 0, 0.5) m, {words} kg m²"
+    away = G.in_frame(tw.se3.exp([0, 0, 0, 7.0, -3, 2]))  # Steiner's rounding is not printed as products
+    assert repr(away) == f"SpatialInertia: mass 2 kg, com (7, -3, 2.5) m, {words} kg m²"
+    turned = G.in_frame(tw.se3.exp([0, 0, np.pi / 4, 0, 0, 0]))
+    assert repr(turned).endswith("(0.15, 0.15, 0.25), Ixy, Ixz, Iyz = (-0.05, 0, 0) kg m²")
+    assert "(nan, 0.0" in repr(tw.SpatialInertia([np.nan, *[0.0] * 9]))
+    assert repr(tw.SpatialInertia.zero()).startswith("SpatialInertia: mass 0 kg")
+    assert repr(tw.RigidBody(G)) == f"RigidBody(inertia={G!r})"
+
+
 def test_poses_and_moments_that_are_none_are_refused():
     G = tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2)
     stretched = np.diag([1.1, 1.1, 1.1, 1.0])

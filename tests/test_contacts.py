@@ -282,6 +282,11 @@ def test_an_arm_without_contacts_holds_itself_exactly_when_its_torques_suffice()
         (lambda: body_equilibrium([], [0, 0, 0, np.nan, 0, 0]), tw.ValueRangeError, "wrench_on_body .* nan"),
         (lambda: body_equilibrium([3], [0] * 6), tw.ValueRangeError, r"contacts\[0\] is 3"),
         (lambda: body_equilibrium(Contact(), [0] * 6), tw.ValueRangeError, "Give a list"),
+        (
+            lambda: body_equilibrium([Contact(), Contact(frame="FL_foot")], [0, 0, 0, 0, 0, -1]),
+            tw.FrameError,
+            r"contacts\[1\] is at 'FL_foot', a link of a robot",
+        ),
         (lambda: body_equilibrium([Contact()], [0] * 6, edges=2), tw.ValueRangeError, "edges is 2"),
         (lambda: body_equilibrium([Contact()], [0] * 6, edges=8.5), tw.ValueRangeError, "edges is 8.5"),
         (lambda: robot_equilibrium(UR5, np.zeros((2, 6)), []), tw.ShapeError, "one q .* pose by pose"),
@@ -298,3 +303,18 @@ def test_an_arm_without_contacts_holds_itself_exactly_when_its_torques_suffice()
 def test_errors_name_the_offender(call, error, words):
     with pytest.raises(error, match=words):
         call()
+
+
+def test_a_share_is_of_torques_with_limits_and_of_nothing_else(dog, standing):
+    body = body_equilibrium([Contact()], [0, 0, 0, 0, 0, -1.0])
+    assert body.holds
+    assert body.share is None
+    assert repr(body) == "Equilibrium: holds, with contact forces up to 1 N"
+    stands = robot_equilibrium(dog, standing, on_floor())
+    assert repr(stands).endswith(f"torques up to {100 * stands.share:.3g} % of their limits")
+
+
+def test_contacts_print_where_they_are():
+    assert repr(Contact((0, 0.1, 0), friction=0.6, frame="foot")) == (
+        "Contact at (0, 0.1, 0) m of foot, normal (0, 0, 1), friction 0.6"
+    )

@@ -292,3 +292,95 @@ def test_a_rod_without_thickness_does_not_fly():
     rod = tw.RigidBody(tw.SpatialInertia.from_points([1.0, 1.0], [[0, 0, 1], [0, 0, -1]]))
     with pytest.raises(tw.InertiaError, match="thickness"):
         rod.fly(np.eye(4), np.ones(6), 1.0, 0.1)
+
+
+# ── labels ──
+
+FORCE = tw.Wrench([0, 0, 0, 0, 0, 2.0], "b")
+T_SB, T_BS = (tw.Pose(np.eye(4), to=to, of=of) for to, of in (("s", "b"), ("b", "s")))
+V_B = tw.Twist(np.ones(6), "b")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"T0": T_BS}, "T0 = T_bs of 's', V0 in 'b'"),
+        ({"V0": tw.Twist(np.ones(6), "s")}, "T0 = T_sb of 'b', V0 in 's'"),
+        ({"V0": tw.Wrench(np.ones(6), "b")}, "V0 is a Twist, not a Wrench"),
+        ({"T0": V_B}, "T0 is a Pose, not a Twist"),
+        ({"wrench": tw.Wrench(np.ones(6), "s")}, "V0 in 'b', wrench in 's'"),
+        ({"T0": np.eye(4), "V0": np.ones(6), "wrench": V_B}, "wrench is a Wrench, not a Twist"),
+        ({"wrench": lambda t, T, V: tw.Wrench(np.ones(6), "s")}, "the body in 'b', wrench in 's'"),
+        ({"wrench": lambda t, T, V: V_B}, "wrench is a Wrench, not a Twist"),
+        (
+            {
+                "T0": np.eye(4),
+                "V0": np.ones(6),
+                "wrench": lambda t, T, V: tw.Wrench(np.ones(6), "b" if t < 0.5 else "s"),
+            },
+            "the body in 'b', wrench in 's'",
+        ),
+    ],
+)
+@pytest.mark.parametrize("tolerance", [None, 1e-6])
+def test_labels_of_two_frames_do_not_fly(change, message, tolerance):
+    with pytest.raises(tw.FrameError, match=message):
+        UNEQUAL.fly(**{"T0": T_SB, "V0": V_B, "duration": 1.0, "dt": 0.1, "tolerance": tolerance, **change})
+
+
+def test_labels_that_agree_fly_as_plain_arrays_do():
+    plain = UNEQUAL.fly(np.eye(4), V_B.values, 1.0, 0.1, FORCE.values)
+    for wrench in (FORCE, lambda t, T, V: FORCE):
+        assert np.array_equal(UNEQUAL.fly(T_SB, V_B, 1.0, 0.1, wrench).poses, plain.poses)
+
+
+class Takes:
+    def two(self, t, T):
+        return np.zeros(6)
+
+
+@pytest.mark.parametrize(
+    "law", [lambda: None, lambda t: None, Takes().two, lambda t, T, V, more: None, lambda *, t: None]
+)
+def test_a_function_of_other_arguments_is_told_the_ones_it_gets(law):
+    with pytest.raises(tw.ValueRangeError, match=r"is called as wrench\(t, T, V\)"):
+        UNEQUAL.fly(np.eye(4), np.ones(6), 1.0, 0.1, law)
+
+
+def test_errors_inside_the_function_are_the_users_own():
+    def law(t, T, V):
+        raise TypeError("mine")
+
+    with pytest.raises(TypeError, match="mine"):
+        UNEQUAL.fly(np.eye(4), np.ones(6), 1.0, 0.1, law)
+
+
+# ── what a flight says of itself ──
+
+
+def test_a_shortened_step_is_said():
+    flight = sampled(UNEQUAL, [0.1, 0.2, 0.3, 0, 0, 0], 1.0, 0.3)
+    assert (flight.dt, flight.step) == (0.3, 0.25)
+    assert flight.remarks == ("steps of 0.25 s, not 0.3 s, so that a whole number fills 1 s",)
+    assert str(flight).startswith("Flight of 1 s: 5 states, steps of 0.25 s; drift: momentum ")
+    assert str(flight).endswith(flight.remarks[0]) and str(flight.drift).endswith(flight.remarks[0])
+    assert sampled(UNEQUAL, FLIPPING, 1.0, 0.1).remarks == ()
+    assert sampled(UNEQUAL, FLIPPING, 3.0, 0.01).remarks == ()  # 3 / 0.01 is not 300 in floats
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_steps_too_large_to_be_right_are_said(order):
+    """By the exact rotation: where nothing is said the flight is within a few per cent for a turn, and 2 rad is far off."""
+    quiet, loud = (sampled(UNEQUAL, FLIPPING, 20.0, dt, order=order) for dt in (0.1, 0.4))
+    assert quiet.remarks == () and quiet.turn == pytest.approx(0.5, rel=0.05)
+    assert "turns up to 2" in loud.remarks[0]
+    assert quiet.drift.energy < 0.01 < loud.drift.energy
+    assert f"the energy is off by {100 * loud.drift.energy:.2g} %" in loud.remarks[1]
+    exact = exact_rotation(MOMENTS, FLIPPING[:3], loud.times)[0]
+    assert np.abs(loud.twists[:, :3] - exact).max() > 1.0
+
+
+def test_steps_that_are_exact_or_adapt_may_be_as_large_as_one_likes():
+    flat = tw.RigidBody(tw.SpatialInertia.from_com(1.0, moment_about_com=np.diag([0.01, 0.01, 0.02])))
+    assert sampled(flat, [1, 2, 3, 0, 0, 0], 10.0, 5.0).remarks == ()
+    assert sampled(UNEQUAL, FLIPPING, 10.0, 5.0, tolerance=1e-9).remarks == ()

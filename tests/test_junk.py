@@ -262,6 +262,12 @@ MESSAGES = {
     "power": (lambda: tw.Wrench(np.ones((2, 6)), "b") @ tw.Twist(np.ones((3, 6)), "b"), "wrench (2, 6), twist (3, 6)."),
     "relabelled": (lambda: tw.Wrench(tw.Wrench(V, "b"), "a"), "a wrench of a wrench in 'b': its numbers are F_b.values"),
     "an inertia and a number": (lambda: G + 1, "SpatialInertia + int: an inertia goes with another SpatialInertia."),
+    "a number and an inertia": (lambda: 1 + G, "int + SpatialInertia: an inertia goes with another SpatialInertia."),
+    "three moments": (
+        lambda: tw.SpatialInertia.from_com(1.0, (0, 0, 0), [1e-3] * 3),
+        "moment_about_com has shape (3,), expected (3, 3). Three moments about the axes are np.diag(…) of them.",
+    ),
+    "ragged moments": (lambda: tw.SpatialInertia.from_com(1.0, (0, 0, 0), [[1.0], [2.0, 3.0]]), "moment_about_com is no array"),
     "an axis": (lambda: G.turned(3, 0.1), "no coordinate axis 3; choose 0, 1 or 2."),
     "no SciPy": (lambda: so3.from_scipy(R), "so3.from_scipy takes a scipy.spatial.transform.Rotation, got ndarray."),
 }  # fmt: skip

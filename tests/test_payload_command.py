@@ -64,8 +64,70 @@ def test_the_csv_has_all_digits(run, tmp_path):
         rows = list(csv.DictReader(file))
     found = statics.largest_payload(tw.robots.ur5(), [0, -0.6, 0.9, 0, 0, 0])
     assert [r["joint"] for r in rows] == list(found.joint_names)
-    assert_allclose([float(r["with_payload"]) for r in rows], found.torques, rtol=0)
+    assert_allclose([float(r["with_payload"]) for r in rows], found.torques, rtol=0, atol=1e-12 * 150)
+    assert [float(r["q"]) for r in rows] == [0, -0.6, 0.9, 0, 0, 0]
+    numbers = [float(r[c]) for r in rows for c in ("alone", "per_kilogram", "with_payload", "share")]
+    assert all(x == 0 or abs(x) > 1e-9 for x in numbers)  # no rounding where there is nothing
     assert max(float(r["share"]) for r in rows) == pytest.approx(1)
+    run("ur5", "--degrees", "--at", "elbow_joint=50", "--csv", tmp_path / "out.csv")
+    with (tmp_path / "out.csv").open(newline="") as file:
+        assert [float(r["q_degrees"]) for r in csv.DictReader(file)] == pytest.approx([0, 0, 50, 0, 0, 0])
+
+
+def test_what_is_carried_already_counts_as_part_of_the_robot(run, tmp_path):
+    out = tmp_path / "out.csv"
+    code, output = run(
+        "ur5", *POSE, "--payload", "1.2,0,0,0.05", "--payload", "0.5@forearm_link", "--com", "0,0,0.1", "--csv", out
+    )
+    said = " ".join(output.split())
+    assert code == 0
+    loaded = tw.robots.ur5()
+    for mass, place, frame in ((1.2, (0, 0, 0.05), "tool0"), (0.5, (0, 0, 0), "forearm_link")):
+        loaded = loaded.with_payload(tw.SpatialInertia.from_com(mass, place), frame=frame)
+    found = statics.largest_payload(loaded, [0, -0.6, 0.9, 0, 0, 0], (0, 0, 0.1))
+    assert f"{found.mass:.4g} kg: the largest payload held at rest" in said
+    assert "carrying 1.2 kg at tool0 + [0, 0, 0.05] m and 0.5 kg at forearm_link already" in said
+    assert "hold the robot and what it carries" in said
+    with out.open(newline="") as file:
+        assert_allclose([float(r["alone"]) for r in csv.DictReader(file)], found.unloaded, atol=1e-9)
+    code, output = run("ur5", *POSE, "--payload", "40")
+    assert code == 1
+    assert "to hold the robot and what it carries" in " ".join(output.split())
+
+
+def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "out.svg"
+    assert run("ur5", *POSE, "--com", "0,0,0.1", "--payload", "1.2", "--plot", out)[0] == 0
+    from twistwrench.statics.picture import _title
+
+    found = statics.largest_payload(tw.robots.ur5(), np.zeros(6))
+    title = _title(tw.robots.ur5(), found, "tool0 + [0, 0, 0.1] m", "1.2 kg at tool0")
+    assert title == f"ur5 · largest payload {found.mass:.4g} kg at tool0 + [0, 0, 0.1] m, beside 1.2 kg at tool0"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--com", "0,0,80"], "--com is 80 m from its frame: lengths are in metres. If those are mm, write 0,0,0.08."),
+        (["--payload", "1,0,0,50"], "--payload 1,0,0,50 is 50 m from its frame"),
+        (["--at", "elbow_joint=90"], "elbow_joint at 90 rad is more than a turn beyond its limits"),
+        (["--configuration", "0,-45,90,0,0,0"], "shoulder_lift_joint at -45 rad is more than a turn"),
+        (["--at", "elbow_joint=9"], None),  # beyond its limits, but not by a turn
+        (["--degrees", "--at", "elbow_joint=900"], None),
+        (["--com", "0,0,0.9"], None),
+    ],
+)
+def test_numbers_of_another_unit_get_a_hint(run, arguments, words):
+    _, output = run("ur5", *arguments)
+    if words is None:
+        assert "note:" not in output
+    else:
+        assert f"note: {words}" in output
+
+
+def test_the_joints_are_said_to_be_all_that_counts(run):
+    assert "structure, grip, warm motors and motion may set a lower bound" in run("ur5", *POSE)[1]
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])
@@ -101,8 +163,8 @@ def test_a_pose_that_cannot_be_held_is_said_so_and_drawn(run, tmp_path):
     limits = tmp_path / "limits.csv"
     limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
     code, output = run("planar_2r", "--limits", limits, "--plot", tmp_path / "out.png")
-    assert code == 0
-    assert "NONE: joint1 needs 29.43 of 20" in output
+    assert code == 1
+    assert "NONE: joint1 needs 29.43 of 20 to hold the robot alone" in output
     limits.write_text("joint,effort\njoint1,50\njoint2,20\n")
     code, output = run("planar_2r", "--limits", limits, "--at", "joint1=1.5707963267948966")
     assert code == 0
@@ -156,6 +218,9 @@ def test_outputs_never_replace_inputs(run, weak_limits):
         (["ur5", "--configuration", "1,2"], "expected 6 numbers"),
         (["ur5", "--com", "1"], "expected x,y,z"),
         (["ur5", "--frame", "hand"], "no frame named 'hand'"),
+        (["ur5", "--payload", "heavy"], "'heavy' is no number. Write MASS[,x,y,z][@FRAME]"),
+        (["ur5", "--payload", "1@hand"], "no frame named 'hand'"),
+        (["ur5", "--payload", "-1"], "negative mass"),
         (["ur5", "--at", "elbow_joint=1", "--at", " elbow_joint = 2"], "--at elbow_joint is given twice"),
         (["ur5", "--at", "elbow_joint=nan"], "expected 1 number"),
         (["ur5", "--com", "0,0,nan"], "expected x,y,z"),

@@ -343,5 +343,36 @@ def test_refusals_name_the_frames_and_what_is_missing(case):
 
 @pytest.mark.parametrize("product", [lambda: np.eye(4) @ T_AB, lambda: np.eye(6) @ F_B], ids=["pose", "wrench"])
 def test_a_matrix_on_the_left_of_a_label_is_refused(product):
-    with pytest.raises(TypeError):
+    with pytest.raises(tw.FrameError, match="plain numbers name no frame"):
         product()
+
+
+# ── what is printed ──
+
+
+def test_labels_print_their_parts_units_and_frames():
+    assert (
+        repr(tw.Wrench([0.1 + 0.2, 1e-18, -2, 0, 0, 3], "tool0"))
+        == "Wrench in 'tool0': m = (0.3, 0, -2) N m, f = (0, 0, 3) N"
+    )
+    assert str(V_B) == "Twist in 'b': omega = (1, 2, 3) rad/s, v = (4, 5, 6) m/s"
+    batch = tw.Wrench([[3, 4, 0, 0, 0, 0], [0, 0, 0, 0, 5, 12.0]], "b")
+    assert repr(batch) == "Wrench in 'b', batch (2,): |m| up to 5 N m, |f| up to 13 N"
+    assert repr(batch[:0]) == "Wrench in 'b', batch (0,)"
+
+
+def test_a_pose_prints_where_it_is_and_how_it_is_turned():
+    T = tw.Pose(se3.pose(so3.exp([0, 0, np.pi / 2]), [1, 2, 3]), to="a", of="b")
+    assert repr(T) == "Pose T_ab of 'b' seen from 'a': at (1, 2, 3) m, turned 1.5708 rad about (0, 0, 1)"
+    assert repr(T_AB).endswith("at (0, 0, 0) m, not turned")
+    assert repr(pose(0, "a", "b", 2)) == "Pose T_ab of 'b' seen from 'a', batch (2,)"
+
+
+def test_symbols_are_printed_too():
+    from twistwrench.program.trace import Trace
+
+    trace = Trace()
+    x = np.array([trace.constant(float(k)) for k in range(16)], object)
+    assert repr(tw.Twist(x[:6], "b")).startswith(f"Twist in 'b': omega = ({x[0]}, {x[1]}")
+    assert repr(tw.Pose(x.reshape(4, 4), "a", "b")).startswith(f"Pose T_ab of 'b' seen from 'a': at ({x[3]}, {x[7]}")
+    assert str(x[9]) in repr(tw.SpatialInertia(x[:10]))

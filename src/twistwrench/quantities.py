@@ -23,6 +23,7 @@ from .algorithms import (
 from .errors import KernelError, UnknownNameError, ValueRangeError
 from .model.model import Model
 from .model.regroup import regrouped
+from .model.varied import matching, moves_joints, varied
 from .program.program import Program
 
 __all__ = ["NEED_INVERSE", "QUANTITIES", "Quantity", "checked_options", "evaluated", "program_of"]
@@ -116,8 +117,8 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         raise UnknownNameError.of("quantity", name, QUANTITIES)
     allowed = QUANTITIES[name].options
     for option in options:
-        if option not in allowed:
-            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed) or 'none'}.")
+        if option not in (*allowed, "parameters"):
+            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join((*allowed, 'parameters'))}.")
     if name == "christoffel":
         _require_plain_rates(model)
     full: dict[str, Any] = {}
@@ -151,6 +152,9 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
             raise KernelError(
                 f"{name}: a frame is named twice in wrenches={full['wrenches']}. Add its wrenches up first."
             )
+    if options.get("parameters"):
+        given = options["parameters"]
+        full["parameters"] = matching(model, (given,) if isinstance(given, str) else tuple(given))
     return full
 
 
@@ -173,8 +177,10 @@ def _require_plain_rates(model: Model) -> None:
 
 
 def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
-    """The quantity's algorithm on arrays of numbers or symbols: the usual inputs, a wrench for each frame, gravity."""
+    """The quantity's algorithm on arrays of numbers or symbols: the usual inputs, a wrench per frame, gravity, parameters."""
     rest, usual = dict(options), len(quantity.inputs)
+    if names := rest.pop("parameters", ()):
+        model, arrays = varied(model, names, arrays[-1]), arrays[:-1]
     if frames := rest.pop("wrenches", ()):
         rest["wrenches"] = dict(zip(frames, arrays[usual : usual + len(frames)], strict=True))
     if rest.pop("gravity", None):
@@ -183,7 +189,8 @@ def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: 
 
 
 def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: bool = True) -> Program:
-    """Trace one quantity of one robot. Wrench frames, if any, become further inputs after the usual ones, then gravity.
+    """Trace one quantity of one robot. Wrench frames, if any, become further inputs after the usual ones; gravity and
+    parameters follow where they are inputs.
 
     ``regroup=False`` leaves every inertia where the robot's file has it, to count what regrouping saves.
     """
@@ -194,8 +201,10 @@ def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: 
     inputs = quantity.shapes(model) + [(f"wrench at {frame}", (6,)) for frame in frames]
     if "gravity" in options:
         inputs.append(("gravity", (3,)))
+    if names := options.get("parameters", ()):
+        inputs.append(("parameters", (len(names),)))
 
-    if quantity.felt and regroup:
+    if quantity.felt and regroup and not moves_joints(model, names):
         model = regrouped(model)
 
     def on_symbols(*arrays: Any) -> Any:

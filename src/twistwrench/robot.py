@@ -28,6 +28,7 @@ from .lie import checks
 from .model import configuration, edit
 from .model.actuator import Actuator
 from .model.model import Limits, Model
+from .model.varied import matching, nominal
 from .model.snap import DEFAULT_SNAP
 from .program.program import Program
 from .screws.wrench import Wrench
@@ -303,8 +304,9 @@ class Robot:
         """The bare compiled function of one quantity: a ``numpy.ufunc`` whose signature has the robot's sizes.
 
         Options by quantity: ``frame=``, ``kind=``, ``wrenches=(frame, …)`` (further inputs, one wrench each, applied by the
-        robot), ``gravity="input"`` (the last input, (3,) m/s² in the base frame, in place of the robot's own). Raises
-        UnknownNameError for unknown names, KernelError for options that do not apply.
+        robot), ``gravity="input"`` (a further input, (3,) m/s² in the base frame, in place of the robot's own),
+        ``parameters=(pattern, …)`` (the last input, a number for each of ``robot.varying(*patterns)``, so that every sample
+        may have its own masses, inertias, lengths, friction). Raises UnknownNameError for unknown names, KernelError for options that do not apply.
 
         >>> import twistwrench as tw
         >>> tw.robots.ur5().kernel("inverse_dynamics").signature
@@ -320,6 +322,24 @@ class Robot:
             doc = f"{name} of {self.name}, compiled. Inputs: {', '.join(p.name for p in program.inputs)}."
             kernel = self._kernels[key] = _make_kernel(program, name, doc)
         return kernel
+
+    def varying(self, *patterns: str) -> dict[str, float]:
+        """The parameters that patterns such as ``"*.mass"`` mean, in a kernel's order, with the robot's own numbers.
+
+        ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (its place in the body that
+        carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a payload.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> ur5 = tw.robots.ur5()
+        >>> ur5.varying("*.viscous", "tool0.mass")["tool0.mass"]
+        0.0
+        >>> holding = ur5.kernel("gravity_forces", parameters=("tool0.mass",))
+        >>> payloads = np.array([[0.0], [5.0]])
+        >>> holding([0, -1, 1, 0, 0, 0], payloads)[:, 1].round(2).tolist()
+        [-39.18, -69.68]
+        """
+        known = nominal(self.model)
+        return {name: known[name] for name in matching(self.model, patterns or ("*",))}
 
     def program(self, name: str, **options: Any) -> Program:
         """The straight-line program behind a kernel, for counting its operations."""
@@ -360,6 +380,7 @@ class Robot:
         symbols = [np.asarray(a, float).astype(object) for a in arrays]
         shapes = quantity.shapes(self.model) + [("wrench", (6,))] * len(full.get("wrenches", ()))
         shapes += [("gravity", (3,))] * ("gravity" in full)
+        shapes += [("parameters", (len(full.get("parameters", ())),))] * ("parameters" in full)
         if len(symbols) != len(shapes):
             raise ShapeError(
                 f"reference {name}: {len(symbols)} arrays given, {', '.join(n for n, _ in shapes)} wanted."

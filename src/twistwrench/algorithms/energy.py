@@ -60,7 +60,12 @@ def potential_energy(model: Model, q: Array) -> Any:
 def center_of_mass(model: Model, q: Array) -> Array:
     """Centre of mass of the moving bodies in the base frame, NaN where they have no mass; (3,)."""
     mass, h = _first_moments(model, q)
-    return h * (1.0 / mass if mass else np.nan)
+    return h * _per(mass)
+
+
+def _per(mass: Any) -> Any:
+    """1 / mass, NaN of none; a mass that is a symbol is taken to be some."""
+    return np.nan if isinstance(mass, int | float) and mass == 0 else 1.0 / mass
 
 
 def com_jacobian(model: Model, q: Array) -> Array:
@@ -73,7 +78,7 @@ def com_jacobian(model: Model, q: Array) -> Array:
             c = body.v_index + b
             J[:, c] = J[:, c] + body.ratio * (T_s[i][:3, :3] @ (G[i] @ S)[3:])
     mass = sum(body.inertia.mass for body in model.bodies)
-    return J * (1.0 / mass if mass else np.nan)
+    return J * _per(mass)
 
 
 def momentum(model: Model, q: Array, dq: Array) -> Array:

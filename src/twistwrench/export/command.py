@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +75,7 @@ def export_answer(
         yield f"wrote {file}"
     if not no_test:
         _, source, test = written
-        yield f"to check it: cc -O2 {source} {test} -lm && ./a.out"
+        yield f"to check it: cc -O2 {shlex.quote(str(source))} {shlex.quote(str(test))} -lm && ./a.out"
 
 
 def _quantity(text: str) -> tuple[str, dict[str, Any]]:

@@ -41,14 +41,15 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
     precision = requests[0].function.precision
     gx, gy, gz = (f"{g:.10g}" for g in robot.gravity)
     about = [
-        f"Dynamics of the robot {robot.name} in {precision} precision, as C99. Written by twistwrench {version('twistwrench')}.",
+        f"Dynamics of the robot {robot.name} in C99, numbers of type {precision}.",
+        f"Written by twistwrench {version('twistwrench')}.",
         "",
         *_CONVENTIONS.split("\n"),
         f"Gravity is ({gx}, {gy}, {gz}) m/s^2 in the base frame.",
         "",
         *_entries(robot),
     ]
-    guard = f"{identifier(stem)}_H".upper()
+    guard = f"{identifier(stem) or prefix}_H".upper()
     guard = guard if guard[0].isalpha() else f"H_{guard}"
     parts = [
         comment(about),
@@ -65,7 +66,7 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
 def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
     """The .c file."""
     precision = requests[0].function.precision
-    about = f"Dynamics of the robot {robot.name} in {precision} precision: one operation a line. {stem}.h says what is what."
+    about = f"Dynamics of the robot {robot.name} in C99, one operation a line. {stem}.h says what is what."
     parts = [
         comment([about]),
         f'#include "{stem}.h"\n\n#include <math.h>',
@@ -116,7 +117,7 @@ def _turns(axis: Sequence[float]) -> bool:
     return any(axis[:3])
 
 
-def _about(request: Request) -> Iterator[str] | list[str]:
+def _about(request: Request) -> list[str]:
     """Comment of one function."""
     function, full = request.function, request.full
     program = function.program

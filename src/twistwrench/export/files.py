@@ -52,7 +52,7 @@ def export_c(
         texts["_test.c"] = self_test(robot, wanted, plain.stem)
     with ExitStack() as stack:
         for end, file in paths.items():
-            stack.enter_context(replacing(file)).write_text(texts[end], encoding="ascii", newline="\n")
+            stack.enter_context(replacing(file)).write_text(texts[end], encoding="utf-8", newline="\n")
     return tuple(paths.values())
 
 
@@ -66,8 +66,10 @@ def _source_path(path: str | Path, prefix: str, label: str) -> Path:
             f"{label} {str(path)!r} is neither a folder that exists nor a name that ends in .c. "
             f"Make the folder first, or name the source, such as {prefix}.c; the header goes beside it."
         )
-    if any(c in given.name for c in '"\\\n'):
-        raise ValueRangeError(f"{label} {str(path)!r} cannot be included: its name has a quote or a backslash in it.")
+    if not given.name.isprintable() or any(c in given.name for c in '"\\'):
+        raise ValueRangeError(
+            f"{label} {str(path)!r} cannot stand in an #include. Give a name without quotes and backslashes."
+        )
     return given
 
 

@@ -80,12 +80,13 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
 
 def _named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """(name, options) from one name, a mapping, or names with or without options."""
-    if isinstance(quantities, Mapping):
-        quantities = list(quantities.items())
-    try:
-        given = [quantities] if isinstance(quantities, str) else list(quantities)
-    except TypeError:
-        given = [quantities]  # refused below
+    given: list[Any]
+    if isinstance(quantities, str):
+        given = [quantities]
+    elif isinstance(quantities, Mapping):
+        given = list(quantities.items())
+    else:
+        given = list(quantities) if isinstance(quantities, Iterable) else [quantities]  # the latter is refused below
     for entry in given:
         if isinstance(entry, str):
             yield entry, {}

@@ -85,7 +85,9 @@ class Pose:
             return place
         turn = so3.log(so3.project(self.rotation, within=np.inf))  # what adds up in products is no reason not to print
         angle = float(np.linalg.norm(turn))
-        return f"{place}, " + (f"turned {angle:.6g} rad about {tuple_of(turn / angle)}" if angle > 1e-12 else "not turned")
+        return f"{place}, " + (
+            f"turned {angle:.6g} rad about {tuple_of(turn / angle)}" if angle > 1e-12 else "not turned"
+        )
 
     def __rmatmul__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):

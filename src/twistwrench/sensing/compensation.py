@@ -72,8 +72,7 @@ def compensation(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # ``untold`` says it
         rest = log.compensated(sensor)
-    floor = smallest_noise(log, sensor, noise)
-    level = (float(floor[0]), float(floor[1]))
+    level = smallest_noise(log, sensor, noise)
     off = CollisionThreshold.of_noise(level, _ALARM, axes=judged)(rest)
     shows = bool(untold) and CollisionThreshold.of_noise(level, _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
     doubts = [*_unexplained(log, sensor, noise, rest, off, level, judged), *log.motion_doubts()]
@@ -100,15 +99,16 @@ def _unexplained(
     if not (more or many or known):
         return []
     if many:
-        more.insert(0, f"{off.sum()} of {len(log)} readings are off by more than noise")
+        more.insert(0, f"{off.sum()} of {len(log)} readings are off by more than its noise")
     if known:
         return [known]
     said = f"The sensor does not explain the log: {'; '.join(more)}."
     if seems_moving(log):
         return [f"{said} {MAY_MOVE}"]
+    same = "" if log.V is None else " and, as V and dV, of the same instants as the readings"
     return [
         f"{said} No other unit, sign or bias does. Is it the log of this tool, are the orientations those of the sensor in the "
-        "world, R_wf (not of the world in the sensor), and does nothing touch the tool all along?"
+        f"world, R_wf (not of the world in the sensor){same}, and does nothing touch the tool all along?"
     ]
 
 

@@ -156,9 +156,7 @@ def _noise_doubts(found: Explanation) -> list[str]:
     return doubts
 
 
-def _explanation_doubts(
-    found: Explanation, log: ReadingLog, problem: dict[str, Any]
-) -> tuple[str | None, list[str]]:
+def _explanation_doubts(found: Explanation, log: ReadingLog, problem: dict[str, Any]) -> tuple[str | None, list[str]]:
     """A slip that explains the log, if there is one, else what may."""
     share = misfit(log, found.fit, found.kept)
     doubts: list[str] = []

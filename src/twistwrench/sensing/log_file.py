@@ -214,9 +214,7 @@ def _blame(path: Path, lines: list[tuple[int, str]], names: list[str]) -> ValueR
 
 
 def _incomplete(path: Path, number: int, count: int, wanted: int) -> ValueRangeError:
-    return ValueRangeError(
-        f"{path}: line {number} has {count} values, the header names {wanted}. Complete the row."
-    )
+    return ValueRangeError(f"{path}: line {number} has {count} values, the header names {wanted}. Complete the row.")
 
 
 def write_log(log: ReadingLog, path: str | Path) -> None:

@@ -18,6 +18,7 @@ __all__ = ["log_doubt", "smallest_noise"]
 
 _STRANGE = 5.0  # times what is left otherwise, or its noise
 _TURNS = 0.3  # spread of gravity's directions from which a constant rest is a bias
+_EXACT = 1e-3  # of the load's wrench: no model is better
 _G = 9.80665
 _ALL_KILOGRAMS = Mixup(
     "forces are in kilograms and moments in kg m", f"multiply all six by {_G}", 1 / _G, 1 / _G
@@ -31,12 +32,12 @@ class _Way(NamedTuple):
     predicted: Array
 
 
-def smallest_noise(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> Array:
-    """Standard deviations (2,) of moments and forces that a log may have: the file's, or the rest of a good model."""
+def smallest_noise(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> tuple[float, float]:
+    """Standard deviations of moments and forces that a log may have: the file's, and a thousandth of what the load does."""
     own = (log.predicted(sensor) - np.asarray(sensor.bias)).reshape(-1, 2, 3)
     load = np.sqrt((own**2).sum(axis=2).mean(axis=0))
-    # At rest the model is the weight; in motion accelerations are seldom known to a few per cent.
-    return np.maximum(np.hypot(noise, load * (1e-3 if log.V is None else 0.05)), 1e-9)
+    moment, force = np.maximum(np.hypot(noise, _EXACT * load), 1e-9)
+    return float(moment), float(force)
 
 
 def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> str | None:
@@ -70,12 +71,21 @@ def _ways(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[
         for way in (*MIXUPS, _ALL_KILOGRAMS)
     ]
     ways.append(
-        _Way(f"readings have the sign {other}", "change their signs, or identify the sensor from such a log", -r, predicted)
+        _Way(
+            f"readings have the sign {other}",
+            "change their signs, or identify the sensor from such a log",
+            -r,
+            predicted,
+        )
     )
-    ways.append(_Way("forces and moments are swapped", "exchange mx, my, mz with fx, fy, fz", np.roll(r, 3, 1), predicted))
+    ways.append(
+        _Way("forces and moments are swapped", "exchange mx, my, mz with fx, fy, fz", np.roll(r, 3, 1), predicted)
+    )
     up = sensor.predict(np.eye(3), log.V, log.dV, gravity=-log.gravity)
     what = "gx, gy, gz point up, as an accelerometer logs them" if log.by_gravity else "gravity points up"
-    ways.append(_Way(what, "negate them" if log.by_gravity else "orientations are of a world whose z points down", r, up))
+    ways.append(
+        _Way(what, "negate them" if log.by_gravity else "orientations are of a world whose z points down", r, up)
+    )
     return ways
 
 

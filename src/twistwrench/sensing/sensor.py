@@ -98,7 +98,9 @@ class ForceTorqueSensor:
         if not isinstance(self.load, SpatialInertia):
             raise InertiaError(f"a sensor's load is a SpatialInertia, got {type(self.load).__name__}.")
         if self.inertia not in get_args(Inertia):
-            raise ValueRangeError(f"inertia {self.inertia!r} is not known. Choose one of: {', '.join(get_args(Inertia))}.")
+            raise ValueRangeError(
+                f"inertia {self.inertia!r} is not known. Choose one of: {', '.join(get_args(Inertia))}."
+            )
         bias = np.array(self.bias, float)
         if bias.shape != (6,):
             raise ShapeError(f"bias has shape {bias.shape}, expected (6,): mx, my, mz, fx, fy, fz.")

@@ -15,7 +15,16 @@ from .sensor import Sign
 
 Array = NDArray[Any]
 
-__all__ = ["MAY_MOVE", "MAY_POINT_UP", "free_bias", "listed_bias", "may_point_up", "seems_moving", "swapped", "upside_down"]
+__all__ = [
+    "MAY_MOVE",
+    "MAY_POINT_UP",
+    "free_bias",
+    "listed_bias",
+    "may_point_up",
+    "seems_moving",
+    "swapped",
+    "upside_down",
+]
 
 MAY_POINT_UP = (
     "Or gx, gy, gz point up, as an accelerometer at rest logs them, which explains the log as well: "

@@ -125,7 +125,7 @@ def proposal_view(
     for k in range(len(unit)):
         cells = [_number(x, 3) for x in (*quaternions[k], *unit[k])]
         table.add_row(str(k + 1), *cells, _number(known[k, 0], 4), _number(1e3 * known[k, 1], 3))
-    if verdict is not None:
+    if verdict is not None and not np.isfinite(known[-1]).any():
         return verdict
     return Group(
         table,
@@ -134,23 +134,22 @@ def proposal_view(
             f"± is what will be known (95 %) with all poses up to there, for a load of {mass:g} kg; that of the centre\n"
             "is across the line to the sensor, along it add the share of the mass."
         ),
+        *([Text(), verdict] if verdict else []),
     )
 
 
 def cannot_tell(proposal: PoseProposal, mass: float, within: float | None) -> str | None:
     """Why all the poses together do not tell a load of about that mass [kg]; None if they do. ``within`` [°] if narrow."""
     heavy, out = _known(proposal, mass)[-1]
-    what = [
-        f"{name} ({f'± {scale * x:.2g} {unit}' if math.isfinite(x) else 'not at all'})"
-        for name, x, most, scale, unit in (("mass", heavy, mass, 1.0, "kg"), ("centre", out, _WIDE, 1e3, "mm"))
-        if not x < most
-    ]
-    if not what:
+    if heavy < mass and out < _WIDE:
         return None
+    what = "the centre of mass" + (f" (± {1e3 * out:.2g} mm)" if math.isfinite(out) else "")
+    if not heavy < mass:  # a place is a first moment over the mass
+        what = "the mass" + (f" (± {heavy:.2g} kg)" if math.isfinite(heavy) else "") + " or its centre"
     count = len(proposal.gravity)
     those = f"{count} pose{'s' * (count > 1)}" + ("" if within is None else f" tilted by up to {within:g}°")
     way = "Ask for more of them" if within is None else "Allow larger tilts, such as --within 60"
-    return f"{those} cannot tell {' or '.join(what)} of a load of {mass:g} kg. {way}."
+    return f"{those} cannot tell {what} of a load of {mass:g} kg. {way}."
 
 
 def _known(proposal: PoseProposal, mass: float) -> NDArray[np.float64]:

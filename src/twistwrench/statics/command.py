@@ -117,7 +117,10 @@ def answer_payload(
         chart = payload_map(robot, plane, samples=count, com=place, frame=frame, limits=limits)
         show(map_view(chart))
     show(caution())
-    places = {"--com": place, **{f"--payload {t}": np.array(p.place) for t, p in zip(payloads, load.payloads, strict=True)}}
+    places = {
+        "--com": place,
+        **{f"--payload {t}": np.array(p.place) for t, p in zip(payloads, load.payloads, strict=True)},
+    }
     for slip in unit_slips(robot, q, allowed, places, degrees=degrees):
         click.echo(f"note: {slip}", err=True)
     if csv_path is not None:

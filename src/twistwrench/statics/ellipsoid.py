@@ -44,7 +44,8 @@ class WrenchEllipsoid:
             return f"{what}, of poses {self.semi_axes.shape[:-1]}"
         along = zip(self.semi_axes, self.axes.T, strict=True)
         return f"{what}: " + ", ".join(
-            f"{'unbounded' if np.isinf(size) else f'{size:.4g}'} along {tuple_of(np.round(axis, 4))}" for size, axis in along
+            f"{'unbounded' if np.isinf(size) else f'{size:.4g}'} along {tuple_of(np.round(axis, 4))}"
+            for size, axis in along
         )
 
     @property

@@ -47,7 +47,9 @@ def plot_payload(
     Raises :class:`~twistwrench.MissingExtraError` without matplotlib, :class:`~twistwrench.ValueRangeError` if the file
     cannot be written.
     """
-    with figure(10.5, 4.6 if chart is None else 9.2, _title(robot, found, where or frame or robot.tip, carried)) as drawn:
+    with figure(
+        10.5, 4.6 if chart is None else 9.2, _title(robot, found, where or frame or robot.tip, carried)
+    ) as drawn:
         parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
         left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
         _draw_forces(left, robot, q, frame, limits)
@@ -59,7 +61,9 @@ def plot_payload(
 
 def _title(robot: Robot, found: LargestPayload, where: str | None, carried: str) -> str:
     mass = "any payload" if np.isinf(found.mass) else f"largest payload {found.mass:.4g} kg"
-    return f"{robot.name} · {mass if found.holds else 'no payload'} at {where}" + (f", beside {carried}" if carried else "")
+    return f"{robot.name} · {mass if found.holds else 'no payload'} at {where}" + (
+        f", beside {carried}" if carried else ""
+    )
 
 
 def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
@@ -240,7 +244,11 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     axis.set_xlabel("torque as a share of its limit")
     axis.grid(visible=False, axis="y")
     axis.set_title("Holding torques", loc="left", fontweight="bold")
-    meanings = {"robot as it is" if carried else "robot alone": LINE, "with the payload": SKY, "at its limit or over": OVER}
+    meanings = {
+        "robot as it is" if carried else "robot alone": LINE,
+        "with the payload": SKY,
+        "at its limit or over": OVER,
+    }
     patches = [Patch(color=colour, label=label) for label, colour in meanings.items()]
     axis.legend(
         handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=SMALL

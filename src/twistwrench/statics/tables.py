@@ -149,7 +149,9 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> lis
 def _verdict(found: LargestPayload, carried: str) -> Text:
     itself = "the robot and what it carries" if carried else "the robot itself"
     if not found.holds:
-        why = str(found).removeprefix("no payload: ").replace("the robot alone", itself if carried else "the robot alone")
+        why = (
+            str(found).removeprefix("no payload: ").replace("the robot alone", itself if carried else "the robot alone")
+        )
         return Text.assemble(("NONE", "bold red"), f": {why}.")
     if found.joint < 0:
         return Text.assemble(("ANY", "bold green"), ": no joint with a limit feels the payload at this pose.")
@@ -173,15 +175,21 @@ def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
     return Text.assemble(("OVER LIMIT", "bold red"), f": the robot cannot be in this pose: {'; '.join(said)}.")
 
 
-def write_payload(
-    robot: Robot, found: LargestPayload, q: Array, path: str | Path, *, degrees: bool = False
-) -> None:
+def write_payload(robot: Robot, found: LargestPayload, q: Array, path: str | Path, *, degrees: bool = False) -> None:
     """A CSV row per joint: its name, where it is (``q_degrees`` if so, and empty where that is no one number), its torques.
 
     Numbers have all their digits, and what rounding left in place of a zero is zero. ValueRangeError if the file cannot be
     written.
     """
-    columns = ("q_degrees" if degrees else "q", "alone", "per_kilogram", "with_payload", "limit", "holds_up_to", "share")
+    columns = (
+        "q_degrees" if degrees else "q",
+        "alone",
+        "per_kilogram",
+        "with_payload",
+        "limit",
+        "holds_up_to",
+        "share",
+    )
     torques = (without_noise(x) for x in (found.unloaded, found.per_kilogram, found.torques))
     data = (_places(robot, q, degrees=degrees), *torques, found.limits, found.per_joint, without_noise(found.share))
     with replacing(path) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
