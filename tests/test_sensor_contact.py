@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import twistwrench as tw
 from twistwrench.sensing import contact
@@ -59,3 +60,13 @@ def test_a_collision_threshold_errs_on_the_safe_side():
     noise[:, 4] = 0.0
     with pytest.raises(tw.ValueRangeError, match="fy never changes"):
         tw.sensing.CollisionThreshold.of_residuals(noise)
+
+
+def test_forces_alone_can_be_tested():
+    forces = contact.CollisionThreshold.of_noise(NOISE, 1e-3, axes=slice(3, 6))
+    assert not forces([9, 9, 9, 0, 0, 0])
+    assert forces([0, 0, 0, 0, 0, 2.0])
+    assert np.isinf(forces.per_axis[:3]).all()
+    np.testing.assert_allclose(forces.per_axis[3:], 0.3 * np.sqrt(stats.chi2.isf(1e-3, 3)))
+    noise = np.random.default_rng(0).normal(size=(100_000, 6)) * np.repeat(NOISE, 3)
+    assert abs(forces(noise).mean() - 1e-3) < 4e-4  # four deviations of 100 expected

@@ -12,9 +12,9 @@ import twistwrench as tw
 from twistwrench.lie import quaternion
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
+from twistwrench.sensing.mismatch import log_doubt
 from twistwrench.sensing.sensor import ForceTorqueSensor
 from twistwrench.sensing.simulate import lively_motion, simulate
-from twistwrench.sensing.units import log_doubt
 
 COUNT = 150  # tools of each kind; a rate of 2 % would be missed by one run in twenty
 G = 9.80665
@@ -142,15 +142,15 @@ def test_the_right_sign_and_mounting_are_suggested(seed, mass):
     axis = np.random.default_rng(seed).normal(size=3)
     axis /= np.linalg.norm(axis)
     flipped = verdict(*read(seed, mass, "by_sensor"))
-    assert "With sign='by_sensor' what is left is noise of 0." in flipped, flipped
+    assert "Use sign='by_sensor': what is left is then noise of 0." in flipped, flipped
     for angle in (0.6, math.pi / 2, math.pi):
         turned = verdict(*read(seed, mass, turn=angle * axis))
-        assert "With sign='on_sensor' with orientation=True, turned by" in turned
+        assert "Use sign='on_sensor' with orientation=True (turned by" in turned
         both = verdict(*read(seed, mass, "by_sensor", angle * axis))
-        assert "With sign='by_sensor' with orientation=True, turned by" in both
+        assert "Use sign='by_sensor' with orientation=True (turned by" in both
         assert "sign='on_sensor'" not in both
         assert verdict(*read(seed, mass, turn=angle * axis), orientation=True) == ""
-        assert "With sign='by_sensor' with" in verdict(*read(seed, mass, "by_sensor", angle * axis), orientation=True)
+        assert "Use sign='by_sensor' with" in verdict(*read(seed, mass, "by_sensor", angle * axis), orientation=True)
         assert verdict(*read(seed, mass, "by_sensor", angle * axis), sign="by_sensor", orientation=True) == ""
 
 
@@ -201,5 +201,60 @@ def test_a_known_sensor_tells_the_unit_of_a_log(force, moment, said):
     assert log_doubt(log, sensor, (0.01, 0.3)) is None
     wrong = ReadingLog(log.readings * np.repeat([moment, force], 3), log.gravity)
     assert said in log_doubt(wrong, sensor, (0.01, 0.3))
-    pushed = simulate(sensor, 20, rng=1, touch={k: [0, 5, 0, 90, 0, 40] for k in range(20)})
+    pushes = np.random.default_rng(2).normal(size=(20, 6)) * np.repeat([5.0, 90.0], 3)
+    pushed = simulate(sensor, 20, rng=1, touch=dict(enumerate(pushes)))
     assert log_doubt(pushed, sensor, (0.01, 0.3)) is None
+
+
+# ── slips ──
+
+
+def test_swapped_forces_and_moments_are_recognised():
+    for seed in range(6):
+        readings, R = read(seed)
+        assert "Forces and moments seem swapped" in verdict(np.roll(readings, 3, axis=1), R), seed
+        both = verdict(-np.roll(readings, 3, axis=1), R)
+        assert "exchanged and sign='by_sensor'" in both
+
+
+def test_gravity_that_points_up_is_as_good_as_the_other_sign_at_rest():
+    readings, R = read(0)
+    up = np.swapaxes(R, 1, 2) @ [0, 0, 9.81]
+    with pytest.raises(tw.ValueRangeError, match=r"Use sign='by_sensor': .*Or gx, gy, gz point up.*negate these three"):
+        identify(ReadingLog.of(readings, gravity=up))
+    assert "point up" not in verdict(-readings, R)  # orientations say where up is
+
+
+def test_gravity_that_points_up_is_told_from_the_sign_in_motion():
+    tool = ForceTorqueSensor(
+        tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1), 0.02 * np.eye(3)), [0.1, 0.2, 0, 4, -7, 11]
+    )
+    log = simulate(tool, 200, motion=6.0)
+    up = ReadingLog.of(log.readings, gravity=-log.gravity, V=log.V, dV=log.dV)
+    try:
+        said = " ".join(identify(up, inertia=True).doubts)
+    except tw.ValueRangeError as error:
+        said = str(error)
+    assert "gx, gy, gz seem to point up" in said
+    assert "sign='by_sensor'" not in said
+
+
+@pytest.mark.parametrize(
+    "wrong", [[0, 0, 0, 1.5, 0, 0], [0, 0, 0, 60, 0, 0], [0.1, 0, 0, 0, 0, 0], [5, 5, 5, -20, 9, 9]]
+)
+def test_a_wrong_bias_is_blamed_on_the_bias(wrong):
+    bias = np.array([0.1, 0.2, -0.3, 5, -3, 8])
+    sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1)), bias)
+    log = simulate(sensor, 12, rng=4)
+    try:
+        said = " ".join(identify(log, bias=bias + wrong).doubts)
+    except tw.ValueRangeError as error:
+        said = str(error)
+    assert "The bias given does not fit: left free, it comes out as mx 0.1" in said
+    assert "Give no bias" in said
+
+
+def test_a_right_bias_raises_no_doubt():
+    bias = np.array([0.1, 0.2, -0.3, 5, -3, 8])
+    sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1)), bias)
+    assert [said for seed in range(100) if (said := identify(simulate(sensor, 12, rng=seed), bias=bias).doubts)] == []

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.sensing import identify, propose_poses, read_log, read_sensor, write_log, write_sensor
 from twistwrench.sensing.directions import rotations_to_gravity
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.sensor import ForceTorqueSensor
@@ -48,6 +49,8 @@ SHEARED = np.eye(3) + np.array([[0, 0.2, 0], [0, 0, 0], [0, 0, 0]])
         ({"pose": None, "gravity": [0, 0, 0]}, "gravity is zero"),
         ({"V": np.zeros((4, 6))}, "V and dV come together"),
         ({"time": [0, 1]}, "time has shape"),
+        ({"time": [0, 1, 1, 2]}, "time of reading 2 is 1 s, not after the 1 s"),
+        ({"time": [0, 1, 3, 2]}, "time of reading 3 is 2 s, not after the 3 s"),
     ],
 )
 def test_bad_logs_say_what_to_do(changes, said):
@@ -69,3 +72,35 @@ def test_units_that_look_wrong_warn():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         ReadingLog.of(log.readings, pose=R)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda log, path: write_log(path, log), "the log first, then the path"),
+        (lambda log, path: write_log(log.readings, path), "write_log takes a ReadingLog, got an array of shape"),
+        (lambda log, path: write_log(log, 3), "takes a path after the log, got a int"),
+        (lambda log, path: read_log(log), "takes the path of a CSV file, got a ReadingLog"),
+        (lambda log, path: identify(np.zeros((3, 6))), r"identify takes a ReadingLog, got an array of shape \(3, 6\)"),
+        (lambda log, path: identify(None), "identify takes a ReadingLog, got None"),
+        (lambda log, path: identify([1, 2]), r"got a list. Make one with ReadingLog.of\(readings, pose=T_wf\)"),
+        (lambda log, path: propose_poses(3, log=[1]), "propose_poses takes a ReadingLog"),
+        (lambda log, path: log.compensated(log), "takes a ForceTorqueSensor, got ReadingLog"),
+        (lambda log, path: simulate(log, 3), "takes a ForceTorqueSensor, got a ReadingLog"),
+        (lambda log, path: write_sensor(path, tool(), NOISE), "takes a ForceTorqueSensor, then a path"),
+        (lambda log, path: read_sensor(tool()), "takes the path of a sensor file"),
+    ],
+)
+def test_arguments_of_another_kind_say_what_is_wanted(tmp_path, wrong, said):
+    with pytest.raises(tw.ShapeError, match=said):
+        wrong(simulate(tool(), 3), tmp_path / "log.csv")
+
+
+def test_results_are_written_in_a_line():
+    log = simulate(tool(), 12)
+    found = identify(log)
+    for thing in (found, log, found.fit):
+        assert len(str(thing)) < 200
+        assert "\n" not in str(thing)
+    low, high = found.mass_interval
+    assert f"{found.sensor.load.mass:.4g} ± {(high - low) / 2:.2g} kg (95 %)" in repr(found)

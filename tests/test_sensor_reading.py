@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -127,3 +128,37 @@ def test_one_pose_makes_a_log_of_one_reading():
 def test_what_cannot_be_simulated_is_said(arguments, said):
     with pytest.raises(tw.TwistWrenchError, match=said):
         simulate(tool(), **{"poses": 12, **arguments})
+
+
+# ── which inertia a load has ──
+
+_NOBODY = tw.SpatialInertia.from_com(1.0, np.zeros(3), np.diag([0.01, 0.01, 0.1]))  # one moment exceeds the sum of the others
+
+
+def test_a_load_that_no_body_can_be_is_refused_as_a_rigid_body_is():
+    with pytest.raises(tw.InertiaError, match="no load has this inertia: triangle inequality"):
+        ForceTorqueSensor(_NOBODY)
+    with pytest.raises(tw.InertiaError, match="no rigid body has this inertia: triangle inequality"):
+        tw.RigidBody(_NOBODY)
+    assert ForceTorqueSensor(_NOBODY, inertia="accept").load is _NOBODY
+    with pytest.raises(tw.InertiaError, match="negative mass"):
+        ForceTorqueSensor(tw.SpatialInertia.from_com(-1.0), inertia="accept")
+    with pytest.raises(tw.InertiaError, match="is a SpatialInertia, got float"):
+        ForceTorqueSensor(3.0)
+    with pytest.raises(tw.ValueRangeError, match="given, accept, unknown"):
+        ForceTorqueSensor(inertia="maybe")
+
+
+def test_an_unknown_inertia_is_warned_of_in_motion_and_has_no_part_in_forces():
+    T, V, dV = lively_motion(np.linspace(0, 3, 9))
+    point = tw.SpatialInertia.from_com(3.0, COM)
+    unknown = ForceTorqueSensor(point, BIAS, inertia="unknown")
+    readings = tool().predict(T, V, dV)
+    with pytest.warns(tw.ModelWarning, match="inertia not identified"):
+        left = unknown.compensate(readings, T, V, dV)
+    np.testing.assert_allclose(left[:, 3:], 0, atol=1e-12)
+    assert np.abs(left[:, :3]).max() > 0.1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        unknown.compensate(readings, T)
+        tool().compensate(readings, T, V, dV)

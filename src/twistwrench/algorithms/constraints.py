@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Frame, Model
-from .forward_dynamics import factored, lowered, raised, solved
+from .factors import factored, lowered, raised, solved
 from .inverse_dynamics import Wrenches, bias_forces
 from .jacobians import jacobian, jacobian_rate
 from .mass_matrix import mass_matrix

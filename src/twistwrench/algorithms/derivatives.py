@@ -27,7 +27,7 @@ from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
 from .coriolis import BodyCoriolis
 from .energy import body_velocities
-from .forward_dynamics import factored, solved
+from .factors import factored, solved
 from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
 from .mass_matrix import composite_inertias, mass_matrix
 from .recursion import ancestors, inward, joint_poses, zeros

@@ -7,56 +7,19 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..model.model import Model
+from .articulated import articulated_dynamics, articulated_pays
+from .factors import factored, solved
 from .inverse_dynamics import Wrenches, bias_forces
 from .mass_matrix import mass_matrix
 
 Array = NDArray[Any]
 
-__all__ = ["factored", "forward_dynamics", "lowered", "raised", "solved"]
+__all__ = ["forward_dynamics"]
 
 
 def forward_dynamics(model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None) -> Array:
     """q̈ = M⁻¹ (τ - h - Σ J'F_by); (nv,). MR section 8.5."""
+    if articulated_pays(model):
+        return articulated_dynamics(model, q, dq, tau, wrenches)
     L, D = factored(mass_matrix(model, q))
     return solved(L, D, tau - bias_forces(model, q, dq, wrenches))
-
-
-def factored(M: Array) -> tuple[Array, Array]:
-    """L, unit lower triangular, and 1/D with M = L' D L, from the last row up; Featherstone, RBDA (2008), 6.5.
-
-    Leaves come after their ancestors in M, so eliminating from the end keeps the zeros between branches zero, and a
-    trace drops them. Only the lower triangle is read. Unrolled: no pivots, M positive definite.
-    """
-    n = len(M)
-    H, L, inverse = M.copy(), M.copy(), M.diagonal().copy()
-    for k in reversed(range(n)):
-        inverse[k] = 1.0 / H[k, k]
-        for i in range(k):
-            L[k, i] = H[k, i] * inverse[k]
-        for i in range(k):
-            for j in range(i + 1):
-                H[i, j] = H[i, j] - L[k, i] * H[k, j]
-    return L, inverse
-
-
-def solved(L: Array, inverse: Array, b: Array) -> Array:
-    """x with L' D L x = b."""
-    return raised(L, inverse * lowered(L, b))
-
-
-def lowered(L: Array, b: Array) -> Array:
-    """z with L' z = b."""
-    z = b.copy()
-    for k in reversed(range(len(z))):
-        for i in range(k):
-            z[i] = z[i] - L[k, i] * z[k]
-    return z
-
-
-def raised(L: Array, b: Array) -> Array:
-    """x with L x = b."""
-    x = b.copy()
-    for k in range(len(x)):
-        for i in range(k):
-            x[k] = x[k] - L[k, i] * x[i]
-    return x

@@ -109,7 +109,7 @@ def inertial_wrench(G: SpatialInertia, motion: Motion) -> Array:
     m, h, I = G.mass, G.first_moment, G.moment_about_origin
     w, dw, a, U = motion.w, motion.dw, motion.a, motion.U
     f = m * a + U @ h
-    n = so3.cross(h, a)
+    n = zeros(3) + so3.cross(h, a)
     for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         n[x] = n[x] + (
             I[x, x] * dw[x] + (I[z, z] - I[y, y]) * (w[y] * w[z])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..model.model import Model
-from .forward_dynamics import factored, lowered, solved
+from .factors import factored, lowered, solved
 from .inverse_dynamics import bias_forces
 from .jacobians import jacobian, jacobian_rate
 from .mass_matrix import mass_matrix

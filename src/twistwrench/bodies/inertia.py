@@ -41,6 +41,8 @@ class SpatialInertia:
     parameters: Array
     """(10,): m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin; kg, kg m, kg m²."""
 
+    __array_ufunc__ = None  # array + inertia is refused rather than done entry by entry
+
     def __post_init__(self) -> None:
         what = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
         pi = np.array(checks.one(self.parameters, f"{what} the array", 10, symbols=True))
@@ -213,8 +215,8 @@ class SpatialInertia:
         """
         if isinstance(V, Labelled):
             raise FrameError(
-                f"SpatialInertia @ {V.symbol}: an inertia names no frame, so that of {V.symbol} cannot be checked. If the inertia "
-                f"is about the origin of {V.frame!r}, write G @ {V.symbol}.values."
+                f"SpatialInertia @ {V.symbol}: an inertia names no frame, so that of {V.symbol} cannot be checked. If the "
+                f"inertia is about the origin of {V.frame!r}, write G @ {V.symbol}.values."
             )
         V = checks.array(V, "V", 6)
         w, v, h = V[..., :3], V[..., 3:], self.first_moment

@@ -43,9 +43,9 @@ def identify(
 
     Without ``inertia`` the sensor found has a load whose inertia is ``unknown``: it compensates forces in motion, not moments.
 
-    Raises :class:`~twistwrench.ShapeError` for anything that is no log, :class:`~twistwrench.ValueRangeError` when the log cannot tell what was asked, naming the combinations of unknowns
-    that no reading changes with, and when mass comes out negative. Doubts of units, sign, mounting and poses are in the
-    result.
+    Raises :class:`~twistwrench.ShapeError` for anything that is no log, :class:`~twistwrench.ValueRangeError` when the log
+    cannot tell what was asked, naming the combinations of unknowns that no reading changes with, and when mass comes out
+    negative. Doubts of units, sign, mounting, bias and poses are in the result.
     Source: least squares of F = Y π, Modern Robotics eq. 8.40.
 
     >>> from twistwrench import SpatialInertia

@@ -179,5 +179,6 @@ def weakness(result: Identification) -> str | None:
         return None
     return (
         f"The log tells the mass to ± {(high - low) / 2:.2g} kg and the centre of mass along {'xyz'[k]} to ± "
-        f"{1e3 * widths[k]:.2g} mm only ({percent:g} %). Readings in more and wider orientations tell more; `poses` proposes some."
+        f"{1e3 * widths[k]:.2g} mm only ({percent:g} %). Readings in more and wider orientations tell more; `poses` "
+        "proposes some."
     )

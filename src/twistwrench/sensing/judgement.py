@@ -132,9 +132,8 @@ def _slip(found: Explanation, log: ReadingLog, problem: dict[str, Any], than: Ex
         )
     if (exchanged := swapped(found, log, problem, than)) is not None:
         return (
-            f"Forces and moments seem swapped: with mx, my, mz and fx, fy, fz exchanged and sign={exchanged.sign!r} what is left "
-            f"is noise of {exchanged.fit.sigma[1]:.2g} N and {exchanged.fit.sigma[0]:.2g} N m. A reading has moments and forces "
-            "under their own names."
+            "Forces and moments seem swapped: with mx, my, mz and fx, fy, fz exchanged and "
+            f"sign={exchanged.sign!r} what is left is {_noise(exchanged)}. Exchange the names of the columns."
         )
     if (upright := upside_down(found, log, problem, than)) is not None:
         return (

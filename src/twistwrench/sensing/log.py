@@ -105,8 +105,8 @@ class ReadingLog:
         t = None if time is None else np.array(time, float)
         if t is not None and (t.shape != (len(r),) or not np.isfinite(t).all()):
             raise ShapeError(f"{name}: time has shape {t.shape}, expected ({len(r)},) finite numbers [s].")
-        if t is not None and (row := late(t)) is not None:
-            raise ValueRangeError(f"{name}: time of reading {row} is {t[row]:g} s, {_AFTER.format(t[row - 1])}")
+        if t is not None and (k := late(t)) is not None:
+            raise ValueRangeError(f"{name}: time of reading {k} is {t[k]:g} s, {_AFTER.format(t[k - 1])}")
         by_gravity = pose is None and g.ndim == 2
         log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name, by_gravity=by_gravity)
         for doubt in log.doubts():
@@ -192,8 +192,8 @@ def checked_log(log: Any, taker: str) -> ReadingLog:
 
 def late(time: Array) -> int | None:
     """The first of these times (n,) that is not after the one before; None if all are."""
-    late = np.flatnonzero(np.diff(time) <= 0)
-    return int(late[0]) + 1 if late.size else None
+    places = np.flatnonzero(np.diff(time) <= 0)
+    return int(places[0]) + 1 if places.size else None
 
 
 def _rows(value: ArrayLike | None, count: int, width: int, where: str) -> Any:

@@ -83,7 +83,7 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
     if "time" in columns and (k := late(columns["time"])) is not None:
         raise ValueRangeError(
             f"{path}: line {rows[k][0]}: time {columns['time'][k]:g} s is not after the {columns['time'][k - 1]:g} s of the "
-            "reading before. Times must increase: sort the rows, or remove the column."
+            "row before. Times must increase: sort the rows, or remove the column."
         )
     return replace(_log(path, columns, gravity), notes=_notes(ignored))
 
@@ -168,7 +168,8 @@ def _check_complete(names: list[str], ignored: list[str], where: str) -> None:
 def _near(missing: list[str], ignored: list[str]) -> str:
     """A column that is not known, but spelt like one that is missing."""
     for name in ignored:
-        if near := difflib.get_close_matches(re.sub(r"force|torque|moment", "", name.lower()) or name, missing, n=1):
+        plain = re.sub(r"torque|moment|\bt(?=_)", "m", re.sub(r"force", "f", name.lower()))
+        if near := difflib.get_close_matches(re.sub(r"[^a-z0-9]", "", plain), missing, n=1, cutoff=0.7):
             return f"Column {name!r} is not known: did you mean {near[0]!r}? "
     return ""
 

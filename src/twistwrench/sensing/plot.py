@@ -58,8 +58,8 @@ def plot_compensation(
             after.set_title(f"{what}s without bias and load", loc="left", fontweight="bold")
             if not marked.all():
                 rms = float(np.sqrt(np.mean(left[~marked][:, part] ** 2)))
-                where = "outside the shaded" if marked.any() else "over all readings"
-                after.set_title(f"root mean square {where}: {rms:.2g} {unit}", loc="right", color=QUIET, fontsize=SMALL)
+                where = " in unshaded readings" if marked.any() else ""
+                after.set_title(f"rms {rms:.2g} {unit}{where}", loc="right", color=QUIET, fontsize=SMALL)
             for axis in (before, after):
                 axis.set_ylabel(f"{what} [{unit}]")
                 axis.legend(

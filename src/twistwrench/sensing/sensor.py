@@ -91,8 +91,8 @@ class ForceTorqueSensor:
     frame: str | None = None
     """The name of {f}, if labelled poses, twists and wrenches are to be checked against it, not only against each other."""
     inertia: Inertia = "given"
-    """``given``: the load's rotational inertia is one that a body has, else :class:`~twistwrench.InertiaError`; ``accept``: its
-    numbers are kept as they are; ``unknown``: they stand for nothing (a point mass's, say), so moments in motion are not told."""
+    """``given``: the load's rotational inertia is one that a body has, else :class:`~twistwrench.InertiaError`; ``accept``:
+    its numbers are kept as they are; ``unknown``: they stand for nothing, so moments in motion are not told."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.load, SpatialInertia):

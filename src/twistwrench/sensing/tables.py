@@ -125,7 +125,7 @@ def proposal_view(
     for k in range(len(unit)):
         cells = [_number(x, 3) for x in (*quaternions[k], *unit[k])]
         table.add_row(str(k + 1), *cells, _number(known[k, 0], 4), _number(1e3 * known[k, 1], 3))
-    if verdict is not None and not np.isfinite(known[-1]).any():
+    if verdict is not None and not known[-1, 0] < mass:
         return verdict
     return Group(
         table,

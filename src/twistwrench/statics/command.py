@@ -81,7 +81,8 @@ def answer_payload(
 ) -> bool:
     """Print the answer part by part with ``show``, and write the files.
 
-    Returns whether the robot can be in the pose, and holds itself there. All options are read before anything is printed. Raises errors of the library.
+    Returns whether the robot can be in the pose, and holds itself there. All options are read before anything is printed.
+    Raises errors of the library.
     """
     from ..report.load import LoadedRobot, parse_payload
     from .map import payload_map, plane_and_samples

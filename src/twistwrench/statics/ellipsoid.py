@@ -42,11 +42,14 @@ class WrenchEllipsoid:
         what = f"WrenchEllipsoid of {self.part}s, {self.kind}"
         if self.semi_axes.ndim > 1:
             return f"{what}, of poses {self.semi_axes.shape[:-1]}"
-        along = zip(self.semi_axes, self.axes.T, strict=True)
-        return f"{what}: " + ", ".join(
-            f"{'unbounded' if np.isinf(size) else f'{size:.4g}'} along {tuple_of(np.round(axis, 4))}"
-            for size, axis in along
-        )
+        said = [
+            f"{size:.4g} along {tuple_of(np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4))}"
+            for size, axis in zip(self.semi_axes, self.axes.T, strict=True)
+            if not np.isinf(size)
+        ]
+        free = int(np.isinf(self.semi_axes).sum())
+        across = [f"unbounded in {free} direction{'s' if free > 1 else ''}"] if free else []
+        return f"{what}: {', '.join(said + across)}"
 
     @property
     def condition(self) -> Array:
@@ -88,7 +91,7 @@ def wrench_ellipsoid(
     >>> wrench_ellipsoid(arm, [0.0, np.pi / 2]).semi_axes.round(6).tolist()  # the golden ratio, and one over it
     [inf, 1.618034, 0.618034]
     >>> wrench_ellipsoid(arm, [0.0, np.pi / 2], part="moment")
-    WrenchEllipsoid of moments, world_aligned: unbounded along (1, 0, 0), unbounded along (0, 1, 0), 0.7071 along (0, 0, 1)
+    WrenchEllipsoid of moments, world_aligned: 0.7071 along (0, 1, 0), unbounded in 2 directions
     """
     J = np.asarray(robot.jacobian(q, frame, kind))[..., part_rows(part), :]
     if limits is not None:

@@ -81,7 +81,8 @@ def payload_map(
 
     ``plane``: "xz", "yz" or "xy" of the base frame, a slab of ``thickness`` [m] about ``at`` [m] on the axis across it; or
     "rz", the distance from the base's z axis and the height, which wastes no sample. ``cells`` along the longer side; if None
-    as many as the configurations in the slice fill, 8 to 60, so that extremes are not those of a handful. Raises ValueRangeError, UnknownNameError, and what largest_payload raises.
+    as many as the configurations in the slice fill, 8 to 60, so that extremes are not those of a handful.
+    Raises ValueRangeError, UnknownNameError, and what largest_payload raises.
 
     >>> import twistwrench as tw
     >>> found = payload_map(tw.robots.planar_2r(), "xz", cells=8, samples=4000, limits=[50.0, 20.0])
