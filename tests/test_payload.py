@@ -178,7 +178,7 @@ def test_the_maps_cells_are_filled_however_few_samples_there_are(bundled):
             inside = full[:-2, 1:-1] & full[2:, 1:-1] & full[1:-1, :-2] & full[1:-1, 2:]
             assert (found.count > 0)[inside].mean() > 0.97
             sizes.append(max(found.best.shape))
-            assert np.median(found.count[found.count > 0]) >= 8
+            assert sizes[-1] == 8 or np.median(found.count[found.count > 0]) >= 20  # half of the 40 that a square has
     assert sizes[4] > sizes[2] > sizes[0]
     assert max(statics.payload_map(ur5, "xz", samples=1000).best.shape) == 8
     assert max(statics.payload_map(ur5, "rz", samples=1000, cells=50).best.shape) == 50

@@ -184,3 +184,35 @@ def test_labelled_wrenches_bring_their_frame(bundled):
     assert np.allclose(held - arm.gravity_forces(q), expected)
     with pytest.raises(tw.FrameError, match=r"'link1'.*'tip'"):
         arm.holding_torques(q, wrench_by_robot={"tip": tw.Wrench(F, "link1")})
+
+
+def test_several_quantities_in_one_kernel_are_those_of_their_own_kernels():
+    robot = tw.robots.ur5()
+    rng = np.random.default_rng(5)
+    q, dq, ddq = robot.random_configuration(rng, 50), *rng.normal(size=(2, 50, 6))
+    names = ("inverse_dynamics", "mass_matrix", "jacobian", "task_inertia")
+    kernel = robot.kernel(*names, frame="wrist_3_link", wrenches=("tool0",))
+    assert kernel.signature == "(6),(6),(6),(6)->(6),(6,6),(6,6),(6,6),(6)"
+    F = rng.normal(size=(50, 6))
+    tau, M, J, *_ = kernel(q, dq, ddq, F)
+    np.testing.assert_allclose(tau, robot.inverse_dynamics(q, dq, ddq, wrench_by_robot={"tool0": F}), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(M, robot.mass_matrix(q), rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(J, robot.jacobian(q, "wrist_3_link"), rtol=1e-13, atol=1e-14)
+
+
+def test_what_several_quantities_share_is_computed_once():
+    robot = tw.robots.panda()
+    together = robot.program("forward_dynamics", "bias_forces")
+    assert together.multiplications < robot.program("forward_dynamics").multiplications + 10
+
+
+def test_several_quantities_asked_for_wrongly():
+    robot = tw.robots.ur5()
+    with pytest.raises(tw.KernelError, match="asked for twice"):
+        robot.kernel("mass_matrix", "mass_matrix")
+    with pytest.raises(tw.KernelError, match="none of mass_matrix, bias_forces takes an option 'frame'"):
+        robot.kernel("mass_matrix", "bias_forces", frame="tool0")
+    with pytest.raises(tw.UnknownNameError, match="no quantity named 'mass'"):
+        robot.kernel("bias_forces", "mass")
+    with pytest.raises(tw.UnknownNameError):
+        robot.kernel()

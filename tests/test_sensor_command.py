@@ -417,7 +417,10 @@ def test_other_columns_are_ignored_and_noted(run, tmp_path, log):
 
 
 def test_poses_that_tell_nothing_are_not_proposed(run):
-    for within, said_of_mass in ((0, "the mass or its centre"), (1, "the mass (± 1.6 kg) or its centre")):
+    for within, said_of_mass in (
+        (0, "the mass or the centre of mass"),
+        (1, "the mass (± 1.6 kg) or the centre of mass"),
+    ):
         code, said = run("poses", "--within", within)
         assert (code, "LOOK AGAIN" in said, "Next poses" in said) == (1, True, False)
         assert f"cannot tell {said_of_mass}" in said

@@ -132,7 +132,9 @@ def test_what_cannot_be_simulated_is_said(arguments, said):
 
 # ── which inertia a load has ──
 
-_NOBODY = tw.SpatialInertia.from_com(1.0, np.zeros(3), np.diag([0.01, 0.01, 0.1]))  # one moment exceeds the sum of the others
+_NOBODY = tw.SpatialInertia.from_com(
+    1.0, np.zeros(3), np.diag([0.01, 0.01, 0.1])
+)  # one moment exceeds the sum of the others
 
 
 def test_a_load_that_no_body_can_be_is_refused_as_a_rigid_body_is():

@@ -26,7 +26,16 @@ from .model.regroup import regrouped
 from .model.varied import matching, moves_joints, varied
 from .program.program import Program
 
-__all__ = ["NEED_INVERSE", "QUANTITIES", "Quantity", "checked_options", "evaluated", "program_of"]
+__all__ = [
+    "NEED_INVERSE",
+    "QUANTITIES",
+    "Quantity",
+    "checked_options",
+    "evaluated",
+    "options_of",
+    "program_of",
+    "program_of_several",
+]
 
 
 @dataclass(frozen=True)
@@ -111,14 +120,19 @@ NEED_INVERSE = (
 """The quantities that M⁻¹ is part of."""
 
 
-def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options with defaults filled in, frames resolved and kinds checked."""
+def options_of(name: str) -> tuple[str, ...]:
+    """The options a quantity takes; raises UnknownNameError."""
     if name not in QUANTITIES:
         raise UnknownNameError.of("quantity", name, QUANTITIES)
-    allowed = QUANTITIES[name].options
+    return (*QUANTITIES[name].options, "parameters")
+
+
+def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options with defaults filled in, frames resolved and kinds checked."""
+    allowed = options_of(name)
     for option in options:
-        if option not in (*allowed, "parameters"):
-            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join((*allowed, 'parameters'))}.")
+        if option not in allowed:
+            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed)}.")
     if name == "christoffel":
         _require_plain_rates(model)
     full: dict[str, Any] = {}
@@ -194,20 +208,42 @@ def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: 
 
     ``regroup=False`` leaves every inertia where the robot's file has it, to count what regrouping saves.
     """
+    return program_of_several(model, {name: options}, regroup=regroup)
+
+
+def program_of_several(model: Model, wanted: Mapping[str, Mapping[str, Any]], *, regroup: bool = True) -> Program:
+    """Trace several quantities, ``{name: options}``, as one program, which does once what they share."""
     from .program.trace import trace
 
-    quantity = QUANTITIES[name]
-    frames = options.get("wrenches", ())
-    inputs = quantity.shapes(model) + [(f"wrench at {frame}", (6,)) for frame in frames]
+    ports = {name: _ports(model, name, options) for name, options in wanted.items()}
+    last = ("gravity", "parameters")
+    inputs = {label: shape for mine in ports.values() for label, shape in mine.items()}
+    order = sorted(inputs, key=lambda label: (label in last, label.startswith("wrench at")))
+    models = {name: _model_for(model, name, options, regroup) for name, options in wanted.items()}
+
+    def on_symbols(*arrays: Any) -> tuple[Any, ...]:
+        given = dict(zip(order, arrays, strict=True))
+        results: list[Any] = []
+        for name, options in wanted.items():
+            found = evaluated(QUANTITIES[name], models[name], [given[label] for label in ports[name]], options)
+            results.extend(found if isinstance(found, tuple) else (found,))
+        return tuple(results)
+
+    outputs = [label for name in wanted for label in QUANTITIES[name].output.split()]
+    return trace(on_symbols, [(label, inputs[label]) for label in order], outputs)
+
+
+def _ports(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
+    """The inputs of one quantity, in the order :func:`evaluated` wants them."""
+    ports = dict(QUANTITIES[name].shapes(model))
+    ports.update({f"wrench at {frame}": (6,) for frame in options.get("wrenches", ())})
     if "gravity" in options:
-        inputs.append(("gravity", (3,)))
+        ports["gravity"] = (3,)
     if names := options.get("parameters", ()):
-        inputs.append(("parameters", (len(names),)))
+        ports["parameters"] = (len(names),)
+    return ports
 
-    if quantity.felt and regroup and not moves_joints(model, names):
-        model = regrouped(model)
 
-    def on_symbols(*arrays: Any) -> Any:
-        return evaluated(quantity, model, arrays, options)
-
-    return trace(on_symbols, inputs, quantity.output.split())
+def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: bool) -> Model:
+    fixed = not moves_joints(model, options.get("parameters", ()))
+    return regrouped(model) if QUANTITIES[name].felt and regroup and fixed else model

@@ -22,7 +22,7 @@ from .algorithms.reach import Reach, doubtful, usual_sizes
 from .algorithms.regressor import PARAMETER_NAMES
 from .algorithms.task_space import row_numbers
 from .bodies.inertia import SpatialInertia
-from .errors import FrameError, ModelError, ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
+from .errors import FrameError, KernelError, ModelError, ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
 from .explanation import Explanation, explained
 from .lie import checks
 from .model import configuration, edit
@@ -300,28 +300,50 @@ class Robot:
 
     # ── kernels ──
 
-    def kernel(self, name: str, **options: Any) -> np.ufunc:
-        """The bare compiled function of one quantity: a ``numpy.ufunc`` whose signature has the robot's sizes.
+    def kernel(self, *names: str, **options: Any) -> np.ufunc:
+        """The bare compiled function of one quantity, or of several at once: a ``numpy.ufunc`` with the robot's own sizes.
 
-        Options by quantity: ``frame=``, ``kind=``, ``wrenches=(frame, …)`` (further inputs, one wrench each, applied by the
-        robot), ``gravity="input"`` (a further input, (3,) m/s² in the base frame, in place of the robot's own),
-        ``parameters=(pattern, …)`` (the last input, a number for each of ``robot.varying(*patterns)``, so that every sample
-        may have its own masses, inertias, lengths, friction). Raises UnknownNameError for unknown names, KernelError for options that do not apply.
+        Options by quantity: ``frame=``, ``kind=``, ``rows=``, ``wrenches=(frame, …)`` (further inputs, one wrench each,
+        applied by the robot), ``gravity="input"`` (a further input, (3,) m/s² in the base frame, in place of the robot's
+        own), ``parameters=(pattern, …)`` (the last input, a number for each of ``robot.varying(*patterns)``, so that every
+        sample may have its own masses, inertias, lengths, friction). Of several quantities, inputs of one name are one
+        input, and what the quantities share is computed once; an option goes to those that take it. Raises
+        UnknownNameError for unknown names, KernelError for options that do not apply.
 
         >>> import twistwrench as tw
         >>> tw.robots.ur5().kernel("inverse_dynamics").signature
         '(6),(6),(6)->(6)'
+        >>> tw.robots.ur5().kernel("mass_matrix", "bias_forces").signature
+        '(6),(6)->(6,6),(6)'
         """
-        full = quantities.checked_options(self.model, name, options)
-        key = (name, *full.items())
+        wanted = self._wanted(names, options)
+        key = tuple((name, *full.items()) for name, full in wanted.items())
         kernel = self._kernels.get(key)
         if kernel is None:
-            if name in quantities.NEED_INVERSE:
+            if any(name in quantities.NEED_INVERSE for name in wanted):
                 self._require_invertible()
-            program = quantities.program_of(self.model, name, full)
-            doc = f"{name} of {self.name}, compiled. Inputs: {', '.join(p.name for p in program.inputs)}."
-            kernel = self._kernels[key] = _make_kernel(program, name, doc)
+            program = quantities.program_of_several(self.model, wanted)
+            title = ", ".join(wanted)
+            doc = f"{title} of {self.name}, compiled. Inputs: {', '.join(p.name for p in program.inputs)}."
+            kernel = self._kernels[key] = _make_kernel(program, title, doc)
         return kernel
+
+    def _wanted(self, names: tuple[str, ...], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+        """Each quantity with the options that are its own."""
+        if not names:
+            raise UnknownNameError.of("quantity", "", quantities.QUANTITIES)
+        if len(set(names)) < len(names):
+            raise KernelError(f"a quantity is asked for twice: {', '.join(names)}. Name each once.")
+        if len(names) == 1:
+            return {names[0]: quantities.checked_options(self.model, names[0], options)}
+        takes = {n: quantities.options_of(n) for n in names}
+        for option in options:
+            if not any(option in mine for mine in takes.values()):
+                raise KernelError(f"none of {', '.join(names)} takes an option {option!r}.")
+        return {
+            n: quantities.checked_options(self.model, n, {k: v for k, v in options.items() if k in mine})
+            for n, mine in takes.items()
+        }
 
     def varying(self, *patterns: str) -> dict[str, float]:
         """The parameters that patterns such as ``"*.mass"`` mean, in a kernel's order, with the robot's own numbers.
@@ -341,9 +363,9 @@ class Robot:
         known = nominal(self.model)
         return {name: known[name] for name in matching(self.model, patterns or ("*",))}
 
-    def program(self, name: str, **options: Any) -> Program:
+    def program(self, *names: str, **options: Any) -> Program:
         """The straight-line program behind a kernel, for counting its operations."""
-        return quantities.program_of(self.model, name, quantities.checked_options(self.model, name, options))
+        return quantities.program_of_several(self.model, self._wanted(names, options))
 
     def export_c(
         self,

@@ -109,8 +109,8 @@ class ForceTorqueSensor:
         problem = "; ".join(self.load.defects())
         if problem and (self.inertia == "given" or self.load.mass < 0):
             raise InertiaError(
-                f"no load has this inertia: {problem}. See nearest_consistent() and repair(); inertia='accept' keeps the "
-                "numbers of a mass that is not negative."
+                f"no load has this inertia: {problem}. See nearest_consistent() and repair(); the keyword inertia "
+                "accepts it as it is, if the mass is not negative."
             )
         sign_factor(self.sign)
         if self.frame is not None:

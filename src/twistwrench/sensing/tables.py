@@ -145,7 +145,7 @@ def cannot_tell(proposal: PoseProposal, mass: float, within: float | None) -> st
         return None
     what = "the centre of mass" + (f" (± {1e3 * out:.2g} mm)" if math.isfinite(out) else "")
     if not heavy < mass:  # a place is a first moment over the mass
-        what = "the mass" + (f" (± {heavy:.2g} kg)" if math.isfinite(heavy) else "") + " or its centre"
+        what = "the mass" + (f" (± {heavy:.2g} kg)" if math.isfinite(heavy) else "") + " or the centre of mass"
     count = len(proposal.gravity)
     those = f"{count} pose{'s' * (count > 1)}" + ("" if within is None else f" tilted by up to {within:g}°")
     way = "Ask for more of them" if within is None else "Allow larger tilts, such as --within 60"
