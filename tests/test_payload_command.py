@@ -127,7 +127,7 @@ def test_numbers_of_another_unit_get_a_hint(run, arguments, words):
 
 
 def test_the_joints_are_said_to_be_all_that_counts(run):
-    assert "structure, grip, warm motors and motion may set a lower bound" in run("ur5", *POSE)[1]
+    assert "structure, grip, warm motors and motion may limit it earlier" in run("ur5", *POSE)[1]
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])

@@ -376,3 +376,15 @@ def test_symbols_are_printed_too():
     assert repr(tw.Twist(x[:6], "b")).startswith(f"Twist in 'b': omega = ({x[0]}, {x[1]}")
     assert repr(tw.Pose(x.reshape(4, 4), "a", "b")).startswith(f"Pose T_ab of 'b' seen from 'a': at ({x[3]}, {x[7]}")
     assert str(x[9]) in repr(tw.SpatialInertia(x[:10]))
+
+
+def test_what_comes_out_of_a_pickle_cannot_be_changed_either():
+
+    for made, name in (
+        (tw.Twist(np.ones(6), "a"), "values"),
+        (tw.Wrench(np.ones(6), "a"), "values"),
+        (tw.Pose(np.eye(4), to="a", of="b"), "matrix"),
+        (tw.SpatialInertia.from_com(1.0), "parameters"),
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(pickle.loads(pickle.dumps(made)), name)[:] = 2.0

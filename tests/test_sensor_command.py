@@ -14,6 +14,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli import main
 from twistwrench.lie import quaternion
+from twistwrench.sensing.compensation import compensation
 from twistwrench.sensing.directions import rotations_to_gravity
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
@@ -373,12 +374,25 @@ def test_a_log_that_the_sensor_file_does_not_explain_is_no_contact(run, tmp_path
     assert "CONTACT" not in said
 
 
-def test_a_hard_push_for_a_moment_is_a_contact(run, tmp_path):
-    log = simulate(SENSOR, 60, touch={7: [0, 0, 0, 0, 0, 500], 8: [0, 0, 0, 300, 0, 500]})
-    write_sensor(SENSOR, tmp_path / "sensor.json", (0.01, 0.3))
+def test_a_hand_that_lifts_the_tool_for_a_while_is_a_contact(run, tmp_path):
+    # Twice the weight, upwards, in a third of the readings: the root mean square is then larger after than before.
+    still = simulate(SENSOR, 60)
+    log = simulate(SENSOR, 60, touch={k: [0, 0, 0, *(-6.0 * still.gravity[k])] for k in range(20)})
+    sensor = replace(SENSOR, bias=np.zeros(6))
+    log = replace(log, readings=log.readings - np.asarray(SENSOR.bias))
+    assert np.linalg.norm(log.compensated(sensor)) > np.linalg.norm(log.readings)
+    write_sensor(sensor, tmp_path / "sensor.json", (0.01, 0.3))
     write_log(log, tmp_path / "log.csv")
     code, said = run("compensate", tmp_path / "log.csv", "--sensor", tmp_path / "sensor.json", "--contacts", "1e-6")
-    assert (code, "CONTACT: 2 of 60 readings, readings 7 to 8" in said) == (1, True)
+    assert (code, "CONTACT: 20 of 60 readings, readings 0 to 19" in said) == (1, True)
+
+
+def test_a_log_that_is_not_explained_has_no_contacts():
+    log = simulate(SENSOR, 12)
+    assert not compensation(log, SENSOR, (0.01, 0.3), 1e-6).doubtful
+    found = compensation(replace(log, gravity=-log.gravity), SENSOR, (0.01, 0.3), 1e-6)
+    assert found.doubtful
+    assert not found.hits.any()
 
 
 def test_a_motion_without_twists_is_recognised(run, tmp_path):

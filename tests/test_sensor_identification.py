@@ -182,7 +182,7 @@ def test_degenerate_poses_name_what_cannot_be_told(rotations, said):
 
 def test_a_narrow_log_says_how_little_it_tells():
     found = identify(simulate(tool(), propose_poses(12, within=0.03).rotations))
-    assert "only. Readings in more and wider orientations" in " ".join(found.remarks)
+    assert "mm only (95 %). Readings in more and wider orientations" in " ".join(found.remarks)
 
 
 def test_the_other_sign_is_recognised():

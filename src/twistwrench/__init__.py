@@ -26,6 +26,7 @@ from .errors import (
     UnknownNameError,
     ValueRangeError,
 )
+from .kernels.threads import get_threads, set_threads
 from .lie import se3, so3
 from .lie.adjoint import Ad, ad
 from .robot import Robot, from_dh, from_screws, load
@@ -62,9 +63,11 @@ __all__ = [
     "ad",
     "from_dh",
     "from_screws",
+    "get_threads",
     "load",
     "robots",
     "se3",
+    "set_threads",
     "so3",
 ]
 

@@ -24,6 +24,7 @@ from .algorithms.task_space import row_numbers
 from .bodies.inertia import SpatialInertia
 from .errors import FrameError, KernelError, ModelError, ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
 from .explanation import Explanation, explained
+from .kernels import threads
 from .lie import checks
 from .model import configuration, edit
 from .model.actuator import Actuator
@@ -434,7 +435,7 @@ class Robot:
             self._called_once.discard(key)
             self._put_in_front(name, kernel)
         try:
-            return kernel(*arrays) if out is None else kernel(*arrays, out=out)
+            return threads.call(kernel, arrays, out)
         except (TypeError, ValueError) as problem:
             raise self._explained(problem, name, arrays) from None
 

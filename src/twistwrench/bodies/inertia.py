@@ -43,6 +43,10 @@ class SpatialInertia:
 
     __array_ufunc__ = None  # array + inertia is refused rather than done entry by entry
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.parameters.setflags(write=False)  # arrays come out of a pickle writable
+
     def __post_init__(self) -> None:
         what = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
         pi = np.array(checks.one(self.parameters, f"{what} the array", 10, symbols=True))

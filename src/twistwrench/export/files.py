@@ -41,7 +41,7 @@ def export_c(
         paths["_test.c"] = plain.with_name(f"{plain.stem}_test.c")
     read = robot.model.source
     check_outputs(
-        {label if end == ".c" else f"{label} (its {end})": p for end, p in paths.items()},
+        {label: plain, **{f"{label} (its {end})": p for end, p in paths.items() if p is not plain}},
         {"the robot": read if _is_file(read) else None, **(inputs or {})},
     )
     wanted = requests(robot, quantities, precision, prefix)

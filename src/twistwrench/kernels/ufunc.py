@@ -8,6 +8,7 @@ object that the ufunc itself keeps alive.
 from __future__ import annotations
 
 import ctypes
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..errors import KernelError
 from ..program.program import Program
 from ..targets.machine import DOUBLE, SINGLE, Precision
 from .code import LOCK, Code, compiled
+from .parts import effort
 
 __all__ = ["make_ufunc", "owner_of"]
 
@@ -69,6 +71,11 @@ class _Owner:
         letters = [np.dtype(p.char).num for p in (SINGLE, DOUBLE) for _ in range(operands)]
         self.types = (ctypes.c_byte * len(letters))(*letters)
         self.name, self.doc = ctypes.create_string_buffer(name.encode()), ctypes.create_string_buffer(doc.encode())
+
+    @cached_property
+    def effort(self) -> int:
+        """Operations that a sample takes."""
+        return effort(self.program)
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> None:
         """Stand in for the float32 loop: compile it, put it in the table, run it.

@@ -53,6 +53,10 @@ class Labelled(ABC):
     _halves: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
     """Names and units of the angular and of the linear part."""
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.values.setflags(write=False)  # arrays come out of a pickle writable
+
     def __post_init__(self) -> None:
         given: Any = self.values
         if isinstance(given, Labelled):

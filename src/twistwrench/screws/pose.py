@@ -42,6 +42,10 @@ class Pose:
 
     __array_ufunc__ = None  # array @ pose is refused rather than done without labels
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.matrix.setflags(write=False)  # arrays come out of a pickle writable
+
     def __post_init__(self) -> None:
         given: Any = self.matrix
         if isinstance(given, Pose):

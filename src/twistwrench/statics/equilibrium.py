@@ -137,6 +137,8 @@ def robot_equilibrium(
     contacts, edges = _clean(contacts, edges)
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is a linear programme of its own")
     unloaded = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
+    if robot.model.springs:  # they stretch as the load asks, and load their motors with it
+        unloaded = unloaded - (np.asarray(robot.holding_torques(q)) - np.asarray(robot.gravity_forces(q)))
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
         raise ValueRangeError(
             f"wrench_on_robot at {', '.join(wrench_on_robot or ())}: give each frame one wrench (m, f) of six finite numbers."

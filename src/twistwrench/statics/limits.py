@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,18 +23,16 @@ _NO_LEVER = 1e-12
 """Levers shorter than this [m], or this share of the longest, are round-off: a joint at such a one feels no load."""
 
 
-_SUFFIXES = {"floating": (".wx", ".wy", ".wz", ".vx", ".vy", ".vz"), "planar": (".w", ".vx", ".vy")}
-
-
 def velocity_names(robot: Robot) -> tuple[str, ...]:
     """A name for each entry of dq and τ: the joint's, with the twist component where it has several; (nv,)."""
-    return tuple(b.joint.name + s for b in robot.model.leaders for s in _SUFFIXES.get(b.joint.kind, ("",) * b.joint.nv))
+    return robot.model.velocity_names
 
 
 def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     """The largest torque of each joint, (nv,) N m or N: ``limits`` if given, else the robot's own.
 
-    Nothing drives a floating joint, so its entries are zero. Joints without a limit have inf. Raises
+    Nothing drives a floating joint, so its entries are zero. Joints without a limit have inf. At rest an elastic joint
+    carries what its motor gives, so the motor's limit is the joint's. Raises
     :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint has one.
 
     >>> import twistwrench as tw
@@ -50,6 +49,8 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
         ) from None
     free = floating_entries(robot)
     effort[free] = 0.0
+    for joint, motor in _elastic(robot):
+        effort[joint] = min(effort[joint], effort[motor])
     if np.isnan(effort).any() or (effort < 0).any():
         k = int(np.argmax(~(effort >= 0)))
         raise ValueRangeError(f"the limit of {names[k]!r} is {effort[k]:g}. Give a torque or force of at least zero.")
@@ -59,6 +60,12 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
             f"Pass limits= with {robot.nv} numbers [N m or N], one for each of {', '.join(names[:12])}."
         )
     return effort
+
+
+def _elastic(robot: Robot) -> Iterator[tuple[int, int]]:
+    """(joint, motor), by their places in τ, of every elastic joint."""
+    at = {body.joint.name: body.v_index for body in robot.model.leaders}
+    return ((at[a.joint], at[name]) for name, a in robot.actuators.items() if name != a.joint and a.joint in at)
 
 
 def floating_entries(robot: Robot) -> Array:

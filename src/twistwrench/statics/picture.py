@@ -95,7 +95,10 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: A
             axis, polytope, weakest.magnitude * weakest.wrench[3:], f"weakest, {weakest.magnitude:.4g} N, by {limited}"
         )
     axis.set_title("Forces the robot can apply, at zero moment", loc="left", fontweight="bold")
-    axis.legend(loc="upper left", frameon=False, fontsize=SMALL)
+    place = (
+        {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}
+    )  # in space there is room beside the figure, in a plane none
+    axis.legend(loc="upper left", frameon=False, fontsize=SMALL, **place)
 
 
 def _flat_words(polytope: WrenchPolytope) -> str:

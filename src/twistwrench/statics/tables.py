@@ -117,7 +117,7 @@ def map_view(chart: PayloadMap) -> Text:
 def caution() -> Text:
     """What the numbers leave out."""
     return Text(
-        "Counts joint torques at rest alone: structure, grip, warm motors and motion may set a lower bound.",
+        "Counts joint torques at rest alone: structure, grip, warm motors and motion may limit it earlier.",
         style="dim",
     )
 

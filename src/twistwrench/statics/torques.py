@@ -103,7 +103,7 @@ def wrench_from_torques(
     q = one_configuration(robot, q, "wrench_from_torques", "the rank of J differs from pose to pose")
     tau = checks.finite(checks.one(tau, "wrench_from_torques: tau", robot.nv), "wrench_from_torques: tau", robot.nv)
     length = positive(length, "length [m]", "Give a positive length, such as the robot's reach.")
-    g = np.asarray(robot.gravity_forces(q))
+    g = np.asarray(robot.holding_torques(q))  # springs too, where joints are elastic
     J = np.asarray(robot.jacobian(q, frame, kind))
     scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m
     U, s, Vt = np.linalg.svd(scale[:, None] * J)
