@@ -14,7 +14,7 @@ Q = np.array([0.0, -0.6, 0.9, 0.1, 0.2, 0.0])
 def elastic(count):
     robot = tw.robots.ur5()
     entry = {"ratio": 100, "stiffness": "20 kN m/rad", "rotor": {"inertia": "200 g cm^2", "extra": True}}
-    made = robot.with_actuators({"actuators": {joint: entry for joint in robot.joint_names[:count]}})
+    made = robot.with_actuators({"actuators": dict.fromkeys(robot.joint_names[:count], entry)})
     return robot, made, np.concatenate([Q, Q[:count]])
 
 

@@ -87,7 +87,7 @@ def test_names_come_in_the_order_asked_for_and_once():
 
 def test_unknown_parameters_are_errors():
     robot = tw.robots.planar_2r()
-    with pytest.raises(tw.UnknownNameError, match="no parameter named 'link2.mas'. Did you mean 'link2.mass'"):
+    with pytest.raises(tw.UnknownNameError, match=r"no parameter named 'link2\.mas'\. Did you mean 'link2\.mass'"):
         robot.varying("link2.mas")
     with pytest.raises(tw.UnknownNameError, match="no parameter named"):
         robot.kernel("mass_matrix", parameters=("*.weight",))

@@ -22,15 +22,23 @@ from .algorithms.reach import Reach, doubtful, usual_sizes
 from .algorithms.regressor import PARAMETER_NAMES
 from .algorithms.task_space import row_numbers
 from .bodies.inertia import SpatialInertia
-from .errors import FrameError, KernelError, ModelError, ShapeError, SingularMassMatrixError, UnknownNameError, ValueRangeError
+from .errors import (
+    FrameError,
+    KernelError,
+    ModelError,
+    ShapeError,
+    SingularMassMatrixError,
+    UnknownNameError,
+    ValueRangeError,
+)
 from .explanation import Explanation, explained
 from .kernels import threads
 from .lie import checks
 from .model import configuration, edit
 from .model.actuator import Actuator
 from .model.model import Limits, Model
-from .model.varied import matching, nominal
 from .model.snap import DEFAULT_SNAP
+from .model.varied import matching, nominal
 from .program.program import Program
 from .screws.wrench import Wrench
 
@@ -944,8 +952,8 @@ class Robot:
     ) -> MotorLoads:
         """Torque, speed, current, voltage, power and heat of the motor of each actuator. MR section 8.9.
 
-        Rotors are accelerated before the gear; the rest, and joint friction if asked for, go through it at its efficiency. Raises
-        ModelError for a robot without actuators: see :meth:`with_actuators`.
+        Rotors are accelerated before the gear; the rest, and joint friction if asked for, go through it at its
+        efficiency. Raises ModelError for a robot without actuators: see :meth:`with_actuators`.
         """
         if not self.actuators:
             raise ModelError(f"robot {self.name!r} has no actuators. Describe them: robot.with_actuators(file).")

@@ -17,8 +17,8 @@ from ..bodies.inertia import SpatialInertia
 from ..lie import se3, so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
-from .inverse_dynamics import Motion, Wrenches, applied_wrenches, inertial_wrench
 from .factors import factored, solved
+from .inverse_dynamics import Motion, Wrenches, applied_wrenches, inertial_wrench
 from .recursion import inward, joint_poses, outward, spread, zeros
 from .springs import spring_forces
 

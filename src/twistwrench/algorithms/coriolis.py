@@ -35,6 +35,7 @@ class BodyCoriolis:
 
     @classmethod
     def of(cls, G: SpatialInertia, V: Array) -> BodyCoriolis:
+        """That of a body with inertia G and twist V."""
         w, v, h = V[:3], V[3:], G.first_moment
         return cls(so3.hat(w) @ G.second_moment + np.outer(v, h), so3.cross(w, h) + G.mass * v)
 
@@ -42,6 +43,7 @@ class BodyCoriolis:
         return BodyCoriolis(self.K + other.K, self.p + other.p)
 
     def in_frame(self, T: Array) -> BodyCoriolis:
+        """Seen from {a}, if this is in {b} and T is T_ab."""
         R, r = T[:3, :3], T[:3, 3]
         p = R @ self.p
         return BodyCoriolis(R @ self.K @ R.T + np.outer(p, r), p)
@@ -51,6 +53,7 @@ class BodyCoriolis:
         return np.concatenate([self.K.trace() * w - self.K @ w, so3.cross(w, self.p)])
 
     def transposed_times(self, V: Array) -> Array:
+        """B' V."""
         w, v = V[:3], V[3:]
         return np.concatenate([self.K.trace() * w - self.K.T @ w + so3.cross(self.p, v), zeros(3)])
 

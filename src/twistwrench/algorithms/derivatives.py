@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies.inertia import SpatialInertia
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model

@@ -1,8 +1,8 @@
 """Numbers of a model that may differ from sample to sample: masses, centres of mass, moments, lengths, friction.
 
-A name is ``<link>.mass``, ``<link>.com_x`` …, ``<link>.Ixx`` … (about the link's centre of mass, in its own axes), ``<joint>.x``
-… (where the joint sits in the body that carries it), or ``<joint>.viscous`` and the other laws of friction. A link may be
-one without mass: ``tool0.mass`` is a payload.
+A name is ``<link>.mass``, ``<link>.com_x`` …, ``<link>.Ixx`` … (about the link's centre of mass, in its own axes),
+``<joint>.x`` … (where the joint sits in the body that carries it), or ``<joint>.viscous`` and the other laws of
+friction. A link may be one without mass: ``tool0.mass`` is a payload.
 """
 
 from __future__ import annotations
