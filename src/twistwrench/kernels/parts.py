@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..program.program import ARITY, Port, Program
-from ..targets.machine import DOUBLE, SINGLE
+from ..targets.machine import SINGLE
 
 Array = NDArray[Any]
 Arrays = tuple[Array, ...]
 
 __all__ = ["Part", "cut", "effort"]
 
-LEAST = 1.5e6
-"""Operations of the least part, some 50 µs: twice what handing over takes. Less than two such parts are not cut."""
+LEAST = 2.5e6
+"""Operations of the least part, some 0.1 ms: four times what handing over takes. Less than two such parts are not cut."""
 
 PARTS_EACH = 4
 """Parts a thread, so that one that is held up by other work on its core leaves the rest to the others."""
@@ -28,6 +28,7 @@ ROWS = 64
 SINE, ENTRY = 18, 6
 """What a sine or cosine costs, and what an entry read or written does, in operations of a lane."""
 
+FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
 
 TO_DOUBLE = frozenset(c for c in "?" + np.typecodes["AllInteger"] + np.typecodes["Float"] if np.can_cast(c, "d"))
 TO_SINGLE = frozenset(c for c in TO_DOUBLE if np.can_cast(c, "f"))
@@ -68,23 +69,26 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     count = min(int(work / LEAST), PARTS_EACH * threads)
     if count < 2:
         return None
+    count = max(count // threads * threads, min(count, threads))  # an even number for each, where there are enough
     shapes = [batch + port.shape for port in owner.program.outputs]
-    outputs = _outputs(out, shapes, (SINGLE if single else DOUBLE).char, arrays)
+    outputs = _outputs(out, shapes, FLOAT32 if single else FLOAT64, arrays)
     if outputs is None:
         return None
     if single:
         owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
-    axis = next((k for k, n in enumerate(batch) if n >= PARTS_EACH * count), int(np.argmax(batch)))
+    long = [k for k, n in enumerate(batch) if n >= PARTS_EACH * count]
+    axis = long[0] if long else batch.index(max(batch))  # the first that is long enough: what lies inside it stays whole
     rows = -(-batch[axis] // count)
     rows = -(-rows // ROWS) * ROWS if rows >= ROWS else rows
     ports = (*owner.program.inputs, *owner.program.outputs)
     axes = [_axis(a, port, axis - len(batch)) for a, port in zip((*arrays, *outputs), ports, strict=True)]
-    parts = []
-    for first in range(0, batch[axis], rows):
-        samples = slice(first, first + rows)
-        views = [a if k is None else a[(*k, samples)] for a, k in zip((*arrays, *outputs), axes, strict=True)]
-        parts.append(Part(tuple(views[: len(arrays)]), tuple(views[len(arrays) :])))
-    return parts, outputs
+    slices = [slice(first, first + rows) for first in range(0, batch[axis], rows)]
+    views = [
+        [a] * len(slices) if before is None else [a[(*before, samples)] for samples in slices]
+        for a, before in zip((*arrays, *outputs), axes, strict=True)
+    ]
+    n = len(arrays)
+    return [Part(v[:n], v[n:]) for v in zip(*views, strict=True)], outputs
 
 
 def _batch(arrays: Arrays, ports: tuple[Port, ...]) -> tuple[int, ...] | None:
@@ -105,7 +109,7 @@ def _batch(arrays: Arrays, ports: tuple[Port, ...]) -> tuple[int, ...] | None:
         return None
 
 
-def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: str, arrays: Arrays) -> Arrays | None:
+def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arrays: Arrays) -> Arrays | None:
     """Fresh arrays, or those given if they can be written to in any order: rows without gaps, nothing else in them."""
     if out is None:
         return tuple(np.empty(shape, dtype) for shape in shapes)

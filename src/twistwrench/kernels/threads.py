@@ -32,7 +32,7 @@ POOLS = frozenset({"anyio", "concurrent", "dask", "distributed", "joblib", "mult
 def set_threads(count: int) -> None:
     """Let the methods of robots share a call with many samples among ``count`` threads of this process; 1 (default) is off.
 
-    Results are the same to the bit. One thread is what still computes a call with less than some 0.1 ms of work, one from a
+    Results are the same to the bit. One thread is what still computes a call with less than some 0.2 ms of work, one from a
     worker thread of a pool (``concurrent.futures``, ``multiprocessing``, joblib, Dask), and one of a bare kernel. Raises
     ValueRangeError unless ``count`` is a whole number from 1 to 1024.
 

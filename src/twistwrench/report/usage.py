@@ -16,6 +16,9 @@ _SHELL_WORDS = (
     (r"\bPass frame=…, or load with tip=…", "Name one with --tip FRAME"),
     (r"\b(inertia|mimic|sign|symbols|form)='(\w+)'", r"--\1 \2"),
     (r"\b(orientation|inertia)=True", r"--\1"),
+    (r"\bprecision='double'", "without --float"),
+    (r"\btest=False", "--no-test"),
+    (r"\bprefix='([^']*)'", r"--prefix '\1'"),
     (r"\bfloating_base=True", "--floating-base"),
     (r"\b(limits|tip|lock|frame)=(?:…|(?=[\s.,;]))", r"--\1"),
 )
