@@ -1,10 +1,12 @@
 """Run everything and write the report: `python -m bench [--rounds N] [--robots ur5,panda,talos]`.
 
-`--only one_body` times that section alone and leaves the rest of the results as it is; `--render` times nothing.
+`--only one_body` or `--only threads` times that section alone and leaves the rest of the results as it is; `--render` times
+nothing.
 """
 
 import argparse
 import json
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -41,17 +43,20 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="interleaved repeats (default %(default)s)")
     parser.add_argument("--robots", default=",".join(c.name for c in CASES), help="default %(default)s")
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--only", choices=("one_body",), help="time this section alone and keep the others' results")
+    what.add_argument(
+        "--only", choices=("one_body", "threads"), help="time this section alone and keep the others' results"
+    )
     what.add_argument("--render", action="store_true", help="only write RESULTS.md again, from results.json")
     return parser.parse_args()
 
 
 def _part(name: str, rounds: int) -> dict[str, Any]:
     """What one section takes, by its name in the results."""
-    from bench import one_body
+    from bench import one_body, threads
 
-    pin_to_one_core()
-    return {"one_body": one_body.times}[name](rounds)
+    if name != "threads":
+        pin_to_one_core()
+    return {"one_body": one_body.times, "threads": threads.times}[name](rounds)
 
 
 def _json(results: dict[str, Any]) -> str:
@@ -68,6 +73,8 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
         "rounds": options.rounds,
         "robots": {},
     }
+    with suppress(ImportError):  # the robots say below what is missing
+        results["threads"] = _part("threads", options.rounds)  # before all is kept on one core
     results["machine"]["core"] = pin_to_one_core()
     for case in cases:
         results["robots"][case.name] = _robot(case, builds, missing, options.rounds)

@@ -18,7 +18,7 @@ def write(results: dict[str, Any]) -> str:
     """The whole of RESULTS.md."""
     parts = [_head(results), _required(results)]
     parts += [_robot(robot, results["missing"]) for robot in results["robots"].values()]
-    parts += [part(results) for part in (_agreement, _builds, _operations, _one_body, _kernels, _start)]
+    parts += [part(results) for part in (_agreement, _builds, _operations, _one_body, _threads, _kernels, _start)]
     return "\n\n".join([*filter(None, parts), METHOD.read_text()])
 
 
@@ -160,6 +160,29 @@ def _beside_ours(timings: dict[str, dict[str, float]], name: str) -> str:
     timing, ours = timings[name], next(iter(timings.values()))  # ours comes first
     text = f"{timing['median']:.0f} [{timing['low']:.0f}–{timing['high']:.0f}]"
     return text if timing is ours else f"{text} **{times(timing['median'] / ours['median'])}**"
+
+
+def _threads(results: dict[str, Any]) -> str:
+    found = results.get("threads")
+    if not found:
+        return ""
+    rows = [
+        (f"{int(size):,} states", *(_beside_one(timings, count) for count in timings))
+        for size, timings in found["states"].items()
+    ]
+    text = (
+        f"Measured {found['date']} on {found['cpu']}, {found['cores']} cores to use, {found['rounds']} rounds: the panda's"
+        " inverse dynamics through the method, nanoseconds per state, the median, the quartiles, and how many times as"
+        " fast as on one thread. Results are the same to the bit, checked before anything is timed."
+    )
+    counts = next(iter(found["states"].values()), {})
+    head = ("", *(f"{count} thread{'' if count == '1' else 's'}" for count in counts))
+    return section("Large batches on several threads", text, head, rows)
+
+
+def _beside_one(timings: dict[str, dict[str, float]], count: str) -> str:
+    text = f"{duration(timings[count]['median'])} {quartiles(timings[count])}"
+    return text if count == "1" else f"{text} **{times(timings['1']['median'] / timings[count]['median'])}**"
 
 
 def _kernels(results: dict[str, Any]) -> str:

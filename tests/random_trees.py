@@ -25,6 +25,8 @@ SIMPLE_TREES = {f"one_degree{seed}": {"rng": seed, "joints": 6, "kinds": ONE_DEG
 
 
 DRIVEN = {f"driven{seed}": {"rng": seed, "joints": 5, "floating_base": seed == 0} for seed in range(3)}
+UNDRIVEN = tuple(TREES)
+"""Those all of whose bodies are links: where a test looks for bodies by their links, or by how their frames turn."""
 TREES |= DRIVEN
 
 

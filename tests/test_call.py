@@ -132,7 +132,7 @@ def test_robots_with_it_pickle_copy_and_go(robot):
 
 def test_nothing_leaks():
     robot = tw.robots.planar_2r()
-    q, wrong = np.array([0.1, 0.2]), np.zeros(3)
+    q, wrong, nowhere = np.array([0.1, 0.2]), np.zeros(3), np.full(2, np.nan)
     robot.gravity_forces(q)
     robot.gravity_forces(q)
     kept = weakref.ref(robot)
@@ -142,11 +142,28 @@ def test_nothing_leaks():
         robot.gravity_forces([0.1, 0.2])
         with pytest.raises(tw.ShapeError):
             robot.gravity_forces(wrong)
+        robot.gravity_forces(nowhere)
     assert abs(sys.getrefcount(np.dtype(float)) - before[0]) < 5
     assert sys.getrefcount(q) == before[1]
     del robot
     gc.collect()
     assert kept() is None
+
+
+def test_methods_of_a_subclass_or_of_the_user_are_never_passed_by():
+    class Mine(tw.Robot):
+        def gravity_forces(self, q, **options):
+            return super().gravity_forces(q, **options) + 100
+
+    robot = Mine(tw.robots.planar_2r().model)
+    first = robot.gravity_forces(np.zeros(2))
+    for _ in range(3):
+        np.testing.assert_array_equal(robot.gravity_forces(np.zeros(2)), first)
+    plain = tw.robots.planar_2r()
+    vars(plain)["gravity_forces"] = lambda q: "patched"
+    for _ in range(3):
+        tw.Robot.gravity_forces(plain, np.zeros(2))
+    assert plain.gravity_forces(np.zeros(2)) == "patched"
 
 
 def test_threads(robot):

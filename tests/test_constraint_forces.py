@@ -131,7 +131,7 @@ def test_the_ball_joints_of_a_platform_carry_what_its_free_bodies_need(seed):
     rng = np.random.default_rng(seed)
     closed, q = closed_platform()
     robot = closed.robot
-    q = closed.consistent(robot.add(q, 0.1 * rng.standard_normal(robot.nv)), tolerance=1e-14)
+    q = closed.consistent(robot.add(q, 0.1 * rng.standard_normal(robot.nv)), tolerance=1e-14, within=1.0)
     dq, tau = closed.project_velocity(q, rng.standard_normal(robot.nv)), 3 * rng.standard_normal(robot.nv)
     ddq, forces = free_bodies(robot, q, dq, tau, [(f"socket{k}", f"foot{k}") for k in range(LEGS)])
     found = closed.forward_dynamics(q, dq, tau)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import runpy
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ import twistwrench as tw
 from mechanisms import LEGS, along, closed_platform, four_bar, integrated
 from random_trees import DIFFERENCES, ROUNDING
 from twistwrench.algorithms import gaps
+from twistwrench.model.friction import Friction
 from twistwrench.testing import assert_close, derivative, random_robot
 
 
@@ -494,6 +498,54 @@ def test_a_start_that_leads_nowhere_says_which_and_how_far_it_got():
         tw.ConstraintError, match=r"a gap of 0\.1 \(rad or m\) is left \(row 1 of the batch\), allowed 1e-12"
     ):
         arm.consistent([[0.3, 0.3], [0.0, 0.0]])  # stretched out, no joint moves the tip along x
+
+
+def test_a_closed_configuration_that_is_not_near_is_warned_of():
+    arm = tw.robots.planar_3r()
+    held = arm.close("ground", arm.tip, rows="vx vz", pose=along(1.5))
+    start = np.array([2.0, 2.0, 2.0])
+    with pytest.warns(tw.ConstraintWarning, match=r"joint 'joint\d' moved by [\d.]+ \(rad or m\), and 0\.5 is called") as told:
+        q = held.consistent(start)
+    assert told[0].filename == __file__
+    moved = np.abs(arm.subtract(q, start))
+    assert f"joint '{arm.joint_names[moved.argmax()]}' moved by {moved.max():.3g} " in str(told[0].message)
+    assert_close(held.consistent(start, within=np.inf), q, 0.0)  # the same, and silently
+    with pytest.warns(tw.ConstraintWarning, match=r"row 1, 0 of the batch"):
+        held.consistent(np.array([[q], [start]]))
+    with pytest.warns(tw.ConstraintWarning):
+        held.consistent(start, within=0.99 * moved.max())
+    held.consistent(start, within=1.01 * moved.max())
+    for bad in (-1.0, np.nan):
+        with pytest.raises(tw.ValueRangeError, match="within="):
+            held.consistent(start, within=bad)
+
+
+def test_methods_of_the_open_robot_are_pointed_to_and_not_forwarded(linkage):
+    with pytest.raises(AttributeError, match=r"no 'mass_matrix'.*closed\.robot\.mass_matrix\(…\)"):
+        linkage.mass_matrix([0, 0, 0])
+    with pytest.raises(AttributeError, match=r"closed\.robot\.forward_kinematics\(…\)"):
+        linkage.forward_kinematics  # noqa: B018
+    with pytest.raises(AttributeError, match=r"closed\.robot\.neutral\."):
+        linkage.neutral  # noqa: B018
+    with pytest.raises(AttributeError, match="no 'mass_matrx'.$"):
+        linkage.mass_matrx  # noqa: B018
+    again = pickle.loads(pickle.dumps(linkage))
+    assert again.row_names == copy.deepcopy(linkage).row_names == linkage.row_names
+    assert not hasattr(linkage, "_kernels")
+
+
+@pytest.mark.parametrize("actuated", [None, ["a"]])
+def test_inverse_dynamics_with_friction_is_undone_by_forward_dynamics_with_it(linkage, at, actuated):
+    q, dq, _ = at
+    friction = Friction.plain([0.7, 0.1, 0.3], [0.4, 0.2, 0.0])
+    rough = tw.Robot(replace(linkage.robot.model, friction=friction)).close("rocker_pin", "coupler_pin", "vx vz")
+    ddq = rough.project_acceleration(q, dq, [1.0, 0.0, 0.0])
+    without = rough.inverse_dynamics(q, dq, ddq, actuated)
+    tau, lam = rough.inverse_dynamics(q, dq, ddq, actuated, friction=True)
+    assert np.abs(tau - without.tau).max() > 0.1
+    found = rough.forward_dynamics(q, dq, tau, friction=True)
+    assert_close(found.ddq, ddq, 1e-11, "ddq")
+    assert_close(found.lam, lam, 1e-11, "λ")
 
 
 def test_the_example_draws_and_says_what_its_motion_keeps(tmp_path, capsys):

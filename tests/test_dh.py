@@ -62,6 +62,20 @@ def test_gravity_torques_of_the_puma_560():
     assert np.abs(g - [0, 31.6399, 6.0351, 0, 0.0283, 0]).max() <= 5e-5  # four decimals printed
 
 
+def test_the_puma_560_with_moments_of_inertia_weighs_the_same_and_can_be_let_go():
+    points = tw.from_dh(PUMA, masses=PUMA_MASSES, coms=PUMA_COMS)
+    assert len(points.defects) == 5
+    moments = np.multiply.outer([0, 0.2, 0.05, 2e-3, 5e-4, 1e-4], np.eye(3))
+    puma = tw.from_dh(PUMA, masses=PUMA_MASSES, coms=PUMA_COMS, moments_about_com=moments)
+    assert puma.defects == ()
+    q = np.array([0, np.pi / 4, np.pi, 0, np.pi / 4, 0])
+    g = puma.gravity_forces(q)
+    assert_close(g, points.gravity_forces(q), EXACT, "g", scale=10.0)
+    assert_close(puma.forward_dynamics(q, np.zeros(6), g), np.zeros(6), 1e-9, "held still", scale=1.0)
+    with pytest.raises(tw.SingularMassMatrixError, match="joint6"):
+        points.forward_dynamics(q, np.zeros(6), g)
+
+
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 @pytest.mark.parametrize("seed", range(5))
 def test_every_link_frame_is_where_the_rows_matrices_put_it(convention, seed):
@@ -185,6 +199,21 @@ BAD = [
 def test_what_is_no_table_is_an_error_that_says_why(arguments, error, message):
     with pytest.raises(error, match=message):
         tw.from_dh(**arguments)
+
+
+@pytest.mark.parametrize(("column", "row"), [("alpha", 1), ("theta", 3)])
+def test_angles_in_degrees_are_doubted(column, row):
+    table = {"a": [0.3, 0.2, 0.1], column: [0.0] * 3}
+    table[column][row - 1] = -90.0
+    told = rf"{column} of row {row} of the .* table is -90, more than a whole turn.*radians\?.*np\.radians\({column}\)"
+    with pytest.warns(tw.ModelWarning, match=told):
+        robot = tw.from_dh(table)
+    assert column in robot.defects[0]
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_angles_of_a_whole_turn_are_not_doubted(convention):
+    assert not tw.from_dh({"alpha": [2 * np.pi, -np.pi], "theta": [-2 * np.pi, 6.0]}, convention=convention).defects
 
 
 def test_an_impossible_body_may_be_accepted():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from random_trees import ROUNDING, body_poses, frames
+from random_trees import ROUNDING, UNDRIVEN, body_poses, frames
 from twistwrench import Ad, ad, se3
 from twistwrench.testing import assert_close, random_robot
 
@@ -77,6 +77,7 @@ def test_joint_wrenches_projected_on_the_axes_are_the_torques(robot, state):
     assert_close(tau, robot.inverse_dynamics(*state), ROUNDING, "A'F = τ")
 
 
+@pytest.mark.parametrize("robot", UNDRIVEN, indirect=True)
 def test_every_body_is_in_balance(robot, state, rng):
     """What comes through its joint, less what it passes on, moves the body: F = G dV - ad(V)' G V, MR eq. 8.40."""
     q, dq, ddq = state

@@ -377,6 +377,18 @@ BAD = [
     ("MatrixLog3", (np.diag([1.0, 1.0, 2.0]),), tw.ValueRangeError, "nearest one is"),
     ("MatrixLog6", (np.ones((4, 4)),), tw.ValueRangeError, "last row"),
     ("MatrixExp3", (np.zeros((2, 2)),), tw.ShapeError, "so3mat has shape"),
+    ("MatrixLog3", (np.ones((3, 3)),), tw.ValueRangeError, "^MatrixLog3: R: not a rotation.*ProjectToSO3"),
+    ("TransInv", (np.diag([1.0, 1.0, 2.0, 1.0]),), tw.ValueRangeError, "^TransInv: T: not a"),
+    ("MatrixExp3", (np.eye(3),), tw.ValueRangeError, "^MatrixExp3: so3mat is not skew.* 2 of its largest.*VecToso3"),
+    ("MatrixExp3", (np.array([np.zeros((3, 3)), np.eye(3)]),), tw.ValueRangeError, "^MatrixExp3: so3mat.*row 1 of the batch"),
+    ("so3ToVec", (np.eye(3),), tw.ValueRangeError, "^so3ToVec: so3mat is not skew"),
+    ("MatrixExp6", (np.eye(4),), tw.ValueRangeError, "^MatrixExp6: se3mat is not skew"),
+    ("se3ToVec", (np.diag([0.0, 0.0, 0.0, 1.0]),), tw.ValueRangeError, "^se3ToVec: se3mat has no last row of zeros"),
+    ("IKinSpace", (ROBOT[2], np.eye(4), np.full((4, 4), np.nan), Z, 1, 1), tw.ValueRangeError, r"^IKinSpace: T has the entry nan at \(0, 0\)"),
+    ("IKinBody", (ROBOT[2], np.full((4, 4), np.inf), np.eye(4), Z, 1, 1), tw.ValueRangeError, "^IKinBody: M has the entry inf"),
+    ("IKinBody", (ROBOT[2], np.eye(4), np.eye(4), [0.0, np.nan], 1, 1), tw.ValueRangeError, "^IKinBody: thetalist0 has the entry nan"),
+    ("IKinSpace", (ROBOT[2], np.eye(4), np.eye(4), Z, 1, np.nan), tw.ValueRangeError, "^IKinSpace: ev is nan"),
+    ("IKinSpace", (ROBOT[2], np.eye(4), np.eye(4), Z, -1, 1), tw.ValueRangeError, "^IKinSpace: eomg is -1"),
     ("Normalize", ([0.0, 0.0],), tw.ValueRangeError, "no direction"),
     ("JointTrajectory", ([1], [2], 1.0, 1, 3), tw.ValueRangeError, "N is 1"),
     ("JointTrajectory", ([1], [2], 1.0, 4, 4), tw.ValueRangeError, "method is 4"),
@@ -391,6 +403,16 @@ BAD = [
 def test_bad_input_is_an_error_of_the_tree_that_names_it(name, arguments, error, message):
     with pytest.raises(error, match=message):
         getattr(mr, name)(*arguments)
+
+
+def test_rounded_skew_symmetric_matrices_are_read_as_they_are():
+    W = tw.so3.hat([0.3, -0.5, 0.8])
+    W[0, 1] += 5e-3
+    assert gap(mr.so3ToVec(W), [0.3, -0.5, 0.8]) == 0
+    assert gap(mr.MatrixExp3(W), mr.MatrixExp3(tw.so3.hat([0.3, -0.5, 0.8]))) == 0
+    noise = 1e-9 * np.eye(3)  # what is left of a difference of rotations
+    assert not mr.so3ToVec(noise).any()
+    assert np.isnan(mr.so3ToVec(np.full((3, 3), np.nan))).all()
 
 
 def test_rounded_rotations_are_read_as_the_nearest_one():

@@ -216,3 +216,23 @@ def test_several_quantities_asked_for_wrongly():
         robot.kernel("bias_forces", "mass")
     with pytest.raises(tw.UnknownNameError):
         robot.kernel()
+
+
+@pytest.mark.parametrize("jit", ["0", "1"])
+def test_complex_numbers_are_refused_by_every_target(monkeypatch, jit):
+    monkeypatch.setenv("TWISTWRENCH_JIT", jit)
+    robot = tw.robots.planar_2r()
+    for ask in (robot.mass_matrix, lambda q: robot.reference("mass_matrix", q)):
+        with pytest.raises(tw.ShapeError, match="not an array of real numbers"):
+            ask(np.array([1j, 2.0]))
+
+
+def test_options_of_kernels_that_cannot_be_meant():
+    robot = tw.robots.ur5()
+    with pytest.raises(tw.KernelError, match="'input' makes gravity"):
+        robot.kernel("inverse_dynamics", gravity=np.array([0, 0, -9.81]))
+    with pytest.raises(tw.KernelError, match="Give the names of frames"):
+        robot.kernel("inverse_dynamics", wrenches=5)
+    for q, F in (([np.nan] * 6, None), (np.zeros(6), [1, 2, 3, 4, 5, 6])):
+        with pytest.raises(tw.TwistWrenchError):
+            robot.closed_form(q, np.zeros(6), wrench_by_robot=F)

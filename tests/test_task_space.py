@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -119,6 +121,44 @@ def test_a_stretched_arm_is_infinitely_heavy_along_itself_and_says_so(arm):
     assert len(arm.lost_directions([0.3, 1.0])) == 4  # wx, wz, vy, and one of wy, vx, vz
 
 
+def test_rows_that_are_lost_everywhere_are_named_once_with_independent_ones():
+    arm = tw.robots.planar_2r()
+    with pytest.warns(tw.ModelWarning, match=r"of the 6 rows of 'tip' \('body'\) only 2.*wx wy wz vy never.*rows='vx vz'") as told:
+        Lambda = arm.task_inertia([0.3, 1.0])
+        arm.task_inertia([0.3, 1.1])
+        arm.task_bias([0.3, 1.1], [1.0, 1.0])
+    assert len(told) == 1
+    assert told[0].filename == __file__
+    assert not Lambda[[0, 2, 4]].any()  # no motion, no inertia
+    with pytest.warns(tw.ModelWarning, match=r"of the 3 rows of 'tip' \('space'\) only 2 .* vy never"):
+        arm.task_inertia([0.3, 1.0], kind="space", rows="wy vx vy")
+    with pytest.warns(tw.ModelWarning, match="does not move along any of them"):
+        arm.task_bias([0.3, 1.0], [1.0, 1.0], rows="vy")
+
+
+def test_rows_that_are_lost_at_single_configurations_are_not_called_lost(arm, ur5):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        arm.task_inertia([[0.0, 0.0], [0.0, np.pi / 2]], **PLANE)
+        ur5.task_inertia(ur5.neutral)
+
+
+def test_lost_directions_of_a_batch_are_those_of_its_samples_and_then_zeros(arm, ur5):
+    q = np.array([[[0.3, 1.0], [0.7, 0.0], [0.2, np.pi]], [[0.1, 0.5], [0.0, 0.0], [1.0, 1.0]]])
+    lost = arm.lost_directions(q, **PLANE)
+    assert lost.shape == (2, 3, 1, 2)
+    for index in np.ndindex(2, 3):
+        alone = arm.lost_directions(q[index], **PLANE)
+        assert len(alone) == int(q[index][1] in (0.0, np.pi))
+        assert_close(lost[index][: len(alone)], alone, 1e-12, "its own")
+        assert not lost[index][len(alone) :].any()
+    assert arm.lost_directions(q[:, ::2][..., :1, :], **PLANE).shape == (2, 1, 0, 2)
+    assert arm.lost_directions(np.zeros((0, 2)), **PLANE).shape == (0, 0, 2)
+    some = ur5.lost_directions(np.stack([ur5.neutral, ur5.random_configuration(0)]))
+    assert some.shape == (2, 1, 6)
+    assert not some[1].any()
+
+
 @pytest.mark.parametrize("angle", [1e-2, 1e-4, 1e-5, 1e-6])
 def test_near_the_singular_configuration_the_inertia_grows_as_it_should(arm, angle):
     """Elimination, then singular values: both against the exact Λ = J⁻ᵀ M J⁻¹ of the 2R arm in fifty digits.
@@ -210,8 +250,8 @@ def test_shapes_frames_and_kinds_are_checked(arm):
         arm.task_inertia([0, 1], "hand")
     with pytest.raises(tw.UnknownNameError, match="spatial"):
         arm.task_bias([0, 1], [0, 0], kind="spatial")
-    with pytest.raises(tw.ShapeError, match=r"lost_directions: q has shape \(2, 2\)"):
-        arm.lost_directions(np.zeros((2, 2)))
+    with pytest.raises(tw.ShapeError, match=r"lost_directions: q has shape \(2, 3\)"):
+        arm.lost_directions(np.zeros((2, 3)))
 
 
 def test_a_robot_without_inertia_says_so():

@@ -14,8 +14,10 @@ from motions import LOAD, SLED, report_of, write_motion
 from twistwrench import load, robots
 from twistwrench.errors import TwistWrenchError, ValueRangeError
 from twistwrench.report.limits_file import read_limits
-from twistwrench.report.load import TERMS
+from twistwrench.report.derivatives import Differentiation
+from twistwrench.report.load import TERMS, LoadedRobot
 from twistwrench.report.tables import torque_label
+from twistwrench.report.trajectory import Trajectory
 
 pytest_plugins = ("torque_fixtures",)
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"
@@ -77,7 +79,7 @@ def test_the_plot_is_a_picture(run, ur5, motion_file, tmp_path):
 
 def test_lines_break_at_gaps_and_labels_are_the_tables(ur5, motion, tmp_path):
     pytest.importorskip("matplotlib")
-    from twistwrench.report.plot import _broken, _title
+    from twistwrench.report.plot import _broken, report_title
 
     time, curve = _broken(np.r_[0:5, 20:25] * 1.0, 5.0, np.arange(10.0))
     assert np.flatnonzero(np.isnan(curve)).tolist() == [5]
@@ -85,7 +87,7 @@ def test_lines_break_at_gaps_and_labels_are_the_tables(ur5, motion, tmp_path):
     t, *columns = motion
     path = write_motion(tmp_path / "m.csv", ur5, t, columns)
     report = report_of(ur5, path, friction=False, wrenches={"tool0": np.ones(6)})
-    assert _title(report) == "ur5 · m · wrench on tool0 · without friction"
+    assert report_title(report) == "ur5 · m · wrench on tool0 · without friction"
     assert torque_label(report, 1342.0) == "1342"
     assert torque_label(report, 1e-9 * report.scale) == "0"
 
@@ -192,3 +194,29 @@ def test_ten_million_rows_go_through_under_a_gibibyte(tmp_path):
     code, memory = re.search(r"code (\d) MiB (\S+)", done.stdout).groups()
     assert code in "01"
     assert float(memory) < 1024
+
+
+def test_friction_is_left_out_where_the_spline_rings_and_the_samples_stand_still(tmp_path):
+    """A motion that halts, with nine decimals at 10 ms: beside the halt the spline swings by less than a sample shows."""
+    t = np.arange(0, 4.0, 0.01)
+
+    def eased(x):
+        x = np.clip(x, 0, 1)
+        return 10 * x**3 - 15 * x**4 + 6 * x**5
+
+    q = 0.8 * eased(t / 1.5) - 0.8 * eased((t - 2.5) / 1.5)
+    robot = robots.planar_2r().with_actuators(
+        {"actuators": {j: {"friction": {"coulomb": "5 N m"}} for j in ("joint1", "joint2")}}
+    )
+    path = tmp_path / "halt.csv"
+    rows = [f"{a:.2f},{b:.9f},{b / 3:.9f}" for a, b in zip(t, q, strict=True)]
+    path.write_text("\n".join(["time,joint1,joint2", *rows]))
+    plan = Differentiation.plan(Trajectory.open(path, robot.model), robot.model)
+    load = LoadedRobot(robot)
+    (states,) = plan.states(10_000)
+    friction = load.terms(states)["friction"]
+    halted = (t > 1.505) & (t < 2.495)
+    assert np.abs(friction[halted]).max() < 1e-3
+    moving = (t > 0.1) & (t < 1.4)
+    np.testing.assert_allclose(friction[moving], 5.0)
+    np.testing.assert_allclose(friction[(t > 2.6) & (t < 3.9)], -5.0)

@@ -55,9 +55,12 @@ class RobotOptions:
         """The robot meant: a bundled one by name, or a file by its path."""
         return self._load()[0]
 
-    def load_and_locked(self) -> tuple[Robot, tuple[str, ...]]:
-        """The robot, and the names of all joints that the options hold still, those that follow them among them."""
-        return self._load()
+    def load_and_locked(self, *, stiff: bool = False) -> tuple[Robot, tuple[str, ...]]:
+        """The robot, and the names of all joints that the options hold still, those that follow them among them.
+
+        ``stiff`` takes elastic gears to be rigid.
+        """
+        return self._load(stiff=stiff)
 
     @property
     def files(self) -> dict[str, str | None]:
@@ -65,13 +68,13 @@ class RobotOptions:
         given = {"ROBOT": self.source, "--actuators": self.actuators}
         return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
 
-    def _load(self) -> tuple[Robot, tuple[str, ...]]:
+    def _load(self, *, stiff: bool = False) -> tuple[Robot, tuple[str, ...]]:
         make = self._maker()
         options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
         if self.floating_base:  # some bundled robots float of themselves
             options["floating_base"] = True
         if not self.lock:
-            return self._driven(make(lock={}, **options)), ()
+            return self._driven(make(lock={}, **options), stiff=stiff), ()
         # Which locked joints turn and which slide, and their limits, are known only once the robot is.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
@@ -79,7 +82,10 @@ class RobotOptions:
         kinds = {b.joint.name: b.joint.kind for b in free.bodies}
         degrees = {n: self.degrees and kinds.get(n) != "prismatic" for n in self.lock}
         lock = {n: math.radians(v) if degrees[n] else v for n, v in self.lock.items()}
-        robot = self._driven(make(lock={}, **options)).lock(lock) if self.actuators else make(lock=lock, **options)
+        if self.actuators:
+            robot = self._driven(make(lock={}, **options), stiff=stiff).lock(lock)
+        else:
+            robot = make(lock=lock, **options)
         for b in free.leaders:
             name = b.joint.name
             if name in lock and b.joint.nv == 1:
@@ -94,10 +100,10 @@ class RobotOptions:
         moving = {b.joint.name for b in robot.model.bodies}
         return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
 
-    def _driven(self, robot: Robot) -> Robot:
+    def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
         if self.actuators is None:
             return robot
-        return robot.with_actuators(_bundled(self.actuators, self.source, ".yaml", "actuator file"))
+        return robot.with_actuators(_bundled(self.actuators, self.source, ".yaml", "actuator file"), stiff=stiff)
 
     def _maker(self) -> Callable[..., Robot]:
         from . import robots
@@ -251,9 +257,9 @@ def torques(
     from .report.load import LoadedRobot, parse_payload, parse_wrenches
     from .report.tables import report_view
     from .report.torques import analyse
-    from .report.trajectory import Trajectory
+    from .report.trajectory import Trajectory, moves_motors
 
-    robot, locked = options.load_and_locked()
+    robot, locked = options.load_and_locked(stiff=not moves_motors(path))
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
@@ -274,7 +280,7 @@ def torques(
 
         if not report.motors:
             raise ValueRangeError(f"{options.actuators} describes no motor, so there is nothing to draw for --motor-plot.")
-        plot_motors(report.motors, f"{robot.name} · {path.stem} · motors", motor_plot)
+        plot_motors(report, motor_plot)
     for written in filter(None, (csv_path, plot_path, motor_plot)):
         click.echo(f"wrote {written}")
     if report.excesses or any(use.too_small for use in report.motors):

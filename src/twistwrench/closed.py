@@ -10,11 +10,10 @@ shape goes.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +25,7 @@ from .algorithms.gaps import closure_gaps, settled
 from .algorithms.jacobians import KINDS
 from .algorithms.reach import Reach, doubtful, independent_rows
 from .algorithms.task_space import ROWS, row_numbers
-from .errors import ConstraintError, ConstraintWarning, UnknownNameError, ValueRangeError
+from .errors import ConstraintError, UnknownNameError, ValueRangeError
 from .lie import checks
 from .model.model import BASE
 from .robot import Robot, Rows, Wrenches
@@ -67,7 +66,7 @@ class ClosedRobot:
     >>> import numpy as np, twistwrench as tw
     >>> arm = tw.robots.planar_3r()
     >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-    >>> q = held.consistent([0.5, 0.5, 0.5])
+    >>> q = held.consistent([-0.6, 0.2, 2.2])
     >>> bool(abs(held.constraint_error(q)).max() < 1e-12)
     True
     >>> ddq, lam = held.forward_dynamics(q, [0, 0, 0], [0, 0, 0])
@@ -87,6 +86,16 @@ class ClosedRobot:
         held = ", ".join(f"{c.name} {' '.join(ROWS[k] for k in c.rows)}" for c in self.constraints)
         free = self.robot.nv - len(self.independent)
         return f"<ClosedRobot {self.robot.name!r}: {held or 'open'}; {free} degree{'s' * (free != 1)} of freedom>"
+
+    if not TYPE_CHECKING:  # so that checkers of types refuse these names too
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Say where the open robot's methods are; forwarding them would hide that they know nothing of the loops."""
+            hint = ""
+            if not name.startswith("_") and hasattr(Robot, name):
+                call = "(…)" if callable(getattr(Robot, name)) else ""
+                hint = f" Of the robot with its loops open, without the constraints: closed.robot.{name}{call}."
+            raise AttributeError(f"a ClosedRobot has no {name!r}.{hint}", name=name, obj=self)
 
     # ── closing ──
 
@@ -115,7 +124,7 @@ class ClosedRobot:
     def constrain(
         self, frame: str, rows: Rows, kind: str = "body", *, near: ArrayLike | None = None, redundant: str = "error"
     ) -> ClosedRobot:
-        """Constrain one more velocity; see :meth:`twistwrench.Robot.constrain`."""
+        """Constrain one more velocity, along the frame's own axes (``kind="body"``); see :meth:`twistwrench.Robot.constrain`."""
         if kind not in KINDS:
             raise UnknownNameError.of("kind", kind, KINDS)
         if self.robot.model.frame(frame).body == BASE:
@@ -164,33 +173,30 @@ class ClosedRobot:
         (q,) = self._state("constraint_error", q=q)
         return self.gaps(q)
 
-    def consistent(self, q: ArrayLike, tolerance: float = CLOSED) -> Array:
+    def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = closing.NEAR) -> Array:
         """A configuration near q with every loop closed to ``tolerance`` (rad, m); (nq) → (nq).
 
-        Steps are the least in the kinetic metric. Raises ConstraintError, with the gap that is left, where none is reached.
+        Steps are the least in the kinetic metric, and where loops are far open they add up: ``robot.subtract(found, q)`` is how
+        far each joint went. A ConstraintWarning says so where one went further than ``within`` (rad or m; ``np.inf``: never).
+        Raises ConstraintError, with the gap that is left, where no configuration is reached.
 
         >>> import twistwrench as tw
         >>> arm = tw.robots.planar_3r()
         >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> held.consistent([-0.7, 1.1, 1.2]).round(4).tolist()
-        [-0.6096, 0.1992, 2.2203]
+        >>> q = held.consistent([-0.7, 1.1, 1.2], within=1.5)
+        >>> q.round(4).tolist(), arm.subtract(q, [-0.7, 1.1, 1.2]).round(4).tolist()
+        ([-0.6096, 0.1992, 2.2203], [0.0904, -0.9008, 1.0203])
         """
         (q,) = self._state("consistent", q=q)
         if not checks.number(tolerance, "tolerance") > 0:
             raise ValueRangeError(f"tolerance={tolerance!r} is not allowed: a positive number, such as {CLOSED:g}.")
+        if not checks.number(within, "within") >= 0:
+            raise ValueRangeError(f"within={within!r} is not allowed: rad or m, 0 or more, such as {closing.NEAR:g}.")
         flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
-        if (left > tolerance).any():
-            worst = int(left.argmax())
-            place = (
-                f" (row {', '.join(map(str, np.unravel_index(worst, q.shape[:-1])))} of the batch)"
-                if q.ndim > 1
-                else ""
-            )
-            raise ConstraintError(
-                f"no configuration with closed loops found from here: a gap of {left[worst]:.3g} (rad or m) is left"
-                f"{place}, allowed {tolerance:g}. Start nearer to one, or allow more: consistent(q, tolerance=…)."
-            )
-        return flat.reshape(q.shape)
+        closing.require_found(left, tolerance, q.shape[:-1])
+        found = flat.reshape(q.shape)
+        closing.warn_of_far(self.robot, q, found, within)
+        return found
 
     def settled(self, starts: Array, tolerance: float) -> tuple[Array, Array]:
         """Configurations near the starts (n, nq) and the gap left at each (n,): :meth:`consistent` without its judgement."""
@@ -325,14 +331,7 @@ class ClosedRobot:
     def _by_singular_values(self, q: Array, dq: Array, force: Array) -> tuple[Array, Array]:
         """The same from τ - h (n, nv), however singular A is."""
         _, reach = self._reach(q)
-        lost = reach.rank < len(self.independent)
-        if lost.any():
-            warnings.warn(
-                f"singular configuration: {lost.sum()} of these states hold the constraints by {reach.rank.min()} "
-                f"directions, not {len(self.independent)}; λ is the one of least norm.",
-                ConstraintWarning,
-                stacklevel=3,
-            )
+        closing.warn_of_singular(reach.rank, len(self.independent))
         return reach.constrained(force, self.constraint_bias(q, dq))
 
     def inverse_dynamics(
@@ -344,16 +343,19 @@ class ClosedRobot:
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
     ) -> ConstrainedTorques:
         """τ of the ``actuated`` joints (None: all), and λ, for a motion that meets the constraints; → (nv), (k).
 
-        With more motors than degrees of freedom τ is the one of least norm. Raises ConstraintError where q, dq or ddq breaks
+        ``friction=True`` adds what overcomes the friction of all joints, driven or not, as :meth:`forward_dynamics` takes it
+        off; friction that grows with the load is that of the torques the open robot would need. With more motors than degrees of freedom τ is the one of least norm. Raises ConstraintError where q, dq or ddq breaks
         the constraints, as in :meth:`forward_dynamics`, and where the motors named cannot make the motion.
         """
         q, dq, ddq = self._state("inverse_dynamics", q=q, dq=dq, ddq=ddq)
         closing.require_met(self, q, dq, ddq)
         driven = closing.driven(self.robot, actuated)
-        f = self.robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=wrench_by_robot, wrench_on_robot=wrench_on_robot)
+        wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        f = self.robot.inverse_dynamics(q, dq, ddq, **wrenches, friction=friction)
         A, reach = self._reach(q)
         lam, left = balance(f, A, self.sizes, driven)
         if not np.abs(left).max(initial=0.0) <= UNBALANCED * np.abs(f).max(initial=0.0):

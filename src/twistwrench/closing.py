@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .algorithms.constraints import Closure, Constraint
 from .algorithms.reach import through, usual_sizes
 from .algorithms.task_space import ROWS
-from .errors import ConstraintError, UnknownNameError
+from .errors import ConstraintError, ConstraintWarning, UnknownNameError
 from .lie import checks
 
 if TYPE_CHECKING:
@@ -29,16 +30,22 @@ FOUND = 1e-10
 OPEN, ASTRAY = 1e-2, 0.1
 """How far open loops may be, rad and m, and which part of a rate may break the constraints, for the dynamics to be asked for.
 The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the step."""
+NEAR = 0.5
+"""rad and m: what has to move further for its loops to close is no longer near."""
 
 __all__ = [
+    "NEAR",
     "REDUNDANT",
     "driven",
     "joints",
     "refuse_redundant",
     "require_angle",
+    "require_found",
     "require_met",
     "row_sizes",
     "some_configurations",
+    "warn_of_far",
+    "warn_of_singular",
 ]
 
 
@@ -101,6 +108,53 @@ def refuse_redundant(closed: ClosedRobot) -> None:
         f"or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', which "
         "takes the λ of least norm."
     )
+
+
+def require_found(left: Array, tolerance: float, batch: tuple[int, ...]) -> None:
+    """Raise a ConstraintError that names the start that leaves the widest gap of ``left`` (n,), where that is too wide."""
+    if not (left > tolerance).any():
+        return
+    worst = int(left.argmax())
+    raise ConstraintError(
+        f"no configuration with closed loops found from here: a gap of {left[worst]:.3g} (rad or m) is left"
+        f"{_place(worst, batch)}, allowed {tolerance:g}. Start nearer to one, or allow more: consistent(q, tolerance=…)."
+    )
+
+
+def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
+    """Warn of the joint that went furthest from q to ``found`` (..., nq), if that is further than ``within``."""
+    moved = np.abs(robot.subtract(found, q))
+    if not (moved > within).any():
+        return
+    *row, k = np.unravel_index(int(moved.argmax()), moved.shape)
+    (joint,) = joints(robot, np.arange(robot.nv) == k)
+    warnings.warn(
+        f"the closed configuration found is not near: joint {joint!r} moved by {moved.max():.3g} (rad or m)"
+        f"{_in_words(row)}, and {within:g} is called near. robot.subtract(found, q) is how far each one went; start nearer to "
+        "the configuration meant, or allow more: consistent(q, within=…).",
+        ConstraintWarning,
+        stacklevel=3,
+    )
+
+
+def warn_of_singular(rank: Array, usual: int) -> None:
+    """Warn of states that hold the constraints by fewer directions than usual."""
+    if (lost := rank < usual).any():
+        warnings.warn(
+            f"singular configuration: {lost.sum()} of these states hold the constraints by {rank.min()} "
+            f"directions, not {usual}; λ is the one of least norm.",
+            ConstraintWarning,
+            stacklevel=4,
+        )
+
+
+def _place(flat: int, batch: tuple[int, ...]) -> str:
+    return _in_words(np.unravel_index(flat, batch)) if batch else ""
+
+
+def _in_words(row: Iterable[Any]) -> str:
+    numbers = ", ".join(map(str, row))
+    return f" (row {numbers} of the batch)" if numbers else ""
 
 
 def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = None) -> None:

@@ -17,7 +17,7 @@
     ├── KernelError (RuntimeError)          compiled code could not be made or used
     └── MissingExtraError (ImportError)     an optional package is not installed
 
-    ConstraintWarning (UserWarning)         a singular configuration of constraints; the answer is one of many
+    ConstraintWarning (UserWarning)         a singular configuration of constraints, or a closed one far from the start
     ModelWarning (UserWarning)              a robot file says something doubtful; the robot still loads
 
 Each message names the offender, says what is allowed, and what to try.
@@ -123,7 +123,7 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
 
 class ConstraintWarning(UserWarning):
-    """Constraints at a singular configuration: the forces of constraint are one choice of many."""
+    """Constraints at a singular configuration, their forces one choice of many; or loops that closed only far from the start."""
 
 
 class ModelWarning(UserWarning):

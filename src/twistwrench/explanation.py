@@ -64,7 +64,8 @@ class Explanation:
         return np.asarray(mine.sum(axis=-2) if term is None else mine[..., self.terms.index(term), :])
 
     def and_also(self, name: str, tau: Array) -> Explanation:
-        """With torques (..., nv) that no body causes, as a term and a cause of that name."""
+        """With torques (..., nv) that no body causes, as a term and a cause of that name; in brackets if a body has it."""
+        name = f"({name})" if name in self.causes else name
         parts = np.pad(self.parts, [(0, 0)] * (self.parts.ndim - 3) + [(0, 1), (0, 1), (0, 0)])
         parts[..., -1, -1, :] = tau
         return replace(self, terms=(*self.terms, name), causes=(*self.causes, name), parts=parts)

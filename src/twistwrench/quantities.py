@@ -141,7 +141,7 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         model.frame(frame)
         full["frame"] = model.tip if frame is None else frame
     if options.get("gravity") is not None:
-        if options["gravity"] != "input":
+        if not isinstance(options["gravity"], str) or options["gravity"] != "input":
             raise KernelError(
                 f"{name}: gravity={options['gravity']!r} is not allowed. 'input' makes gravity the kernel's last input; "
                 "for another constant one, robot.with_gravity."
@@ -159,6 +159,8 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         full["constraints"] = _constraints(name, options.get("constraints", ()))
     if "wrenches" in allowed:
         frames = options.get("wrenches", ())
+        if not isinstance(frames, str | Sequence):
+            raise KernelError(f"{name}: wrenches={frames!r} is not allowed. Give the names of frames.")
         full["wrenches"] = (frames,) if isinstance(frames, str) else tuple(frames)
         for frame in full["wrenches"]:
             model.frame(frame)

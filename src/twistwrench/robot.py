@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import operator
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,14 +19,15 @@ from . import quantities
 from .algorithms.closed_form import ClosedForm, closed_form
 from .algorithms.motors import MotorLoads, motor_loads
 from .algorithms.power import PowerBalance, power_balance
-from .algorithms.reach import Reach, doubtful, usual_sizes
+from .algorithms.reach import Reach, doubtful, independent_rows, usual_sizes
 from .algorithms.regressor import PARAMETER_NAMES
-from .algorithms.task_space import row_numbers
+from .algorithms.task_space import ROWS, row_numbers
 from .bodies.inertia import SpatialInertia
 from .errors import (
     FrameError,
     KernelError,
     ModelError,
+    ModelWarning,
     ShapeError,
     SingularMassMatrixError,
     UnknownNameError,
@@ -123,7 +125,8 @@ class Robot:
         self._called: dict[Any, Any] = {}
         self._called_once: set[Any] = set()
         self._regressor: Any = None
-        self._sizes: dict[Any, Array] = {}
+        self._ways: dict[Any, tuple[Array, Array, Array]] = {}
+        self._judged: set[tuple[str | None, str, tuple[int, ...]]] = set()
 
     def __repr__(self) -> str:
         return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}>"
@@ -286,9 +289,10 @@ class Robot:
         """The same robot under another gravity, (3,) m/s² in the base frame."""
         return Robot(edit.with_gravity(self.model, gravity))
 
-    def with_actuators(self, source: str | Path | Mapping[str, Any]) -> Robot:
+    def with_actuators(self, source: str | Path | Mapping[str, Any], *, stiff: bool = False) -> Robot:
         """The robot with motors, gears, rotors, elastic joints and friction laws from a YAML file, text, or mapping.
 
+        ``stiff=True`` takes elastic gears to be rigid, so that no motor has a coordinate of its own, and warns of it.
         Raises NotFoundError, ModelError and UnknownNameError, which name the entry. docs/actuation.md shows the file.
 
         >>> import twistwrench as tw
@@ -299,7 +303,7 @@ class Robot:
         """
         from .io.actuators import add_actuators
 
-        return Robot(add_actuators(self.model, source))
+        return Robot(add_actuators(self.model, source, stiff=stiff))
 
     def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
         """A robot whose named joints are fixed at the given coordinates."""
@@ -408,7 +412,7 @@ class Robot:
         """The same quantity by the algorithm itself on floats, one state at a time: the readable oracle."""
         full = quantities.checked_options(self.model, name, options)
         quantity = quantities.QUANTITIES[name]
-        symbols = [np.asarray(a, float).astype(object) for a in arrays]
+        symbols = [a.astype(object) for a in _numbers(f"reference {name}", **{f"input {k + 1}": a for k, a in enumerate(arrays)})]
         shapes = quantity.shapes(self.model) + [("wrench", (6,))] * len(full.get("wrenches", ()))
         shapes += [("gravity", (3,))] * ("gravity" in full)
         shapes += [("parameters", (len(full.get("parameters", ())),))] * ("parameters" in full)
@@ -449,8 +453,8 @@ class Robot:
 
     def _put_in_front(self, name: str, kernel: Any) -> None:
         """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before."""
-        method = getattr(type(self), name, None)
-        if method is not None:
+        method = getattr(Robot, name, None)
+        if method is not None and getattr(type(self), name) is method and name not in vars(self):
             from .kernels.call import make_call
 
             direct = make_call(kernel, method.__get__(self), name)
@@ -741,8 +745,7 @@ class Robot:
         """Call a kernel that takes the wrenches applied by the robot as further inputs."""
         total: dict[str, Array] = {}
         for sign, wrenches in ((1.0, by), (-1.0, on)):
-            if wrenches is not None and not isinstance(wrenches, Mapping):
-                raise ShapeError("wrenches are a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
+            _check_mapping(wrenches)
             for frame, F in (wrenches or {}).items():
                 mine = sign * self._wrench(frame, F)
                 try:
@@ -785,7 +788,9 @@ class Robot:
 
         ``frame`` (None: the tip) and ``kind`` as for :meth:`jacobian`; ``rows`` by name, ``"vx vz"``, or number, 0 to 5; None
         is all six. Where J loses rank, Λ is the pseudo-inverse, which acts on the directions that remain:
-        :meth:`lost_directions` are the others. Raises SingularMassMatrixError as :meth:`forward_dynamics` does.
+        :meth:`lost_directions` are the others. A 0 on its diagonal does not mean light: no motion along that row is possible,
+        so no inertia is defined. A ModelWarning, once for a robot and its rows, names rows that are lost at every
+        configuration, as four of a planar arm's six are. Raises SingularMassMatrixError as :meth:`forward_dynamics` does.
 
         >>> import numpy as np, twistwrench as tw
         >>> arm = tw.robots.planar_2r()
@@ -806,20 +811,20 @@ class Robot:
     def lost_directions(
         self, q: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None
     ) -> Array:
-        """The directions of the chosen rows in which the frame cannot be moved, at one configuration; (nq) → (lost, r).
+        """The directions of the chosen rows in which the frame cannot be moved; (nq) → (lost, r).
 
-        Orthonormal rows F with F'J = 0: wrenches there are borne without torques, and Λ is zero on them.
+        Orthonormal rows F with F'J = 0: wrenches there are borne without torques, and Λ is zero on them. A batch has as many
+        rows for each configuration as the one that has lost most; those of the others are zero after their own.
 
         >>> import twistwrench as tw
         >>> arm = tw.robots.planar_2r()
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
-        q = checks.finite(checks.one(q, "lost_directions: q", self.nq), "lost_directions: q", self.nq)
+        q = np.asarray(checks.finite(q, "lost_directions: q", self.nq), float)
         chosen = list(row_numbers(rows))
-        sizes = self._usual_sizes(frame, kind)[chosen]
-        reach = Reach.of(self.jacobian(q, frame, kind)[chosen], self.mass_matrix(q), sizes)
-        return np.asarray(reach.directions[:, int(reach.rank) :].T)
+        sizes = self._usual_ways(frame, kind)[2][chosen]
+        return Reach.of(self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes).lost
 
     def _task(
         self, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: str, rows: Rows
@@ -832,11 +837,12 @@ class Robot:
             return np.zeros((*batch, len(chosen), len(chosen))[: len(batch) + 3 - len(arrays)])
         with np.errstate(all="ignore"):
             found, pivots = self._call(name, *arrays, frame=frame, kind=kind, rows=chosen)
-        sizes = self._usual_sizes(frame, kind)[list(chosen)]
+        sizes = self._usual_ways(frame, kind)[2][list(chosen)]
         again = doubtful(pivots, sizes)
         for array in arrays:  # what came in as NaN goes out as NaN
             again = again & np.isfinite(array).all(axis=-1)
         if again.any():
+            self._warn_of_lost_rows(frame, kind, chosen)
             q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)
             J, M = self.jacobian(q, frame, kind)[:, chosen], self.mass_matrix(q)
             Lambda = Reach.of(J, M, sizes).pseudoinverse
@@ -848,29 +854,53 @@ class Robot:
                 found[again] = Lambda
         return np.asarray(found)
 
-    def _usual_sizes(self, frame: str | None, kind: str) -> Array:
-        sizes = self._sizes.get((frame, kind))
-        if sizes is None:
+    def _usual_ways(self, frame: str | None, kind: str) -> tuple[Array, Array, Array]:
+        """J (8, 6, nv) and M (8, nv, nv) at some configurations, and how large the rows of J usually are through M; (6,)."""
+        found = self._ways.get((frame, kind))
+        if found is None:
             self._require_invertible()
             some = self.random_configuration(0, 8)
             J = np.stack([self.reference("jacobian", q, frame=frame, kind=kind) for q in some])
             M = np.stack([self.reference("mass_matrix", q) for q in some])
-            sizes = self._sizes[frame, kind] = usual_sizes(J, M)
-        return sizes
+            found = self._ways[frame, kind] = (J, M, usual_sizes(J, M))
+        return found
+
+    def _warn_of_lost_rows(self, frame: str | None, kind: str, chosen: tuple[int, ...]) -> None:
+        """Warn, the first time, of rows that are lost at every configuration."""
+        if (asked := (frame, kind, chosen)) in self._judged:
+            return
+        self._judged.add(asked)
+        order = sorted(chosen, key=lambda row: (row < 3, row))  # moving before turning, as one would choose
+        J, M, sizes = self._usual_ways(frame, kind)
+        kept = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
+        if len(kept) < len(chosen):
+            lost, keep = (" ".join(ROWS[k] for k in chosen if (k in kept) is yes) for yes in (False, True))
+            advice = f"choose independent ones, rows={keep!r}" if keep else "this frame does not move along any of them"
+            warnings.warn(
+                f"robot {self.name!r}: of the {len(chosen)} rows of {frame or self.tip!r} ({kind!r}) only {len(kept)} can move "
+                f"independently at any configuration; {lost} never move, or follow from the others. Λ is 0 where no motion "
+                f"is possible, and no inertia is defined there: {advice}.",
+                ModelWarning,
+                stacklevel=4,
+            )
 
     def closed_form(
         self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None
     ) -> ClosedForm:
         """The terms of the equation of motion by the block matrices of MR section 8.4, and those matrices; one state.
 
-        q (nq,), dq (nv,). Slow, and independent of every other way in which the terms are computed here.
+        q (nq,), dq (nv,). Slow, and without any of the recursions by which the terms are computed elsewhere.
 
         >>> import twistwrench as tw
         >>> terms = tw.robots.planar_2r().closed_form([0, 0.5], [1, 1])
         >>> terms.A.shape, terms.L.shape, terms.M.shape
         ((12, 2), (12, 12), (2, 2))
         """
-        q, dq = checks.one(q, "closed_form: q", self.nq), checks.one(dq, "closed_form: dq", self.nv)
+        q, dq = (
+            checks.finite(checks.one(x, f"closed_form: {name}", n), f"closed_form: {name}", n)
+            for name, x, n in (("q", q, self.nq), ("dq", dq, self.nv))
+        )
+        _check_mapping(wrench_by_robot)
         wrenches = {frame: self._wrench(frame, F) for frame, F in (wrench_by_robot or {}).items()}
         if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
             raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
@@ -910,7 +940,8 @@ class Robot:
     ) -> ClosedRobot:
         """A robot whose velocity alone is constrained: chosen rows of a frame's twist are zero, as for a wheel or a blade.
 
-        ``kind`` as for :meth:`jacobian`. No position goes with it; where one does, as for a hand on a plane, :meth:`close`
+        ``kind`` as for :meth:`jacobian`: ``"vz"`` is along the frame's own z (``"body"``), wherever that points. A hand that
+        stays on a level table wants the world's, ``kind="world_aligned"``. No position goes with it; where one does, as for a hand on a plane, :meth:`close`
         with ``"ground"`` keeps it. Raises ConstraintError as that does.
 
         >>> import twistwrench as tw
@@ -1053,6 +1084,11 @@ class Robot:
     def com_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """J with d(center_of_mass)/dt = J dq; (nq) → (3, nv)."""
         return self._call("com_jacobian", q, out=out)
+
+
+def _check_mapping(wrenches: Any) -> None:
+    if wrenches is not None and not isinstance(wrenches, Mapping):
+        raise ShapeError("wrenches are a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
 
 
 def _numbers(name: str, **arrays: ArrayLike) -> list[Array]:

@@ -24,6 +24,12 @@ class PowerBalance(NamedTuple):
     friction: Array
     """Lost in the joints."""
 
+    def __str__(self) -> str:
+        if np.ndim(self.joints):
+            return f"<PowerBalance of states {np.shape(self.joints)}>"
+        parts = ", ".join(f"{name} {float(value):+.4g} W" for name, value in self._asdict().items())
+        return f"into the mechanism from: {parts}"
+
 
 def power_balance(dq: Array, tau: Array, moving: Array, pushing: Array, lost: Array) -> PowerBalance:
     """From the torques τ and what they are spent on: M ddq + h, Σ J'F, and friction; (..., nv) each."""

@@ -81,6 +81,14 @@ class Reach:
         return np.linalg.svd(basis / self.sizes.max(), full_matrices=True)[0]
 
     @property
+    def lost(self) -> Array:
+        """Orthonormal rows that span the rest, as many as the sample with the most has, zero after a sample's own; (..., n, k)."""
+        k, rank = len(self.sizes), np.asarray(self.rank)[..., None]
+        place = rank + np.arange(k - rank.min(initial=k))
+        columns = np.take_along_axis(self.directions, np.minimum(place, k - 1)[..., None, :], axis=-1)
+        return np.asarray(np.swapaxes(columns * (place < k)[..., None, :], -1, -2))
+
+    @property
     def range(self) -> Array:
         """The orthogonal projector on what A reaches, in the units of its rows; (..., k, k)."""
         Q = self.directions * (np.arange(len(self.sizes)) < self.rank[..., None])[..., None, :]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import ModelError, NotFoundError, UnknownNameError, ValueRangeError
+from ..errors import ModelError, ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
 from ..model.actuation import with_actuators, with_friction
 from ..model.actuator import Actuator, Motor, Rotor
 from ..model.model import Model
@@ -32,14 +33,14 @@ _SLIDING = {
 }  # fmt: skip
 
 
-def add_actuators(model: Model, source: Source) -> Model:
-    """The model with the actuators of a YAML file, of YAML text, or of such a mapping.
+def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model:
+    """The model with the actuators of a YAML file, of YAML text, or of such a mapping; ``stiff`` leaves elasticity out.
 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
     """
     content, origin = _read(source)
     try:
-        return _added(model, _Section(content, ""))
+        return _added(model, _Section(content, ""), stiff)
     except (ModelError, UnknownNameError, ValueRangeError) as error:
         raise type(error)(f"{origin}: {error}") from None
 
@@ -126,7 +127,7 @@ class _Section:
         return {key: get(key, *args)} if key in self.content else {}
 
 
-def _added(model: Model, file: _Section) -> Model:
+def _added(model: Model, file: _Section, stiff: bool) -> Model:
     file.only("robot", "motors", "actuators")
     if file.content.get("robot", model.name) != model.name:
         raise ModelError(f"it is for robot {str(file.content['robot'])!r}, and this one is {model.name!r}.")
@@ -147,14 +148,18 @@ def _added(model: Model, file: _Section) -> Model:
             laws[name] = {
                 key: law.number(key, kinds.get(kind, kind)) for key, kind in _FRICTION.items() if key in law.content
             }
+    if stiff and (elastic := [a.joint for a in actuators if np.isfinite(a.stiffness)]):
+        warnings.warn(f"the elastic gears of {', '.join(elastic)} are taken to be stiff.", ModelWarning, stacklevel=2)
+        actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
     return with_actuators(with_friction(model, laws), actuators)
 
 
 def _actuator(joint: str, entry: _Section, motors: Mapping[str, Motor], kinds: Mapping[str, str]) -> Actuator:
     given: dict[str, Any] = {}
     if "ratio" in entry.content:
-        given["ratio"] = _ratio(entry.content["ratio"], entry.where("ratio"))
-    given |= entry.optional("efficiency", entry.number, "")
+        given["ratio"] = _ratio(entry.content["ratio"], entry.where("ratio"), sliding=bool(kinds))
+    if "efficiency" in entry.content:
+        given["efficiency"] = _share(entry.content["efficiency"], entry.where("efficiency"))
     given |= entry.optional("stiffness", entry.number, kinds.get("stiffness", "stiffness"))
     motor = entry.content.get("motor")
     if isinstance(motor, str):
@@ -204,9 +209,30 @@ def _rotor(section: _Section) -> Rotor:
     )
 
 
-def _ratio(value: object, where: str) -> float:
-    """A plain number, or ``101:1``."""
-    problem = f"{where} is {value!r}, expected a number such as 101, or 101:1."
+def _share(value: object, where: str) -> float:
+    """A plain number, or a percentage."""
+    problem = f"{where} is {value!r}, expected a number such as 0.75, or 75 %."
+    if isinstance(value, str) and value.rstrip().endswith("%"):
+        return _plain(value.rstrip()[:-1], problem) / 100
+    return _plain(value, problem)
+
+
+_LEADS = {"rad/m": lambda x: x, "mm/turn": lambda x: 2e3 * np.pi / x, "m/turn": lambda x: 2 * np.pi / x}
+"""Rotor radians per metre, from what a spindle or a rack is described by."""
+
+
+def _ratio(value: object, where: str, *, sliding: bool) -> float:
+    """A plain number, or ``101:1``; at a sliding joint a plain number of rad/m, or with one of the units of leads."""
+    if sliding and isinstance(value, str):
+        for unit, per_metre in _LEADS.items():
+            if value.rstrip().endswith(unit):
+                problem = f"{where} is {value!r}, expected a number before {unit}."
+                number = _plain(value.rstrip()[: -len(unit)], problem)
+                if number == 0:
+                    raise ModelError(problem)
+                return float(per_metre(number))
+    units = f", or with one of {', '.join(_LEADS)}" if sliding else ", or 101:1"
+    problem = f"{where} is {value!r}, expected a number such as 101{units}."
     turns, colon, per = value.partition(":") if isinstance(value, str) else (value, "", "")
     divisor = _plain(per, problem) if colon else 1.0
     if divisor == 0:

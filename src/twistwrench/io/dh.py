@@ -22,6 +22,8 @@ COLUMNS = ("theta", "d", "a", "alpha")
 """About and along z [rad, m], then along and about x [m, rad]."""
 CONVENTIONS = ("standard", "modified")
 JOINT_TYPES = ("revolute", "prismatic")
+TURN = 2 * np.pi + 1e-6
+"""rad; no table goes further, give or take rounding."""
 
 
 def from_dh(
@@ -59,7 +61,8 @@ def from_dh(
     the joints' axes, z along them, that the links are fixed to: joint wrenches are in these.
 
     Raises ShapeError, ValueRangeError, UnknownNameError for a table that cannot be read, a convention or a joint type that is
-    none of these; InertiaError for bodies that cannot exist (``inertia="accept"`` or ``"repair"``).
+    none of these; InertiaError for bodies that cannot exist (``inertia="accept"`` or ``"repair"``). An angle beyond 2π, which
+    will be degrees, is a ModelWarning.
 
     >>> import numpy as np, twistwrench as tw
     >>> arm = tw.from_dh({"a": [1.0, 1.0]}, masses=[1, 1])                       # the planar 2R arm
@@ -78,6 +81,12 @@ def from_dh(
     names = _one_each("joint_names", [f"joint{i + 1}" for i in range(n)] if joint_names is None else joint_names, n)
     bodies = _inertias(n, masses, coms, moments_about_com)
     builder = ModelBuilder(name)
+    for column, angles in (("theta", theta), ("alpha", alpha)):
+        if (big := np.flatnonzero(np.abs(angles) > TURN)).size:
+            builder.remark(
+                f"{column} of row {big[0] + 1} of the Denavit–Hartenberg table is {angles[big[0]]:g}, more than a whole turn; "
+                f"angles are radians? If these are degrees: np.radians({column})"
+            )
     builder.add_link("link0")
     for i in range(n):
         if kinds[i] not in JOINT_TYPES:

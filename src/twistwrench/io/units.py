@@ -66,4 +66,5 @@ def _listed(known: dict[str, float]) -> str:
 
 
 def _plain(unit: str) -> str:
-    return re.sub(r"[\s·*]", "", unit).replace("²", "^2").replace("μ", "µ")
+    """Without spaces, dots and carets: kg·m², kg m^2 and kgm2 are one unit."""
+    return re.sub(r"[\s·*^]", "", unit).replace("²", "2").replace("μ", "µ")

@@ -77,7 +77,9 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     if single:
         owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
     long = [k for k, n in enumerate(batch) if n >= PARTS_EACH * count]
-    axis = long[0] if long else batch.index(max(batch))  # the first that is long enough: what lies inside it stays whole
+    axis = (
+        long[0] if long else batch.index(max(batch))
+    )  # the first that is long enough: what lies inside it stays whole
     rows = -(-batch[axis] // count)
     rows = -(-rows // ROWS) * ROWS if rows >= ROWS else rows
     ports = (*owner.program.inputs, *owner.program.outputs)

@@ -58,7 +58,7 @@ def get_threads() -> int:
     wanted = _CREW.wanted
     if wanted is None:
         text = os.environ.get(VARIABLE, "").strip() or "1"
-        wanted = _CREW.wanted = _checked(int(text) if text.isdecimal() else text, VARIABLE)
+        wanted = _CREW.wanted = _checked(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
     return 1 if wanted == 1 or (not _CREW.told and _in_worker_process()) else wanted
 
 
@@ -74,8 +74,12 @@ def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
         _CREW.invite(job, threads - 1)
         job.work()
     finally:
-        job.finish()
-    job.complain()
+        problem = job.finish()
+    if problem is not None:
+        try:
+            raise problem
+        finally:
+            del problem  # its traceback holds this frame: without this, the arrays would wait for the garbage collector
     return outputs[0] if len(outputs) == 1 else outputs
 
 
@@ -118,7 +122,6 @@ class _Job:
         self.parts = deque(parts)
         self.context = copy_context()  # np.errstate is kept there
         self.changed = threading.Condition()
-        self.open = True
         self.helpers = 0
         self.problem: BaseException | None = None
 
@@ -134,8 +137,6 @@ class _Job:
     def help(self) -> None:
         """What a helper does; its first exception is kept for the caller, and ends the job."""
         with self.changed:
-            if not self.open:
-                return
             self.helpers += 1
         try:
             self.context.copy().run(self.work)
@@ -147,22 +148,14 @@ class _Job:
                 self.helpers -= 1
                 self.changed.notify_all()
 
-    def finish(self) -> None:
-        """Let nobody begin any more, and wait for those who have: they write to arrays that are the caller's."""
+    def finish(self) -> BaseException | None:
+        """Leave nothing to take, wait for those who have, as they write to the caller's arrays, and say what they met."""
         self.parts.clear()
         with self.changed:
-            self.open = False
             while self.helpers:
                 self.changed.wait()
-
-    def complain(self) -> None:
-        """Raise what a helper met."""
-        problem, self.problem = self.problem, None
-        if problem is not None:
-            try:
-                raise problem
-            finally:
-                del problem  # its traceback holds this frame: without this, the arrays would wait for the collector
+            problem, self.problem = self.problem, None
+        return problem
 
 
 class _Crew:

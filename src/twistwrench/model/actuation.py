@@ -115,6 +115,11 @@ def _check(actuator: Actuator) -> None:
             f"{who} has a rotor of {rotor.inertia:g} kg m² and {rotor.mass:g} kg; give positive ones."
         )
     if motor is not None:
+        if motor.current_continuous > motor.current_peak:
+            raise ValueRangeError(
+                f"{who} has current continuous {motor.current_continuous:g} A above current peak {motor.current_peak:g} A. "
+                "Are they exchanged?"
+            )
         if not 0 < motor.torque_constant < np.inf:
             raise ValueRangeError(f"{who} has the torque constant {motor.torque_constant:g} N m/A; it must be above 0.")
         for field, value in vars(motor).items():

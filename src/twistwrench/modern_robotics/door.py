@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ShapeError, ValueRangeError
@@ -12,7 +14,7 @@ from ..lie import checks, se3, so3
 
 Array = NDArray[Any]
 
-__all__ = ["ROUNDED", "array", "count", "pose", "rotation", "same_length"]
+__all__ = ["ROUNDED", "array", "count", "pose", "rotation", "same_length", "skew", "twist_matrix"]
 
 ROUNDED = 0.01
 """How far an entry may be from the nearest rotation's: matrices typed with two digits are taken for rotations."""
@@ -25,20 +27,54 @@ def array(x: ArrayLike, name: str, *core: int) -> Array:
 
 def rotation(R: ArrayLike, name: str) -> Array:
     """R (..., 3, 3) as it is where it is a rotation to 1e-6, and the nearest one where it was rounded more than that."""
-    R = array(R, name, 3, 3)
-    try:
-        return checks.rotation(R, name)
-    except ValueRangeError:
-        return so3.project(R, ROUNDED)
+    return _nearest(array(R, name, 3, 3), name, checks.rotation, so3.project)
 
 
 def pose(T: ArrayLike, name: str) -> Array:
     """T (..., 4, 4), its rotation as :func:`rotation` takes it."""
-    T = array(T, name, 4, 4)
+    return _nearest(array(T, name, 4, 4), name, checks.pose, se3.project)
+
+
+def _nearest(
+    X: Array, name: str, judged: Callable[[Array, str], Array], project: Callable[[Array, float], Array]
+) -> Array:
     try:
-        return checks.pose(T, name)
+        return judged(X, name)
     except ValueRangeError:
-        return se3.project(T, ROUNDED)
+        try:
+            return project(X, ROUNDED)
+        except ValueRangeError as problem:
+            reason = str(problem).partition(".project: ")[2] or str(problem)
+            raise ValueRangeError(f"{name}: {reason} mr.ProjectToSO3 and mr.ProjectToSE3 take any.") from None
+
+
+def skew(W: ArrayLike, name: str) -> Array:
+    """W (..., 3, 3), when W + W' is zero but for rounding, in a hundredth of its largest entry."""
+    W = array(W, name, 3, 3)
+    if W.ndim == 2:
+        (a, b, c), (d, e, f), (g, h, i) = W.tolist()
+        if a == e == i == b + d == c + g == f + h == 0.0:
+            return W
+    with np.errstate(all="ignore"):
+        off = np.abs(W + np.swapaxes(W, -1, -2))
+        largest = np.maximum(checks.TOLERANCE / ROUNDED, np.abs(W).max(axis=(-2, -1), keepdims=True))
+    checks.refuse(
+        off / largest,
+        ROUNDED,
+        f"{name} is not skew-symmetric: with its transpose added it is {{gap:.3g}} of its largest entry, allowed {{allowed:g}}; "
+        "mr.VecToso3 and mr.VecTose3 make such matrices of vectors, mr.MatrixLog3 and mr.MatrixLog6 of rotations and poses",
+    )
+    return W
+
+
+def twist_matrix(X: ArrayLike, name: str) -> Array:
+    """X (..., 4, 4) of a twist: :func:`skew` above on the left, and a last row of zeros."""
+    X = array(X, name, 4, 4)
+    skew(X[..., :3, :3], name)
+    if X.ndim != 2 or X[3].tolist() != [0.0, 0.0, 0.0, 0.0]:
+        complaint = f"{name} has no last row of zeros: an entry is {{gap:.3g}} off, allowed {{allowed:g}}"
+        checks.refuse(np.abs(X[..., 3:, :]), checks.TOLERANCE, complaint)
+    return X
 
 
 def count(n: Any, name: str, least: int) -> int:

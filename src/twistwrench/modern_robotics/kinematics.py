@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import ValueRangeError
 from ..lie import checks, se3
 from ..lie.adjoint import Ad
 from . import door
@@ -74,7 +75,8 @@ def IKinBody(
     """Joint angles (n,) that reach the pose T, from a guess nearby, and whether they do; one pose at a time. MR section 6.2.2.
 
     Newton–Raphson with the pseudoinverse, 20 steps at most, until the body twist that is left turns less than ``eomg`` [rad]
-    and moves less than ``ev`` [m].
+    and moves less than ``ev`` [m]. Raises ShapeError and ValueRangeError, of the function and the argument by name, for
+    entries that are not finite too.
 
     >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
     >>> T = [[0, 1, 0, -5], [1, 0, 0, 4], [0, 0, -1, 1.6858], [0, 0, 0, 1]]
@@ -83,12 +85,12 @@ def IKinBody(
     >>> theta.round(6).tolist(), success
     ([1.570738, 2.999667, 3.141539], True)
     """
-    chain, M, T = screws_of(Blist, "Blist"), _pose(M, "M"), _pose(T, "T")
+    chain, M, T = screws_of(Blist, "Blist"), _pose(M, "IKinBody: M"), _pose(T, "IKinBody: T")
 
     def left(theta: Array) -> Array:
         return log6(se3.inverse(M @ chain.pose(theta)) @ T)
 
-    return _newton(checks.one(thetalist0, "thetalist0", chain.n), left, chain.body_jacobian, eomg, ev)
+    return _newton("IKinBody", chain.n, thetalist0, left, chain.body_jacobian, eomg, ev)
 
 
 def IKinSpace(
@@ -103,24 +105,38 @@ def IKinSpace(
     >>> theta.round(6).tolist(), success
     ([1.570738, 2.999664, 3.141534], True)
     """
-    chain, M, T = screws_of(Slist, "Slist"), _pose(M, "M"), _pose(T, "T")
+    chain, M, T = screws_of(Slist, "Slist"), _pose(M, "IKinSpace: M"), _pose(T, "IKinSpace: T")
 
     def left(theta: Array) -> Array:
         T_sb = chain.pose(theta) @ M
         return Ad(T_sb) @ log6(se3.inverse(T_sb) @ T)
 
-    return _newton(checks.one(thetalist0, "thetalist0", chain.n), left, chain.space_jacobian, eomg, ev)
+    return _newton("IKinSpace", chain.n, thetalist0, left, chain.space_jacobian, eomg, ev)
 
 
 def _pose(T: ArrayLike, name: str) -> Array:
-    return door.pose(checks.one(T, name, 4, 4), name)
+    return door.pose(checks.finite(checks.one(T, name, 4, 4), name, 4, 4), name)
+
+
+def _bound(x: float, name: str) -> float:
+    if not (bound := checks.number(x, name)) >= 0:
+        raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
+    return bound
 
 
 def _newton(
-    theta: Array, left: Callable[[Array], Array], jacobian: Callable[[Array], Array], eomg: float, ev: float
+    caller: str,
+    n: int,
+    thetalist0: ArrayLike,
+    left: Callable[[Array], Array],
+    jacobian: Callable[[Array], Array],
+    eomg: float,
+    ev: float,
 ) -> tuple[Array, bool]:
     """theta := theta + J⁺ V until the twist V that is left is small."""
-    eomg, ev = checks.number(eomg, "eomg"), checks.number(ev, "ev")
+    guess = f"{caller}: thetalist0"
+    theta = checks.finite(checks.one(thetalist0, guess, n), guess, n)
+    eomg, ev = _bound(eomg, f"{caller}: eomg"), _bound(ev, f"{caller}: ev")
 
     def there(V: Array) -> bool:
         return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)

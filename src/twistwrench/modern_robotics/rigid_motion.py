@@ -57,11 +57,12 @@ def VecToso3(omg: ArrayLike) -> Array:
 def so3ToVec(so3mat: ArrayLike) -> Array:
     """The vector of a skew-symmetric matrix; (..., 3, 3) → (..., 3).
 
+    Raises ValueRangeError for a matrix that is not skew-symmetric, to a hundredth of its largest entry.
+
     >>> so3ToVec([[0, -3, 2], [3, 0, -1], [-2, 1, 0]]).tolist()
     [1.0, 2.0, 3.0]
     """
-    W = door.array(so3mat, "so3mat", 3, 3)
-    return so3.vee(W) if W.ndim > 2 else np.array([W[2, 1], W[0, 2], W[1, 0]])
+    return _vee(door.skew(so3mat, "so3ToVec: so3mat"))
 
 
 def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
@@ -81,10 +82,12 @@ def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
 def MatrixExp3(so3mat: ArrayLike) -> Array:
     """The rotation exp([omg] theta); (..., 3, 3) → (..., 3, 3). MR eq. 3.51, at every angle.
 
+    Raises ValueRangeError as :func:`so3ToVec` does.
+
     >>> MatrixExp3([[0, -3, 2], [3, 0, -1], [-2, 1, 0]]).round(8)[0].tolist()
     [-0.69492056, 0.71352099, 0.08929286]
     """
-    w = so3ToVec(so3mat)
+    w = _vee(door.skew(so3mat, "MatrixExp3: so3mat"))
     R = single.exp3(w.tolist()) if w.ndim == 1 else None
     return so3.exp(w) if R is None else np.array(R, w.dtype)
 
@@ -98,7 +101,7 @@ def MatrixLog3(R: ArrayLike) -> Array:
     >>> MatrixLog3([[0, 0, 1], [1, 0, 0], [0, 1, 0]]).round(8)[0].tolist()
     [0.0, -1.20919958, 1.20919958]
     """
-    return _hat(_log3(door.rotation(R, "R")))
+    return _hat(_log3(door.rotation(R, "MatrixLog3: R")))
 
 
 def _log3(R: Array) -> Array:
@@ -144,7 +147,7 @@ def TransInv(T: ArrayLike) -> Array:
     >>> TransInv([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 3], [0, 0, 0, 1]])[1].tolist()
     [0.0, 0.0, 1.0, -3.0]
     """
-    T = door.pose(T, "T")
+    T = door.pose(T, "TransInv: T")
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     return _last_row(_lowest(Rt, -(Rt @ T[..., :3, 3, None])[..., 0]))
 
@@ -162,11 +165,12 @@ def VecTose3(V: ArrayLike) -> Array:
 def se3ToVec(se3mat: ArrayLike) -> Array:
     """The twist (omega, v) of a matrix [V]; (..., 4, 4) → (..., 6).
 
+    Raises ValueRangeError where its upper left block is not skew-symmetric, and where its last row is not zero.
+
     >>> se3ToVec([[0, -3, 2, 4], [3, 0, -1, 5], [-2, 1, 0, 6], [0, 0, 0, 0]]).tolist()
     [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
     """
-    X = door.array(se3mat, "se3mat", 4, 4)
-    return np.concatenate([so3ToVec(X[..., :3, :3]), X[..., :3, 3]], axis=-1)
+    return _twist(door.twist_matrix(se3mat, "se3ToVec: se3mat"))
 
 
 def Adjoint(T: ArrayLike) -> Array:
@@ -233,11 +237,13 @@ def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
 def MatrixExp6(se3mat: ArrayLike) -> Array:
     """The pose exp([S] theta); (..., 4, 4) → (..., 4, 4). MR eq. 3.88, at every angle.
 
+    Raises ValueRangeError as :func:`se3ToVec` does.
+
     >>> se3mat = [[0, 0, 0, 0], [0, 0, -1.57079632, 2.35619449], [0, 1.57079632, 0, 2.35619449], [0, 0, 0, 0]]
     >>> MatrixExp6(se3mat).round(7)[2].tolist()
     [0.0, 1.0, 0.0, 3.0]
     """
-    V = se3ToVec(se3mat)
+    V = _twist(door.twist_matrix(se3mat, "MatrixExp6: se3mat"))
     T = single.exp6(V.tolist()) if V.ndim == 1 else None
     return se3.exp(V) if T is None else np.array(T, V.dtype)
 
@@ -250,7 +256,7 @@ def MatrixLog6(T: ArrayLike) -> Array:
     >>> (MatrixLog6([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 3], [0, 0, 0, 1]]).round(8)[2] + 0.0).tolist()
     [0.0, 1.57079633, 0.0, 2.35619449]
     """
-    V = log6(door.pose(T, "T"))
+    V = log6(door.pose(T, "MatrixLog6: T"))
     return _lowest(_hat(V[..., :3]), V[..., 3:])
 
 
@@ -260,6 +266,14 @@ def log6(T: Array) -> Array:
     if w.ndim == 1:
         return np.array(single.log6(w.tolist(), T[:3, 3].tolist()), T.dtype)
     return np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
+
+
+def _vee(W: Array) -> Array:
+    return so3.vee(W) if W.ndim > 2 else np.array([W[2, 1], W[0, 2], W[1, 0]])
+
+
+def _twist(X: Array) -> Array:
+    return np.concatenate([_vee(X[..., :3, :3]), X[..., :3, 3]], axis=-1)
 
 
 def _hat(w: Array) -> Array:

@@ -170,7 +170,7 @@ class Differentiation:
             stray = self._strays(curves - q)
             dq, derived = joint_rates(self.model, q, *spline_rates(t, q))
             ddq = derived if ddq is None else ddq
-            still = self._still(t, motion.q, dq)
+            still = self._still(t, motion.q, dq) | self._contradicted(t, curves, dq)
         elif ddq is None:
             logged, dq = dq, self._smoothed(t, dq)
             stray = self._strays(logged - dq)
@@ -197,6 +197,24 @@ class Differentiation:
             still[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
             still[:, here] |= repeats[:, q_here].all(axis=1, keepdims=True)
         return still
+
+    def _contradicted(self, t: Array, curves: Array, dq: Array) -> Array:
+        """Where the spline moves a joint and the samples on either side do not, or the other way: it rings; (n, nv) bool.
+
+        Only where the step it claims is one that the samples would show.
+        """
+        claimed = np.zeros(dq.shape, bool)
+        if len(t) < 3:
+            return claimed
+        span, moved = t[2:] - t[:-2], curves[2:] - curves[:-2]
+        shown = np.maximum(self.quality.quantum, _SURE * self.quality.noise)
+        factors = self.trajectory.columns.factors["q"]
+        for b in self.model.leaders:
+            if b.joint.nq == 1:
+                step = dq[1:-1, b.v_index] * span
+                large = np.abs(step) > shown[b.q_index] * factors[b.q_index]
+                claimed[1:-1, b.v_index] = large & (step * moved[:, b.q_index] <= 0)
+        return claimed
 
     def _smoothed(self, t: Array, x: Array) -> Array:
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]

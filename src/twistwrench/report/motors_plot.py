@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..figure import GREEN, INK, LINE, ORANGE, OVER, QUIET, SMALL, figure, save
+from ..figure import INK, LINE, OVER, QUIET, SMALL, figure, save
 from .motors import MotorUse
+from .plot import report_title
 
 if TYPE_CHECKING:
+    from .findings import TorqueReport
     from matplotlib.axes import Axes
 
 Array = NDArray[Any]
 
 __all__ = ["plot_motors"]
 
+_SHORT, _LONG = "#f8e3b5", "#c3e3d3"
+"""What a motor can do for a while, and for ever; drawn one over the other, so opaque."""
 
-def plot_motors(motors: Sequence[MotorUse], title: str, path: str | Path) -> Path:
-    """Draw a panel per motor to ``path``; raises as :func:`twistwrench.figure.save` does."""
+
+def plot_motors(report: TorqueReport, path: str | Path) -> Path:
+    """Draw a panel per motor of the report to ``path``; raises as :func:`twistwrench.figure.save` does."""
+    motors, title = report.motors, f"{report_title(report)} · motors"
     columns = min(3, len(motors))
     rows = math.ceil(len(motors) / columns)
     with figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--motor-plot)") as drawn:
@@ -46,22 +51,25 @@ def _draw(axis: Axes, use: MotorUse) -> None:
     bounds = [motor.torque_constant * x for x in (motor.current_continuous, motor.current_peak) if math.isfinite(x)]
     reach = 1.1 * max([*bounds, float(np.abs(torque).max(initial=0.0))]) or 1.0
     for current, colour, name in (
-        (motor.current_peak, ORANGE, "for a while"),
-        (motor.current_continuous, GREEN, "for ever"),
+        (motor.current_peak, _SHORT, "for a while"),
+        (motor.current_continuous, _LONG, "for ever"),
     ):
         high = np.clip(motor.greatest_torque(w, current), -reach, reach)
         low = -np.clip(motor.greatest_torque(-w, current), -reach, reach)
-        axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, alpha=0.22, linewidth=0, label=name)
+        axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, linewidth=0, label=name)
     within = _within(use)
     axis.plot(speed, torque, color=LINE, linewidth=0.7, alpha=0.8, label="this motion")
     if not within.all():
         axis.plot(speed[~within], torque[~within], ".", color=OVER, markersize=3, label="beyond the motor")
     rms = math.sqrt(float(np.mean(torque**2)))
-    axis.axhline(rms, color=INK, linewidth=0.8, linestyle=(0, (4, 3)), label="rms torque")
+    for side in (rms, -rms):
+        label = "rms torque, either way" if side is rms else None
+        axis.axhline(side, color=INK, linewidth=0.8, linestyle=(0, (4, 3)), label=label)
     axis.axhline(0, color=QUIET, linewidth=0.6)
     axis.axvline(0, color=QUIET, linewidth=0.6)
     axis.set_xlim(-top, top)
     axis.set_ylim(-reach, reach)
+    axis.locator_params(axis="x", nbins=5)
     axis.set_title(use.joint, loc="left", fontweight="bold")
     d = use.tightest
     used = f"{d.what} {100 * d.share:.0f} %" if d.share else ""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["plot_report"]
+__all__ = ["plot_report", "report_title"]
 
 _COLOURS = {
     "inertia": BLUE,
@@ -43,7 +43,7 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
     rows = max(1, math.ceil(count / columns))
     height = 1.95 * rows + 0.3
     width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
-    with figure(width, height + 3.4, _title(report), "Drawing the report (--plot)") as drawn:
+    with figure(width, height + 3.4, report_title(report), "Drawing the report (--plot)") as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
         axes = upper.subplots(rows, columns, sharex=True, squeeze=False).ravel()
         for k, axis in enumerate(axes):
@@ -56,7 +56,8 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
         save(drawn, path)
 
 
-def _title(report: TorqueReport) -> str:
+def report_title(report: TorqueReport) -> str:
+    """Robot, motion, and what it carries, in one line."""
     carried = " + ".join(f"{p.mass:g} kg" for p in report.load.payloads)
     parts = [report.robot, Path(report.trajectory).stem]
     parts += [f"payload {carried}"] if carried else []

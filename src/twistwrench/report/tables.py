@@ -47,7 +47,8 @@ def report_view(report: TorqueReport, *, degrees: bool = False, why: bool = Fals
     parts.extend(Text.assemble(("! ", "yellow"), note) for note in notes(report))
     if len(parts) > 3:
         parts.append(Text())
-    return Group(*parts, verdict(report), *([motors_verdict(report.motors)] if report.motors else []))
+    lines = [verdict(report), *([motors_verdict(report.motors)] if report.motors else [])]
+    return Group(*parts, *(lines if not report.excesses else reversed(lines)))  # the worst news last
 
 
 def _heading(report: TorqueReport) -> Text:
@@ -318,7 +319,7 @@ def verdict(report: TorqueReport) -> Text:
         return Text.assemble(("OVER LIMIT", "bold red"), f": {text}{doubt}{also}.")
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     if not limited:
-        return Text.assemble(("OK", "bold green"), ": no limit is passed; torque limits are not known.")
+        return Text.assemble((_fine(report), "bold green"), ": no limit is passed; torque limits are not known.")
     unsure = [j for j in limited if abs(j.peak) + report.reach(j) > j.limit]
     if unsure:
         j = max(unsure, key=lambda j: (abs(j.peak) + report.reach(j)) / j.limit)
@@ -334,13 +335,17 @@ def verdict(report: TorqueReport) -> Text:
         )
     j = max(limited, key=lambda j: j.share)
     if report.is_zero(j.peak):
-        return Text.assemble(("OK", "bold green"), ": no limit is passed, and no joint has a torque to give.")
+        return Text.assemble((_fine(report), "bold green"), ": no limit is passed, and no joint has a torque to give.")
     cause, share = j.main_cause
     return Text.assemble(
-        ("OK", "bold green"),
+        (_fine(report), "bold green"),
         f": nearest to its limit is {j.joint}, {100 * j.share:.0f} % at t = {j.time:.3f} s, "
         f"mostly {cause_label(cause)} ({100 * share:.0f} %).",
     )
+
+
+def _fine(report: TorqueReport) -> str:
+    return "TORQUES OK" if report.motors else "OK"
 
 
 def torque_label(report: TorqueReport, value: float) -> str:

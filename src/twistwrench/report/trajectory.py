@@ -19,7 +19,7 @@ from .numbers import parse_table
 
 Array = NDArray[Any]
 
-__all__ = ["Motion", "Trajectory"]
+__all__ = ["Motion", "Trajectory", "moves_motors"]
 
 _BLOCK = 1 << 18  # bytes read at a time: what parsing makes of them stays in the processor's cache
 _LONGEST_LINE = 1 << 22
@@ -164,6 +164,16 @@ def _tidy(text: bytes) -> bytes:
     if text.isspace() or not text:
         return b""
     return text if text.endswith(b"\n") else text + b"\n"
+
+
+def moves_motors(path: str | Path) -> bool:
+    """Whether the file has columns for the motors of elastic joints; what is wrong with it is said when it is opened."""
+    try:
+        with Path(path).open("rb") as file:
+            names = _header(file, Path(path))[0]
+    except (OSError, TrajectoryError):
+        return False
+    return any(name.strip().endswith(".motor") for name in names)
 
 
 def _header(file: BinaryIO, path: Path) -> tuple[str, int, int]:

@@ -13,6 +13,7 @@ __all__ = ["STEPS", "assembled", "entry_name"]
 
 STEPS = {
     "momenta": "the derivatives of L with respect to the rates",
+    "explicit_time": "what of their rates is due to time alone",
     "momentum_rates": "their derivatives with respect to time",
     "slopes": "the derivatives of L with respect to the coordinates",
     "mass_matrix": "M, symmetric: what multiplies the accelerations",

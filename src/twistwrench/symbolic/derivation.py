@@ -49,7 +49,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
     """Lagrange's equations of a robot with named symbols, checked against the kernels before they are returned.
 
     ``symbols`` says which of the robot's numbers become symbols: ``"all"``, ``"none"``, kinds (lengths, coms, masses,
-    inertias, gravity) and names (``"L_1"``, ``"m_2"``) in any mix; the others stay numbers. ``form`` is ``"expanded"``,
+    inertias, gravity, springs, gears) and names (``"L_1"``, ``"m_2"``) in any mix; the others stay numbers. ``form`` is ``"expanded"``,
     ``"named"`` (intermediate results get names, each printed) or ``"auto"``. SI units, angles in radians.
 
     Raises UnknownNameError for symbols the robot has not; ValueRangeError for a robot too large, before starting;
@@ -79,7 +79,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         motion = motion_of(model, entries, coordinates, ring, size.LARGEST_POSITION, size.LARGEST_ROTATION)
         work = size.expanded_products(entries, motion)
         if form == "expanded":
-            size.check_expanded(robot.name, work)
+            size.check_expanded(robot.name, work, model.nv)
         elif work > size.COMFORTABLE:
             motion = None
     if motion is None:
@@ -95,7 +95,8 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         masses = [p.name for p in entries.parameters if "masses" in p.kinds]
         writer = Writer(ring, chain_angles(model, ring, coordinates), masses=masses)
         fields = assembled(terms, writer)
-        before = _energy_steps(writer, coordinates, motion, (kinetic, potential, springs), fields["lagrangian"])
+        tags = [b.tag for b in entries.bodies]
+        before = _energy_steps(writer, coordinates, tags, motion, (kinetic, potential, springs), fields["lagrangian"])
         found = {**fields, "steps": (*before, *fields["steps"]), "form": "expanded"}
     seen = _free_symbols(found)
     derivation = Derivation(
@@ -105,9 +106,20 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         ddq=_symbols(c.acceleration for c in coordinates),
         parameters=tuple(p for p in entries.parameters if p.name in seen),
         meanings=tuple((c.name, c.meaning) for c in coordinates),
+        remarks=_friction_remark(robot),
         **found,
     )
     return replace(derivation, check=checked(derivation, robot))
+
+
+def _friction_remark(robot: Robot) -> tuple[str, ...]:
+    friction = robot.model.friction
+    if not friction.any:
+        return ()
+    rubbing = friction.viscous.astype(bool) | friction.static.astype(bool) | friction.load.astype(bool)
+    names = [body.joint.name for body in robot.model.leaders for k in range(body.joint.nv) if rubbing[body.v_index + k]]
+    listed = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    return (f"Friction is left out of these equations; the robot has some at {listed}.",)
 
 
 def _symbols(names: Iterable[str]) -> tuple[Any, ...]:
@@ -122,7 +134,9 @@ def _free_symbols(found: dict[str, Any]) -> set[str]:
     return {s.name for e in exprs for s in e.free_symbols}
 
 
-def _energy_steps(writer: Writer, coordinates: Any, motion: Motion, energy: Any, L: Any) -> tuple[Step, ...]:
+def _energy_steps(
+    writer: Writer, coordinates: Any, tags: list[str], motion: Motion, energy: Any, L: Any
+) -> tuple[Step, ...]:
     import sympy
 
     motions, (K, P, springs) = [c.rate for c in coordinates], energy
@@ -131,11 +145,11 @@ def _energy_steps(writer: Writer, coordinates: Any, motion: Motion, energy: Any,
         return sympy.ImmutableMatrix([writer.by_motion(x, motions, writer.by_angle) for x in vector])
 
     def each(letter: str, vectors: Any, keep: Any = lambda _: True) -> tuple[Line, ...]:
-        return tuple((Label(f"{letter}_{i + 1}"), column(x)) for i, x in enumerate(vectors) if keep(x))
+        return tuple((Label(f"{letter}_{tag}"), column(x)) for tag, x in zip(tags, vectors, strict=True) if keep(x))
 
     places = [i for i, k in enumerate(K) if k]
-    kinetic = ((Label(f"K_{i + 1}"), writer.by_motion(K[i], motions, writer.by_mass)) for i in places)
-    potential = ((Label(f"P_{i + 1}"), writer.by_angle(P[i])) for i in places)
+    kinetic = ((Label(f"K_{tags[i]}"), writer.by_motion(K[i], motions, writer.by_mass)) for i in places)
+    potential = ((Label(f"P_{tags[i]}"), writer.by_angle(P[i])) for i in places)
     stored = tuple((Label(f"E_{n}"), writer.by_angle(x)) for n, x in enumerate(springs, 1))
     steps = (
         Step("positions", "centres of mass in the base frame", each("p", motion.positions)),

@@ -16,6 +16,7 @@ _LINE = 110  # characters of LaTeX, blanks and braces included, after which a su
 
 _HEADINGS = {
     "momenta": "Momenta ∂L/∂q̇",
+    "explicit_time": "Explicit time ∂/∂t ∂L/∂q̇",
     "momentum_rates": "Their rates d/dt ∂L/∂q̇",
     "slopes": "Slopes ∂L/∂q",
     "christoffel": "Christoffel symbols",

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import wraps
+from inspect import Parameter as Argument
+from inspect import signature
 from typing import Any
 
-from ..errors import UnknownNameError
+from ..errors import UnknownNameError, ValueRangeError
 from .notation import Latex, Notation, Text
 from .parameters import Parameter
 
@@ -20,11 +23,16 @@ class Label:
     name: str
     variable: str = ""
     rate: bool = False
+    time: str = ""
+    """The symbol of time, for what of a rate is due to it alone."""
 
     def write(self, notation: Notation) -> str:
         """In one of the notations."""
         top = notation.symbol(self.name)
-        return notation.slope(top, notation.symbol(self.variable), rate=self.rate) if self.variable else top
+        if not self.variable:
+            return top
+        slope = notation.slope(top, notation.symbol(self.variable), rate=self.rate)
+        return notation.partial(notation.symbol(self.time), slope) if self.time else slope
 
 
 Line = tuple[Label, Any]
@@ -108,9 +116,9 @@ class Equations:
     # ── ways out ──
 
     def step(self, name: str) -> Step:
-        """A step by its name; UnknownNameError lists them."""
+        """A step by its name, hyphens as good as underscores; UnknownNameError lists them."""
         for step in self.steps:
-            if step.name == name:
+            if step.name == str(name).replace("-", "_"):
                 return step
         raise UnknownNameError.of("step", name, [s.name for s in self.steps])
 
@@ -159,8 +167,15 @@ class Equations:
         return c_source(self, prefix)
 
     def function(self, name: str) -> Callable[..., Any]:
-        """A function of :meth:`numpy_source`, ready to call: inverse_dynamics(q, dq, ddq) and so on."""
-        from .source import FUNCTIONS
+        """A function of :meth:`numpy_source`, ready to call: inverse_dynamics(q, dq, ddq) and so on.
+
+        Its last argument, ``parameters``, maps the name of every constant to its number; without it, the robot's own. The
+        time of a Lagrangian that depends on it is one of them.
+
+        Raises UnknownNameError for other functions; the function, UnknownNameError for constants that are not there, and
+        ValueRangeError where some are missing.
+        """
+        from .source import FUNCTIONS, constants
 
         if name not in FUNCTIONS:
             raise UnknownNameError.of("function", name, FUNCTIONS)
@@ -168,5 +183,28 @@ class Equations:
             scope: dict[str, Any] = {}
             exec(compile(self.numpy_source(), f"<equations of {self.name}>", "exec"), scope)
             self.cache["module"] = scope
-        found: Callable[..., Any] = self.cache["module"][name]
-        return found
+        return _complete(self.cache["module"][name], [s.name for s in constants(self)])
+
+
+def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
+    """The function, which first looks whether each constant has a number."""
+    wanted = signature(function)
+
+    @wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        given = wanted.bind_partial(*args, **kwargs).arguments
+        by_itself = wanted.parameters["parameters"].default is not Argument.empty
+        if "parameters" not in given and by_itself:
+            return function(*args, **kwargs)
+        values = {str(key): value for key, value in dict(given.get("parameters", {})).items()}
+        for key in values:
+            if key not in names:
+                raise UnknownNameError.of("constant", key, names)
+        if missing := [key for key in names if key not in values]:
+            raise ValueRangeError(
+                f"parameters= of {function.__name__} has no number for {', '.join(missing)}. All are wanted: "
+                f"{', '.join(names)}."
+            )
+        return function(**{**given, "parameters": values})
+
+    return checked

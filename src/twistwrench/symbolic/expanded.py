@@ -107,7 +107,7 @@ def motion_of(
         spin = [ring.number(0.0)] * 3
         if body.joint.kind == "rotor":  # turns in a frame that does not
             rate = ring.symbol(coordinates[body.v_index].rate)
-            spin = [float(body.ratio * x) * rate for x in body.joint.axes[0, :3]]
+            spin = [float(x) * arithmetic.number(mine.ratio) * rate for x in body.joint.axes[0, :3]]
         dR = np.array([[_rate(x, coordinates, ring) for x in row] for row in R], object)
         W = R.T @ dR if any(len(x) for x in dR.flat) else dR  # [ω_b] = R'Ṙ, MR eq. 3.33
         positions.append(np.array([ring.number(0.0) + x for x in place], object))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
@@ -11,22 +11,25 @@ from .assembly import assembled, entry_name, steps_of, term_lines
 from .coordinates import Coordinate, Variable, dotted
 from .equations import Equations, Label, Step
 from .expanded import Terms
+from .given import check_lagrangian, symbols_of, time_of
 from .trig_sum import Ring, TrigSum
 from .writing import Writer
 
 __all__ = ["lagrange"]
 
 
-def lagrange(L: Any, q: Any, rates: Any = None, *, name: str = "system") -> Equations:
-    """The equations of motion d/dt ∂L/∂q̇ - ∂L/∂q = τ of a Lagrangian L(q, q̇), a SymPy expression.
+def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
+    """The equations of motion d/dt ∂L/∂q̇ - ∂L/∂q = τ of a Lagrangian L(q, q̇, t), a SymPy expression.
 
     ``q`` are the coordinates, independent SymPy symbols. ``rates`` are the symbols of their rates in L; without it, by the
-    naming rule theta_1 → thetadot_1, x → xdot. Accelerations are called thetaddot_1, xddot. Every other symbol is a
-    constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms linear in the rates in the equations, and
+    naming rule theta_1 → thetadot_1, x → xdot. Accelerations are called thetaddot_1, xddot. ``time`` is the symbol of
+    time, where L depends on it: then ∂/∂t of the momenta, a step of its own, is part of the equations. Every other symbol
+    is a constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms linear in the rates in the equations, and
     g is whatever is left at rest, centrifugal forces of a wire that is turned included.
 
-    Raises ShapeError for coordinates and rates that are no symbols or do not match, ValueRangeError for an L that depends
-    on time or on none of the rates, MissingExtraError without SymPy. MR eq. 8.2 and 8.3.
+    Raises ShapeError for coordinates, rates and a time that are no symbols or do not match; ValueRangeError for an L that
+    depends on none of the rates, on rates of coordinates that are not listed, on accelerations, or on a ``t`` that
+    ``time`` does not name; MissingExtraError without SymPy. MR eq. 8.2 and 8.3.
 
     >>> import sympy
     >>> m, R, g, Omega, theta, thetadot = sympy.symbols("m R g Omega theta thetadot")
@@ -40,15 +43,17 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, name: str = "system") -> Equa
     require_sympy()
     import sympy
 
-    given, L = q, _expression(L)
-    coordinates = _symbols(given, "q")
+    L = _expression(L)
+    coordinates = symbols_of(q, "q")
     velocities = _rates(rates, coordinates, L)
-    _check(L, velocities)
+    now = time_of(time, (*coordinates, *velocities))
+    check_lagrangian(L, coordinates, velocities, now)
     named = tuple(Coordinate(s.name, True, "coordinate") for s in coordinates)
     accelerations = tuple(sympy.Symbol(dotted(s.name, "ddot")) for s in coordinates)
-    parsed = _parsed(L, coordinates, velocities, accelerations)
+    moved = now is not None and now in L.free_symbols
+    parsed = None if moved else _parsed(L, coordinates, velocities, accelerations)
     if parsed is None:
-        fields = _differentiated(L, coordinates, velocities, accelerations)
+        fields = _differentiated(L, coordinates, velocities, accelerations, now if moved else None)
     else:
         terms, expressions = parsed
         masses = [n for n in terms.ring.symbols if n.startswith("m") and not n.startswith("mu")]
@@ -74,52 +79,18 @@ def _expression(L: Any) -> Any:
         raise ShapeError(f"a Lagrangian is a SymPy expression, got {str(L)[:80]!r}.") from None
 
 
-def _symbols(given: Any, what: str) -> tuple[Any, ...]:
-    import sympy
-
-    symbols = (
-        (given,)
-        if isinstance(given, sympy.Symbol)
-        else tuple(given)
-        if isinstance(given, Sequence | sympy.MatrixBase | sympy.Tuple)
-        else ()
-    )
-    if not symbols or not all(isinstance(s, sympy.Symbol) for s in symbols) or len(set(symbols)) < len(symbols):
-        raise ShapeError(
-            f"{what}={given!r} are not different SymPy symbols. Write theta instead of theta(t): the rates are symbols of "
-            "their own, theta, thetadot = sympy.symbols('theta thetadot')."
-        )
-    return symbols
-
-
 def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
     import sympy
 
     if rates is None:
         known = {s.name: s for s in L.free_symbols}
         return tuple(known.get(dotted(s.name), sympy.Symbol(dotted(s.name))) for s in coordinates)
-    found = _symbols(rates, "rates")
+    found = symbols_of(rates, "rates")
     if len(found) != len(coordinates) or set(found) & set(coordinates):
         raise ShapeError(
             f"rates={rates!r}: one symbol for each of {', '.join(map(str, coordinates))}, and none of these."
         )
     return found
-
-
-def _check(L: Any, rates: tuple[Any, ...]) -> None:
-    import sympy
-
-    if found := L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative):
-        listed = ", ".join(sorted(map(str, found)))
-        raise ValueRangeError(
-            f"L contains {listed}. Write coordinates and rates as symbols, theta and thetadot instead of theta(t) and its "
-            "derivative: L.subs({theta(t).diff(t): thetadot}).subs({theta(t): theta})."
-        )
-    if not L.free_symbols & set(rates):
-        raise ValueRangeError(
-            f"L does not depend on {', '.join(map(str, rates))}, so there is no kinetic energy. Name the rates so, or give "
-            "them: lagrange(L, q, rates=[…])."
-        )
 
 
 # ── sums of products, where L is one ──
@@ -208,7 +179,9 @@ class _Reader:
 # ── any other L: plain differentiation ──
 
 
-def _differentiated(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...]) -> dict[str, Any]:
+def _differentiated(
+    L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...], time: Any = None
+) -> dict[str, Any]:
     import sympy
 
     n = len(q)
@@ -221,7 +194,11 @@ def _differentiated(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[
             "L is not a polynomial of degree two in the rates, so its equations have no mass matrix of the coordinates alone. "
             "Use kinetic energies ½ q̇'M q̇."
         )
-    rates = [sympy.Add(*(p.diff(x) * v + p.diff(v) * a for x, v, a in zip(q, dq, ddq, strict=True))) for p in momenta]
+    explicit = [sympy.Integer(0) if time is None else sympy.expand(p.diff(time)) for p in momenta]
+    rates = [
+        sympy.Add(e, *(p.diff(x) * v + p.diff(v) * a for x, v, a in zip(q, dq, ddq, strict=True)))
+        for p, e in zip(momenta, explicit, strict=True)
+    ]
     dM = [[[M[i, j].diff(x) for x in q] for j in range(n)] for i in range(n)]
     half = sympy.Rational(1, 2)
     gamma = sympy.ImmutableDenseNDimArray(
@@ -238,6 +215,9 @@ def _differentiated(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[
     )
     lines = {
         "momenta": [(Label("L", v.name), p) for v, p in zip(dq, momenta, strict=True)],
+        "explicit_time": [
+            (Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0
+        ],
         "momentum_rates": [(Label("L", v.name, rate=True), r) for v, r in zip(dq, rates, strict=True)],
         "slopes": [(Label("L", x.name), s) for x, s in zip(q, slopes, strict=True)],
         **term_lines(M, gamma, C, g),

@@ -126,7 +126,7 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     n = len(coordinates)
     names.group("sines", "cosines and sines of the coordinates")
     raw = [joint_motion(names, body, mine) for body, mine in zip(model.bodies, entries.bodies, strict=True)]
-    motions = _motions(names, raw)
+    motions = _motions(names, [b.tag for b in entries.bodies], raw)
     velocities = _velocities(names, model, entries, motions)
     heights = _heights(names, model, entries, motions)
     names.group("mass_matrix", "M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links: K = ½ q̇'M q̇")
@@ -143,10 +143,10 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     return {**_equations(names, coordinates, M, dM, g, P), "definitions": tuple(names.definitions), "form": "named"}
 
 
-def _motions(names: _Names, raw: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+def _motions(names: _Names, tags: list[str], raw: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
     names.group("placements", "R_i and t_i: rotation and place of each link in the one before it")
     found = []
-    for i, (R, p) in enumerate(raw, 1):
+    for i, (R, p) in zip(tags, raw, strict=True):
         rows = [[names.name(f"R_{i}_{_AXES[a]}{_AXES[b]}", R[a, b]) for b in range(3)] for a in range(3)]
         found.append((np.array(rows, object), names.names(f"t_{i}_", p)))
     return found
@@ -173,7 +173,7 @@ def _velocities(
             old = columns.get(k)  # a follower moves with its leader's rate too
             columns[k] = own if old is None else (old[0] + own[0], old[1] + own[1])
         named = {
-            j: (names.names(f"w_{i + 1}_{j + 1}", w), names.names(f"u_{i + 1}_{j + 1}", u))
+            j: (names.names(f"w_{mine.tag}_{j + 1}", w), names.names(f"u_{mine.tag}_{j + 1}", u))
             for j, (w, u) in columns.items()
         }
         com = numbers_of(names, mine.com)
@@ -181,7 +181,7 @@ def _velocities(
         massless = not mine.mass.value
         centres.append(
             {
-                j: (w, w * 0 if massless else names.names(f"v_{i + 1}_{j + 1}", u + _cross(w, com)))
+                j: (w, w * 0 if massless else names.names(f"v_{mine.tag}_{j + 1}", u + _cross(w, com)))
                 for j, (w, u) in named.items()
             }
         )
@@ -199,7 +199,8 @@ def _own(names: _Names, R: Array, k: int, body: Any, mine: BodyEntries) -> tuple
         if joint.kind == "planar":
             return exact(joint.axes[0, :3]), nothing
         return _euler_axis(names, body.v_index, number), nothing
-    w = exact(body.ratio) * exact(joint.axes[0, :3])
+    ratio = names.number(mine.ratio) if joint.kind == "rotor" else exact(body.ratio)
+    w = ratio * exact(joint.axes[0, :3])
     if not joint.axes[0, :3].any():
         return w, exact(body.ratio) * exact(joint.axes[0, 3:])
     return w, -_cross(w, numbers_of(names, mine.point)) + w * names.number(mine.pitch)
@@ -229,9 +230,9 @@ def _heights(names: _Names, model: Model, entries: ModelEntries, motions: Any) -
     for i, (body, mine) in enumerate(zip(model.bodies, entries.bodies, strict=True)):
         R, p = motions[i]
         n, y = (up, 0) if body.parent == BASE else (directions[body.parent], origins[body.parent])
-        directions.append(names.names(f"n_{i + 1}_", R.T @ n))
-        origins.append(names.name(f"eta_{i + 1}", y + n @ p))
-        centres.append(names.name(f"zeta_{i + 1}", origins[-1] + directions[-1] @ numbers_of(names, mine.com)))
+        directions.append(names.names(f"n_{mine.tag}_", R.T @ n))
+        origins.append(names.name(f"eta_{mine.tag}", y + n @ p))
+        centres.append(names.name(f"zeta_{mine.tag}", origins[-1] + directions[-1] @ numbers_of(names, mine.com)))
     return centres
 
 

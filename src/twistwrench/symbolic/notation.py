@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from functools import lru_cache
 from typing import Any
 from xml.sax.saxutils import escape
 
 __all__ = ["Latex", "MathML", "Notation", "Text"]
 
-_RANKS = {"m": 0, "I": 1, "L": 2, "r": 2, "a": 2, "h": 2, "g": 3}
+_RANKS = {"G": -0.7, "m": 0, "I": 1, "L": 2, "r": 2, "a": 2, "h": 2, "g": 3, "t": 4.5}
 _GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η", "theta": "θ", "iota": "ι",
     "kappa": "κ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ", "pi": "π", "rho": "ρ", "sigma": "σ", "tau": "τ",
@@ -60,29 +61,19 @@ class Notation:
     def terms(self, expr: Any) -> list[tuple[str, str]]:
         """The terms of a sum, each with its sign."""
         found = []
-        for term in sorted(expr.as_ordered_terms() if expr.is_Add else [expr], key=self._term_key):
-            negative = term.could_extract_minus_sign() if not term.is_Add else False
-            found.append(("-" if negative else "+", self.write(-term if negative else term)))
+        for term in _ordered(expr):
+            negative, factors = _signed(term)
+            found.append(("-" if negative else "+", self._quotient(factors)))
         return found
 
-    def _term_key(self, term: Any) -> tuple[Any, ...]:
-        marks, letters = [0, 0], []
-        for symbol in term.free_symbols:
-            stem, mark, index = _parts(symbol.name)
-            if mark:
-                marks[mark == "dot"] += 1
-            number = re.match(r"\d+", index)
-            power = int(next((f.exp for f in _factors(term) if f.is_Pow and f.base == symbol and f.exp.is_Integer), 1))
-            where = int(number.group()) if number else 0
-            letters.append((where, 9 if mark else _RANKS.get(stem, 4), symbol.name, -power))
-        return (-min(marks[0], 1), -min(marks[1], 1), tuple(sorted(letters)), self.write(term) if not letters else "")
-
     def _product(self, expr: Any) -> str:
-        if expr.could_extract_minus_sign():
-            return self.minus(self.write(-expr))
+        negative, factors = _signed(expr)
+        return self.minus(self._quotient(factors)) if negative else self._quotient(factors)
+
+    def _quotient(self, factors: list[Any]) -> str:
         above: list[Any] = []
         below: list[Any] = []
-        for factor in _factors(expr):
+        for factor in factors:
             if factor.is_Pow and factor.exp.is_Number and factor.exp.is_negative:
                 below.append(factor.base**-factor.exp)
             else:
@@ -105,12 +96,7 @@ class Notation:
             return (-1, 0, "")
         if base.is_Symbol:
             stem, mark, index = _parts(base.name)
-            number = re.match(r"\d+", index)
-            return (
-                {"": _RANKS.get(stem, 4), "dot": 8, "ddot": 9}[mark],
-                int(number.group()) if number else 0,
-                base.name,
-            )
+            return ({"": _RANKS.get(stem, 4), "dot": 8, "ddot": 9}[mark], _where(index), base.name)
         if base.is_Add:
             parts = [_parts(s.name) for s in base.free_symbols]
             if any(mark for _, mark, _ in parts):
@@ -141,7 +127,7 @@ class Notation:
     def symbol(self, name: str) -> str:
         """A symbol: Greek letters, dots for rates, indices."""
         stem, mark, index = _parts(name)
-        low = index.replace("_", ",").translate(_SUBSCRIPTS)
+        low = re.sub(r"^r(?=\d)", "ᵣ", index).replace("_", ",").translate(_SUBSCRIPTS)
         return unicodedata.normalize("NFC", _GREEK.get(stem, stem) + (_MARKS[mark] if mark else "")) + low
 
     def figure(self, digits: str) -> str:
@@ -192,6 +178,10 @@ class Notation:
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
         """∂top/∂variable, or its rate."""
         return f"{'d/dt ' if rate else ''}∂{top}/∂{variable}"
+
+    def partial(self, variable: str, inner: str) -> str:
+        """∂/∂variable of what follows."""
+        return f"∂/∂{variable} {inner}"
 
     def other(self, expr: Any) -> str:
         """What there is no rule for."""
@@ -253,6 +243,10 @@ class Latex(Notation):
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
         """∂top/∂variable, or its rate."""
         return ("\\frac{d}{dt} " if rate else "") + f"\\frac{{\\partial {top}}}{{\\partial {variable}}}"
+
+    def partial(self, variable: str, inner: str) -> str:
+        """∂/∂variable of what follows."""
+        return f"\\frac{{\\partial}}{{\\partial {variable}}} {inner}"
 
     def other(self, expr: Any) -> str:
         """What there is no rule for."""
@@ -321,6 +315,10 @@ class MathML(Notation):
         head = "<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>" if rate else ""
         return f"{head}<mfrac><mrow><mo>∂</mo>{top}</mrow><mrow><mo>∂</mo>{variable}</mrow></mfrac>"
 
+    def partial(self, variable: str, inner: str) -> str:
+        """∂/∂variable of what follows."""
+        return f"<mfrac><mo>∂</mo><mrow><mo>∂</mo>{variable}</mrow></mfrac>{inner}"
+
     def other(self, expr: Any) -> str:
         """What there is no rule for."""
         from sympy.printing.mathml import MathMLPresentationPrinter
@@ -330,3 +328,42 @@ class MathML(Notation):
 
 def _factors(expr: Any) -> list[Any]:
     return list(expr.args) if expr.is_Mul else [expr]
+
+
+def _where(index: str) -> tuple[int, bool]:
+    """The number of a link or joint, rotors (r1) after the links of the same number."""
+    number = re.match(r"(r?)(\d+)", index)
+    return (int(number[2]), bool(number[1])) if number else (0, False)
+
+
+def _signed(term: Any) -> tuple[bool, list[Any]]:
+    """The sign of a term and the factors of its size; of sums among them, the sign of their first term is pulled out."""
+    coefficient, rest = term.as_coeff_Mul()
+    negative = bool(coefficient.is_negative)
+    factors = [] if abs(coefficient) == 1 else [abs(coefficient)]
+    for factor in _factors(rest):
+        whole = factor.is_Pow and factor.exp.is_Integer and factor.exp.is_positive
+        base, power = (factor.base, int(factor.exp)) if whole else (factor, 1)
+        if base.is_Add and _signed(_ordered(base)[0])[0]:
+            negative ^= bool(power % 2)
+            factor = (-base) ** power
+        if factor != 1:
+            factors.append(factor)
+    return negative, factors or [abs(coefficient)]
+
+
+@lru_cache(maxsize=1 << 14)
+def _ordered(expr: Any) -> list[Any]:
+    """The terms of a sum in the order of a book."""
+    return sorted(expr.as_ordered_terms() if expr.is_Add else [expr], key=_term_key)
+
+
+def _term_key(term: Any) -> tuple[Any, ...]:
+    marks, letters = [0, 0], []
+    for symbol in term.free_symbols:
+        stem, mark, index = _parts(symbol.name)
+        if mark:
+            marks[mark == "dot"] += 1
+        power = int(next((f.exp for f in _factors(term) if f.is_Pow and f.base == symbol and f.exp.is_Integer), 1))
+        letters.append((_where(index), 9 if mark else _RANKS.get(stem, 4), symbol.name, -power))
+    return (-min(marks[0], 1), -min(marks[1], 1), tuple(sorted(letters)), str(term) if not letters else "")

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from ..errors import UnknownNameError, ValueRangeError
 from ..model.model import BASE, Body, Model
+from .decimals import shortest
 
 Array = NDArray[Any]
 
 __all__ = ["KINDS", "BodyEntries", "Entry", "ModelEntries", "Parameter", "model_entries"]
 
-KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs")
+KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
 """What ``symbols=`` can name as a whole; ``"all"`` and ``"none"`` beside them."""
 
 _AXES = "xyz"
@@ -55,12 +56,16 @@ Entries = tuple[Entry, ...]
 class BodyEntries:
     """The numbers of one body: place of its joint, a point of its axis, pitch, mass, centre of mass, inertia about it."""
 
+    tag: str
+    """What its symbols end in: its number, r1 for the rotor of joint 1."""
     place: Entries
     point: Entries
     pitch: Entry
     mass: Entry
     com: Entries
     inertia: tuple[Entries, ...]
+    ratio: Entry
+    """Of its joint's rate to that of the coordinate; a symbol where a gear is between."""
 
 
 @dataclass(frozen=True)
@@ -91,12 +96,14 @@ def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEn
 
     bodies = tuple(
         BodyEntries(
+            tag=b.tag,
             place=all_kept(b.place),
             point=all_kept(b.point),
             pitch=kept(b.pitch),
             mass=kept(b.mass),
             com=all_kept(b.com),
             inertia=tuple(map(all_kept, b.inertia)),
+            ratio=kept(b.ratio),
         )
         for b in every.bodies
     )
@@ -132,6 +139,7 @@ class _Namer:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.parameters: list[Parameter] = []
+        self.tags = _tags(model)
 
     def entries(self) -> ModelEntries:
         bodies = self.model.bodies
@@ -163,7 +171,7 @@ class _Namer:
         for what, place in children:
             for k, x in enumerate(place):
                 if x and not any(_same(k, x, key) for key in sizes):
-                    sizes[k, abs(float(x))] = (what, ["lengths"])
+                    sizes[k, shortest(abs(x))] = (what, ["lengths"])
         for (k, size), (_, kinds) in sizes.items():
             if _same(k, com[k], (k, size)):
                 kinds.append("coms")
@@ -173,17 +181,17 @@ class _Namer:
             letter = _AXES[k] if len(sizes) > 1 else ""
             again = f"_{axes[:n].count(k) + 1}" if axes[:n].count(k) else ""
             meaning = f"{_AXES[k]} of {what} in {link}" + (", and of its centre of mass" if "coms" in kinds else "")
-            found[k, size] = self._new(f"L_{i + 1}{letter}{again}", size, kinds, f"{meaning} [m]")
+            tag = "0" if i == BASE else self.tags[i]
+            found[k, size] = self._new(f"L_{tag}{letter}{again}", size, kinds, f"{meaning} [m]")
         return found
 
     def _body(self, i: int, body: Body, lengths: dict[int, dict[tuple[int, float], Parameter]]) -> BodyEntries:
-        n, link, G = i + 1, body.link, body.inertia
-        mass = (
-            Entry(0.0) if not G.mass else Entry(G.mass, self._new(f"m_{n}", G.mass, ["masses"], f"mass of {link} [kg]"))
-        )
+        n, link, G = self.tags[i], body.link, body.inertia
+        m = shortest(G.mass)
+        mass = Entry(0.0) if not m else Entry(m, self._new(f"m_{n}", m, ["masses"], f"mass of {link} [kg]"))
         place = tuple(_with_length(k, x, lengths[body.parent]) for k, x in enumerate(body.placement[:3, 3]))
         extent = float(np.abs(G.com).max())
-        com_places = [0.0 if abs(x) <= _ROUND_OFF * extent else float(x) for x in G.com]
+        com_places = [0.0 if abs(x) <= _ROUND_OFF * extent else shortest(x, extent) for x in G.com]
         com = [_with_length(k, x, lengths[i]) for k, x in enumerate(com_places)]
         unnamed = [k for k, entry in enumerate(com) if entry.value and entry.parameter is None]
         for k in unnamed:
@@ -192,16 +200,22 @@ class _Namer:
                 com[k].value, self._new(name, com[k].value, ["coms"], f"{_AXES[k]} of the centre of mass of {link} [m]")
             )
         point, pitch = self._axis(n, body)
-        return BodyEntries(place, point, pitch, mass, tuple(com), self._inertia(n, body))
+        return BodyEntries(n, place, point, pitch, mass, tuple(com), self._inertia(n, body), self._ratio(n, body))
 
-    def _axis(self, n: int, body: Body) -> tuple[Entries, Entry]:
+    def _ratio(self, n: str, body: Body) -> Entry:
+        if body.joint.kind != "rotor" or abs(body.ratio) == 1.0:
+            return Entry(body.ratio)
+        meaning = f"gear ratio of {_driven(self.model, body)}"
+        return Entry(body.ratio, self._new(f"G_{n.removeprefix('r')}", body.ratio, ["gears"], meaning))
+
+    def _axis(self, n: str, body: Body) -> tuple[Entries, Entry]:
         """Where the axis passes, in the child's frame, and its pitch; zeros of joints that do not turn about one axis."""
         none = (Entry(0.0),) * 3
         if body.joint.nv > 1 or not body.joint.axes[0, :3].any():
             return none, Entry(0.0)
         w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
         at, h = np.cross(w, v) / (w @ w), float(w @ v / (w @ w))
-        at = np.where(np.abs(at) <= _ROUND_OFF * np.abs(at).max(), 0.0, at)
+        at = np.where(np.abs(at) <= _ROUND_OFF * np.abs(at).max(), 0.0, [shortest(x) for x in at])
         name = body.joint.name
         many = np.count_nonzero(at) > 1
         point = tuple(
@@ -222,12 +236,12 @@ class _Namer:
             return point, Entry(0.0)
         return point, Entry(h, self._new(f"h_{n}", h, ["lengths"], f"pitch of {name} [m/rad]"))
 
-    def _inertia(self, n: int, body: Body) -> tuple[Entries, ...]:
+    def _inertia(self, n: str, body: Body) -> tuple[Entries, ...]:
         I, scale = body.inertia.moment_about_com, float(np.abs(body.inertia.moment_about_origin).max())
         found: list[list[Entry]] = [[Entry(0.0)] * 3 for _ in range(3)]
         for a in range(3):
             for b in range(a, 3):
-                value = float(I[a, b])
+                value = shortest(I[a, b], scale)  # Steiner's term leaves its round-off behind
                 if abs(value) > _ROUND_OFF * scale:
                     axes = _AXES[a] + _AXES[b]
                     meaning = f"rotational inertia {axes} of {body.link} about its centre of mass [kg m²]"
@@ -250,9 +264,27 @@ class _Namer:
         )
 
 
+def _driven(model: Model, rotor: Body) -> str:
+    """The joint that a rotor drives."""
+    name = rotor.joint.name
+    actuator = model.actuators.get(name)
+    return name.removesuffix(".rotor") if actuator is None else actuator.joint
+
+
+def _tags(model: Model) -> list[str]:
+    """What tells the symbols of bodies apart: their number; of a rotor, r and the number of the joint it drives."""
+    numbers = {body.joint.name: n for n, body in enumerate(model.leaders, 1)}
+    tags: list[str] = []
+    for i, body in enumerate(model.bodies, 1):
+        n = numbers.get(_driven(model, body)) if body.joint.kind == "rotor" else None
+        tag = f"r{n}"
+        tags.append(str(i) if n is None or tag in tags else tag)
+    return tags
+
+
 def _same(k: int, x: Any, key: tuple[int, float]) -> bool:
     return key[0] == k and abs(abs(float(x)) - key[1]) <= _SAME * key[1]
 
 
 def _with_length(k: int, x: Any, lengths: dict[tuple[int, float], Parameter]) -> Entry:
-    return Entry(float(x), next((p for key, p in lengths.items() if x and _same(k, x, key)), None))
+    return Entry(shortest(x), next((p for key, p in lengths.items() if x and _same(k, x, key)), None))

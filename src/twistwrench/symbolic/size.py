@@ -28,8 +28,8 @@ LARGEST_ROTATION = 100
 """Terms of an entry of a rotation, likewise."""
 COMFORTABLE = 30_000
 """Products of two terms in the kinetic energy, up to which equations are written out unless asked otherwise."""
-LARGEST_EXPANDED = 5_000_000
-"""Products beyond which even that is refused: minutes, and hundreds of pages."""
+LARGEST_EXPANDED = 1_000_000
+"""Products times coordinates, each of which differentiates them, beyond which even that is refused: hundreds of pages."""
 MOST_EXPANDED = 4
 """Coordinates up to which equations are written out unless asked otherwise: beyond, nobody reads them."""
 LARGEST_NAMED = 8_000
@@ -43,13 +43,14 @@ def expanded_products(entries: ModelEntries, motion: Motion | None) -> float:
     return motion.products(tuple([[e.value for e in row] for row in b.inertia] for b in entries.bodies))
 
 
-def check_expanded(name: str, products: float) -> None:
+def check_expanded(name: str, products: float, coordinates: int) -> None:
     """ValueRangeError beyond :data:`LARGEST_EXPANDED`."""
-    if products > LARGEST_EXPANDED:
+    if products * coordinates > LARGEST_EXPANDED:
         count = (
             f"more than {LARGEST_POSITION:,} terms in a coordinate of a position, or {LARGEST_ROTATION} in a rotation"
             if products == float("inf")
-            else (f"{int(products):,} products of terms in its kinetic energy; allowed are {LARGEST_EXPANDED:,}")
+            else f"{int(products):,} products of terms in its kinetic energy, to be differentiated by {coordinates} "
+            f"coordinates; allowed are {LARGEST_EXPANDED // coordinates:,}"
         )
         raise ValueRangeError(
             f"{name!r} is too large to write out: {count}. Leave form='expanded' out and intermediate results get names; or "

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .decimals import shortest
 from .trig_sum import Basis, Ring, TrigSum
 
 Array = NDArray[Any]
@@ -25,8 +26,11 @@ Waves = tuple[tuple[Basis, int], ...]
 """A product of powers of sines and cosines."""
 Row = tuple[Any, int, Waves]
 """Coefficient, monomial, sines and cosines."""
+Term = tuple[Any, int]
+"""Coefficient and monomial."""
 
 _LONGEST = 40  # terms beyond which a coefficient has no short form to look for
+_MOST_FACTORED, _MOST_NAMES = 28, 7  # terms and symbols of the square of a sum of seven
 
 
 class Writer:
@@ -53,6 +57,7 @@ class Writer:
         self._masses = frozenset(masses)
         self._waves: dict[Basis, Any] = {}
         self._forms: dict[Any, dict[Waves, Any]] = {}
+        self._products: dict[frozenset[Term], Any] = {}
 
     # ── expressions ──
 
@@ -69,9 +74,58 @@ class Writer:
         for waves, rows in groups.items():
             common = self._common([m for _, m, _ in rows])
             share = _content([c for c, _, _ in rows])
-            inner = [self._product(c / share, m - common, ()) for c, m, _ in rows]
-            parts.append(self._product(share, common, waves, self._sympy.Add(*inner)))
+            inner = self._bracket([(c / share, m - common) for c, m, _ in rows])
+            parts.append(self._product(share, common, waves, inner))
         return self._sympy.Add(*parts)
+
+    def _bracket(self, terms: list[Term]) -> Any:
+        """A sum without sines and cosines: as squares and products, else each mass once."""
+        if (whole := self._factored(terms)) is not None:
+            return whole
+        groups: dict[int, list[Term]] = defaultdict(list)
+        for c, m in terms:
+            groups[self._mass_part(m)].append((c, m))
+        parts: list[Any] = []
+        for mass, members in groups.items():
+            if not mass or len(members) == 1 or len(groups) == 1:
+                parts.extend(self._product(c, m, ()) for c, m in members)
+                continue
+            common, share = self._common([m for _, m in members]), _content([c for c, _ in members])
+            rest = [(c / share, m - common) for c, m in members]
+            inner = self._factored(rest)
+            if inner is None:
+                inner = self._sympy.Add(*(self._product(c, m, ()) for c, m in rest))
+            parts.append(self._product(share, common, (), inner))
+        return self._sympy.Add(*parts)
+
+    def _factored(self, terms: list[Term]) -> Any:
+        """A polynomial as squares and products, None where it has none: (L_2 + x_3)² of three terms or more."""
+        if not 3 <= len(terms) <= _MOST_FACTORED or not all(float(64 * c).is_integer() for c, _ in terms):
+            return None
+        key = frozenset(terms)
+        if key not in self._products:
+            self._products[key] = self._factors(terms)
+        return self._products[key]
+
+    def _factors(self, terms: list[Term]) -> Any:
+        powers = [self.ring.exponents(m) for _, m in terms]
+        names = sorted(set().union(*powers))
+        if len(names) > _MOST_NAMES or max(sum(p.values()) for p in powers) < 2:
+            return None
+        Symbol, QQ = self._sympy.Symbol, self._sympy.QQ
+        exponents = [tuple(p.get(name, 0) for name in names) for p in powers]
+        coefficients = {e: self._sympy.Rational(Fraction(c)) for e, (c, _) in zip(exponents, terms, strict=True)}
+        whole = self._sympy.Poly.from_dict(coefficients, *map(Symbol, names), domain=QQ)
+        content, factors = whole.factor_list()
+        if sum(k for _, k in factors) < 2:
+            return None
+        made = [self._expression(f, names) ** k for f, k in factors]
+        return self._sympy.Mul(content, *(x for f in made for x in self._sympy.Mul.make_args(f)))
+
+    def _expression(self, polynomial: Any, names: list[str]) -> Any:
+        symbols = [self.symbols[name] for name in names]
+        terms = ((c, zip(symbols, powers, strict=True)) for powers, c in polynomial.terms())
+        return self._sympy.Add(*(self._sympy.Mul(c, *(s**k for s, k in pairs)) for c, pairs in terms))
 
     def by_motion(self, total: TrigSum, motions: list[str], write: Callable[[TrigSum], Any]) -> Any:
         """Sorted by products of rates and accelerations; those whose coefficients are proportional stand together."""
@@ -108,9 +162,39 @@ class Writer:
                 parts.extend(self._product(*row) for row in rows)
                 continue
             share = _content([c for c, _, _ in rows])
-            inner = [self._product(c / share, m - common, waves) for c, m, waves in rows]
-            parts.append(self._product(share, common, (), self._sympy.Add(*inner)))
+            inner = self._by_waves([(c / share, m - common, waves) for c, m, waves in rows])
+            parts.append(self._product(share, common, (), inner))
         return self._sympy.Add(*parts)
+
+    def _by_waves(self, rows: list[Row]) -> Any:
+        """A sum whose parts with the same sines and cosines are squares and products where they can be."""
+        groups: dict[Waves, list[Row]] = defaultdict(list)
+        for row in rows:
+            groups[row[2]].append(row)
+        parts: list[Any] = []
+        for waves, members in groups.items():
+            terms = [(c, m) for c, m, _ in members]
+            if (whole := self._factored(terms)) is not None:
+                parts.append(self._product(1, 0, waves, whole))
+                continue
+            for some in self._apart(terms):
+                if (part := self._factored(some)) is not None:
+                    parts.append(self._product(1, 0, waves, part))
+                else:
+                    parts.extend(self._product(c, m, waves) for c, m in some)
+        return self._sympy.Add(*parts)
+
+    def _apart(self, terms: list[Term]) -> list[list[Term]]:
+        """Groups of terms that share no symbol: r² beside (L + x)²."""
+        groups: list[tuple[set[str], list[Term]]] = []
+        for term in terms:
+            names, mine = set(self.ring.exponents(term[1])), [term]
+            for group in [g for g in groups if g[0] & names]:
+                groups.remove(group)
+                names |= group[0]
+                mine = group[1] + mine
+            groups.append((names, mine))
+        return [mine for _, mine in groups]
 
     def _product(self, coefficient: Any, monomial: int, waves: Waves, inner: Any = 1) -> Any:
         factors = [as_number(coefficient), self._power(monomial), inner]
@@ -264,6 +348,6 @@ def as_number(value: Any) -> Any:
     if isinstance(value, Fraction):
         return sympy.Rational(value.numerator, value.denominator)
     if isinstance(value, float) and not (64 * value).is_integer():
-        return sympy.Float(value)
+        return sympy.Float(shortest(value))
     exact = Fraction(value)
     return sympy.Rational(exact.numerator, exact.denominator)

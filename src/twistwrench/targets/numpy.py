@@ -55,6 +55,9 @@ class NumpyKernel:
         arrays = [np.asarray(a) for a in args[: self.nin]]
         if len(args) != self.nin:
             raise TypeError(f"{self.__name__} takes {self.nin} arrays, got {len(args)}.")
+        for a, port in zip(arrays, self.program.inputs, strict=True):
+            if not np.can_cast(a.dtype, float):
+                raise TypeError(f"{self.__name__}: {port.name} is {a.dtype}, real numbers wanted.")
         for number, (a, port) in enumerate(zip(arrays, self.program.inputs, strict=True)):
             if a.ndim < len(port.shape) or a.shape[a.ndim - len(port.shape) :] != port.shape:
                 raise ValueError(
