@@ -123,14 +123,14 @@ def picture(path: Path, closed: ClosedRobot, q: np.ndarray, speed: float, kept: 
         title=f"the crank turned steadily, {speed / (2 * np.pi):g} turn a second",
         xticks=range(0, 361, 60),
     )
-    load.legend(frameon=False, fontsize=8)
+    load.legend(frameon=False, fontsize=8, loc="upper right", bbox_to_anchor=(1.0, 1.05))
     drift.semilogy(
         kept["time"], np.abs(kept["energy"] - kept["energy"][0]) + 1e-18, color=RED, label="energy, change [J]"
     )
     drift.semilogy(kept["time"], kept["slip"] + 1e-18, color=GREEN, label="|A dq| [m/s]")
     drift.semilogy(kept["time"], kept["gap"] + 1e-18, color=GREY, label="gap of the loop [m]")
     drift.set(xlabel="time [s]", title="let go: what the motion keeps")
-    drift.legend(frameon=False, fontsize=8, loc="center", bbox_to_anchor=(0.5, 0.62), ncols=3)
+    drift.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.28), ncols=3)
     for axes in (load, drift):
         axes.margins(x=0)
         axes.spines[["top", "right"]].set_visible(False)

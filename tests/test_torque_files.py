@@ -13,8 +13,8 @@ import pytest
 from motions import LOAD, SLED, report_of, write_motion
 from twistwrench import load, robots
 from twistwrench.errors import TwistWrenchError, ValueRangeError
-from twistwrench.report.limits_file import read_limits
 from twistwrench.report.derivatives import Differentiation
+from twistwrench.report.limits_file import read_limits
 from twistwrench.report.load import TERMS, LoadedRobot
 from twistwrench.report.tables import torque_label
 from twistwrench.report.trajectory import Trajectory

@@ -2,45 +2,75 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .figure import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, QUIET, SKY, SMALL, VERMILION, figure, save
+from .explanation import MOTION_TERMS
+from .figure import (
+    AXIS,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    LINE,
+    ORANGE,
+    PURPLE,
+    QUIET,
+    SKY,
+    SMALL,
+    VERMILION,
+    YELLOW,
+    figure,
+    save,
+)
 
 if TYPE_CHECKING:
     from .explanation import Explanation
 
-__all__ = ["plot_explanation"]
+__all__ = ["plot_explanation", "styles"]
 
-_COLOURS = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE)
+_BODIES = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE)
+_APART = {"friction": GREY, "springs": YELLOW}
+"""What is no body's; wrenches are the rest of that."""
 _MOST = 8
 """Causes drawn by themselves; the smallest of more are drawn as one."""
+
+
+def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """A colour for each cause, and hatches where there are more causes than colours; a body's is never that of another kind."""
+    found: dict[str, dict[str, Any]] = {}
+    for names, colours in ((bodies, _BODIES), ([name for name in apart if name not in _APART], (AXIS,))):
+        for k, name in enumerate(names):
+            hatch = (None, "///", "...", "xxx")[k // len(colours) % 4]
+            found[name] = {"color": colours[k % len(colours)], "hatch": hatch, "edgecolor": "white"}
+    return found | {name: {"color": _APART[name], "edgecolor": "white"} for name in apart if name in _APART}
 
 
 def plot_explanation(why: Explanation, path: str | Path) -> Path:
     """Draw ``why`` to ``path``; see :meth:`Explanation.plot`."""
     parts, names = why.by_cause, list(why.causes)
+    bodies = len(names) - (len(why.terms) - len(MOTION_TERMS))  # what is no body's is a term of its own, and last
     order = np.argsort(-np.abs(parts).max(axis=1), kind="stable")
     shown = sorted(order[:_MOST].tolist())
     rest = [c for c in order[_MOST:].tolist() if parts[c].any()]
-    rows = [(names[c], parts[c]) for c in shown if parts[c].any()]
+    shown = [c for c in shown if parts[c].any()]
+    style = styles([names[c] for c in shown if c < bodies], [names[c] for c in shown if c >= bodies])
+    rows = [(names[c], parts[c], style[names[c]]) for c in shown]
     if rest:
-        rows.append((f"{len(rest)} others", parts[rest].sum(axis=0)))
+        others = {"color": "white", "hatch": "////", "edgecolor": GREY}
+        rows.append((f"{len(rest)} others", parts[rest].sum(axis=0), others))
     places = np.arange(len(why.joints))
     with figure(
         max(6.0, 1.1 * len(places) + 3.2), 4.2, "What each torque is made of", "Drawing an explanation"
     ) as drawn:
         axis = drawn.subplots()
         above, below = np.zeros(len(places)), np.zeros(len(places))
-        for k, (name, row) in enumerate(rows):
-            colour = GREY if rest and k == len(rows) - 1 else _COLOURS[k % len(_COLOURS)]
-            hatch = None if k < len(_COLOURS) else "///"
+        for name, row, look in rows:
             base = np.where(row >= 0, above, below)
-            axis.bar(
-                places, row, 0.62, bottom=base, color=colour, label=name, hatch=hatch, edgecolor="white", linewidth=0.4
-            )
+            axis.bar(places, row, 0.62, bottom=base, label=name, linewidth=0.4, **look)
             above, below = above + np.maximum(row, 0), below + np.minimum(row, 0)
         axis.plot(places, why.torque, "_", color=INK, markersize=30, markeredgewidth=1.6, label="together")
         axis.axhline(0, color=QUIET, linewidth=0.7)

@@ -29,6 +29,7 @@ __all__ = [
     "SMALL",
     "STYLE",
     "VERMILION",
+    "YELLOW",
     "figure",
     "require_matplotlib",
     "save",
@@ -38,7 +39,7 @@ LINE, OVER, QUIET, AXIS, INK = "#1f4e79", "#c0392b", "#8a8f98", "#555b63", "#222
 """A curve, what is over a limit or in doubt, remarks, axes and zero lines, and what is drawn over colours."""
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 """Okabe and Ito's colours, told apart by colour-blind readers too; the rest of them follow."""
-VERMILION, PURPLE, GREY = "#D55E00", "#CC79A7", "#999999"
+VERMILION, PURPLE, GREY, YELLOW = "#D55E00", "#CC79A7", "#999999", "#F0E442"
 SMALL = 8
 """Points, of legends and remarks; titles and labels have their sizes from :data:`STYLE`."""
 STYLE = MappingProxyType(

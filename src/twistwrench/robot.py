@@ -838,9 +838,11 @@ class Robot:
         with np.errstate(all="ignore"):
             found, pivots = self._call(name, *arrays, frame=frame, kind=kind, rows=chosen)
         sizes = self._usual_ways(frame, kind)[2][list(chosen)]
-        again = doubtful(pivots, sizes)
-        for array in arrays:  # what came in as NaN goes out as NaN
-            again = again & np.isfinite(array).all(axis=-1)
+        known = np.ones(pivots.shape[:-1], bool)
+        for array in arrays:
+            known = known & np.isfinite(array).all(axis=-1)
+        found[~known] = np.nan  # and not what an elimination of NaN leaves
+        again = doubtful(pivots, sizes) & known
         if again.any():
             self._warn_of_lost_rows(frame, kind, chosen)
             q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)

@@ -245,7 +245,7 @@ def _plain(value: object, problem: str) -> float:
     try:
         if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
             raise ValueError  # noqa: TRY301  one sentence answers all of it
-        number = float(value)  # type: ignore[arg-type]
+        number = float(str(value)) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise ModelError(problem) from None
     if not np.isfinite(number):

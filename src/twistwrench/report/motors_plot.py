@@ -14,8 +14,9 @@ from .motors import MotorUse
 from .plot import report_title
 
 if TYPE_CHECKING:
-    from .findings import TorqueReport
     from matplotlib.axes import Axes
+
+    from .findings import TorqueReport
 
 Array = NDArray[Any]
 
