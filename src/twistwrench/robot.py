@@ -412,7 +412,8 @@ class Robot:
         """The same quantity by the algorithm itself on floats, one state at a time: the readable oracle."""
         full = quantities.checked_options(self.model, name, options)
         quantity = quantities.QUANTITIES[name]
-        symbols = [a.astype(object) for a in _numbers(f"reference {name}", **{f"input {k + 1}": a for k, a in enumerate(arrays)})]
+        labelled = {f"input {k}": a for k, a in enumerate(arrays, start=1)}
+        symbols = [a.astype(object) for a in _numbers(f"reference {name}", **labelled)]
         shapes = quantity.shapes(self.model) + [("wrench", (6,))] * len(full.get("wrenches", ()))
         shapes += [("gravity", (3,))] * ("gravity" in full)
         shapes += [("parameters", (len(full.get("parameters", ())),))] * ("parameters" in full)

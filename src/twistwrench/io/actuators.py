@@ -217,7 +217,7 @@ def _share(value: object, where: str) -> float:
     return _plain(value, problem)
 
 
-_LEADS = {"rad/m": lambda x: x, "mm/turn": lambda x: 2e3 * np.pi / x, "m/turn": lambda x: 2 * np.pi / x}
+_LEADS: dict[str, Callable[[float], float]] = {"rad/m": lambda x: x, "mm/turn": lambda x: 2e3 * np.pi / x, "m/turn": lambda x: 2 * np.pi / x}
 """Rotor radians per metre, from what a spindle or a rack is described by."""
 
 
@@ -245,7 +245,7 @@ def _plain(value: object, problem: str) -> float:
     try:
         if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
             raise ValueError  # noqa: TRY301  one sentence answers all of it
-        number = float(str(value)) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
+        number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise ModelError(problem) from None
     if not np.isfinite(number):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from shutil import get_terminal_size
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import click
@@ -10,8 +12,6 @@ import click
 from ..errors import ValueRangeError
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from ..robot import Robot
     from .derivation import Derivation
 
@@ -25,6 +25,7 @@ _FILES = {
     "numpy": "Write a Python module that needs NumPy only.",
 }
 _SHORT = ("mass_matrix", "centripetal", "coriolis", "gravity_forces", "equations")
+_PIPED, _NARROWEST = 100, 40
 
 
 def derive_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -47,7 +48,7 @@ def derive_options(function: Callable[..., None]) -> Callable[..., None]:
             default="all",
             show_default=True,
             metavar="KIND|NAME,…",
-            help="What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, or names such as L_1; "
+            help="What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
             "the rest are numbers.",
         ),
     ):
@@ -57,11 +58,8 @@ def derive_options(function: Callable[..., None]) -> Callable[..., None]:
 
 def derive_answer(
     robot: Robot, source: Mapping[str, str | None], *, symbols: str, form: str, steps: str | None, **paths: str | None
-) -> Iterator[RenderableType | str]:
-    """What the command prints; files are written on the way. ``source`` maps what the user calls the input files to them.
-
-    Text for the terminal alone, as LaTeX, comes as ``str``; the rest is for rich.
-    """
+) -> Iterator[str]:
+    """What the command prints; files are written on the way. ``source`` maps what the user calls the input files to them."""
     from ..outputs import check_outputs, replacing
     from .derivation import derive, require_sympy
 
@@ -84,6 +82,8 @@ def derive_answer(
         "c": derivation.c_source,
         "numpy": derivation.numpy_source,
     }
+    for remark in derivation.remarks:
+        click.echo(f"note: {remark}", err=True)
     if not shown:
         yield _view(
             derivation,
@@ -104,32 +104,39 @@ def derive_answer(
             yield f"wrote {path}"
 
 
-def _view(derivation: Derivation, names: tuple[str, ...]) -> RenderableType:
-    """Symbols with their values, the steps named, and the check."""
-    from rich.console import Group
-    from rich.padding import Padding
-    from rich.table import Table
-    from rich.text import Text as Words
-
+def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
+    """Symbols with their values, the steps named, and the check; as wide as the terminal, COLUMNS, or 100."""
     from .documents import heading
+    from .line_breaks import broken, text_width
     from .notation import Text
 
-    notation = Text()
-    legend = Table.grid(padding=(0, 2))
-    for name, meaning in derivation.meanings:
-        legend.add_row(Words(notation.symbol(name)), Words(meaning))
-    for p in derivation.parameters:
-        legend.add_row(Words(notation.symbol(p.name)), Words(f"{p.meaning}: {p.value:.6g}"))
-    parts: list[RenderableType] = [
-        Words(f"Equations of motion of {derivation.name}", "bold"),
-        Padding(legend, (0, 0, 0, 2)),
-    ]
+    notation, width = Text(), max(get_terminal_size((_PIPED, 24)).columns, _NARROWEST)
+    legend = [*derivation.meanings, *((p.name, f"{p.meaning}: {p.value:.6g}") for p in derivation.parameters)]
+    parts = [click.style(f"Equations of motion of {derivation.name}", bold=True)]
+    parts += _columns([(notation.symbol(name), wrap(meaning, width - 12)) for name, meaning in legend], "  ")
     for step in derivation.steps:
         if step.name not in names:
             continue
-        grid = Table.grid(padding=(0, 1))
-        for label, expr in step.lines:
-            grid.add_row(Words(label.write(notation), no_wrap=True), Words("="), Words(notation.write(expr)))
-        parts += [Words(f"\n{heading(step)}: {step.remark}", "bold"), Padding(grid, (0, 0, 0, 2))]
-    check = "" if derivation.check is None else f"\n{derivation.check}"
-    return Group(*parts, Words(check))
+        lefts = [f"{label.write(notation)} =" for label, _ in step.lines]
+        room = width - 3 - max(map(text_width, lefts))
+        rights = [broken(notation.write(expr), room, text_width) for _, expr in step.lines]
+        title = wrap(f"{heading(step)}: {step.remark}", width)
+        parts += ["", *(click.style(line, bold=True) for line in title)]
+        parts += _columns(list(zip(lefts, rights, strict=True)), " ")
+    if derivation.check is not None:
+        parts += ["", *wrap(str(derivation.check), width)]
+    return "\n".join(parts)
+
+
+def _columns(rows: list[tuple[str, list[str]]], gap: str) -> list[str]:
+    """Two columns, moved in by two, without blanks at the ends of lines."""
+    from .line_breaks import text_width
+
+    widest = max((int(text_width(left)) for left, _ in rows), default=0)
+    lines = []
+    for left, right in rows:
+        filled = left + " " * (widest - int(text_width(left)))
+        lines += [
+            f"  {start}{gap}{text}".rstrip() for start, text in zip([filled, *[" " * widest] * len(right)], right)
+        ]
+    return lines

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
+from .line_breaks import TEXT_WIDTH, broken, latex_width
 from .notation import Latex, Notation
 
 if TYPE_CHECKING:
-    from .equations import Equations, Step
+    from .equations import Equations, Line, Step
 
 __all__ = ["heading", "latex_document", "markdown_document", "remarks_of", "sentence"]
 
-_LINE = 110  # characters of LaTeX, blanks and braces included, after which a sum goes on in the next line
+_MARGIN = 24.0  # points: the equals sign, and how far a line that goes on is moved in
+_AXES = "xyz"
 
 _HEADINGS = {
     "momenta": "Momenta ∂L/∂q̇",
@@ -52,7 +56,7 @@ def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Late
     parts = []
     for step in steps:
         parts.append(f"\\section*{{{_in_latex(heading(step))}}}\n{_in_latex(sentence(step.remark))}")
-        lines = [_broken(label.write(notation), expr, notation) for label, expr in step.lines]
+        lines = _aligned(step, notation)
         parts.append("\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}")
     body = "\n".join(parts)
     if not whole:
@@ -76,10 +80,7 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
         parts.append("\n".join(["| symbol | meaning |", "|---|---|", *rows]))
     for step in steps:
         parts.append(f"## {heading(step)}\n\n{sentence(step.remark)}")
-        parts.extend(
-            f"$$\n\\begin{{aligned}} {_broken(label.write(notation), expr, notation)} \\end{{aligned}}\n$$"
-            for label, expr in step.lines
-        )
+        parts.extend(f"$$\n\\begin{{aligned}} {line} \\end{{aligned}}\n$$" for line in _aligned(step, notation))
     return "\n\n".join(parts) + "\n"
 
 
@@ -87,20 +88,31 @@ def _legend(equations: Equations) -> list[tuple[str, str]]:
     return [*equations.meanings, *((p.name, f"{p.meaning}: {p.value:.6g}") for p in equations.parameters)]
 
 
-def _broken(left: str, expr: Any, notation: Notation) -> str:
-    """left &= right, long sums over several lines."""
-    if not getattr(expr, "is_Add", False):
-        return f"{left} &= {notation.write(expr)}"
-    rows: list[str] = []
-    row = ""
-    for sign, term in notation.terms(expr):
-        piece = f" {notation.operator(sign)} {term}" if rows or row else (notation.minus(term) if sign == "-" else term)
-        if row and len(row) + len(piece) > _LINE:
-            rows.append(row)
-            row = piece
-        else:
-            row += piece
-    return f"{left} &= " + " \\\\\n&\\quad ".join(r.strip() for r in [*rows, row])
+def _aligned(step: Step, notation: Notation) -> list[str]:
+    """left &= right of each line, long sums over several lines of the page, long columns entry by entry."""
+    room = _room(step.lines, notation)
+    lines = [part for line in step.lines for part in _entries(line, room, notation)]
+    room = min(room, _room(lines, notation))
+    found = []
+    for label, expr in lines:
+        rows = [notation.write(expr)]
+        if not hasattr(expr, "shape"):
+            rows = broken(rows[0], room, latex_width)
+        found.append(f"{label.write(notation)} &= " + " \\\\\n&\\quad ".join(rows))
+    return found
+
+
+def _room(lines: Iterable[Line], notation: Notation) -> float:
+    """Points beside the widest left-hand side."""
+    return TEXT_WIDTH - _MARGIN - max((latex_width(label.write(notation)) for label, _ in lines), default=0.0)
+
+
+def _entries(line: Line, room: float, notation: Notation) -> list[Line]:
+    """A column that is too wide as three lines, p_2x, p_2y and p_2z."""
+    label, expr = line
+    if not hasattr(expr, "shape") or max(latex_width(notation.write(x)) for x in expr) + _MARGIN <= room:
+        return [line]
+    return [(replace(label, name=f"{label.name}{axis}"), x) for axis, x in zip(_AXES, expr, strict=True)]
 
 
 _PLAIN = {

@@ -215,9 +215,7 @@ def _differentiated(
     )
     lines = {
         "momenta": [(Label("L", v.name), p) for v, p in zip(dq, momenta, strict=True)],
-        "explicit_time": [
-            (Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0
-        ],
+        "explicit_time": [(Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0],
         "momentum_rates": [(Label("L", v.name, rate=True), r) for v, r in zip(dq, rates, strict=True)],
         "slopes": [(Label("L", x.name), s) for x, s in zip(q, slopes, strict=True)],
         **term_lines(M, gamma, C, g),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Callable
+from itertools import accumulate, pairwise, takewhile
 
 __all__ = ["TEXT_WIDTH", "broken", "latex_width", "text_width"]
 
@@ -18,19 +19,22 @@ _EARLIEST = 0.6  # share of a line before which no break is better than a later 
 
 
 def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
-    """The lines of a formula, each as long as ``width`` by ``measure`` where it has a place to break."""
+    """The lines of a formula, each at most ``width`` by ``measure`` where there are places to break it."""
     places = _places(text)
-    lines, start = [], 0
-    while measure(text[start:]) > width:
-        fitting = [(at, depth) for at, depth in places if at > start and measure(text[start:at]) <= width]
-        later = [place for place in places if place[0] > start]
-        if not later:
-            break
-        late = [p for p in fitting if measure(text[start : p[0]]) >= _EARLIEST * width]
-        at, _ = min(late, key=lambda p: (p[1], -p[0])) if late else (fitting or later[:1])[-1]
-        lines.append(text[start:at].strip())
-        start = at + 1
-    return [*lines, text[start:].strip()]
+    cuts = [0, *(at for at, _ in places), len(text)]
+    ends = [0.0, *accumulate(measure(text[a:b]) for a, b in pairwise(cuts))]
+    lines, first = [], 0
+    while ends[-1] - ends[first] > width and first < len(places):
+        start = ends[first]
+        fitting = list(takewhile(lambda k, most=start + width: ends[k] <= most, range(first + 1, len(cuts) - 1)))
+        late = [k for k in fitting if ends[k] - ends[first] >= _EARLIEST * width]
+        if late:
+            last = min(late, key=lambda k: (places[k - 1][1], -k))
+        else:
+            last = fitting[-1] if fitting else first + 1
+        lines.append(text[cuts[first] : cuts[last]].strip())
+        first = last
+    return [*lines, text[cuts[first] :].strip()]
 
 
 def _places(text: str) -> list[tuple[int, int]]:
@@ -42,7 +46,9 @@ def _places(text: str) -> list[tuple[int, int]]:
         elif character == "}":
             braces -= 1
         elif character == "(":
-            brackets.append(re.search(r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", text[max(0, k - 24) : k]) is not None)
+            brackets.append(
+                re.search(r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", text[max(0, k - 24) : k]) is not None
+            )
         elif character == ")" and brackets:
             brackets.pop()
         elif character == " " and not braces and not any(brackets) and text[k + 1 : k + 3] in ("+ ", "− ", "- "):
