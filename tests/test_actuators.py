@@ -82,6 +82,34 @@ def test_motor_loads_follow_the_book(robot):
     assert_close(loads.power, loads.torque * loads.speed + loads.heat, 1e-12, "P = τω + R i²")
 
 
+def test_ways_to_write_a_ratio_and_an_efficiency():
+    cart = tw.robots.cart_pole()
+    slide, hinge = cart.joint_names
+    for written, ratio in (
+        ("200", 200.0),
+        ("200 rad/m", 200.0),
+        ("5 mm/turn", 2 * np.pi / 5e-3),
+        ("-0.1 m/turn", -20 * np.pi),
+    ):
+        made = cart.with_actuators({"actuators": {slide: {"ratio": written, "efficiency": "75 %"}}})
+        assert made.actuators[slide].ratio == pytest.approx(ratio, rel=1e-14)
+        assert made.actuators[slide].efficiency == 0.75
+    for joint, written in ((hinge, "5 mm/turn"), (slide, "0 mm/turn"), (slide, "fast rad/m"), (slide, "101:0")):
+        with pytest.raises(tw.ModelError, match="ratio is"):
+            cart.with_actuators({"actuators": {joint: {"ratio": written}}})
+
+
+def test_elastic_gears_may_be_taken_as_stiff():
+    entry = {"ratio": 50, "stiffness": "300 N m/rad", "rotor": {"inertia": "2 kg cm^2", "extra": True}}
+    drives = {"actuators": {"joint2": entry}}
+    arm = tw.robots.planar_2r()
+    with pytest.warns(tw.ModelWarning, match="elastic gears of joint2 are taken to be stiff"):
+        stiff = arm.with_actuators(drives, stiff=True)
+    rigid = arm.with_actuators({"actuators": {"joint2": {k: v for k, v in entry.items() if k != "stiffness"}}})
+    assert stiff.joint_names == arm.joint_names
+    np.testing.assert_array_equal(stiff.mass_matrix([0.1, 0.2]), rigid.mass_matrix([0.1, 0.2]))
+
+
 def test_wrenches_reach_the_motors(robot):
     q, dq, ddq = np.full(6, 0.3), np.full(6, 0.2), np.zeros(6)
     push = {"tool0": np.array([1.0, 2, 3, 40, 50, 60])}

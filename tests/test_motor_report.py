@@ -109,6 +109,26 @@ def test_why_splits_the_worst_peak_by_link(robot):
     assert "payload at tool0" in output
 
 
+def test_a_motion_without_motor_columns_takes_elastic_gears_as_stiff(tmp_path):
+    path = tmp_path / "elastic.yaml"
+    path.write_text(
+        "actuators: {elbow_joint: {ratio: 101, stiffness: 10 kN m/rad, rotor: {inertia: 210 g cm^2}, "
+        "motor: {torque_constant: 0.1 N m/A}}}"
+    )
+    result = run("--actuators", path)
+    assert result.exit_code == 0, result.output
+    assert "the elastic gears of elbow_joint are taken to be stiff" in result.output
+    assert "TORQUES OK" in result.output
+    header, *rows = MOTION.read_text().splitlines()
+    k = header.split(",").index("elbow_joint")
+    moved = tmp_path / "moved.csv"
+    moved.write_text("\n".join([f"{header},elbow_joint.motor", *(f"{row},{row.split(',')[k]}" for row in rows)]))
+    arguments = ["torques", "ur5", "--trajectory", str(moved), "--actuators", str(path)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    assert "elbow_joint.motor" in result.output
+
+
 def test_the_picture_is_drawn(tmp_path):
     result = run("--actuators", "demo", "--motor-plot", tmp_path / "motors.png")
     assert result.exit_code == 0, result.output

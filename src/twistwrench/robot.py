@@ -791,7 +791,7 @@ class Robot:
         is all six. Where J loses rank, Λ is the pseudo-inverse, which acts on the directions that remain:
         :meth:`lost_directions` are the others. A 0 on its diagonal does not mean light: no motion along that row is possible,
         so no inertia is defined. A ModelWarning, once for a robot and its rows, names rows that are lost at every
-        configuration, as four of a planar arm's six are. Raises SingularMassMatrixError as :meth:`forward_dynamics` does.
+        configuration, as a planar arm's are without ``rows``. Raises SingularMassMatrixError as :meth:`forward_dynamics` does.
 
         >>> import numpy as np, twistwrench as tw
         >>> arm = tw.robots.planar_2r()
@@ -877,12 +877,15 @@ class Robot:
         J, M, sizes = self._usual_ways(frame, kind)
         kept = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
         if len(kept) < len(chosen):
-            lost, keep = (" ".join(ROWS[k] for k in chosen if (k in kept) is yes) for yes in (False, True))
+            still = [k for k in chosen if not independent_rows(J[:, [k]], M, sizes[[k]])]
+            follow = [k for k in chosen if k not in kept and k not in still]
+            keep, stay, go = (" ".join(ROWS[k] for k in chosen if k in some) for some in (kept, still, follow))
+            lost = " and ".join([f"{stay} never move"] * bool(stay) + [f"{go} follow from the others"] * bool(go))
             advice = f"choose independent ones, rows={keep!r}" if keep else "this frame does not move along any of them"
             warnings.warn(
                 f"robot {self.name!r}: of the {len(chosen)} rows of {frame or self.tip!r} ({kind!r}) only {len(kept)} can move "
-                f"independently at any configuration; {lost} never move, or follow from the others. Λ is 0 where no motion "
-                f"is possible, and no inertia is defined there: {advice}.",
+                f"independently at any configuration: {lost}. Λ is 0 where no motion is possible, and no inertia is defined "
+                f"there; {advice}.",
                 ModelWarning,
                 stacklevel=4,
             )
