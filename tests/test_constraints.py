@@ -504,7 +504,9 @@ def test_a_closed_configuration_that_is_not_near_is_warned_of():
     arm = tw.robots.planar_3r()
     held = arm.close("ground", arm.tip, rows="vx vz", pose=along(1.5))
     start = np.array([2.0, 2.0, 2.0])
-    with pytest.warns(tw.ConstraintWarning, match=r"joint 'joint\d' moved by [\d.]+ \(rad or m\), and 0\.5 is called") as told:
+    with pytest.warns(
+        tw.ConstraintWarning, match=r"joint 'joint\d' moved by [\d.]+ \(rad or m\), and 0\.5 is called"
+    ) as told:
         q = held.consistent(start)
     assert told[0].filename == __file__
     moved = np.abs(arm.subtract(q, start))
@@ -527,7 +529,7 @@ def test_methods_of_the_open_robot_are_pointed_to_and_not_forwarded(linkage):
         linkage.forward_kinematics  # noqa: B018
     with pytest.raises(AttributeError, match=r"closed\.robot\.neutral\."):
         linkage.neutral  # noqa: B018
-    with pytest.raises(AttributeError, match="no 'mass_matrx'.$"):
+    with pytest.raises(AttributeError, match=r"no 'mass_matrx'\.$"):
         linkage.mass_matrx  # noqa: B018
     again = pickle.loads(pickle.dumps(linkage))
     assert again.row_names == copy.deepcopy(linkage).row_names == linkage.row_names

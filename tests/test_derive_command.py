@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from twistwrench.cli import main
+from twistwrench.symbolic.line_breaks import text_width
 
 
 def derive(*arguments):
@@ -109,3 +110,35 @@ def test_without_sympy_the_extra_is_named(monkeypatch):
     result = derive("planar_2r")
     assert result.exit_code == 2
     assert "twistwrench[symbolic]" in result.stderr
+
+
+def test_step_names_take_hyphens():
+    assert derive("planar_2r", "--steps", "mass-matrix").output == derive("planar_2r", "--steps", "mass_matrix").output
+
+
+@pytest.mark.parametrize("columns", [60, 80, 200])
+def test_lines_are_as_wide_as_said_and_break_before_plus_and_minus(columns, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    lines = derive("planar_3r", "--steps", "all").output.splitlines()
+    assert max(map(text_width, lines)) <= columns
+    assert not [line for line in lines if line != line.rstrip()]
+    start = next(k for k, line in enumerate(lines) if line.startswith("Equations of motion:"))
+    goes_on = [line.strip() for line in lines[start + 1 :] if line.startswith("    ")]
+    assert all(line.startswith(("+ ", "− ")) for line in goes_on)
+    assert len(goes_on) > 5
+
+
+def test_lines_are_a_hundred_wide_in_a_pipe(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.setattr("os.get_terminal_size", lambda *_: (_ for _ in ()).throw(OSError("no terminal")))
+    widest = max(map(text_width, derive("planar_3r", "--steps", "equations").output.splitlines()))
+    assert 90 < widest <= 100
+
+
+def test_friction_left_out_is_said(tmp_path):
+    result = derive("panda", "--symbols", "none", "--markdown", tmp_path / "panda.md", "--c", tmp_path / "panda.c")
+    assert "note: Friction is left out" in result.stderr
+    assert "panda_joint1" in result.stderr
+    for name in ("panda.md", "panda.c"):
+        assert "Friction is left out of these equations" in (tmp_path / name).read_text("utf-8")
+    assert "riction" not in derive("planar_2r").stderr

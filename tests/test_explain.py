@@ -138,6 +138,19 @@ def test_table_and_text_and_picture(tmp_path):
     assert slides.units == ("N", "N m")
 
 
+def test_no_two_causes_of_a_picture_look_alike_and_what_is_no_body_s_has_its_own_colours():
+    from twistwrench.explanation_plot import styles
+
+    bodies, apart = [f"link{k}" for k in range(8)], ["wrench at tip", "wrench at hand", "springs", "friction"]
+    for n in range(9):
+        look = styles(bodies[:n], apart)
+        assert set(look) == {*bodies[:n], *apart}
+        seen = [(s["color"], s.get("hatch")) for s in look.values()]
+        assert len(set(seen)) == len(seen)
+        assert not {look[b]["color"] for b in bodies[:n]} & {look[a]["color"] for a in apart}
+    assert len({s["color"] for s in styles(bodies[:7], ["friction"]).values()}) == 8  # no hatch is needed
+
+
 def test_bad_questions(tmp_path):
     robot = tw.robots.planar_2r()
     why = robot.explain(np.zeros((3, 2)), np.zeros((3, 2)), np.zeros(2))

@@ -12,10 +12,14 @@ import contextlib
 import io
 import json
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+
+from twistwrench.cli import main
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
@@ -105,6 +109,30 @@ def test_cells_run_in_order_and_give_what_is_stored(path, matplotlib):
             assert np.abs(from_afar(mine) - from_afar(theirs)).mean() < ALIKE, cell["source"]
         drawn += len(pictures)
     assert drawn >= 2
+
+
+def shell(command):
+    done = CliRunner().invoke(main, shlex.split(command))
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_the_commands_of_the_ur5_s_notebook_have_its_numbers():
+    pytest.importorskip("rich")
+    [path] = [path for path in NOTEBOOKS if path.stem.startswith("ur5")]
+    plain, driven = re.findall(r"^    twistwrench (.*)$", cells(path, "markdown")[-1]["source"], re.MULTILINE)
+    printed = "".join(stored(cell)[0] for cell in cells(path, "code"))
+
+    out = shell(plain)
+    shares = re.findall(r"(\d+) % of the limit", printed)
+    assert re.findall(r"[━─]+ +(\d+) % ", out) == shares
+    peak = re.search(r"(shoulder_lift_joint) at ([\d.]+) s: (-[\d.]+) N m", printed)
+    assert f"Why {peak[1]} at t = {peak[2]} s" in out
+    assert peak[3] in re.search(r"together .*", out.partition("Why")[2].partition("payload at")[2])[0]
+
+    rows = re.findall(r"_joint +[\d.]+ / \d+ +([\d.]+) / [\d.]+ ", shell(driven).partition("Motors")[2])
+    currents = [float(amperes) for amperes in re.findall(r"([\d.]+) A of", printed)]
+    assert np.allclose(currents, [float(amperes) for amperes in rows], rtol=0, atol=0.011)  # two digits are printed
 
 
 def test_different_pictures_do_not_look_alike(matplotlib):

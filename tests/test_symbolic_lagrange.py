@@ -6,7 +6,7 @@ import pytest
 import sympy
 
 import twistwrench as tw
-from twistwrench.errors import ShapeError, ValueRangeError
+from twistwrench.errors import ShapeError, UnknownNameError, ValueRangeError
 from twistwrench.symbolic import derive, lagrange
 
 m, M, R, l, g, k, Omega = sympy.symbols("m M R l g k Omega")
@@ -114,3 +114,100 @@ def test_what_is_no_lagrangian_is_refused():
         lagrange(m * xdot**2, [x], rates=[x])
     with pytest.raises(ShapeError, match="expression"):
         lagrange("m * (", x)
+
+
+# ── explicit time ──
+
+t, A, w = sympy.symbols("t A w")
+driven = m / 2 * (xdot + A * w * cos(w * t)) ** 2 - k * x**2 / 2
+
+
+def test_a_base_that_shakes():
+    """By hand: m ẍ − m A ω² sin ωt + k x; what is due to time alone is a step of its own."""
+    shaken = lagrange(driven, x, time=t)
+    assert same(shaken.tau[0], m * xddot - m * A * w**2 * sin(w * t) + k * x)
+    (line,) = shaken.step("explicit_time").lines
+    assert same(line[1], -m * A * w**2 * sin(w * t))
+    assert "∂/∂t ∂L/∂ẋ = −m A w² sin(w t)" in shaken.text("explicit_time")
+    assert r"\frac{\partial}{\partial t} \frac{\partial L}{\partial \dot{x}}" in shaken.latex("explicit_time")
+    assert "<math>" in shaken.html("explicit_time")
+    number = shaken.function("inverse_dynamics")([0.1], [0.2], [0.3], {"m": 2, "A": 1, "w": 2, "k": 3, "t": 0.5})
+    assert number[0] == pytest.approx(2 * 0.3 - 2 * 4 * float(sin(1.0)) + 3 * 0.1, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "L",
+    [
+        driven,
+        m * (1 + t**2) * xdot**2 / 2 - k * x**2 / 2,  # a mass that grows
+        m / 2 * (xdot**2 + ydot**2) + A * t * (x * ydot - y * xdot) - k * x * y * cos(w * t),  # a field that does
+        m * t * cos(x) * xdot * ydot + m * (xdot**2 + ydot**2) / 2 + A * x * y,
+    ],
+)
+def test_explicit_time_is_what_sympy_finds(L):
+    """Against ``sympy.calculus.euler``, whose coordinates are functions of time."""
+    coordinates = [x, y] if L.has(ydot) else [x]
+    functions = {s: sympy.Function(s.name)(t) for s in coordinates}
+    mine = lagrange(L, coordinates, time=t)
+    dotted = zip(mine.q, mine.dq, mine.ddq, strict=True)
+    back = [(f.diff(t, n), s[n]) for s in dotted for f in [functions[s[0]]] for n in (2, 1, 0)]
+    of_time = L.subs([(v, functions[s].diff(t)) for s, v in zip(mine.q, mine.dq, strict=True)]).subs(functions)
+    wanted = sympy.calculus.euler.euler_equations(of_time, list(functions.values()), t)
+    for one, equation in zip(mine.tau, wanted, strict=True):
+        assert same(one, -(equation.lhs - equation.rhs).doit().subs(back))
+
+
+def test_a_time_that_L_does_not_have_changes_nothing():
+    still = lagrange(m * xdot**2 / 2 - k * x**2 / 2, x, time=t)
+    assert still.text() == lagrange(m * xdot**2 / 2 - k * x**2 / 2, x).text()
+
+
+@pytest.mark.parametrize(
+    ("L", "words"),
+    [
+        (driven, ["contains t", "time=t"]),
+        (m * (xdot**2 + ydot**2) / 2, ["ydot", "q=x", "rates"]),  # a coordinate forgotten
+        (m * xdot**2 / 2 + xddot * x, ["xddot", "order"]),
+        (m * xdot**2 / 2 + yddot, ["yddot"]),
+        (m * xdot**2 / 2 + sympy.Symbol("thetadot_1"), ["thetadot_1"]),
+        (m * xdot**2 / 2 + sympy.Symbol("theta_1dot"), ["theta_1dot"]),
+        (m * xdot**2 / 2 + sympy.Symbol("x", real=True), ["another x", "assumptions"]),
+    ],
+)
+def test_what_would_silently_be_a_constant_is_refused(L, words):
+    with pytest.raises(ValueRangeError) as refused:
+        lagrange(L, x)
+    assert all(word in str(refused.value) for word in words), refused.value
+
+
+def test_time_is_a_symbol_of_its_own():
+    for time in ("t", x, xdot, 0.5):
+        with pytest.raises(ShapeError, match="time="):
+            lagrange(m * xdot**2, x, time=time)
+    clock = lagrange(m * sympy.Symbol("tdot") ** 2 / 2 + k * t, t)  # a coordinate of that name is one
+    assert same(clock.tau[0], m * sympy.Symbol("tddot") - k)
+
+
+# ── constants of the source ──
+
+
+def test_constants_that_are_missing_or_unknown_are_named():
+    inverse_dynamics = lagrange(m / 2 * (rdot**2 + r**2 * Omega**2), r).function("inverse_dynamics")
+    with pytest.raises(ValueRangeError, match=r"no number for Omega\. All are wanted: Omega, m"):
+        inverse_dynamics([0.5], [1.0], [2.0], {"m": 3.0})
+    with pytest.raises(ValueRangeError, match="Omega, m"):
+        inverse_dynamics([0.5], [1.0], [2.0])
+    with pytest.raises(UnknownNameError, match=r"'omega'.*Did you mean 'Omega'"):
+        inverse_dynamics([0.5], [1.0], [2.0], {"m": 3.0, "Omega": 4.0, "omega": 4.0})
+    with pytest.raises(ShapeError, match="dict"):
+        inverse_dynamics([0.5], [1.0], [2.0], [3.0, 4.0])
+    assert inverse_dynamics([0.5], [1.0], [2.0], parameters={m: 3.0, Omega: 4.0}).tolist() == [-18.0]
+
+
+def test_constants_of_a_robot_are_all_or_none():
+    gravity_forces = derive(tw.robots.planar_2r()).function("gravity_forces")
+    assert gravity_forces([0.0, 0.0]) == pytest.approx([29.43, 9.81], rel=1e-15)
+    with pytest.raises(ValueRangeError, match="L_1, L_2, m_1, g"):
+        gravity_forces([0.0, 0.0], {"m_2": 3})
+    with pytest.raises(UnknownNameError, match="m_7"):
+        gravity_forces([0.0, 0.0], {"m_7": 3})

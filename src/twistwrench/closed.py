@@ -124,7 +124,7 @@ class ClosedRobot:
     def constrain(
         self, frame: str, rows: Rows, kind: str = "body", *, near: ArrayLike | None = None, redundant: str = "error"
     ) -> ClosedRobot:
-        """Constrain one more velocity, along the frame's own axes (``kind="body"``); see :meth:`twistwrench.Robot.constrain`."""
+        """Constrain one more velocity, along the frame's own axes (``"body"``); see :meth:`twistwrench.Robot.constrain`."""
         if kind not in KINDS:
             raise UnknownNameError.of("kind", kind, KINDS)
         if self.robot.model.frame(frame).body == BASE:
@@ -347,9 +347,10 @@ class ClosedRobot:
     ) -> ConstrainedTorques:
         """τ of the ``actuated`` joints (None: all), and λ, for a motion that meets the constraints; → (nv), (k).
 
-        ``friction=True`` adds what overcomes the friction of all joints, driven or not, as :meth:`forward_dynamics` takes it
-        off; friction that grows with the load is that of the torques the open robot would need. With more motors than degrees of freedom τ is the one of least norm. Raises ConstraintError where q, dq or ddq breaks
-        the constraints, as in :meth:`forward_dynamics`, and where the motors named cannot make the motion.
+        ``friction=True`` adds what overcomes the friction of all joints, driven or not, as :meth:`forward_dynamics` takes off;
+        friction that grows with the load is that of the torques the open robot would need. With more motors than degrees of
+        freedom τ is the one of least norm. Raises ConstraintError where q, dq or ddq breaks the constraints, as in
+        :meth:`forward_dynamics`, and where the motors named cannot make the motion.
         """
         q, dq, ddq = self._state("inverse_dynamics", q=q, dq=dq, ddq=ddq)
         closing.require_met(self, q, dq, ddq)

@@ -123,7 +123,7 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
 
 class ConstraintWarning(UserWarning):
-    """Constraints at a singular configuration, their forces one choice of many; or loops that closed only far from the start."""
+    """Constraints at a singular configuration, forces one choice of many; or loops that closed only far from the start."""
 
 
 class ModelWarning(UserWarning):

@@ -880,7 +880,7 @@ class Robot:
             still = [k for k in chosen if not independent_rows(J[:, [k]], M, sizes[[k]])]
             follow = [k for k in chosen if k not in kept and k not in still]
             keep, stay, go = (" ".join(ROWS[k] for k in chosen if k in some) for some in (kept, still, follow))
-            lost = " and ".join([f"{stay} never move"] * bool(stay) + [f"{go} follow from the others"] * bool(go))
+            lost = " and ".join([f"{stay} never move"] * bool(stay) + [f"the others determine {go}"] * bool(go))
             advice = f"choose independent ones, rows={keep!r}" if keep else "this frame does not move along any of them"
             warnings.warn(
                 f"robot {self.name!r}: of the {len(chosen)} rows of {frame or self.tip!r} ({kind!r}) only {len(kept)} can move "
@@ -947,8 +947,8 @@ class Robot:
         """A robot whose velocity alone is constrained: chosen rows of a frame's twist are zero, as for a wheel or a blade.
 
         ``kind`` as for :meth:`jacobian`: ``"vz"`` is along the frame's own z (``"body"``), wherever that points. A hand that
-        stays on a level table wants the world's, ``kind="world_aligned"``. No position goes with it; where one does, as for a hand on a plane, :meth:`close`
-        with ``"ground"`` keeps it. Raises ConstraintError as that does.
+        stays on a level table wants the world's, ``kind="world_aligned"``. No position goes with it; where one does, as for
+        a hand on a plane, :meth:`close` with ``"ground"`` keeps it. Raises ConstraintError as that does.
 
         >>> import twistwrench as tw
         >>> tw.robots.floating_box().constrain("box", "vy")

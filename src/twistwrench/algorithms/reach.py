@@ -82,7 +82,7 @@ class Reach:
 
     @property
     def lost(self) -> Array:
-        """Orthonormal rows that span the rest, as many as the sample with the most has, zero after a sample's own; (..., n, k)."""
+        """Orthonormal rows that span the rest, as many as the sample with most has, zero after its own; (..., n, k)."""
         k, rank = len(self.sizes), np.asarray(self.rank)[..., None]
         place = rank + np.arange(k - rank.min(initial=k))
         columns = np.take_along_axis(self.directions, np.minimum(place, k - 1)[..., None, :], axis=-1)

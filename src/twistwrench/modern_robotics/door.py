@@ -61,8 +61,9 @@ def skew(W: ArrayLike, name: str) -> Array:
     checks.refuse(
         off / largest,
         ROUNDED,
-        f"{name} is not skew-symmetric: with its transpose added it is {{gap:.3g}} of its largest entry, allowed {{allowed:g}}; "
-        "mr.VecToso3 and mr.VecTose3 make such matrices of vectors, mr.MatrixLog3 and mr.MatrixLog6 of rotations and poses",
+        f"{name} is not skew-symmetric: with its transpose added it is {{gap:.3g}} of its largest entry, allowed "
+        "{allowed:g}; mr.VecToso3 and mr.VecTose3 make such matrices of vectors, mr.MatrixLog3 and mr.MatrixLog6 of rotations "
+        "and poses",
     )
     return W
 

@@ -12,6 +12,8 @@ import click
 from ..errors import ValueRangeError
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from ..robot import Robot
     from .derivation import Derivation
 
@@ -58,7 +60,7 @@ def derive_options(function: Callable[..., None]) -> Callable[..., None]:
 
 def derive_answer(
     robot: Robot, source: Mapping[str, str | None], *, symbols: str, form: str, steps: str | None, **paths: str | None
-) -> Iterator[str]:
+) -> Iterator[RenderableType | str]:
     """What the command prints; files are written on the way. ``source`` maps what the user calls the input files to them."""
     from ..outputs import check_outputs, replacing
     from .derivation import derive, require_sympy
@@ -113,7 +115,7 @@ def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
     notation, width = Text(), max(get_terminal_size((_PIPED, 24)).columns, _NARROWEST)
     legend = [*derivation.meanings, *((p.name, f"{p.meaning}: {p.value:.6g}") for p in derivation.parameters)]
     parts = [click.style(f"Equations of motion of {derivation.name}", bold=True)]
-    parts += _columns([(notation.symbol(name), wrap(meaning, width - 12)) for name, meaning in legend], "  ")
+    parts += _columns([(notation.symbol(name), wrap(meaning, width - 12) or [""]) for name, meaning in legend], "  ")
     for step in derivation.steps:
         if step.name not in names:
             continue
@@ -135,8 +137,6 @@ def _columns(rows: list[tuple[str, list[str]]], gap: str) -> list[str]:
     widest = max((int(text_width(left)) for left, _ in rows), default=0)
     lines = []
     for left, right in rows:
-        filled = left + " " * (widest - int(text_width(left)))
-        lines += [
-            f"  {start}{gap}{text}".rstrip() for start, text in zip([filled, *[" " * widest] * len(right)], right)
-        ]
+        starts = [left + " " * (widest - int(text_width(left))), *[" " * widest] * (len(right) - 1)]
+        lines += [f"  {start}{gap}{text}".rstrip() for start, text in zip(starts, right, strict=True)]
     return lines

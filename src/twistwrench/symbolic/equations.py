@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import wraps
 from inspect import Parameter as Argument
 from inspect import signature
 from typing import Any
 
-from ..errors import UnknownNameError, ValueRangeError
+from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from .notation import Latex, Notation, Text
 from .parameters import Parameter
 
@@ -196,7 +196,12 @@ def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., A
         by_itself = wanted.parameters["parameters"].default is not Argument.empty
         if "parameters" not in given and by_itself:
             return function(*args, **kwargs)
-        values = {str(key): value for key, value in dict(given.get("parameters", {})).items()}
+        numbers = given.get("parameters", {})
+        if not isinstance(numbers, Mapping):
+            raise ShapeError(
+                f"parameters={numbers!r}: give a dict of {', '.join(names) or 'nothing'} and their numbers."
+            )
+        values = {str(key): value for key, value in numbers.items()}
         for key in values:
             if key not in names:
                 raise UnknownNameError.of("constant", key, names)

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from bisect import bisect_right
 from collections.abc import Callable
-from itertools import accumulate, pairwise, takewhile
+from itertools import accumulate, pairwise
 
 __all__ = ["TEXT_WIDTH", "broken", "latex_width", "text_width"]
 
 TEXT_WIDTH = 460.0
 """Points that a line of LaTeX may take: 95 % of the text width of A4 with margins of 20 mm."""
 
-_EARLIEST = 0.6  # share of a line before which no break is better than a later one inside brackets
+_EARLIEST = 0.35  # share of a line before which no break is better than a later one inside brackets
 
 
 def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
@@ -25,8 +26,8 @@ def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str
     ends = [0.0, *accumulate(measure(text[a:b]) for a, b in pairwise(cuts))]
     lines, first = [], 0
     while ends[-1] - ends[first] > width and first < len(places):
-        start = ends[first]
-        fitting = list(takewhile(lambda k, most=start + width: ends[k] <= most, range(first + 1, len(cuts) - 1)))
+        most = ends[first] + width
+        fitting = [k for k in range(first + 1, bisect_right(ends, most)) if k <= len(places)]
         late = [k for k in fitting if ends[k] - ends[first] >= _EARLIEST * width]
         if late:
             last = min(late, key=lambda k: (places[k - 1][1], -k))

@@ -157,7 +157,7 @@ class _Namer:
         return ModelEntries(found, gravity, springs, tuple(self.parameters))
 
     def _new(self, name: str, value: float, kinds: Iterable[str], meaning: str) -> Parameter:
-        self.parameters.append(Parameter(name, abs(value), frozenset(kinds), meaning))
+        self.parameters.append(Parameter(name, float(abs(value)), frozenset(kinds), meaning))
         return self.parameters[-1]
 
     def _lengths(self, i: int) -> dict[tuple[int, float], Parameter]:

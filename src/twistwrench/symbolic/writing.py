@@ -167,7 +167,7 @@ class Writer:
         return self._sympy.Add(*parts)
 
     def _by_waves(self, rows: list[Row]) -> Any:
-        """A sum whose parts with the same sines and cosines are squares and products where they can be."""
+        """A sum whose parts with the same sines and cosines are squares and products where they can be, common sums once."""
         groups: dict[Waves, list[Row]] = defaultdict(list)
         for row in rows:
             groups[row[2]].append(row)
@@ -182,7 +182,10 @@ class Writer:
                     parts.append(self._product(1, 0, waves, part))
                 else:
                     parts.extend(self._product(c, m, waves) for c, m in some)
-        return self._sympy.Add(*parts)
+        args = [list(self._sympy.Mul.make_args(part)) for part in parts]
+        shared = [f for f in args[0] if f.is_Add and all(f in mine for mine in args[1:])]
+        rest = self._sympy.Add(*(self._sympy.Mul(*(f for f in mine if f not in shared)) for mine in args))
+        return self._sympy.Mul(*shared, *self._sympy.Mul.make_args(rest))
 
     def _apart(self, terms: list[Term]) -> list[list[Term]]:
         """Groups of terms that share no symbol: r² beside (L + x)²."""
