@@ -6,22 +6,20 @@ inside the command that needs it, so that ``--help`` answers at once.
 
 from __future__ import annotations
 
-import math
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .errors import ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from .errors import ModelWarning, ValueRangeError
 from .export.command import export_options
-from .report.usage import Commands, in_shell_words
+from .report.usage import Commands
 from .sensing.command import sensor_group
+from .shell import RobotOptions, bundled, plain_errors, robot_command
 from .statics.command import payload_options
 from .symbolic.command import derive_options
 
@@ -29,154 +27,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from .report.trajectory import Trajectory
-    from .robot import Robot
 
 __all__ = ["main"]
 
-_FOUND_A_PROBLEM, _BAD_INPUT = 1, 2
+_FOUND_A_PROBLEM = 1
 _LONG_FILE = 1 << 23  # bytes from which a progress bar is worth its flicker
 _DEMO = "demo"
-
-
-@dataclass(frozen=True)
-class RobotOptions:
-    """What every command takes to know its robot."""
-
-    source: str
-    floating_base: bool
-    lock: dict[str, float]
-    tip: str | None
-    mimic: str
-    inertia: str
-    actuators: str | None
-    degrees: bool
-
-    def load(self) -> Robot:
-        """The robot meant: a bundled one by name, or a file by its path."""
-        return self._load()[0]
-
-    def load_and_locked(self, *, stiff: bool = False) -> tuple[Robot, tuple[str, ...]]:
-        """The robot, and the names of all joints that the options hold still, those that follow them among them.
-
-        ``stiff`` takes elastic gears to be rigid.
-        """
-        return self._load(stiff=stiff)
-
-    @property
-    def files(self) -> dict[str, str | None]:
-        """The files read for the robot, by argument; None of bundled ones. No output may overwrite them."""
-        given = {"ROBOT": self.source, "--actuators": self.actuators}
-        return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
-
-    def _load(self, *, stiff: bool = False) -> tuple[Robot, tuple[str, ...]]:
-        make = self._maker()
-        options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
-        if self.floating_base:  # some bundled robots float of themselves
-            options["floating_base"] = True
-        if not self.lock:
-            return self._driven(make(lock={}, **options), stiff=stiff), ()
-        # Which locked joints turn and which slide, and their limits, are known only once the robot is.
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)
-            free = make(**{**options, "inertia": "accept"}).model
-        kinds = {b.joint.name: b.joint.kind for b in free.bodies}
-        degrees = {n: self.degrees and kinds.get(n) != "prismatic" for n in self.lock}
-        lock = {n: math.radians(v) if degrees[n] else v for n, v in self.lock.items()}
-        if self.actuators:
-            robot = self._driven(make(lock={}, **options), stiff=stiff).lock(lock)
-        else:
-            robot = make(lock=lock, **options)
-        for b in free.leaders:
-            name = b.joint.name
-            if name in lock and b.joint.nv == 1:
-                low, high = float(free.limits.lower[b.v_index]), float(free.limits.upper[b.v_index])
-                if not low - 1e-9 <= lock[name] <= high + 1e-9:
-                    unit = math.degrees(1.0) if degrees[name] else 1.0
-                    click.echo(
-                        f"note: --lock {name}={self.lock[name]:g} is outside the joint's limits, "
-                        f"{unit * low:.5g} to {unit * high:.5g}.",
-                        err=True,
-                    )
-        moving = {b.joint.name for b in robot.model.bodies}
-        return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
-
-    def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
-        if self.actuators is None:
-            return robot
-        return robot.with_actuators(_bundled(self.actuators, self.source, ".yaml", "actuator file"), stiff=stiff)
-
-    def _maker(self) -> Callable[..., Robot]:
-        from . import robots
-        from .robot import load
-
-        if self.source in robots.names() and not Path(self.source).is_file():
-            make: Callable[..., Robot] = getattr(robots, self.source)
-            return make
-        if not Path(self.source).exists():
-            raise NotFoundError(
-                f"no robot file {self.source!r}, and no bundled robot of that name. "
-                f"Give a path, or one of: {', '.join(robots.names())}."
-            )
-        return partial(load, self.source)
-
-
-def robot_command(function: Callable[..., None]) -> Callable[..., None]:
-    """The ROBOT argument and the options shared by all commands; errors and warnings in a line each."""
-
-    @click.argument("source", metavar="ROBOT")
-    @click.option("--floating-base", is_flag=True, help="Let the base move freely.")
-    @click.option("--lock", metavar="JOINT=VALUE", multiple=True, help="Hold a joint still there; may be repeated.")
-    @click.option("--tip", metavar="FRAME", help="The frame meant where none is named.")
-    @click.option("--mimic", type=click.Choice(["follow", "independent"]), default="follow", show_default=True)
-    @click.option("--inertia", type=click.Choice(["error", "accept", "repair"]), default="error", show_default=True)
-    @click.option("--actuators", metavar="FILE.yaml", help="Motors, gears, rotors and friction; 'demo' is bundled.")
-    @click.option("--degrees", is_flag=True, help="Angles in files, options and reports are in degrees.")
-    @wraps(function)
-    def command(
-        source: str,
-        floating_base: bool,
-        lock: tuple[str, ...],
-        tip: str | None,
-        mimic: str,
-        inertia: str,
-        actuators: str | None,
-        degrees: bool,
-        **rest: Any,
-    ) -> None:
-        with _plain_errors():
-            held: dict[str, float] = {}
-            for joint, value in map(_parse_lock, lock):
-                if joint in held:
-                    raise ValueRangeError(f"--lock {joint} is given twice. Keep one of them.")
-                held[joint] = value
-            function(RobotOptions(source, floating_base, held, tip, mimic, inertia, actuators, degrees), **rest)
-
-    return command
-
-
-@contextmanager
-def _plain_errors() -> Iterator[None]:
-    """Errors of the library end the program with one line on stderr; its warnings are a line each."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", ModelWarning)
-        warnings.showwarning = lambda message, *_args, **_rest: click.echo(
-            f"note: {in_shell_words(str(message))}", err=True
-        )
-        try:
-            yield
-        except TwistWrenchError as error:
-            click.echo(f"error: {' '.join(in_shell_words(str(error)).split())}", err=True)
-            sys.exit(_BAD_INPUT)
-
-
-def _parse_lock(text: str) -> tuple[str, float]:
-    joint, equals, value = text.partition("=")
-    try:
-        if not equals or not math.isfinite(float(value)):
-            raise ValueError  # noqa: TRY301  the same sentence answers all of it
-        return joint.strip(), float(value)
-    except ValueError:
-        raise ValueRangeError(f"lock {text!r} is not JOINT=VALUE, for example gripper=0.02.") from None
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -240,7 +96,7 @@ def torques(
 
     if split and csv_path is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
-    path = _bundled(motion, options.source, ".csv", "motion")
+    path = bundled(motion, options.source, ".csv", "motion")
     if options.degrees and path != Path(motion):
         raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
     _check_extra(plot_path or motor_plot)
@@ -279,7 +135,9 @@ def torques(
         from .report.motors_plot import plot_motors
 
         if not report.motors:
-            raise ValueRangeError(f"{options.actuators} describes no motor, so there is nothing to draw for --motor-plot.")
+            raise ValueRangeError(
+                f"{options.actuators} describes no motor, so there is nothing to draw for --motor-plot."
+            )
         plot_motors(report, motor_plot)
     for written in filter(None, (csv_path, plot_path, motor_plot)):
         click.echo(f"wrote {written}")
@@ -349,10 +207,7 @@ def derive(options: RobotOptions, **given: Any) -> None:
     from .symbolic.command import derive_answer
 
     for part in derive_answer(options.load(), options.files, **given):
-        if isinstance(part, str):
-            click.echo(part)
-        else:
-            _console().print(part)
+        click.echo(part)
 
 
 @main.command()
@@ -372,21 +227,6 @@ def _check_extra(plot_path: str | None) -> None:
         from .figure import require_matplotlib
 
         require_matplotlib("Drawing the report (--plot)")
-
-
-def _bundled(name: str, robot: str, suffix: str, what: str) -> Path:
-    """The path given, or for ``demo`` the file of that kind bundled with that robot."""
-    if name != _DEMO or Path(name).is_file():
-        return Path(name)
-    folder = Path(__file__).parent / "robots"
-    path = folder / f"{robot}_{_DEMO}{suffix}"
-    if not path.is_file():
-        have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
-        raise UnknownNameError(
-            f"no {what} is bundled with {robot!r}. With: {', '.join(have)}. Give the path of a {suffix[1:].upper()} file "
-            "instead."
-        )
-    return path
 
 
 def _console() -> Console:
@@ -417,4 +257,4 @@ def _progress(trajectory: Trajectory) -> Iterator[Callable[[int], None] | None]:
         yield lambda size: bar.advance(task, size)
 
 
-main.add_command(sensor_group(_plain_errors, _console, _check_extra))
+main.add_command(sensor_group(plain_errors, _console, _check_extra))
