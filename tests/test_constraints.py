@@ -458,7 +458,7 @@ def test_frames_and_kinds_of_rolling_are_checked():
         (
             lambda c, q, v: c.forward_dynamics(q + 0.1, v, v),
             tw.ConstraintError,
-            r"leaves loops open by 0\.103 .*closed\.consistent",
+            r"leaves loops open by 0\.103 .*pin v[xz]'.*closed\.consistent",
         ),
         (
             lambda c, q, v: c.forward_dynamics(q, v + 1, v),
@@ -489,6 +489,118 @@ def test_states_that_break_the_constraints_and_shapes_that_do_not_fit(linkage, c
     q = linkage.consistent([0.3, 0.4, 1.2])
     with pytest.raises(error, match=told):
         call(linkage, q, np.zeros(3))
+
+
+# ── judged per sample and by size ──
+
+
+@pytest.fixture(scope="module")
+def held():
+    return tw.robots.planar_3r().close("ground", "tip", "vx vz", pose=along(1.5))
+
+
+def test_a_motion_without_motors_for_it_hides_behind_no_larger_sample_of_its_batch(linkage):
+    """A sample's own torques say what is left over of them; the other one's are 1e8 times as large."""
+    q = np.tile(linkage.consistent([0.3, 0.4, 1.2]), (2, 1))
+    still, F = np.zeros((2, 3)), np.array([[1e8, 0, 0, 0, 0, 0], np.zeros(6)])
+    possible = linkage.inverse_dynamics(q, still, still, ["a"], wrench_by_robot={"crank": F})
+    alone = linkage.inverse_dynamics(q[1], still[1], still[1], ["a"])
+    assert_close(possible.tau[1], alone.tau, 1e-12, "τ of the small sample")
+    box = tw.robots.floating_box(gravity=(0, 0, 0)).constrain("box", "vy vz")
+    push = np.zeros((2, 6))
+    push[0, 4], push[1, 3] = 1e8, 10.0  # on the rows that are held, and across them
+    q = np.tile(box.robot.neutral, (2, 1))
+    box.inverse_dynamics(q[0], np.zeros(6), np.zeros(6), [], wrench_by_robot={"box": push[0]})
+    with pytest.raises(tw.ConstraintError, match=r"10 N m or N is left over \(row 1 of the batch\)"):
+        box.inverse_dynamics(q, np.zeros((2, 6)), np.zeros((2, 6)), [], wrench_by_robot={"box": push})
+
+
+@pytest.mark.parametrize("speed", [0.09, 0.9, 90.0])
+def test_a_velocity_that_is_all_wrong_is_refused_however_slow(held, speed):
+    q = held.consistent([0.5, 0.5, 0.5], within=np.inf)
+    wrong = np.linalg.pinv(held.constraint_jacobian(q)) @ [speed, 0.0]
+    right = held.project_velocity(q, wrong)
+    with pytest.raises(tw.ConstraintError, match="dq breaks the constraints by"):
+        held.forward_dynamics(q, wrong, np.zeros(3))
+    with pytest.raises(tw.ConstraintError, match=r"dq breaks.*\(row 1 of the batch\)"):
+        held.forward_dynamics(q, [right, wrong], np.zeros(3))
+    with pytest.raises(tw.ConstraintError, match="ddq breaks"):
+        held.inverse_dynamics(q, np.zeros(3), wrong)
+    held.forward_dynamics(q, right, np.zeros(3))
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_small_and_large_robots_are_judged_alike(scale):
+    robot = four_bar(tuple(scale * np.array([0.3, 0.8, 0.6, 0.7])))
+    closed = robot.close("rocker_pin", "coupler_pin", "vx vz")
+    q = closed.consistent([0.3, 0.4, 1.2])
+    right = closed.project_velocity(q, [1.0, 0.0, 0.0])
+    closed.forward_dynamics(q, right, np.zeros(3))
+    with pytest.raises(tw.ConstraintError, match="dq breaks"):
+        closed.forward_dynamics(q, right + np.array([0.0, 1.0, 0.0]), np.zeros(3))
+    with pytest.raises(tw.ConstraintError, match="ddq breaks"):
+        closed.inverse_dynamics(q, 0 * q, [0.0, 1.0, 0.0])
+    if scale <= 1.0:  # beyond a metre, a centimetre stays a gap
+        closed.forward_dynamics(q + np.array([0, 0.002, 0]), right, np.zeros(3))
+        with pytest.raises(tw.ConstraintError, match="leaves loops open"):
+            closed.forward_dynamics(q + np.array([0, 0.1, 0]), right, np.zeros(3))
+
+
+def test_where_a_motion_turns_round_the_stages_of_a_step_are_not_refused(linkage):
+    """The first stage ends at rest but for its errors, of which most break the constraints."""
+    q, half = linkage.consistent([0.3, 0.4, 1.2]), 0.005
+    along_it = linkage.project_velocity(q, [1.0, 0.0, 0.0])
+    along_it /= np.linalg.norm(along_it)
+    dq = np.zeros(3)
+    for _ in range(20):  # dq + half q̈ = 0 along the motion, a contraction by half |q̈| / rad
+        dq = -half * (along_it @ linkage.forward_dynamics(q, dq, np.zeros(3)).ddq) * along_it
+    stage = dq + half * linkage.forward_dynamics(q, dq, np.zeros(3)).ddq
+    there = q + half * dq
+    A = linkage.constraint_jacobian(there)
+    assert np.abs(A @ stage).max() > 0.1 * (np.abs(A) @ np.abs(stage)).max()
+    assert np.abs(stage).max() < 0.01 * np.abs(dq).max()
+    linkage.forward_dynamics(there, stage, np.zeros(3))
+
+
+def test_a_robot_that_no_row_of_its_constraints_holds_moves_as_the_open_one():
+    arm = tw.robots.planar_2r()
+    closed = arm.constrain("tip", "vy", kind="world_aligned", redundant="accept")
+    assert closed.redundant_rows == ("tip vy",)
+    rng = np.random.default_rng(0)
+    q, dq, tau = rng.standard_normal((3, 4, 2))
+    ddq, lam = closed.forward_dynamics(q, dq, tau)
+    assert_close(ddq, arm.forward_dynamics(q, dq, tau), 0.0, "the open robot's")
+    assert lam.shape == (4, 1)
+    assert not lam.any()
+    again, lam = closed.inverse_dynamics(q, dq, ddq)
+    assert_close(again, tau, 1e-12, "τ")
+    assert not lam.any()
+    assert_close(closed.projector(q), np.tile(np.eye(2), (4, 1, 1)), ROUNDING, "P")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_wrenches_that_are_no_numbers_are_refused_by_name(held, bad):
+    q = held.consistent([0.5, 0.5, 0.5], within=np.inf)
+    with pytest.raises(tw.ValueRangeError, match=r"wrench_by_robot.*must be a finite number"):
+        held.inverse_dynamics(q, np.zeros(3), np.zeros(3), wrench_by_robot={"tip": [bad] * 6})
+
+
+@pytest.mark.parametrize("path", [lambda c: c, copy.copy, copy.deepcopy, lambda c: pickle.loads(pickle.dumps(c))])
+def test_arrays_of_closed_robots_are_read_only(held, path):
+    assert held.constraints[0].T_ac[0, 3] == 1.5  # so that it is there to be copied
+    closed = path(held)
+    for array in (closed.sizes, closed.spans, closed.constraints[0].T_ac):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 9.0
+    assert closed.constraints == held.constraints
+
+
+def test_a_frame_left_out_is_the_tip_by_name():
+    arm = tw.robots.planar_2r()
+    assert arm.constrain(None, "vx").row_names == ("tip vx",)
+    assert arm.close("ground", None, "vx", pose=along(1.9)).row_names == ("ground–tip vx",)
+    with pytest.raises(tw.FrameError, match="no single tip"):
+        four_bar().constrain(None, "vx")
 
 
 def test_a_start_that_leads_nowhere_says_which_and_how_far_it_got():

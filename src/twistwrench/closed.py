@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import closing
-from .algorithms.balance import UNBALANCED, balance
+from .algorithms.balance import balance
 from .algorithms.constraints import Closure, Constraint, Rolling, names, place_of, row_names
 from .algorithms.gaps import closure_gaps, settled
 from .algorithms.jacobians import KINDS
@@ -81,6 +81,16 @@ class ClosedRobot:
     """How large each row of A usually is, through the mass matrix; what is small is so beside these."""
     independent: tuple[int, ...] = ()
     """Numbers of the rows of A that do not depend on earlier ones."""
+    spans: Array = field(default_factory=lambda: np.zeros(0))
+    """What a gap of each row is large or small beside: 1 rad, or m, the lever that its joints usually have, 1 at most."""
+
+    def __post_init__(self) -> None:
+        for array in (self.sizes, self.spans):
+            array.setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.__post_init__()  # arrays come out of a pickle writable
 
     def __repr__(self) -> str:
         held = ", ".join(f"{c.name} {' '.join(ROWS[k] for k in c.rows)}" for c in self.constraints)
@@ -111,6 +121,7 @@ class ClosedRobot:
     ) -> ClosedRobot:
         """Close one more loop; see :meth:`twistwrench.Robot.close`."""
         model = self.robot.model
+        frame_a, frame_b = closing.named(model, frame_a), closing.named(model, frame_b)
         a, b = place_of(model, frame_a), place_of(model, frame_b)
         chosen = row_numbers(rows)
         if a.body == b.body:
@@ -127,6 +138,7 @@ class ClosedRobot:
         """Constrain one more velocity, along the frame's own axes (``"body"``); see :meth:`twistwrench.Robot.constrain`."""
         if kind not in KINDS:
             raise UnknownNameError.of("kind", kind, KINDS)
+        frame = closing.named(self.robot.model, frame)
         if self.robot.model.frame(frame).body == BASE:
             raise ConstraintError(f"{frame!r} is fixed to the base, so nothing about it can be constrained.")
         return self._with(Rolling(frame, row_numbers(rows), kind), near, redundant)
@@ -134,8 +146,10 @@ class ClosedRobot:
     def _with(self, new: Constraint, near: ArrayLike | None, redundant: str) -> ClosedRobot:
         if redundant not in closing.REDUNDANT:
             raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
-        sizes = np.concatenate([self.sizes, closing.row_sizes(self.robot, new)])
-        closed = replace(self, constraints=(*self.constraints, new), sizes=sizes, independent=tuple(range(len(sizes))))
+        mine = closing.row_sizes(self.robot, new)
+        sizes, spans = (np.concatenate(both) for both in zip((self.sizes, self.spans), mine, strict=True))
+        rows = tuple(range(len(sizes)))
+        closed = replace(self, constraints=(*self.constraints, new), sizes=sizes, spans=spans, independent=rows)
         q = closing.some_configurations(closed, near)
         closing.require_angle(closed, q)
         rows = independent_rows(closed.constraint_jacobian(q), self.robot.mass_matrix(q), sizes)
@@ -203,13 +217,12 @@ class ClosedRobot:
         closures = tuple(c for c in self.constraints if isinstance(c, Closure))
         if not closures:
             return starts, np.zeros(len(starts))
-        mine = [isinstance(c, Closure) for c in self.constraints for _ in c.rows]
         return settled(
             starts,
             self.gaps,
             lambda q: (self.robot._call("constraint_jacobian", q, constraints=closures), self.robot.mass_matrix(q)),
             self.robot.add,
-            self.sizes[mine],
+            self.sizes[closing.with_gaps(self.constraints)],
             tolerance,
         )
 
@@ -298,18 +311,17 @@ class ClosedRobot:
         """q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0; (nq), (nv), (nv) → (nv), (k).
 
         λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of least norm where rows are redundant, and, with a ConstraintWarning,
-        where the configuration is singular. Raises ConstraintError where q leaves loops open by 0.01
-        (rad, m), or a tenth of dq breaks the constraints.
-        MR section 8.7.
+        where the configuration is singular. Raises ConstraintError where q leaves loops open by a
+        hundredth (rad, and of what the joints' lever is), or a tenth of dq breaks the constraints. MR section 8.7.
         """
         q, dq, tau = self._state("forward_dynamics", q=q, dq=dq, tau=tau)
         closing.require_met(self, q, dq)
         if friction:
             tau = self.robot._call("torque_past_friction", dq, tau)
         by, on = wrench_by_robot, wrench_on_robot
-        if not self.constraints:
+        if not self._kept:
             ddq = self.robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
-            return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], 0)))
+            return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], len(self.sizes)), ddq.dtype))
         rows = list(self.independent)
         with np.errstate(all="ignore"):
             ddq, some, pivots = self.robot._with_wrenches(
@@ -357,15 +369,10 @@ class ClosedRobot:
         driven = closing.driven(self.robot, actuated)
         wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         f = self.robot.inverse_dynamics(q, dq, ddq, **wrenches, friction=friction)
+        f = checks.finite(f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv)
         A, reach = self._reach(q)
         lam, left = balance(f, A, self.sizes, driven)
-        if not np.abs(left).max(initial=0.0) <= UNBALANCED * np.abs(f).max(initial=0.0):
-            idle, moving = (", ".join(closing.joints(self.robot, which)) for which in (~driven, driven))
-            raise ConstraintError(
-                f"joints {idle} have no motor, and no torques at {moving or 'no joint'} make this motion: "
-                f"{np.abs(left).max():.3g} N m or N is left over. Degrees of freedom: "
-                f"{self.nv - len(self.independent)}; name as many joints that move them."
-            )
+        closing.require_made(self, left, f, driven)
         tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
         return ConstrainedTorques(tau, (reach.range @ lam[..., None])[..., 0])
 
@@ -374,13 +381,7 @@ class ClosedRobot:
     @cached_property
     def _kept(self) -> tuple[Constraint, ...]:
         """The constraints with their independent rows alone."""
-        kept, first = [], 0
-        for c in self.constraints:
-            rows = tuple(row for n, row in enumerate(c.rows) if first + n in self.independent)
-            first += len(c.rows)
-            if rows:
-                kept.append(replace(c, rows=rows))
-        return tuple(kept)
+        return closing.kept(self.constraints, self.independent)
 
     def _reach(self, q: Array) -> tuple[Array, Reach]:
         A = self.constraint_jacobian(q)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .algorithms.constraints import Closure, Constraint
+from .algorithms.balance import UNBALANCED
+from .algorithms.constraints import Closure, Constraint, row_names
 from .algorithms.reach import through, usual_sizes
 from .algorithms.task_space import ROWS
 from .errors import ConstraintError, ConstraintWarning, UnknownNameError
@@ -18,6 +19,7 @@ from .lie import checks
 
 if TYPE_CHECKING:
     from .closed import ClosedRobot
+    from .model.model import Model
     from .robot import Robot
 
 Array = NDArray[Any]
@@ -28,8 +30,17 @@ STARTS = 32
 FOUND = 1e-10
 """rad and m: far below this the row of A at a configuration is that of a closed one."""
 OPEN, ASTRAY = 1e-2, 0.1
-"""How far open loops may be, rad and m, and which part of a rate may break the constraints, for the dynamics to be asked for.
-The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the step."""
+"""How far open loops may be, rad and part of their span, and which part of a rate may break the constraints, for the dynamics
+to be asked for. The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the
+step."""
+STILL = 0.0
+"""rad/s and m/s (and per s): joints this slow are at rest. Where a motion turns round, the stages of an integrator's step add
+up to velocities as small as their errors, of which any part may break the constraints."""
+FADED = 1e-2
+"""Rows that see this part of what they usually see of a motion are near a singular configuration, where rounding and an
+integrator's errors are all that is left of them."""
+SPANS = 1e-4, 1.0
+"""m: beside levers shorter than the first, positions of single precision are rounded to more than loops may be open."""
 NEAR = 0.5
 """rad and m: what has to move further for its loops to close is no longer near."""
 
@@ -38,20 +49,50 @@ __all__ = [
     "REDUNDANT",
     "driven",
     "joints",
+    "kept",
+    "named",
     "refuse_redundant",
     "require_angle",
     "require_found",
+    "require_made",
     "require_met",
     "row_sizes",
     "some_configurations",
     "warn_of_far",
     "warn_of_singular",
+    "with_gaps",
 ]
 
 
-def row_sizes(robot: Robot, constraint: Constraint) -> Array:
-    """How large the constraint's rows of A usually are, through the mass matrix; one number each."""
-    return _six_sizes(robot, constraint)[list(constraint.rows)]
+def named(model: Model, frame: str | None) -> str:
+    """The frame's name, the tip's for None; errors as those of :meth:`Model.frame`."""
+    if frame is None:
+        model.frame(None)
+        return str(model.tip)
+    return frame
+
+
+def with_gaps(constraints: tuple[Constraint, ...]) -> list[bool]:
+    """Which rows of A are those of closures, which have a position."""
+    return [isinstance(c, Closure) for c in constraints for _ in c.rows]
+
+
+def kept(constraints: tuple[Constraint, ...], independent: tuple[int, ...]) -> tuple[Constraint, ...]:
+    """The constraints with the rows of A of those numbers alone, without constraints that keep none."""
+    some, first = [], 0
+    for c in constraints:
+        rows = tuple(row for n, row in enumerate(c.rows) if first + n in independent)
+        first += len(c.rows)
+        if rows:
+            some.append(replace(c, rows=rows))
+    return tuple(some)
+
+
+def row_sizes(robot: Robot, constraint: Constraint) -> tuple[Array, Array]:
+    """How large the constraint's rows of A usually are, through the mass matrix, and their spans; one number each."""
+    sizes, rows = _six_sizes(robot, constraint), list(constraint.rows)
+    spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], *SPANS)], 3)
+    return sizes[rows], spans[rows]
 
 
 def _all_rows(constraint: Constraint) -> Constraint:
@@ -159,25 +200,54 @@ def _in_words(row: Iterable[Any]) -> str:
 
 def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = None) -> None:
     """Raise a ConstraintError that says by how much a state breaks the constraints, where that is too much."""
-    gap = float(np.abs(closed.gaps(q)).max(initial=0.0))
-    if not gap <= OPEN:
+    mine = with_gaps(closed.constraints)
+    gap, allowed = np.abs(closed.gaps(q)), OPEN * closed.spans[mine]
+    if not (gap <= allowed).all():
+        *row, k = np.unravel_index(int((gap / allowed).argmax()), gap.shape)
+        name = [name for name, has in zip(row_names(closed.constraints), mine, strict=True) if has][k]
         raise ConstraintError(
-            f"q leaves loops open by {gap:.3g} (rad or m), allowed {OPEN:g}: begin with closed.consistent(q)."
+            f"q leaves loops open by {gap[(*row, k)]:.3g} (rad or m) in {name!r}{_in_words(row)}, allowed {allowed[k]:.3g}: "
+            "begin with closed.consistent(q)."
         )
     A = closed.constraint_jacobian(q)
-    _require_rate("dq", A, dq, np.zeros(1), "closed.project_velocity(q, dq)")
+    _require_rate(closed, q, "dq", A, dq, np.zeros(1), "closed.project_velocity(q, dq)")
     if ddq is not None:
-        _require_rate("ddq", A, ddq, closed.constraint_bias(q, dq), "closed.project_acceleration(q, dq, ddq)")
+        bias = closed.constraint_bias(q, dq)
+        _require_rate(closed, q, "ddq", A, ddq, bias, "closed.project_acceleration(q, dq, ddq)")
 
 
-def _require_rate(name: str, A: Array, v: Array, b: Array, remedy: str) -> None:
-    rate = np.abs((A @ v[..., None])[..., 0] + b).max(axis=-1, initial=0.0)
-    usual = ((np.abs(A) @ np.abs(v)[..., None])[..., 0] + np.abs(b)).max(axis=-1, initial=1.0)
-    if (astray := float((rate / usual).max(initial=0.0))) > ASTRAY:
-        raise ConstraintError(
-            f"{name} breaks the constraints by {astray:.3g} of its size, allowed {ASTRAY:g}. Take the nearest that meets "
-            f"them: {remedy}."
-        )
+def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, b: Array, remedy: str) -> None:
+    rate = (np.abs((A @ v[..., None])[..., 0] + b) / closed.sizes).max(axis=-1, initial=0.0)
+    terms = (np.abs(A) @ (np.abs(v) + STILL)[..., None])[..., 0] + np.abs(b)
+    usual = (terms / closed.sizes).max(axis=-1, initial=0.0)
+    if (rate <= ASTRAY * usual).all():
+        return
+    # Seen through the mass matrix a row of its usual size is 1; so this is what rows usually see of such a motion.
+    seen = np.sqrt(np.maximum((v * (closed.robot.mass_matrix(q) @ v[..., None])[..., 0]).sum(axis=-1), 0.0))
+    usual = np.maximum(usual, FADED * seen)
+    if (rate <= ASTRAY * usual).all():
+        return
+    part = np.divide(rate, usual, out=np.zeros_like(rate), where=usual > 0)
+    worst = int(part.argmax())
+    raise ConstraintError(
+        f"{name} breaks the constraints by {part.flat[worst]:.3g} of its size{_place(worst, part.shape)}, "
+        f"allowed {ASTRAY:g}. Take the nearest that meets them: {remedy}."
+    )
+
+
+def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> None:
+    """Raise where torques ``left`` (..., n) at joints without motors are no rounding beside M q̈ + h = f (..., nv)."""
+    rest = np.abs(left).max(axis=-1, initial=0.0)
+    allowed = UNBALANCED * np.abs(f).max(axis=-1, initial=0.0)
+    if (rest <= allowed).all():
+        return
+    worst = int((rest - allowed).argmax())
+    idle, moving = (", ".join(joints(closed.robot, which)) for which in (~driven, driven))
+    raise ConstraintError(
+        f"joints {idle} have no motor, and no torques at {moving or 'no joint'} make this motion: "
+        f"{rest.flat[worst]:.3g} N m or N is left over{_place(worst, rest.shape)}. Degrees of freedom: "
+        f"{closed.nv - len(closed.independent)}; name as many joints that move them."
+    )
 
 
 def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:

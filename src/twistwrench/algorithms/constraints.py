@@ -12,7 +12,7 @@ position goes with them. λ is what the robot applies: {b} to {a} at the origin 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -65,8 +65,13 @@ class Closure:
 
     @cached_property
     def T_ac(self) -> Array:
-        """``pose`` as an array (4, 4)."""
-        return np.array(self.pose)
+        """``pose`` as an array (4, 4), read-only."""
+        T = np.array(self.pose)
+        T.setflags(write=False)
+        return T
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # arrays come out of a pickle writable
 
 
 @dataclass(frozen=True)

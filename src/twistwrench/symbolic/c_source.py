@@ -19,12 +19,12 @@ __all__ = ["c_source"]
 def c_source(equations: Equations, prefix: str | None = None) -> str:
     """One file. ``prefix`` begins the names of its functions; without it, the name of the robot.
 
-    Raises ValueRangeError for a prefix that is no C identifier.
+    Raises ValueRangeError for a prefix that is no C identifier, and for functions that math.h does not have.
     """
     if prefix is None:
         prefix = re.sub(r"\W", "_", equations.name, flags=re.ASCII)
         prefix = prefix if re.match(r"[A-Za-z]", prefix) else f"robot_{prefix}"
-    if not re.fullmatch(r"[A-Za-z]\w*", prefix, flags=re.ASCII):
+    if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z]\w*", prefix, flags=re.ASCII):
         raise ValueRangeError(f"prefix={prefix!r} cannot begin a name in C. Use letters, digits and underscores.")
     names, symbols = ordered_names(equations), constants(equations)
     n = len(equations.q)
@@ -60,11 +60,17 @@ def _function(made: Routine, signature: str, n: int, has_parameters: bool) -> st
     lines = [f"/* {meaning}. */", signature, "{"]
     lines += [f"    (void){name};" for name in unused((*arrays, *(["p"] if has_parameters else [])), made)]
     lines += [f"    const double {name} = {array}[{k}];" for array, k, name in made.inputs]
-    lines += [f"    const double {name} = {written(expr, _c_name)};" for name, expr in made.lines]
+    lines += [f"    const double {name} = {written(expr, _C)};" for name, expr in made.lines]
     for k, (_, expr) in enumerate(zip(np.ndindex((n,) * axes), made.results, strict=True)):
-        lines.append(f"    {letter}[{k}] = {written(expr, _c_name)};")
+        lines.append(f"    {letter}[{k}] = {written(expr, _C)};")
     return "\n".join([*lines, "}"])
 
 
-def _c_name(name: str) -> str:
-    return {"Abs": "fabs"}.get(name, name)
+_C = {
+    **{name: f"{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")},
+    **{f"a{name}": f"a{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    "atan2": "atan2({}, {})",
+    "Abs": "fabs({})",
+    "sign": "(double)((({0}) > 0.0) - (({0}) < 0.0))",
+    "pow": "pow({}, {})",
+}

@@ -124,7 +124,7 @@ class Equations:
 
     def chosen(self, steps: Iterable[str] | None) -> tuple[Step, ...]:
         """The steps named, all of them for None."""
-        names = [steps] if isinstance(steps, str) else steps
+        names = [steps] if isinstance(steps, str) or not isinstance(steps, Iterable | None) else steps
         return self.steps if names is None else tuple(map(self.step, names))
 
     def text(self, steps: Iterable[str] | None = None) -> str:
@@ -161,7 +161,10 @@ class Equations:
         return numpy_source(self)
 
     def c_source(self, prefix: str | None = None) -> str:
-        """C99 that needs math.h only: one file, no allocation, functions named ``prefix_inverse_dynamics`` and so on."""
+        """C99 that needs math.h only: one file, no allocation, functions named ``prefix_inverse_dynamics`` and so on.
+
+        Raises ValueRangeError for a prefix that begins no name in C, and as :meth:`function` does.
+        """
         from .c_source import c_source
 
         return c_source(self, prefix)
@@ -172,12 +175,13 @@ class Equations:
         Its last argument, ``parameters``, maps the name of every constant to its number; without it, the robot's own. The
         time of a Lagrangian that depends on it is one of them.
 
-        Raises UnknownNameError for other functions; the function, UnknownNameError for constants that are not there, and
-        ValueRangeError where some are missing.
+        Raises UnknownNameError for other functions, and ValueRangeError for equations that no source can hold
+        (Max, Piecewise, what SymPy leaves as a derivative); the function, UnknownNameError for constants that are not
+        there, and ValueRangeError where some are missing.
         """
         from .source import FUNCTIONS, constants
 
-        if name not in FUNCTIONS:
+        if not isinstance(name, str) or name not in FUNCTIONS:
             raise UnknownNameError.of("function", name, FUNCTIONS)
         if "module" not in self.cache:
             scope: dict[str, Any] = {}

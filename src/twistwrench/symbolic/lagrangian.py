@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
+from numbers import Real
 from typing import Any
 
 from ..errors import ShapeError, ValueRangeError
@@ -12,7 +13,7 @@ from .coordinates import Coordinate, Variable, dotted
 from .equations import Equations, Label, Step
 from .expanded import Terms
 from .given import check_lagrangian, symbols_of, time_of
-from .trig_sum import Ring, TrigSum
+from .trig_sum import HIGHEST, Ring, TrigSum
 from .writing import Writer
 
 __all__ = ["lagrange"]
@@ -27,7 +28,8 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     is a constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms linear in the rates in the equations, and
     g is whatever is left at rest, centrifugal forces of a wire that is turned included.
 
-    Raises ShapeError for coordinates, rates and a time that are no symbols or do not match; ValueRangeError for an L that
+    Raises ShapeError for an L that is no expression (strings are not read), and for coordinates, rates and a time that are
+    no symbols or do not match; ValueRangeError for an L that
     depends on none of the rates, on rates of coordinates that are not listed, on accelerations, or on a ``t`` that
     ``time`` does not name; MissingExtraError without SymPy. MR eq. 8.2 and 8.3.
 
@@ -73,10 +75,15 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
 def _expression(L: Any) -> Any:
     import sympy
 
-    try:
+    # Never a string: SymPy would evaluate it as Python.
+    if not isinstance(L, bool) and isinstance(L, Real):
         return sympy.sympify(L)
-    except (sympy.SympifyError, TypeError, AttributeError):
-        raise ShapeError(f"a Lagrangian is a SymPy expression, got {str(L)[:80]!r}.") from None
+    if not isinstance(L, sympy.Expr) or L.is_Matrix:
+        raise ShapeError(
+            f"a Lagrangian is one SymPy expression, got {type(L).__name__} {str(L)[:80]!r}. "
+            "Make it of sympy.symbols; give K - P of an equation, and the single entry of a matrix."
+        )
+    return L
 
 
 def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
@@ -103,6 +110,8 @@ def _parsed(
     moving = {*q, *dq}
     atoms: dict[Any, str] = {s: s.name for s in (*q, *dq, *ddq)}
     if not _collect(L, moving, atoms) or len(set(atoms.values())) < len(atoms):
+        return None
+    if _degree(L, atoms) > HIGHEST - _RAISED:
         return None
     ring = Ring(list(atoms.values()), [s.name for s in q], exact=True)
     reader = _Reader(ring, atoms, q, moving)
@@ -133,6 +142,21 @@ def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
         atoms[expr] = f"constant{len(atoms)}"
         return True
     return False
+
+
+_RAISED = 4
+"""How far Lagrange's equations raise an exponent: c multiplies by two rates, rates of momenta by a rate or acceleration."""
+
+
+def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
+    """A bound of the exponents that L has when it is multiplied out."""
+    if expr in atoms:
+        return 1
+    if expr.is_Add:
+        return max(_degree(x, atoms) for x in expr.args)
+    if expr.is_Mul:
+        return sum(_degree(x, atoms) for x in expr.args)
+    return int(expr.exp) * _degree(expr.base, atoms) if expr.is_Pow else 0
 
 
 class _Reader:

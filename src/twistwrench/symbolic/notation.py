@@ -63,12 +63,17 @@ class Notation:
         found = []
         for term in _ordered(expr):
             negative, factors = _signed(term)
-            found.append(("-" if negative else "+", self._quotient(factors)))
+            found.append(("-", self._negated(factors)) if negative else ("+", self._quotient(factors)))
         return found
 
     def _product(self, expr: Any) -> str:
         negative, factors = _signed(expr)
-        return self.minus(self._quotient(factors)) if negative else self._quotient(factors)
+        return self.minus(self._negated(factors)) if negative else self._quotient(factors)
+
+    def _negated(self, factors: list[Any]) -> str:
+        """What stands after a minus: a sum by itself in brackets."""
+        inner = self._quotient(factors)
+        return self.bracket(inner) if _is_sum(factors) else inner
 
     def _quotient(self, factors: list[Any]) -> str:
         above: list[Any] = []
@@ -81,7 +86,7 @@ class Notation:
         top = self._factors(above)
         if not below:
             return top
-        return self.fraction(top or "1", self._factors(below))
+        return self.fraction(self.above(top) if _is_sum(above) else top or "1", self._factors(below))
 
     def _factors(self, factors: list[Any]) -> str:
         ordered = sorted(factors, key=self._factor_key)
@@ -145,6 +150,10 @@ class Notation:
     def bracket(self, inner: str) -> str:
         """Parentheses."""
         return f"({inner})"
+
+    def above(self, inner: str) -> str:
+        """A sum that something divides."""
+        return self.bracket(inner)
 
     def fraction(self, top: str, bottom: str) -> str:
         """A quotient."""
@@ -220,6 +229,10 @@ class Latex(Notation):
         """A power."""
         return f"{base}^{{{power}}}"
 
+    def above(self, inner: str) -> str:
+        """A sum that something divides: the bar holds it together."""
+        return inner
+
     def fraction(self, top: str, bottom: str) -> str:
         """A quotient."""
         return f"\\frac{{{top}}}{{{bottom}}}" if (top, bottom) != ("1", "2") else "\\tfrac{1}{2}"
@@ -286,6 +299,10 @@ class MathML(Notation):
         """Parentheses."""
         return f'<mo stretchy="false">(</mo>{inner}<mo stretchy="false">)</mo>'
 
+    def above(self, inner: str) -> str:
+        """A sum that something divides: the bar holds it together."""
+        return inner
+
     def fraction(self, top: str, bottom: str) -> str:
         """A quotient."""
         top, bottom = (x if x.startswith("<") else f"<mn>{x}</mn>" for x in (top, bottom))
@@ -328,6 +345,10 @@ class MathML(Notation):
 
 def _factors(expr: Any) -> list[Any]:
     return list(expr.args) if expr.is_Mul else [expr]
+
+
+def _is_sum(factors: list[Any]) -> bool:
+    return len(factors) == 1 and bool(factors[0].is_Add)
 
 
 def _where(index: str) -> tuple[int, bool]:

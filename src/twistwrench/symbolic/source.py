@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import keyword
+import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from ..errors import ValueRangeError
 
 if TYPE_CHECKING:
     from .equations import Equations
@@ -38,7 +41,8 @@ _FIELDS = {"inverse_dynamics": "tau"}
 _RESERVED = frozenset(
     """q dq ddq tau M C c g p out batch parameters np math double int float char const void return if else for while do long
     short signed unsigned static struct union enum switch case default break continue goto auto register volatile extern
-    inline restrict sizeof typedef sin cos pow sqrt exp log tan y0 y1 yn j0 j1 jn gamma lgamma""".split()  # noqa: SIM905
+    inline restrict sizeof typedef sin cos pow sqrt exp log tan y0 y1 yn j0 j1 jn gamma lgamma asin acos atan atan2 sinh cosh
+    tanh asinh acosh atanh fabs""".split()  # noqa: SIM905
 )
 
 
@@ -124,16 +128,22 @@ def _needed(equations: Equations, results: list[Any]) -> list[tuple[Any, Any]]:
     return kept[::-1]
 
 
-def written(expr: Any, function: Callable[[str], str]) -> str:
-    """An expression in the operators that Python and C share; powers of whole numbers as products."""
-    return _Operators(function).write(expr)
+def written(expr: Any, functions: Mapping[str, str]) -> str:
+    """An expression in the operators that Python and C share; powers of whole numbers as products.
+
+    ``functions`` maps SymPy's name of each function that the language has to how a call of it looks. ValueRangeError names
+    any other, and numbers that no double holds.
+    """
+    return _Operators(functions).write(expr)
 
 
 class _Operators:
-    def __init__(self, function: Callable[[str], str]) -> None:
-        self.function = function
+    def __init__(self, functions: Mapping[str, str]) -> None:
+        self.functions = functions
 
     def write(self, expr: Any) -> str:
+        import sympy
+
         if expr.is_Add:
             return " + ".join(self._tight(a) for a in expr.args).replace("+ -", "- ")
         if expr.is_Mul:
@@ -149,16 +159,34 @@ class _Operators:
             return f"1.0/{self._divisor(expr.base**-expr.exp)}"
         if expr.is_Symbol:
             return str(expr.name)
-        if expr.is_Number:
+        if expr.is_Number or expr.is_NumberSymbol:
             return self._number(expr)
-        if expr.is_Pow and expr.exp == expr.exp.func(1, 2):
-            return f"{self.function('sqrt')}({self.write(expr.base)})"
+        if expr.is_Pow and expr.exp == sympy.Rational(1, 2):
+            return self._call("sqrt", expr.base)
+        if expr.is_Pow and expr.exp == sympy.Rational(-1, 2):
+            return f"1.0/{self._call('sqrt', expr.base)}"
         if expr.is_Pow:
-            return f"{self.function('pow')}({self.write(expr.base)}, {self.write(expr.exp)})"
-        return f"{self.function(expr.func.__name__)}({', '.join(map(self.write, expr.args))})"
+            return self._call("pow", expr.base, expr.exp)
+        return self._call(expr.func.__name__ if expr.args else str(expr), *expr.args)
+
+    def _call(self, name: str, *args: Any) -> str:
+        if name not in self.functions:
+            known = ", ".join(n for n in self.functions if n != "pow")
+            raise ValueRangeError(
+                f"{name}, in these equations or the derivatives, cannot be written as source. Allowed are powers and {known}, "
+                "of symbols with real=True where Abs is differentiated. Rewrite the Lagrangian in these, or evaluate the "
+                "expressions with SymPy."
+            )
+        return self.functions[name].format(*map(self.write, args))
 
     def _number(self, x: Any) -> str:
+        if not (x.is_finite and math.isfinite(_double(x))):
+            raise ValueRangeError(
+                f"{str(x)[:40]} cannot be written as source: no double holds it. Scale the Lagrangian."
+            )
         if x.is_Rational and not x.is_Integer:
+            if max(abs(x.p), x.q) >= 1 << 1000:
+                return repr(float(x))
             exact = x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50
             return repr(float(x)) if exact else f"({x.p}.0/{x.q}.0)"
         return repr(float(x))
@@ -171,12 +199,19 @@ class _Operators:
 
     def _factor(self, expr: Any) -> str:
         text = self.write(expr)
-        plain = expr.is_Symbol or expr.is_Function or (expr.is_Number and not expr.is_negative)
+        plain = expr.is_Symbol or expr.is_Function or expr.is_NumberSymbol or (expr.is_Number and not expr.is_negative)
         power = expr.is_Pow and expr.exp.is_Integer and int(expr.exp) > 0
         return text if plain or power else f"({text})"
 
     def _divisor(self, expr: Any) -> str:
         return self.write(expr) if expr.is_Symbol or expr.is_Function else f"({self.write(expr)})"
+
+
+def _double(x: Any) -> float:
+    try:
+        return float(x)
+    except OverflowError:
+        return math.inf
 
 
 def header(equations: Equations) -> list[str]:
@@ -224,19 +259,25 @@ def _numpy_function(equations: Equations, made: Routine) -> str:
         lines.append(
             f"    {name} = parameters[{symbols[k].name!r}]" if array == "p" else f"    {name} = {array}[..., {k}]"
         )
-    lines += [f"    {name} = {written(expr, _numpy_name)}" for name, expr in made.lines]
+    lines += [f"    {name} = {written(expr, _NUMPY)}" for name, expr in made.lines]
     batch = ", ".join(f"{a}.shape[:-1]" for a in arrays)
     lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({batch}), {shape}))")
     for place, expr in zip(np.ndindex((n,) * axes), made.results, strict=True):
         if expr != 0:
-            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {written(expr, _numpy_name)}")
+            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {written(expr, _NUMPY)}")
     lines.append(f"    return {letter}\n")
     return "\n".join(lines)
 
 
-def _numpy_name(name: str) -> str:
-    known = {"Abs": "abs", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2", "pow": "power"}
-    return f"np.{known.get(name, name)}"
+_NUMPY = {
+    **{
+        name: f"np.{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "sign")
+    },
+    **{f"a{name}": f"np.arc{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    "atan2": "np.arctan2({}, {})",
+    "Abs": "np.abs({})",
+    "pow": "np.power({}, {})",
+}
 
 
 def unused(names: Iterable[str], made: Routine) -> list[str]:

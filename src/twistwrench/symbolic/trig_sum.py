@@ -11,13 +11,15 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-__all__ = ["Basis", "Ring", "TrigSum"]
+__all__ = ["HIGHEST", "Basis", "Ring", "TrigSum"]
 
 Basis = tuple[str, tuple[Any, ...]]
 """``("cos" | "sin", multiple of each angle)``; the first multiple that is not zero is positive. cos 0 stands for 1."""
 
 _BITS = 8
 _MASK = (1 << _BITS) - 1
+HIGHEST = _MASK
+"""The highest exponent that a monomial has room for; one more would be carried into the next symbol."""
 
 
 class Ring:
