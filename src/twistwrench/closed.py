@@ -146,8 +146,7 @@ class ClosedRobot:
     def _with(self, new: Constraint, near: ArrayLike | None, redundant: str) -> ClosedRobot:
         if redundant not in closing.REDUNDANT:
             raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
-        mine = closing.row_sizes(self.robot, new)
-        sizes, spans = (np.concatenate(both) for both in zip((self.sizes, self.spans), mine, strict=True))
+        sizes, spans = closing.row_sizes(self, new)
         rows = tuple(range(len(sizes)))
         closed = replace(self, constraints=(*self.constraints, new), sizes=sizes, spans=spans, independent=rows)
         q = closing.some_configurations(closed, near)
@@ -367,8 +366,9 @@ class ClosedRobot:
         q, dq, ddq = self._state("inverse_dynamics", q=q, dq=dq, ddq=ddq)
         closing.require_met(self, q, dq, ddq)
         driven = closing.driven(self.robot, actuated)
-        wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        f = self.robot.inverse_dynamics(q, dq, ddq, **wrenches, friction=friction)
+        by, on = wrench_by_robot, wrench_on_robot
+        with np.errstate(all="ignore"):
+            f = self.robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=by, wrench_on_robot=on, friction=friction)
         f = checks.finite(f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv)
         A, reach = self._reach(q)
         lam, left = balance(f, A, self.sizes, driven)

@@ -33,7 +33,7 @@ OPEN, ASTRAY = 1e-2, 0.1
 """How far open loops may be, rad and part of their span, and which part of a rate may break the constraints, for the dynamics
 to be asked for. The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the
 step."""
-STILL = 0.0
+STILL = 1e-3
 """rad/s and m/s (and per s): joints this slow are at rest. Where a motion turns round, the stages of an integrator's step add
 up to velocities as small as their errors, of which any part may break the constraints."""
 FADED = 1e-2
@@ -88,11 +88,11 @@ def kept(constraints: tuple[Constraint, ...], independent: tuple[int, ...]) -> t
     return tuple(some)
 
 
-def row_sizes(robot: Robot, constraint: Constraint) -> tuple[Array, Array]:
-    """How large the constraint's rows of A usually are, through the mass matrix, and their spans; one number each."""
-    sizes, rows = _six_sizes(robot, constraint), list(constraint.rows)
+def row_sizes(closed: ClosedRobot, new: Constraint) -> tuple[Array, Array]:
+    """How large rows of A usually are, through the mass matrix, and their spans, those of one more constraint appended."""
+    sizes, rows = _six_sizes(closed.robot, new), list(new.rows)
     spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], *SPANS)], 3)
-    return sizes[rows], spans[rows]
+    return np.concatenate([closed.sizes, sizes[rows]]), np.concatenate([closed.spans, spans[rows]])
 
 
 def _all_rows(constraint: Constraint) -> Constraint:
