@@ -251,7 +251,9 @@ def test_without_the_compiler_everything_runs_on_numpy(monkeypatch):
         )  # fmt: skip
         arrays = [rng.normal(size=(5, *port.shape)) for port in by_numpy.program(name).inputs]
         # Some hundred operations on numbers up to about 100, the mass matrix's condition number below 1000 included.
-        pairs = zip(*(x if isinstance(x, tuple) else (x,) for x in (kernel(*arrays), compiled_kernel(*arrays))), strict=True)
+        pairs = zip(
+            *(x if isinstance(x, tuple) else (x,) for x in (kernel(*arrays), compiled_kernel(*arrays))), strict=True
+        )
         assert all(np.allclose(a, b, rtol=1e-11, atol=1e-11) for a, b in pairs), name
         names.append(name)
     assert len(names) > 20

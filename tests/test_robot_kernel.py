@@ -195,7 +195,9 @@ def test_several_quantities_in_one_kernel_are_those_of_their_own_kernels():
     assert kernel.signature == "(6),(6),(6),(6)->(6),(6,6),(6,6),(6,6),(6)"
     F = rng.normal(size=(50, 6))
     tau, M, J, *_ = kernel(q, dq, ddq, F)
-    np.testing.assert_allclose(tau, robot.inverse_dynamics(q, dq, ddq, wrench_by_robot={"tool0": F}), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        tau, robot.inverse_dynamics(q, dq, ddq, wrench_by_robot={"tool0": F}), rtol=1e-12, atol=1e-12
+    )
     np.testing.assert_allclose(M, robot.mass_matrix(q), rtol=1e-13, atol=1e-14)
     np.testing.assert_allclose(J, robot.jacobian(q, "wrist_3_link"), rtol=1e-13, atol=1e-14)
 

@@ -133,7 +133,9 @@ def file_gap(robot: Robot) -> float:
         warnings.simplefilter("ignore", ModelWarning)
         read = load_model(_file_of(robot), floating_base=_floats(robot), mimic=mimic, inertia="accept", snap=0.0)
     if [b.joint.name for b in read.bodies] != [b.joint.name for b in model.bodies]:
-        raise ModelError("the robot has other joints than its file: some are locked, or driven by actuators with rotors.")
+        raise ModelError(
+            "the robot has other joints than its file: some are locked, or driven by actuators with rotors."
+        )
     gaps = [0.0]
     for body, filed in zip(model.bodies, read.bodies, strict=True):
         gaps.append(float(np.abs(body.placement - filed.placement).max()))

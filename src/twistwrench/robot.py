@@ -782,9 +782,7 @@ class Robot:
 
     # ── task space and constraints ──
 
-    def task_inertia(
-        self, q: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None
-    ) -> Array:
+    def task_inertia(self, q: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None) -> Array:
         """Λ of F = Λ dV + η on the chosen rows of J, (J M⁻¹ J')⁻¹; (nq) → (r, r). MR section 8.6.
 
         ``frame`` (None: the tip) and ``kind`` as for :meth:`jacobian`; ``rows`` by name, ``"vx vz"``, or number, 0 to 5; None
@@ -809,9 +807,7 @@ class Robot:
         """
         return self._task("task_bias", (q, dq), frame, kind, rows)
 
-    def lost_directions(
-        self, q: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None
-    ) -> Array:
+    def lost_directions(self, q: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None) -> Array:
         """The directions of the chosen rows in which the frame cannot be moved; (nq) → (lost, r).
 
         Orthonormal rows F with F'J = 0: wrenches there are borne without torques, and Λ is zero on them. A batch has as many
@@ -827,9 +823,7 @@ class Robot:
         sizes = self._usual_ways(frame, kind)[2][chosen]
         return Reach.of(self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes).lost
 
-    def _task(
-        self, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: str, rows: Rows
-    ) -> Array:
+    def _task(self, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: str, rows: Rows) -> Array:
         """Λ or η by the kernel; where its pivots are near zero, once more by singular values."""
         chosen = row_numbers(rows)
         if self.nv == 0:
@@ -890,9 +884,7 @@ class Robot:
                 stacklevel=4,
             )
 
-    def closed_form(
-        self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None
-    ) -> ClosedForm:
+    def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
         """The terms of the equation of motion by the block matrices of MR section 8.4, and those matrices; one state.
 
         q (nq,), dq (nv,). Slow, and without any of the recursions by which the terms are computed elsewhere.

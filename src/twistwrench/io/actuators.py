@@ -217,7 +217,11 @@ def _share(value: object, where: str) -> float:
     return _plain(value, problem)
 
 
-_LEADS: dict[str, Callable[[float], float]] = {"rad/m": lambda x: x, "mm/turn": lambda x: 2e3 * np.pi / x, "m/turn": lambda x: 2 * np.pi / x}
+_LEADS: dict[str, Callable[[float], float]] = {
+    "rad/m": lambda x: x,
+    "mm/turn": lambda x: 2e3 * np.pi / x,
+    "m/turn": lambda x: 2 * np.pi / x,
+}
 """Rotor radians per metre, from what a spindle or a rack is described by."""
 
 
