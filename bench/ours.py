@@ -70,9 +70,11 @@ class Ours:
         method, bare = self.method(quantity), kernel(self.robot, self.case, quantity)
         few = list(zip(*self.inputs(quantity, states[:256]), strict=True))
         out = np.empty(np.shape(method(*few[0])))
+        method(*few[1])
+        often = self.method(quantity)  # what `robot.inverse_dynamics` is from the third call on: a builtin
         found = [
             calls(f"{KERNEL}, one state", bare, [(*row, out) for row in few]),
-            calls(f"{METHOD}, one state", method, few),
+            calls(f"{METHOD}, one state", often, few),
         ]
         for size in sorted({self.case.batch, len(states)}):
             arrays = self.inputs(quantity, states[:size])

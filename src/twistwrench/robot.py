@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import quantities
-from .algorithms.closed_form import ClosedForm, closed_form
 from .algorithms.motors import MotorLoads, motor_loads
 from .algorithms.power import PowerBalance, power_balance
 from .algorithms.reach import Reach, doubtful, independent_rows, usual_sizes
@@ -33,7 +32,6 @@ from .errors import (
     UnknownNameError,
     ValueRangeError,
 )
-from .explanation import Explanation, explained
 from .kernels import threads
 from .lie import checks
 from .model import configuration, edit
@@ -45,7 +43,9 @@ from .program.program import Program
 from .screws.wrench import Wrench
 
 if TYPE_CHECKING:
+    from .algorithms.closed_form import ClosedForm
     from .closed import ClosedRobot
+    from .explanation import Explanation
     from .export.request import Quantities
 
 Array = NDArray[Any]
@@ -902,6 +902,8 @@ class Robot:
         wrenches = {frame: self._wrench(frame, F) for frame, F in (wrench_by_robot or {}).items()}
         if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
             raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
+        from .algorithms.closed_form import closed_form
+
         return closed_form(self.model, q, dq, wrenches)
 
     def close(
@@ -1054,6 +1056,8 @@ class Robot:
             from .targets.numpy import NumpyKernel
 
             self._regressor = NumpyKernel(self.program("regressor"), "regressor", "")
+        from .explanation import explained
+
         return explained(self.model, self._regressor, (q, dq, ddq), apart)
 
     # ── energies, momentum, centre of mass ──

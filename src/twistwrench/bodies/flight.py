@@ -9,7 +9,6 @@ symmetric, the orders of the compositions hold for wrenches that depend on veloc
 
 from __future__ import annotations
 
-import inspect
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -357,8 +356,10 @@ def _constant(wrench: ArrayLike) -> WrenchLaw:
 
 def _called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
     """The function, once it takes three arguments; what it gives is held to one frame, the first that is named."""
+    from inspect import signature
+
     try:
-        taken = inspect.signature(wrench)
+        taken = signature(wrench)
     except (TypeError, ValueError):  # some of C say nothing
         taken = None
     if taken is not None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InertiaError, SingularMassMatrixError
 from ..lie import checks, so3
-from .flight import Flight, WrenchLaw, fly
 from .inertia import SpatialInertia
 from .labels import numbers
+
+if TYPE_CHECKING:
+    from .flight import Flight, WrenchLaw
 
 Array = NDArray[Any]
 
@@ -147,6 +149,8 @@ class RigidBody:
         >>> bool(flight.drift.momentum < 1e-13)
         True
         """
+        from .flight import fly
+
         return fly(self.inertia, T0, V0, duration, dt, wrench, order=order, tolerance=tolerance, every=every)
 
     # ── batches ──

@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
+from numbers import Rational
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ TOLERANCE = 1e-6
 """How far the entries of R' R may be from the identity where a rotation is needed: a rounded float32 rotation passes."""
 
 _FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
-_PYTHON = (int, float, Fraction, np.floating, np.integer)
+_PYTHON = (int, float, np.floating, np.integer, Rational)
 _NAMES = {"U": "text", "S": "bytes", "c": "complex numbers", "M": "dates", "m": "time spans", "O": "objects"}
 
 
