@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ShapeError, UnknownNameError
+from .model.actuation import counted
 from .model.model import BASE, Model
 
 if TYPE_CHECKING:
@@ -185,20 +186,14 @@ def _causes(model: Model) -> dict[str, Array]:
     for i, body in enumerate(model.bodies):
         if body.joint.kind == "rotor":
             count(body.link, i, body.inertia.parameters)
-            count(body.link, body.parent, -_moved(body.inertia.parameters, body.placement) * _counted(model, i))
+            if counted(model, body):  # then the link has it too, and is credited with it above
+                count(body.link, body.parent, -_moved(body.inertia.parameters, body.placement))
     found = sum(causes.values(), start=np.zeros(10 * len(model.bodies)))
     for i, body in enumerate(model.bodies):  # what was repaired on loading, or fused out of rotors
         rest = body.inertia.parameters - found[10 * i : 10 * i + 10]
         if np.abs(rest).max() > 1e-12 * max(1e-300, float(np.abs(body.inertia.parameters).max())):
             count(f"{body.link} (other)", i, rest)
     return causes
-
-
-def _counted(model: Model, i: int) -> float:
-    """1 where the link that carries rotor i was weighed with it, else 0."""
-    body = model.bodies[i]
-    actuator = model.actuators.get(body.joint.name) or model.actuators[body.joint.name.removesuffix(".rotor")]
-    return 0.0 if actuator.rotor is None or actuator.rotor.extra else 1.0
 
 
 def _by_frame(payloads: Sequence[tuple[str, Any]]) -> dict[str, Array]:

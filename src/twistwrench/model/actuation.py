@@ -23,7 +23,7 @@ from .spring import Spring
 
 Array = NDArray[Any]
 
-__all__ = ["with_actuators", "with_friction"]
+__all__ = ["counted", "with_actuators", "with_friction"]
 
 _LAWS = ("viscous", "coulomb", "static", "stribeck", "load")
 
@@ -164,7 +164,7 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
     body = model.bodies[carrier]
     whole, spinning = body.inertia, J * np.outer(axis, axis)
     for other in model.bodies:
-        if other.joint.kind == "rotor" and other.parent == carrier and not _extra(model, other):
+        if other.joint.kind == "rotor" and other.parent == carrier and counted(model, other):
             whole = whole + other.inertia.in_frame(other.placement)
             a = other.joint.axes[0, :3]
             along = other.placement[:3, :3] @ a
@@ -178,11 +178,11 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
         )
 
 
-def _extra(model: Model, rotor: Body) -> bool:
-    """Whether the links were weighed without this rotor."""
+def counted(model: Model, rotor: Body) -> bool:
+    """Whether the link that carries this rotor was weighed with it."""
     name = rotor.joint.name
     actuator = model.actuators.get(name) or model.actuators[name.removesuffix(".rotor")]
-    return actuator.rotor is None or actuator.rotor.extra
+    return actuator.rotor is not None and not actuator.rotor.extra
 
 
 def _mounted(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, Array]:

@@ -16,8 +16,6 @@ Array = NDArray[Any]
 
 __all__ = ["Coordinates", "joint_rates"]
 
-_VELOCITY_SUFFIXES = {"floating": (".wx", ".wy", ".wz", ".vx", ".vy", ".vz"), "planar": (".w", ".vx", ".vy")}
-
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
@@ -49,7 +47,7 @@ class Coordinates:
         entries = [(j, s) for j in joints for s in j.coordinate_suffixes]
         return cls(
             names=tuple(j.name + s for j, s in entries),
-            velocity_names=tuple(j.name + s for j in joints for s in _VELOCITY_SUFFIXES.get(j.kind, ("",))),
+            velocity_names=model.velocity_names,
             angular=np.array([s == ".theta" or (not s and _turns(j)[0]) for j, s in entries], bool),
             angular_velocity=np.array([a for j in joints for a in _turns(j)], bool),
             position_of=position_of,

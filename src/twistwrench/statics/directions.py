@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ValueRangeError
 from .checks import same_batch, unit_vectors
 from .ellipsoid import part_rows
-from .limits import effort_limits, growth, require_fixed_base, span, velocity_names
+from .limits import effort_limits, growth, require_fixed_base, span
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -121,5 +121,5 @@ def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrenc
         np.broadcast_to(F, (*a.shape[:-1], 6)).copy(),
         np.where(holds, s.joint, -1),
         np.where(holds, s.side, 0),
-        velocity_names(robot),
+        robot.model.velocity_names,
     )

@@ -13,7 +13,7 @@ from ..errors import FrameError, ValueRangeError
 from ..lie import checks
 from .checks import one_configuration, whole
 from .contacts import Contact
-from .limits import effort_limits, velocity_names
+from .limits import effort_limits
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -148,7 +148,9 @@ def robot_equilibrium(
         J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
         arm = np.asarray(robot.forward_kinematics(q, c.frame))[:3, :3] @ c.point
         maps.append((J[3:] - _hat(arm) @ J[:3]).T)  # f → J_point' f
-    return _decide(contacts, maps, -unloaded, effort_limits(robot, limits), edges, velocity_names(robot), _OF_A_ROBOT)
+    return _decide(
+        contacts, maps, -unloaded, effort_limits(robot, limits), edges, robot.model.velocity_names, _OF_A_ROBOT
+    )
 
 
 def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...], int]:

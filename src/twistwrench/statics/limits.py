@@ -17,15 +17,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["Growth", "effort_limits", "growth", "velocity_names"]
+__all__ = ["Growth", "effort_limits", "growth"]
 
 _NO_LEVER = 1e-12
 """Levers shorter than this [m], or this share of the longest, are round-off: a joint at such a one feels no load."""
-
-
-def velocity_names(robot: Robot) -> tuple[str, ...]:
-    """A name for each entry of dq and τ: the joint's, with the twist component where it has several; (nv,)."""
-    return robot.model.velocity_names
 
 
 def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
@@ -39,7 +34,7 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     >>> effort_limits(tw.robots.ur5()).tolist()
     [150.0, 150.0, 150.0, 28.0, 28.0, 28.0]
     """
-    names = velocity_names(robot)
+    names = robot.model.velocity_names
     try:
         effort = checks.one(robot.limits.effort if limits is None else limits, "limits", robot.nv).copy()
     except ShapeError as problem:

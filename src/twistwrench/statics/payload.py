@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ShapeError
 from ..lie import checks
 from .checks import one_configuration, same_batch
-from .limits import effort_limits, growth, require_fixed_base, span, velocity_names
+from .limits import effort_limits, growth, require_fixed_base, span
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -129,7 +129,7 @@ def largest_payload(
         per_kilogram,
         s.per_joint,
         L,
-        velocity_names(robot),
+        robot.model.velocity_names,
     )
 
 

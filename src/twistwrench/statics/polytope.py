@@ -12,7 +12,7 @@ from ..errors import UnknownNameError, ValueRangeError
 from ..lie import checks
 from .checks import one_configuration
 from .ellipsoid import effort_weights, part_rows
-from .limits import effort_limits, require_fixed_base, velocity_names
+from .limits import effort_limits, require_fixed_base
 from .torques import RANK_TOLERANCE
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def wrench_polytope(
     some = np.isfinite(L)
     A = np.concatenate([J.T[some], -J.T[some]])
     b = np.concatenate([(L - g)[some], (L + g)[some]])
-    names = [n for n, finite in zip(velocity_names(robot), some, strict=True) if finite]
+    names = [n for n, finite in zip(robot.model.velocity_names, some, strict=True) if finite]
     sides = [f"+{n}" for n in names] + [f"-{n}" for n in names]
     labels = (part, rest, str(robot.tip if frame is None else frame), kind)
     length = np.linalg.norm(A, axis=1)

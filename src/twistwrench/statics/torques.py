@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..lie import checks
 from .checks import one_configuration, positive
-from .limits import velocity_names
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -117,7 +116,7 @@ def wrench_from_torques(
         idle=_sparse_basis(Vt[rank:].T),
         singular_values=s,
         gravity=g,
-        joint_names=velocity_names(robot),
+        joint_names=robot.model.velocity_names,
         frame=str(robot.tip if frame is None else frame),
         kind=kind,
         length=length,
