@@ -1,4 +1,4 @@
-"""What is timed: three robots, five quantities, and random states. Everything here is in Pinocchio's order and signs.
+"""What is timed: three robots, seven quantities, and random states. Everything here is in Pinocchio's order and signs.
 
 Pinocchio's order: joints of one parent alphabetically; a floating base is q = (x, y, z, qx, qy, qz, qw),
 dq = (v, omega); twists and wrenches have the linear part first.
@@ -14,6 +14,12 @@ import numpy as np
 import pinocchio as pin
 
 QUANTITIES = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "jacobian", "gravity_forces")
+DERIVATIVES = ("inverse_dynamics_derivatives", "forward_dynamics_derivatives")
+"""By q and dq, and of forward dynamics by tau as well; by q along the base's own axes."""
+COMPARED = ("inverse_dynamics", "forward_dynamics", "mass_matrix", "gravity_forces", *DERIVATIVES)
+"""The quantities whose speed, bounds and compile time are said together."""
+MATRICES = {"mass_matrix": 1, "inverse_dynamics_derivatives": 2, "forward_dynamics_derivatives": 3}
+"""How many square matrices, a row and a column for each velocity, these results are."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +121,18 @@ class States:
         return {
             "inverse_dynamics": (self.q, self.dq, self.ddq),
             "forward_dynamics": (self.q, self.dq, self.tau),
-        }.get(quantity, (self.q,))
+        }.get(quantity.removesuffix("_derivatives"), (self.q,))
 
 
 def difference(values: np.ndarray, reference: np.ndarray) -> float:
-    """The largest relative difference: per state the largest entry of |values - reference| over that of |reference|."""
-    axes = tuple(range(1, reference.ndim))
-    return float(np.max(np.abs(values - reference).max(axes) / np.abs(reference).max(axes)))
+    """The largest relative difference: per state the largest entry of |values - reference| over that of |reference|.
+
+    Where a result is several matrices (N, k, rows, columns), each is taken by itself.
+    """
+    return float(np.max(differences(values, reference)))
+
+
+def differences(values: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """The same for each state, and each matrix."""
+    axes = tuple(range(max(1, reference.ndim - 2), reference.ndim))
+    return np.abs(values - reference).max(axes) / np.abs(reference).max(axes)

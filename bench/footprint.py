@@ -10,14 +10,17 @@ import time
 import tomllib
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
 from packaging.requirements import Requirement
 
-from bench.cases import QUANTITIES, Case
+from bench import machine
+from bench.cases import CASES, COMPARED, QUANTITIES, Case
 
 ROOT = Path(__file__).parents[1]
 CACHE = "TWISTWRENCH_CACHE_DIR"
 ROUNDS = 9
+ENOUGH = 15.0  # seconds of compiling a robot's kernels over and over
 
 TORQUE = """
 import twistwrench as tw
@@ -43,6 +46,19 @@ for what in ("load", *QUANTITIES):
     now = time.perf_counter()
     seconds[what], start = now - start, now
 print(json.dumps(seconds))
+"""
+TOGETHER = """
+import json, time
+from bench.cases import CASES, COMPARED
+from bench.ours import kernel, load
+from twistwrench.kernels.ufunc import owner_of
+from twistwrench.targets.machine import SINGLE
+robot = load(case := next(c for c in CASES if c.name == {name!r}))
+wall, processor = time.perf_counter(), time.process_time()
+for quantity in COMPARED:
+    kernel(robot, case, quantity)
+owner_of(kernel(robot, case, COMPARED[0])).address(SINGLE)
+print(json.dumps({{"wall": time.perf_counter() - wall, "processor": time.process_time() - processor}}))
 """
 
 
@@ -83,6 +99,24 @@ def kernel_times(case: Case, rounds: int = 3) -> dict[str, dict[str, float]]:
         kind: {what: statistics.median(run[what] for run in each) for what in ("load", *QUANTITIES)}
         for kind, each in runs.items()
     }
+
+
+def compile_times(rounds: int = 3, cases: tuple[Case, ...] = CASES) -> dict[str, Any]:
+    """Seconds to compile, without a cache, the kernels that are compared: all in float64, and the first in float32 too.
+
+    Up to `rounds` processes a robot; no further one once they have taken long enough.
+    """
+    where = machine.describe()  # this section may be newer than the others
+    results: dict[str, Any] = {"date": where["date"], "cpu": where["cpu"], "rounds": rounds}
+    results["quantities"], results["robots"] = COMPARED, {}
+    for case in cases:
+        print(f"{case.name}: compiling all kernels", flush=True)
+        runs: list[dict[str, float]] = []
+        while len(runs) < rounds and sum(run["wall"] for run in runs) < ENOUGH:
+            runs.append(json.loads(_python(TOGETHER.format(name=case.name), "off")))
+        medians = {kind: statistics.median(run[kind] for run in runs) for kind in ("processor", "wall")}
+        results["robots"][case.name] = {**medians, "processes": len(runs)}
+    return results
 
 
 def _python(code: str, cache: str) -> str:

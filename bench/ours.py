@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import twistwrench as tw
-from bench.cases import Case, States
+from bench.cases import MATRICES, Case, States
 from bench.timing import Contender, calls
 from twistwrench.quantities import checked_options, program_of
 
@@ -61,26 +61,32 @@ class Ours:
     def evaluate(self, quantity: str, states: States) -> np.ndarray:
         """One batch through the method, in Pinocchio's order."""
         back = np.argsort(self.v_index)
-        values = self.method(quantity)(*self.inputs(quantity, states))[..., back]
-        if quantity == "mass_matrix":
-            values = values[:, back]
+        values = self.method(quantity)(*self.inputs(quantity, states))
+        values = np.stack(values, axis=1) if isinstance(values, tuple) else values
+        values = values[..., back]
+        if quantity in MATRICES:
+            values = values[..., back, :]
         return values[:, [3, 4, 5, 0, 1, 2]] if quantity == "jacobian" else values
 
     def contenders(self, quantity: str, states: States) -> list[Contender]:
         method, bare = self.method(quantity), kernel(self.robot, self.case, quantity)
         few = list(zip(*self.inputs(quantity, states[:256]), strict=True))
-        out = np.empty(np.shape(method(*few[0])))
+        shapes = [np.shape(each) for each in _tuple(method(*few[0]))]
+        out = [np.empty(shape) for shape in shapes]
         method(*few[1])
         often = self.method(quantity)  # what `robot.inverse_dynamics` is from the third call on: a builtin
         found = [
-            calls(f"{KERNEL}, one state", bare, [(*row, out) for row in few]),
+            calls(f"{KERNEL}, one state", bare, [(*row, *out) for row in few]),
             calls(f"{METHOD}, one state", often, few),
         ]
         for size in sorted({self.case.batch, len(states)}):
             arrays = self.inputs(quantity, states[:size])
-            results = np.empty((size, *out.shape))
-            found += [Contender(f"{KERNEL}, batch of {size}, out=", _repeat(bare, (*arrays, results)), size)]
-            found += [Contender(f"{METHOD}, batch of {size}", _repeat(method, arrays), size)]
+            results = [np.empty((size, *shape)) for shape in shapes]
+            found += [Contender(f"{KERNEL}, batch of {size}, out=", repeat(bare, (*arrays, *results)), size)]
+            found += [Contender(f"{METHOD}, batch of {size}", repeat(method, arrays), size)]
+            if quantity in MATRICES:
+                given = partial(method, out=tuple(results) if len(results) > 1 else results[0])
+                found += [Contender(f"{METHOD}, batch of {size}, out=", repeat(given, arrays), size)]
         return found
 
     def operations(self, quantity: str) -> dict[str, int]:
@@ -92,7 +98,13 @@ class Ours:
         return {**program.counts(), **sums, "flops before regrouping": before.flops}
 
 
-def _repeat(function: Callable[..., object], arrays: tuple[np.ndarray, ...]) -> Callable[[int], None]:
+def _tuple(results: Any) -> tuple[Any, ...]:
+    return results if isinstance(results, tuple) else (results,)
+
+
+def repeat(function: Callable[..., object], arrays: tuple[np.ndarray, ...]) -> Callable[[int], None]:
+    """A sweep of calls with the same arrays."""
+
     def sweep(times: int) -> None:
         for _ in range(times):
             function(*arrays)

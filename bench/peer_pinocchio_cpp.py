@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from bench.cases import Case, States
-from bench.peer_pinocchio import symmetric
+from bench.cases import DERIVATIVES, MATRICES, Case, States
+from bench.peer_pinocchio import completed
 from bench.timing import Contender
 
 NAME = "Pinocchio C++"
@@ -131,12 +131,12 @@ class PinocchioCpp:
     def evaluate(self, quantity: str, states: States) -> np.ndarray:
         nv, size = self.model.nv, len(states)
         # column-major on that side, so the last two axes are swapped here
-        shape = {"mass_matrix": (nv, nv), "jacobian": (nv, 6)}.get(quantity, (nv,))
+        several = {name: (MATRICES[name], nv, nv) for name in DERIVATIVES}
+        shape = {"mass_matrix": (nv, nv), "jacobian": (nv, 6), **several}.get(quantity, (nv,))
         values = np.empty((size, *shape))
         for row, state in zip(values, zip(*_inputs(quantity, states), strict=True), strict=True):
             self.build.library.robot_evaluate(self.robot, quantity.encode(), *map(_pointer, state), _pointer(row))
-        values = values if values.ndim == 2 else np.swapaxes(values, 1, 2)
-        return symmetric(values) if quantity == "mass_matrix" else values
+        return completed(quantity, values if values.ndim == 2 else np.swapaxes(values, -1, -2))
 
     def contenders(self, quantity: str, states: States) -> list[Contender]:
         """A loop in C++ over the headline's batch of states."""
@@ -153,7 +153,7 @@ class PinocchioCpp:
 
 def _inputs(quantity: str, states: States) -> tuple[np.ndarray, ...]:
     """Always three arrays: what a quantity does not use is not read."""
-    return states.q, states.dq, states.tau if quantity == "forward_dynamics" else states.ddq
+    return states.q, states.dq, states.tau if quantity.startswith("forward_dynamics") else states.ddq
 
 
 def _joints(model: pin.Model) -> Iterator[tuple[Any, ...]]:

@@ -1,12 +1,13 @@
 // Pinocchio's own templates, instantiated here by the compiler and flags under test. Nothing of Pinocchio is linked:
 // the model comes joint by joint from Pinocchio in Python (pinocchio_cpp.py), so no parser is needed either.
+#include <pinocchio/algorithm/aba-derivatives.hpp>
 #include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/frames.hpp>
+#include <pinocchio/algorithm/rnea-derivatives.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/multibody.hpp>
 
-#include <cstring>
 #include <string>
 
 namespace {
@@ -40,6 +41,12 @@ void jacobian(Robot &r, const Vector &q, const Vector &, const Vector &) {
 void gravity_forces(Robot &r, const Vector &q, const Vector &, const Vector &) {
   pin::computeGeneralizedGravity(r.model, r.data, q);
 }
+void inverse_dynamics_derivatives(Robot &r, const Vector &q, const Vector &v, const Vector &a) {
+  pin::computeRNEADerivatives(r.model, r.data, q, v, a);
+}
+void forward_dynamics_derivatives(Robot &r, const Vector &q, const Vector &v, const Vector &tau) {
+  pin::computeABADerivatives(r.model, r.data, q, v, tau);
+}
 
 template <void (*Algorithm)(Robot &, const Vector &, const Vector &, const Vector &)>
 void sweep(Robot &r, long samples, const double *q, const double *v, const double *u) {
@@ -55,11 +62,15 @@ Sweep find(const std::string &quantity) {
   if (quantity == "forward_dynamics") return sweep<forward_dynamics>;
   if (quantity == "jacobian") return sweep<jacobian>;
   if (quantity == "gravity_forces") return sweep<gravity_forces>;
+  if (quantity == "inverse_dynamics_derivatives") return sweep<inverse_dynamics_derivatives>;
+  if (quantity == "forward_dynamics_derivatives") return sweep<forward_dynamics_derivatives>;
   return nullptr;
 }
 
-template <class Matrix> void write(const Matrix &values, double *out) {
-  std::memcpy(out, values.data(), sizeof(double) * values.size());
+// Column by column, however Pinocchio keeps it; returns where the next one goes.
+template <class Matrix> double *write(const Matrix &values, double *out) {
+  Eigen::Map<Eigen::MatrixXd>(out, values.rows(), values.cols()) = values;
+  return out + values.size();
 }
 
 } // namespace
@@ -107,6 +118,9 @@ void robot_evaluate(Robot *r, const char *quantity, const double *q, const doubl
   else if (name == "mass_matrix") write(r->data.M, out);
   else if (name == "forward_dynamics") write(r->data.ddq, out);
   else if (name == "jacobian") write(r->jacobian, out);
+  else if (name == "inverse_dynamics_derivatives") write(r->data.dtau_dv, write(r->data.dtau_dq, out));
+  else if (name == "forward_dynamics_derivatives")
+    write(r->data.Minv, write(r->data.ddq_dv, write(r->data.ddq_dq, out)));
   else write(r->data.g, out);
 }
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench import required
-from bench.cases import QUANTITIES
+from bench import limits, required, required_next, sections
+from bench.cases import DERIVATIVES, QUANTITIES
 from bench.markdown import duration, quartiles, section, times
 from bench.required import best_build
 
@@ -16,9 +16,11 @@ FUSED = ("fma", "fms", "fnma", "fnms")
 
 def write(results: dict[str, Any]) -> str:
     """The whole of RESULTS.md."""
-    parts = [_head(results), _required(results)]
+    parts = [_head(results), _required(results), _required_next(results)]
     parts += [_robot(robot, results["missing"]) for robot in results["robots"].values()]
-    parts += [part(results) for part in (_agreement, _builds, _operations, _one_body, _threads, _kernels, _start)]
+    parts += [part(results) for part in (sections.derivatives, sections.single, limits.limits)]
+    parts += [part(results) for part in (_agreement, _builds, _operations, _one_body, _threads)]
+    parts += [part(results) for part in (sections.compiling, _kernels, _start)]
     return "\n\n".join([*filter(None, parts), METHOD.read_text()])
 
 
@@ -29,7 +31,7 @@ def _head(results: dict[str, Any]) -> str:
         "# Benchmark",
         "",
         f"Written by `make bench`; do not edit. All contenders ran in the same run, in turns, {core}, in float64,"
-        f" {results['rounds']} rounds.",
+        f" {results['rounds']} rounds, unless a section says otherwise.",
         "",
         f"- {m['date']}, {m['cpu']} ({m['family']}; {m['vectors']} side by side), {m['system']}, Python {m['python']}",
         "- " + ", ".join(f"{name} {number}" for name, number in m["versions"].items()),
@@ -48,9 +50,27 @@ def _required(results: dict[str, Any]) -> str:
     return section("What it must reach", text, ("what", "at least", "got", ""), rows)
 
 
+def _required_next(results: dict[str, Any]) -> str:
+    rows = [(row.what, row.need, row.got, row.verdict) for row in required_next.rows(results)]
+    text = (
+        "The same comparison, with more quantities. Batches are fresh results of the method unless `out=` is said;"
+        " times are per state. What stands in the way is below, under what bounds each kernel."
+    )
+    return section("What it must reach next", text, ("what", "at least", "got", ""), rows)
+
+
+def _everything(results: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """By robot, what was measured of each quantity, derivatives last."""
+    found = {name: dict(robot["quantities"]) for name, robot in results["robots"].items()}
+    for name, robot in results.get("derivatives", {}).get("robots", {}).items():
+        found.setdefault(name, {}).update(robot["quantities"])
+    return found
+
+
 def _robot(robot: dict[str, Any], missing: dict[str, str]) -> str:
     timings = [robot["quantities"][quantity]["timings"] for quantity in QUANTITIES]
-    rows = [[_label(name, robot["batch"]), *(_cell(each, name) for each in timings)] for name in _shown(timings[0])]
+    names = dict.fromkeys(name for each in timings for name in each)
+    rows = [[_label(name, robot["batch"]), *(_cell(each, name) for each in timings)] for name in _shown([*names])]
     rows += [[name, *["missing"] * len(timings)] for name in missing if "," not in name]  # not for single builds
     text = (
         "Time per state: the median of the rounds, the quartiles, and how many times faster than the best build of"
@@ -73,55 +93,64 @@ def _label(name: str, batch: int) -> str:
 
 def _cell(timings: dict[str, dict[str, float]], name: str) -> str:
     best = best_build(timings)
-    timing = timings[best if best and name.startswith("Pinocchio C++") else name]
+    name = best if best and name.startswith("Pinocchio C++") else name
+    if name not in timings:
+        return "–"
+    timing = timings[name]
     text = f"{duration(timing['median'])} {quartiles(timing)}"
     return text if best is None else f"{text} **{times(timings[best]['median'] / timing['median'])}**"
 
 
 def _agreement(results: dict[str, Any]) -> str:
-    robots = results["robots"].values()
+    robots = _everything(results)
     worst: dict[str, list[str]] = {
-        name: [] for robot in robots for q in robot["quantities"].values() for name in q["agreement"]
+        name: [] for quantities in robots.values() for q in quantities.values() for name in q["agreement"]
     }
-    for robot in robots:
+    for quantities in robots.values():
         for name, cells in worst.items():
-            found = [q["agreement"][name] for q in robot["quantities"].values() if name in q["agreement"]]
+            found = [q["agreement"][name] for q in quantities.values() if name in q["agreement"]]
             cells.append(f"{max(found):.0e}" if found else "–")
     text = (
-        "The largest relative difference from Pinocchio called from Python, over all five quantities and 64 random"
-        " states: per state, the largest entry of the difference over the largest entry. Checked before anything is"
+        "The largest relative difference from Pinocchio called from Python, over all quantities and 64 random"
+        " states: per state and matrix, the largest entry of the difference over the largest entry. Checked before anything is"
         " timed. twistwrench takes entries of fixed rotations within 1e-9 of 0 or ±1 to mean just that; `snap=0` turns"
         " it off."
     )
-    return section("Agreement", text, ("", *results["robots"]), [(name, *cells) for name, cells in worst.items()])
+    return section("Agreement", text, ("", *robots), [(name, *cells) for name, cells in worst.items()])
 
 
 def _builds(results: dict[str, Any]) -> str:
     rows = []
-    for name, robot in results["robots"].items():
-        timings = [robot["quantities"][quantity]["timings"] for quantity in QUANTITIES]
+    every = _everything(results)
+    shown = [quantity for quantity in (*QUANTITIES, *DERIVATIVES) if any(quantity in each for each in every.values())]
+    for name, quantities in every.items():
         for build in results["compilers"]:
-            row = f"Pinocchio C++, {build}"
-            cells = [f"{each[row]['median']:.0f} ({each[row]['minimum']:.0f})" for each in timings]
-            marked = [f"**{c}**" if best_build(each) == row else c for c, each in zip(cells, timings, strict=True)]
-            rows.append((name, f"`{build}`", *marked))
+            cells = [_of_build(quantities, quantity, f"Pinocchio C++, {build}") for quantity in shown]
+            rows.append((name, f"`{build}`", *cells))
     text = (
         "Nanoseconds per state, median (minimum). The best median, in bold, is what the ratios above are taken against."
     )
-    return section("Pinocchio C++, build by build", text, ("", "build", *TITLES), rows)
+    return section("Pinocchio C++, build by build", text, ("", "build", *map(sections.title, shown)), rows)
+
+
+def _of_build(quantities: dict[str, Any], quantity: str, build: str) -> str:
+    timings = quantities.get(quantity, {"timings": {}})["timings"]
+    if build not in timings:
+        return "–"
+    text = f"{timings[build]['median']:.0f} ({timings[build]['minimum']:.0f})"
+    return f"**{text}**" if best_build(timings) == build else text
 
 
 def _operations(results: dict[str, Any]) -> str:
     rows = []
-    for name, robot in results["robots"].items():
-        for quantity, title in zip(QUANTITIES, TITLES, strict=True):
-            counts = robot["quantities"][quantity].get("operations")
-            if counts:
+    for name, quantities in _everything(results).items():
+        for quantity, each in quantities.items():
+            if counts := each.get("operations"):
                 single = [counts.get(op, 0) for op in ("multiplications", "flops", "mul")]
                 fused = sum(counts.get(op, 0) for op in FUSED)
                 sums = counts.get("add", 0) + counts.get("sub", 0)
                 rest = [counts.get(op, 0) for op in ("div", "sqrt", "sin", "cos")]
-                rows.append((name, title, *map(str, [*single, fused, sums, *rest])))
+                rows.append((name, sections.title(quantity), *map(str, [*single, fused, sums, *rest])))
     text = (
         "Per state, in the program that is compiled. A fused multiply–add is one multiplication and two flops; sines"
         " and cosines are in neither sum."
@@ -166,17 +195,19 @@ def _threads(results: dict[str, Any]) -> str:
     found = results.get("threads")
     if not found:
         return ""
+    robots = {"panda": found["states"], "talos": found.get("humanoid", {})}
     rows = [
-        (f"{int(size):,} states", *(_beside_one(timings, count) for count in timings))
-        for size, timings in found["states"].items()
+        (f"{int(size):,} states", robot, *(_beside_one(timings, count) for count in timings))
+        for robot, sizes in robots.items()
+        for size, timings in sizes.items()
     ]
     text = (
-        f"Measured {found['date']} on {found['cpu']}, {found['cores']} cores to use, {found['rounds']} rounds: the panda's"
+        f"Measured {found['date']} on {found['cpu']}, {found['cores']} cores to use, {found['rounds']} rounds:"
         " inverse dynamics through the method, nanoseconds per state, the median, the quartiles, and how many times as"
         " fast as on one thread. Results are the same to the bit, checked before anything is timed."
     )
     counts = next(iter(found["states"].values()), {})
-    head = ("", *(f"{count} thread{'' if count == '1' else 's'}" for count in counts))
+    head = ("", "", *(f"{count} thread{'' if count == '1' else 's'}" for count in counts))
     return section("Large batches on several threads", text, head, rows)
 
 

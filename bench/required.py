@@ -50,7 +50,8 @@ def best_build(timings: dict[str, dict[str, float]]) -> str | None:
 
 def _agreement(results: dict[str, Any]) -> Row:
     def worst(name: str) -> float:
-        quantities = [q for robot in results["robots"].values() for q in robot["quantities"].values()]
+        robots = [*results["robots"].values(), *results.get("derivatives", {}).get("robots", {}).values()]
+        quantities = [q for robot in robots for q in robot["quantities"].values()]
         return max((q["agreement"].get(name, 0.0) for q in quantities), default=0.0)
 
     what = "agreement with Pinocchio, relative, the worst of all robots and quantities here"

@@ -215,3 +215,73 @@ def test_the_benchmark_times_it_and_the_report_shows_it(jobs, monkeypatch, capsy
     text = importlib.import_module("bench.report")._threads({"threads": found})
     assert "## Large batches on several threads" in text
     assert "| 3,000 states |" in text
+
+
+# ── workers of other packages, where they are installed ──
+
+POOLS = """
+import sys
+import numpy as np
+import twistwrench as tw
+from twistwrench.kernels import parts, threads
+
+robot = tw.robots.planar_3r()
+q = robot.random_configuration(1, 5000)
+
+def work(_):
+    parts.LEAST = 2e3  # so that every call is worth sharing, in whichever process this is
+    made = []
+    job = threads._Job
+    class Watched(job):
+        def __init__(self, *given):
+            made.append(1)
+            super().__init__(*given)
+    threads._Job = Watched
+    try:
+        fine = np.array_equal(robot.mass_matrix(q), robot.kernel("mass_matrix")(q))
+    finally:
+        threads._Job = job
+    return len(made) if fine else None
+
+def joblib(backend):
+    from joblib import Parallel, delayed
+    return Parallel(n_jobs=2, backend=backend)(delayed(work)(k) for k in range(4))
+
+def dask(scheduler):
+    import dask
+    return list(dask.compute(*(dask.delayed(work)(k) for k in range(4)), scheduler=scheduler))
+
+def distributed(processes):
+    from distributed import Client
+    with Client(processes=processes == "processes", n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
+        return client.gather([client.submit(work, k) for k in range(4)])
+
+if __name__ == "__main__":
+    tw.set_threads(3)
+    assert work(0) == 1  # here a call is shared
+    print(globals()[sys.argv[1]](sys.argv[2]))
+    assert work(0) == 1  # and still is
+"""
+
+
+@pytest.mark.parametrize(
+    ("package", "kind"),
+    [
+        ("joblib", "loky"),
+        ("joblib", "threading"),
+        ("joblib", "multiprocessing"),
+        ("dask", "threads"),
+        ("dask", "processes"),
+        ("distributed", "threads"),
+        ("distributed", "processes"),
+    ],
+)
+def test_calls_in_workers_of_other_packages_stay_on_their_thread(tmp_path, package, kind):
+    pytest.importorskip(package)
+    script = tmp_path / "pools.py"
+    script.write_text(POOLS)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", script, package, kind],
+        env={**os.environ, "TWISTWRENCH_THREADS": "3"}, capture_output=True, text=True, timeout=2 * WAIT,
+    )  # fmt: skip
+    assert done.stdout == "[0, 0, 0, 0]\n", done.stderr

@@ -8,7 +8,9 @@ import typing as _typing
 from . import robots
 from .bodies.inertia import SpatialInertia
 from .bodies.rigid_body import RigidBody
+from .differentiate import differentiate
 from .errors import (
+    CacheWarning,
     ConstraintError,
     ConstraintWarning,
     FrameError,
@@ -18,8 +20,10 @@ from .errors import (
     ModelError,
     ModelWarning,
     NotFoundError,
+    PathError,
     RobotFileError,
     ShapeError,
+    SimulationError,
     SingularMassMatrixError,
     TrajectoryError,
     TwistWrenchError,
@@ -38,6 +42,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Ad",
+    "CacheWarning",
     "ConstraintError",
     "ConstraintWarning",
     "FrameError",
@@ -47,11 +52,13 @@ __all__ = [
     "ModelError",
     "ModelWarning",
     "NotFoundError",
+    "PathError",
     "Pose",
     "RigidBody",
     "Robot",
     "RobotFileError",
     "ShapeError",
+    "SimulationError",
     "SingularMassMatrixError",
     "SpatialInertia",
     "TrajectoryError",
@@ -61,6 +68,7 @@ __all__ = [
     "ValueRangeError",
     "Wrench",
     "ad",
+    "differentiate",
     "from_dh",
     "from_screws",
     "get_threads",
@@ -74,11 +82,13 @@ __all__ = [
 if _typing.TYPE_CHECKING:
     from . import modern_robotics as modern_robotics
     from . import sensing as sensing
+    from . import simulation as simulation
     from . import statics as statics
     from . import symbolic as symbolic
     from . import testing as testing
+    from . import viz as viz
 
-_LATER = ("modern_robotics", "sensing", "statics", "symbolic", "testing")
+_LATER = ("modern_robotics", "sensing", "simulation", "statics", "symbolic", "testing", "viz")
 """Packages that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
 
 

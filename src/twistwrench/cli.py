@@ -20,8 +20,10 @@ from .export.command import export_options
 from .report.usage import Commands
 from .sensing.command import sensor_group
 from .shell import RobotOptions, bundled, plain_errors, robot_command
+from .simulation.command import simulate_options
 from .statics.command import payload_options
 from .symbolic.command import derive_options
+from .viz.command import plot_options, view_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -200,6 +202,49 @@ def payload(options: RobotOptions, **given: Any) -> None:
 
 
 @main.command()
+@simulate_options
+@robot_command
+def simulate(options: RobotOptions, **given: Any) -> None:
+    """How the robot moves, falls or is thrown: states, energies with their drift, events, and why it stopped.
+
+    Exit code 1 if the simulation could not go on; what was computed until then is printed and written.
+    """
+    from .outputs import check_outputs, picture_path
+    from .simulation.command import answer_simulate
+
+    _check_extra(given["plot_path"])
+    if given["plot_path"] is not None:
+        given["plot_path"] = picture_path(given["plot_path"])
+    check_outputs(
+        {"--csv": given["csv_path"], "--npz": given["npz_path"], "--plot": given["plot_path"]}, options.files
+    )
+    if not answer_simulate(options.load(), _console().print, degrees=options.degrees, **given):
+        sys.exit(_FOUND_A_PROBLEM)
+
+
+@main.command()
+@view_options
+@robot_command
+def view(options: RobotOptions, trajectory: str | None, **given: Any) -> None:
+    """Show the robot in a browser: its joints to move, a motion to play, torques, forces at the tip; or write a page or a film."""
+    from .viz.command import answer_view
+
+    path = None if trajectory is None else _motion_path(options, trajectory)
+    answer_view(options.load_and_locked, path, options.files, degrees=options.degrees, **given)
+
+
+@main.command()
+@plot_options
+@robot_command
+def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
+    """Draw a motion: what each torque is made of, power and energy, or the phase plane of each joint."""
+    from .viz.command import answer_plot
+
+    path = _motion_path(options, trajectory)
+    answer_plot(options.load_and_locked, path, options.files, degrees=options.degrees, **given)
+
+
+@main.command()
 @derive_options
 @robot_command
 def derive(options: RobotOptions, **given: Any) -> None:
@@ -219,6 +264,14 @@ def export(options: RobotOptions, **given: Any) -> None:
 
     for line in export_answer(options.load(), options.files, **given):
         click.echo(line)
+
+
+def _motion_path(options: RobotOptions, motion: str) -> Path:
+    """The motion's file; the bundled ones are in radians."""
+    path = bundled(motion, options.source, ".csv", "motion")
+    if options.degrees and path != Path(motion):
+        raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
+    return path
 
 
 def _check_extra(plot_path: str | None) -> None:

@@ -11,12 +11,15 @@
     ├── UnknownNameError (KeyError)         a joint, link, frame or quantity that is not there
     ├── FrameError (ValueError)             frames that do not match, or none where one is needed
     ├── ConstraintError (ValueError)        constraints that depend on each other, cannot be met, or are not met
+    ├── PathError (ValueError)              a path that the robot cannot follow, with how far it could
     ├── SingularMassMatrixError (ValueError)    forward dynamics of a robot whose mass matrix has no inverse
     ├── TrajectoryError (ValueError)        a motion file that cannot be used
+    ├── SimulationError (RuntimeError)      a simulation that could not go on; ``.result`` has all that was computed
     ├── NotFoundError (FileNotFoundError)   a file that is not there
     ├── KernelError (RuntimeError)          compiled code could not be made or used
     └── MissingExtraError (ImportError)     an optional package is not installed
 
+    CacheWarning (UserWarning)              compiled code cannot be kept for the next time
     ConstraintWarning (UserWarning)         a singular configuration of constraints, or a closed one far from the start
     ModelWarning (UserWarning)              a robot file says something doubtful; the robot still loads
 
@@ -29,6 +32,7 @@ import difflib
 from collections.abc import Iterable
 
 __all__ = [
+    "CacheWarning",
     "ConstraintError",
     "ConstraintWarning",
     "FrameError",
@@ -38,8 +42,10 @@ __all__ = [
     "ModelError",
     "ModelWarning",
     "NotFoundError",
+    "PathError",
     "RobotFileError",
     "ShapeError",
+    "SimulationError",
     "SingularMassMatrixError",
     "TrajectoryError",
     "TwistWrenchError",
@@ -97,12 +103,30 @@ class ConstraintError(TwistWrenchError, ValueError):
     """Constraints that depend on each other, that no configuration meets, or that a given state does not meet."""
 
 
+class PathError(TwistWrenchError, ValueError):
+    """A path that the robot cannot follow; it keeps what was found until there."""
+
+    def __init__(self, message: str, *, reached: float | None = None, partial: object = None) -> None:
+        super().__init__(message)
+        self.reached = reached
+        """The path's parameter, from 0 to 1, up to which it can be followed."""
+        self.partial = partial
+        """What was computed up to there, a :class:`~twistwrench.trajectories.JointPath`; None if nothing was."""
+
+
 class SingularMassMatrixError(TwistWrenchError, ValueError):
     """The mass matrix has no inverse, so accelerations do not follow from torques."""
 
 
 class TrajectoryError(TwistWrenchError, ValueError):
     """A motion file that cannot be used as it is."""
+
+
+class SimulationError(TwistWrenchError, RuntimeError):
+    """A simulation that could not go on: an unstable step, a controller that failed. ``result`` has all up to there."""
+
+    result: object = None
+    """The :class:`~twistwrench.simulation.SimulationResult` up to the time of the error."""
 
 
 class NotFoundError(TwistWrenchError, FileNotFoundError):
@@ -120,6 +144,10 @@ class MissingExtraError(TwistWrenchError, ImportError):
     def of(cls, package: str, extra: str, purpose: str) -> MissingExtraError:
         """Build the error for ``package``, which ``pip install twistwrench[extra]`` brings."""
         return cls(f"{purpose} needs {package!r}, which is not installed: pip install 'twistwrench[{extra}]'.")
+
+
+class CacheWarning(UserWarning):
+    """Compiled code cannot be kept for the next time, for a reason that can be put right."""
 
 
 class ConstraintWarning(UserWarning):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from .algorithms import (
     constraints,
@@ -20,11 +22,13 @@ from .algorithms import (
     regressor,
     task_space,
 )
+from .derived import Chart, Derivative
 from .errors import KernelError, UnknownNameError, ValueRangeError
 from .model.model import Model
 from .model.regroup import regrouped
 from .model.varied import matching, moves_joints, varied
 from .program.program import Program
+from .program.trace import Trace, trace
 
 __all__ = [
     "NEED_INVERSE",
@@ -32,6 +36,7 @@ __all__ = [
     "Quantity",
     "checked_options",
     "evaluated",
+    "inputs_of",
     "options_of",
     "program_of",
     "program_of_several",
@@ -94,6 +99,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "inverse_dynamics": _felt(inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "wrenches", "gravity"),
     "jacobian": _quantity(jacobians.jacobian, "q", "J", "frame", "kind"),
+    "jacobian_derivative": _quantity(jacobians.jacobian_derivative, "q", "J_by_q", "frame", "kind"),
     "jacobian_rate": _quantity(jacobians.jacobian_rate, "q dq", "dJ", "frame", "kind"),
     "joint_wrenches": _quantity(inverse_dynamics.joint_wrenches, "q dq ddq", "F", "wrenches", "gravity"),
     "kinetic_energy": _quantity(energy.kinetic_energy, "q dq", "K"),
@@ -124,7 +130,10 @@ def options_of(name: str) -> tuple[str, ...]:
     """The options a quantity takes; raises UnknownNameError."""
     if name not in QUANTITIES:
         raise UnknownNameError.of("quantity", name, QUANTITIES)
-    return (*QUANTITIES[name].options, "parameters")
+    return (*QUANTITIES[name].options, "parameters", *_OF_DERIVATIVES)
+
+
+_OF_DERIVATIVES = ("by", "form", "mode", "values")
 
 
 def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -171,7 +180,15 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     if options.get("parameters"):
         given = options["parameters"]
         full["parameters"] = matching(model, (given,) if isinstance(given, str) else tuple(given))
+    if options.get("by") is not None:
+        by, *how = (options.get(o, default) for o, default in zip(_OF_DERIVATIVES, _USUAL, strict=True))
+        full["derivative"] = Derivative.of(name, tuple(_ports(model, name, full)), by, *how)
+    elif asked := [option for option in _OF_DERIVATIVES if option in options and option != "by"]:
+        raise KernelError(f"{name}: {asked[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'.")
     return full
+
+
+_USUAL = (None, "jacobian", "auto", False)
 
 
 def _constraints(name: str, given: Any) -> tuple[constraints.Constraint, ...]:
@@ -194,7 +211,7 @@ def _require_plain_rates(model: Model) -> None:
 
 def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
     """The quantity's algorithm on arrays of numbers or symbols: the usual inputs, a wrench per frame, gravity, parameters."""
-    rest, usual = dict(options), len(quantity.inputs)
+    rest, usual = {k: v for k, v in options.items() if k != "derivative"}, len(quantity.inputs)
     if names := rest.pop("parameters", ()):
         model, arrays = varied(model, names, arrays[-1]), arrays[:-1]
     if frames := rest.pop("wrenches", ()):
@@ -215,24 +232,57 @@ def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: 
 
 def program_of_several(model: Model, wanted: Mapping[str, Mapping[str, Any]], *, regroup: bool = True) -> Program:
     """Trace several quantities, ``{name: options}``, as one program, which does once what they share."""
-    from .program.trace import trace
-
     ports = {name: _ports(model, name, options) for name, options in wanted.items()}
-    last = ("gravity", "parameters")
-    inputs = {label: shape for mine in ports.values() for label, shape in mine.items()}
-    order = sorted(inputs, key=lambda label: (label in last, label.startswith("wrench at")))
+    more = {name: _ports_of_derivative(model, name, options) for name, options in wanted.items()}
+    inputs = {label: shape for mine in (*ports.values(), *more.values()) for label, shape in mine.items()}
+    order = _in_order(inputs)
     models = {name: _model_for(model, name, options, regroup) for name, options in wanted.items()}
 
     def on_symbols(*arrays: Any) -> tuple[Any, ...]:
         given = dict(zip(order, arrays, strict=True))
         results: list[Any] = []
         for name, options in wanted.items():
-            found = evaluated(QUANTITIES[name], models[name], [given[label] for label in ports[name]], options)
-            results.extend(found if isinstance(found, tuple) else (found,))
+            mine = {label: given[label] for label in ports[name]}
+            found = evaluated(QUANTITIES[name], models[name], list(mine.values()), options)
+            found = found if isinstance(found, tuple) else (found,)
+            if derivative := options.get("derivative"):
+                charts = {x: Chart.of(mine[x], model if x == "q" else None) for x in derivative.by}
+                found = derivative.of_results(name, found, charts, {label: given[label] for label in more[name]})
+            results.extend(found)
         return tuple(results)
 
-    outputs = [label for name in wanted for label in QUANTITIES[name].output.split()]
+    outputs: list[str] = []
+    for name, options in wanted.items():
+        own = QUANTITIES[name].output.split()
+        outputs += options["derivative"].outputs(own) if "derivative" in options else own
     return trace(on_symbols, [(label, inputs[label]) for label in order], outputs)
+
+
+def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
+    """Names and shapes of what a kernel of one quantity takes, in its order."""
+    ports = _ports(model, name, options) | _ports_of_derivative(model, name, options)
+    return [(label, ports[label]) for label in _in_order(ports)]
+
+
+def _in_order(labels: Iterable[str]) -> list[str]:
+    """The usual inputs, weights and directions of derivatives, wrenches, gravity, parameters."""
+    last = ("gravity", "parameters")
+    return sorted(labels, key=lambda label: (label in last, label.startswith("wrench at")))
+
+
+def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
+    """The inputs that a derivative has besides."""
+    derivative = options.get("derivative")
+    if derivative is None:
+        return {}
+    ports, outputs = _ports(model, name, options), QUANTITIES[name].output.split()
+    shapes: Any = [()] * len(outputs)
+    if derivative.weighs:  # the shapes of results are known once they are there
+        owner = Trace()
+        found = evaluated(QUANTITIES[name], model, [owner.inputs(0, shape) for shape in ports.values()], options)
+        shapes = [np.shape(x) for x in (found if isinstance(found, tuple) else (found,))]
+    directions = {x: (model.nv,) if x == "q" else shape for x, shape in ports.items()}
+    return derivative.inputs(directions, {f"{name} {o}": s for o, s in zip(outputs, shapes, strict=True)})
 
 
 def _ports(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:

@@ -22,6 +22,7 @@ from .algorithms.reach import Reach, doubtful, independent_rows, usual_sizes
 from .algorithms.regressor import PARAMETER_NAMES
 from .algorithms.task_space import ROWS, row_numbers
 from .bodies.inertia import SpatialInertia
+from .derived import is_symbolic
 from .errors import (
     FrameError,
     KernelError,
@@ -33,6 +34,7 @@ from .errors import (
     ValueRangeError,
 )
 from .kernels import threads
+from .kernels.interpreter import runs_machine_code
 from .lie import checks
 from .model import configuration, edit
 from .model.actuator import Actuator
@@ -45,8 +47,10 @@ from .screws.wrench import Wrench
 if TYPE_CHECKING:
     from .algorithms.closed_form import ClosedForm
     from .closed import ClosedRobot
+    from .cuda import CudaRobot
     from .explanation import Explanation
     from .export.request import Quantities
+    from .simulation import SimulationResult
 
 Array = NDArray[Any]
 Wrenches = Mapping[str, ArrayLike | Wrench]
@@ -319,7 +323,9 @@ class Robot:
         Options by quantity: ``frame=``, ``kind=``, ``rows=``, ``wrenches=(frame, …)`` (further inputs, one wrench each,
         applied by the robot), ``gravity="input"`` (a further input, (3,) m/s² in the base frame, in place of the robot's
         own), ``parameters=(pattern, …)`` (the last input, a number for each of ``robot.varying(*patterns)``, so that every
-        sample may have its own masses, inertias, lengths, friction). Of several quantities, inputs of one name are one
+        sample may have its own masses, inertias, lengths, friction). ``by="q"`` gives the derivative of any quantity by that
+        input, or by several, along :meth:`add` on q; ``form``, ``mode`` and ``values`` are those of
+        :func:`twistwrench.differentiate`. Of several quantities, inputs of one name are one
         input, and what the quantities share is computed once; an option goes to those that take it. Raises
         UnknownNameError for unknown names, KernelError for options that do not apply.
 
@@ -357,6 +363,15 @@ class Robot:
             n: quantities.checked_options(self.model, n, {k: v for k, v in options.items() if k in mine})
             for n, mine in takes.items()
         }
+
+    @property
+    def cuda(self) -> CudaRobot:
+        """The same quantities for arrays in a GPU's memory (CuPy, PyTorch); see :class:`twistwrench.cuda.CudaRobot`."""
+        if "cuda" not in self._kernels:
+            from .cuda import CudaRobot
+
+            self._kernels["cuda"] = CudaRobot(self)
+        return self._kernels["cuda"]
 
     def varying(self, *patterns: str) -> dict[str, float]:
         """The parameters that patterns such as ``"*.mass"`` mean, in a kernel's order, with the robot's own numbers.
@@ -409,11 +424,18 @@ class Robot:
         return export_c(self, quantities, path, precision=precision, prefix=prefix, test=test)
 
     def reference(self, name: str, *arrays: ArrayLike, **options: Any) -> Any:
-        """The same quantity by the algorithm itself on floats, one state at a time: the readable oracle."""
+        """The same quantity by the algorithm itself on floats, one state at a time: the readable oracle.
+
+        On symbols, in a function that is traced, it gives symbols.
+        """
         full = quantities.checked_options(self.model, name, options)
+        if "derivative" in full:
+            raise KernelError(f"reference {name}: algorithms know no by=; kernel({name!r}, by=…) does.")
+        traced = is_symbolic(arrays)
         quantity = quantities.QUANTITIES[name]
         labelled = {f"input {k}": a for k, a in enumerate(arrays, start=1)}
-        symbols = [a.astype(object) for a in _numbers(f"reference {name}", **labelled)]
+        given = map(np.asarray, arrays) if traced else _numbers(f"reference {name}", **labelled)
+        symbols = [a.astype(object) for a in given]
         shapes = quantity.shapes(self.model) + [("wrench", (6,))] * len(full.get("wrenches", ()))
         shapes += [("gravity", (3,))] * ("gravity" in full)
         shapes += [("parameters", (len(full.get("parameters", ())),))] * ("parameters" in full)
@@ -427,6 +449,8 @@ class Robot:
         try:
             with np.errstate(divide="raise"):
                 found = quantities.evaluated(quantity, self.model, symbols, full)
+            if traced:
+                return found
         except (ZeroDivisionError, FloatingPointError):
             raise ValueRangeError(
                 f"reference {name}: a matrix to be inverted is singular at this state. The method of that name goes on."
@@ -440,6 +464,8 @@ class Robot:
         except TypeError:  # an option nothing can be kept under; kernel() says what is wrong with it
             kernel = None
         if kernel is None:
+            if is_symbolic(arrays):
+                return self.reference(name, *arrays, **options)
             kernel = self.kernel(name, **options)
             self._called[key] = kernel
             if all(value in (None, "body", ()) for value in options.values()):
@@ -448,9 +474,16 @@ class Robot:
             self._called_once.discard(key)
             self._put_in_front(name, kernel)
         try:
+            if out is not None:
+                _refuse_text(out)
             return threads.call(kernel, arrays, out)
         except (TypeError, ValueError) as problem:
-            raise self._explained(problem, name, arrays) from None
+            if is_symbolic(arrays):
+                return self.reference(name, *arrays, **options)
+            explained = self._explained(problem, name, arrays, options)
+            if explained is problem and out is not None:
+                explained = _unfit(name, out, self.program(name, **options), arrays)
+            raise explained from None
 
     def _put_in_front(self, name: str, kernel: Any) -> None:
         """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before."""
@@ -462,10 +495,12 @@ class Robot:
             if direct is not None:
                 vars(self)[name] = direct
 
-    def _explained(self, problem: Exception, name: str, arrays: Sequence[Any]) -> Exception:
+    def _explained(
+        self, problem: Exception, name: str, arrays: Sequence[Any], options: Mapping[str, Any]
+    ) -> Exception:
         """A shape error that names the argument, or the original problem where shapes are not to blame."""
-        wanted = quantities.QUANTITIES[name].shapes(self.model)
-        wanted += [("wrench", (6,))] * (len(arrays) - len(wanted))
+        wanted = quantities.inputs_of(self.model, name, quantities.checked_options(self.model, name, options))
+        wanted = [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
         batches = []
         for (label, core), array in zip(wanted, arrays, strict=False):
             try:
@@ -473,7 +508,7 @@ class Robot:
             except ValueError:  # ragged
                 a = np.asarray(None)
             if not np.can_cast(a.dtype, float):
-                return ShapeError(f"{name}: {label} is not an array of real numbers: {str(array)[:60]!r}.")
+                return _not_real(name, label, array, a.dtype)
             if a.ndim < 1 or a.shape[-1:] != core:
                 names = self.coordinate_names if label == "q" else self.joint_names
                 which = f" (one per entry of {', '.join(names)})" if label != "wrench" and core[0] <= 12 else ""
@@ -696,6 +731,77 @@ class Robot:
         )
         return by_q, by_dq, inverse
 
+    def inverse_dynamics_gradient(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        weights: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
+        """∂(w·τ)/∂(q, dq, ddq) for weights w (nv); (nv) each. At a few times the cost of τ, by reverse mode.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> by_q, by_dq, by_ddq = tw.robots.planar_2r().inverse_dynamics_gradient([np.pi / 2, 0], [0, 0], [0, 0], [1, 1])
+        >>> by_q.round(2).tolist()
+        [-39.24, -19.62]
+        """
+        how = {"by": ("q", "dq", "ddq"), "form": "weighted"}
+        given = (q, dq, ddq, weights)
+        by_q, by_dq, by_ddq = self._with_wrenches(
+            "inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how
+        )
+        return by_q, by_dq, by_ddq
+
+    def inverse_dynamics_hessian_product(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        weights: ArrayLike,
+        along_q: ArrayLike,
+        along_dq: ArrayLike,
+        along_ddq: ArrayLike,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Array, Array, Array]:
+        """∂²(w·τ)/∂(q, dq, ddq)² times a direction; weights w and the direction's parts (nv) → (nv) each.
+
+        That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every robot.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, still = tw.robots.planar_2r(), [0, 0]
+        >>> curved = arm.inverse_dynamics_hessian_product(still, still, still, [1, 0], [1, 0], still, still)
+        >>> curved[0].round(2).tolist()
+        [-29.43, -9.81]
+        """
+        how = {"by": ("q", "dq", "ddq"), "form": "hessian_along"}
+        given = (q, dq, ddq, weights, along_q, along_dq, along_ddq)
+        by_q, by_dq, by_ddq = self._with_wrenches(
+            "inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how
+        )
+        return by_q, by_dq, by_ddq
+
+    def jacobian_derivative(
+        self, q: ArrayLike, frame: str | None = None, kind: str = "body", *, out: Array | None = None
+    ) -> Array:
+        """∂J/∂q of :meth:`jacobian`, last axis along :meth:`add`; (nq) → (6, nv, nv). Its product with dq is dJ/dt."""
+        return self._call("jacobian_derivative", q, frame=frame, kind=kind, out=out)
+
+    def mass_matrix_derivative(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """∂M/∂q, last axis along :meth:`add`; (nq) → (nv, nv, nv). Its product with dq is dM/dt.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> tw.robots.planar_2r().mass_matrix_derivative([0, np.pi / 2])[:, :, 1].round(2).tolist()
+        [[-2.0, -1.0], [-1.0, 0.0]]
+        """
+        return self._call("mass_matrix", q, by="q", out=out)
+
     # ── statics ──
 
     def wrench_torques(
@@ -738,14 +844,14 @@ class Robot:
         self,
         name: str,
         arrays: tuple[ArrayLike, ...],
-        by: Wrenches | None,
-        on: Wrenches | None,
-        out: Array | None,
+        by_robot: Wrenches | None,
+        on_robot: Wrenches | None,
+        out: Any,
         **options: Any,
     ) -> Any:
         """Call a kernel that takes the wrenches applied by the robot as further inputs."""
         total: dict[str, Array] = {}
-        for sign, wrenches in ((1.0, by), (-1.0, on)):
+        for sign, wrenches in ((1.0, by_robot), (-1.0, on_robot)):
             _check_mapping(wrenches)
             for frame, F in (wrenches or {}).items():
                 mine = sign * self._wrench(frame, F)
@@ -759,7 +865,7 @@ class Robot:
         if not total:
             return self._call(name, *arrays, out=out, **options)
         if all(getattr(a, "dtype", None) == np.float32 for a in arrays):  # wrenches as lists do not make them double
-            given = {**(by or {}), **(on or {})}
+            given = {**(by_robot or {}), **(on_robot or {})}
             total = {f: F if hasattr(given[f], "dtype") else F.astype(np.float32) for f, F in total.items()}
         frames = sorted(total)  # whatever the order they were given in, one kernel
         return self._call(name, *arrays, *(total[f] for f in frames), out=out, **options, wrenches=tuple(frames))
@@ -778,7 +884,8 @@ class Robot:
             raise ShapeError(
                 f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first."
             )
-        return array
+        small = np.can_cast(np.asarray(F).dtype, np.float32)  # as a kernel takes it: float16 does not make results double
+        return array.astype(np.float32, copy=False) if small else array
 
     # ── task space and constraints ──
 
@@ -1060,6 +1167,32 @@ class Robot:
 
         return explained(self.model, self._regressor, (q, dq, ddq), apart)
 
+    # ── motion ──
+
+    def simulate(
+        self, q0: ArrayLike | None = None, dq0: ArrayLike | None = None, duration: float = 1.0, dt: float = 1e-3, **options: Any
+    ) -> SimulationResult:
+        """The motion from q0 (nq,) and dq0 (nv,), None: neutral and at rest; a state every ``dt`` s for ``duration`` s.
+
+        ``method``: ``"dopri5"``, which adapts its steps to ``rtol`` and ``atol``; ``"rk4"``, ``"semi_implicit"``, ``"euler"``,
+        and the variational ``"midpoint"``, ``"variational"``, ``"variational6"``, with steps of ``dt``. ``tau``: torques (nv,),
+        or a function of (t, q, dq); ``controller``: such a function, asked every ``dt``, its torques held until the next time.
+        ``wrench_on_robot``: ``{frame: (m, f) or a function of (t, q, dq)}``, in that frame. ``friction=True``: that of the
+        joints, eased off below ``creep``. ``contacts``: ``tw.simulation.Plane`` and ``JointStops``; ``limits="stop"`` ends
+        where a joint reaches a limit; ``events``: ``tw.simulation.Event``. ``every``: keep one state in so many.
+
+        Raises SimulationError for an unstable step and a controller that fails, with all that was computed in ``.result``;
+        ShapeError, ValueRangeError, UnknownNameError for what cannot be meant. docs/simulation.md explains and measures.
+
+        >>> import twistwrench as tw
+        >>> swing = tw.robots.pendulum().simulate([3.0], [0.0], duration=2.0)
+        >>> len(swing), swing.stopped, swing.relative_drift < 1e-7
+        (2001, 'reached the end, 2 s', True)
+        """
+        from .simulation import simulate
+
+        return simulate(self, q0, dq0, duration, dt, **options)
+
     # ── energies, momentum, centre of mass ──
 
     def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> Any:
@@ -1102,9 +1235,42 @@ def _numbers(name: str, **arrays: ArrayLike) -> list[Array]:
         except ValueError:  # ragged
             array = np.asarray(None)
         if not np.can_cast(array.dtype, float):
-            raise ShapeError(f"{name}: {label} is not an array of real numbers: {str(given)[:60]!r}.")
+            raise _not_real(name, label, given, array.dtype)
         found.append(array if array.dtype == np.float32 else array.astype(float))
     return found
+
+
+def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeError:
+    """The error for numbers that are neither float32 nor float64, nor exactly one of them."""
+    if dtype.kind == "f":
+        what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
+        return ShapeError(f"{name}: {label} {what}np.asarray({label}, float).")
+    hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype == object else ""
+    return ShapeError(f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}")
+
+
+def _refuse_text(out: Any) -> None:
+    """NumPy would write numbers into an array of text, cut to its width."""
+    if any(getattr(getattr(a, "dtype", None), "kind", "f") in "SUT" for a in (out if isinstance(out, tuple) else (out,))):
+        raise TypeError
+
+
+def _unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
+    """The error for an ``out`` that the results do not fit in."""
+    given = [np.asarray(a) for a in arrays]
+    batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(given, program.inputs, strict=True)))
+    kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in given) else "float64"
+    wanted = " and ".join(f"one of shape {batch + port.shape}" for port in program.outputs)
+    shown = [
+        f"a{' writable' if a.flags.writeable else ' read-only'} array of {a.dtype.name} and shape {a.shape}"
+        if isinstance(a, np.ndarray)
+        else f"a {type(a).__name__}"
+        for a in (out if isinstance(out, tuple) else (out,))
+    ]
+    several = "a tuple of arrays" if len(program.outputs) > 1 else "an array"
+    return ShapeError(
+        f"{name}: out= is {' and '.join(shown)}. Give {several} of {kind} that can be written to, {wanted}; or leave it out."
+    )
 
 
 LARGEST_COMPILED = 120_000
@@ -1112,9 +1278,11 @@ LARGEST_COMPILED = 120_000
 
 
 def _make_kernel(program: Program, name: str, doc: str) -> Any:
-    # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked.
-    empty = any(port.size == 0 for port in [*program.inputs, *program.outputs])
-    if empty or os.environ.get("TWISTWRENCH_JIT", "1") == "0" or len(program.instructions) > LARGEST_COMPILED:
+    # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
+    # samples of three axes at most, and second derivatives of matrices have four.
+    empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
+    off = os.environ.get("TWISTWRENCH_JIT", "1") == "0" or not runs_machine_code()
+    if empty or off or len(program.instructions) > LARGEST_COMPILED:
         from .targets.numpy import NumpyKernel
 
         return NumpyKernel(program, name, doc)

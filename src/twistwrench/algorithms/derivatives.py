@@ -26,7 +26,7 @@ from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
 from .coriolis import BodyCoriolis
 from .energy import body_velocities
-from .factors import factored, solved
+from .factors import factored, inverse_factor, solved, symmetric_product
 from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
 from .mass_matrix import composite_inertias, mass_matrix
 from .recursion import ancestors, inward, joint_poses, zeros
@@ -58,20 +58,18 @@ def inverse_dynamics_derivatives(
     for i, body in enumerate(model.bodies):
         for b, c in enumerate(columns[i]):
             along = G[i] @ c.S, 2.0 * B[i].transposed_times(c.S)
-            moved = 2.0 * (B[i] @ c.P) + G[i] @ c.Q - ad(c.S).T @ F[i]
-            faster = 2.0 * (B[i] @ c.S) + G[i] @ c.R
             for j in ancestors(model, i):
                 other = model.bodies[j]
                 for a, d in enumerate(columns[j]):
                     if _turns(other):
                         _add(by_q, body, b, other, a, d.P @ along[1] + d.Q @ along[0])
                     _add(by_dq, body, b, other, a, d.S @ along[1] + d.R @ along[0])
-                    if j != i:
-                        if _turns(body):
-                            _add(by_q, other, a, body, b, d.S @ moved)
-                        _add(by_dq, other, a, body, b, d.S @ faster)
                 along = up[j] @ along[0], up[j] @ along[1]
-                moved, faster = up[j] @ moved, up[j] @ faster
+            if _turns(body):
+                moved = 2.0 * (B[i] @ c.P) + G[i] @ c.Q - ad(c.S).T @ F[i]
+                _add_felt(by_q, model, columns, up, i, b, moved)
+            faster = 2.0 * (B[i] @ c.S) + G[i] @ c.R
+            _add_felt(by_dq, model, columns, up, i, b, faster)
     return by_q, by_dq
 
 
@@ -101,6 +99,19 @@ def _carried(
     return B, F, columns
 
 
+def _add_felt(
+    matrix: Array, model: Model, columns: list[list[_Column]], up: list[Ad], i: int, b: int, F: Array
+) -> None:
+    """Add what the joints before body i feel of a wrench on it: their rows of its column."""
+    F = up[i] @ F
+    for j in ancestors(model, i):
+        if j == i:
+            continue
+        for a, d in enumerate(columns[j]):
+            _add(matrix, model.bodies[j], a, model.bodies[i], b, d.S @ F)
+        F = up[j] @ F
+
+
 def _turns(body: Body) -> bool:
     """Whether the joint's coordinate changes anything: a body of revolution is the same however it has turned."""
     return body.joint.kind != "rotor"
@@ -118,5 +129,9 @@ def forward_dynamics_derivatives(
     L, D = factored(mass_matrix(model, q))
     ddq = solved(L, D, tau - bias_forces(model, q, dq, wrenches))
     by_q, by_dq = inverse_dynamics_derivatives(model, q, dq, ddq, wrenches)
-    inverse = np.array([solved(L, D, e) for e in np.eye(model.nv).astype(object)]).T
-    return -(inverse @ by_q), -(inverse @ by_dq), inverse
+    W = inverse_factor(L)  # keeps the zeros between branches, which M⁻¹ does not
+
+    def solved_by_factors(X: Array) -> Array:
+        return W @ (D[:, None] * (W.T @ X))
+
+    return -solved_by_factors(by_q), -solved_by_factors(by_dq), symmetric_product(W, D)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-__all__ = ["factored", "lowered", "raised", "solved"]
+__all__ = ["factored", "inverse_factor", "lowered", "raised", "solved", "symmetric_product"]
 
 
 def factored(M: Array) -> tuple[Array, Array]:
@@ -50,3 +51,18 @@ def raised(L: Array, b: Array) -> Array:
         for i in range(k):
             x[k] = x[k] - L[k, i] * x[i]
     return x
+
+
+def inverse_factor(L: Array) -> Array:
+    """W with W L = 1: unit lower triangular, with the zeros of L, and M⁻¹ = W D⁻¹ W'."""
+    return np.array([raised(L, e) for e in np.eye(len(L)).astype(object)]).reshape(L.shape).T
+
+
+def symmetric_product(W: Array, inverse: Array) -> Array:
+    """W D⁻¹ W', each pair of mirror images computed once."""
+    n = len(W)
+    scaled, product = W * inverse, W.copy()
+    for i in range(n):
+        for j in range(i + 1):
+            product[i, j] = product[j, i] = scaled[i] @ W[j]
+    return product

@@ -21,7 +21,15 @@ Array = NDArray[Any]
 
 KINDS = ("body", "space", "world_aligned")
 
-__all__ = ["KINDS", "frame_acceleration", "frame_velocity", "jacobian", "jacobian_rate", "wrench_torques"]
+__all__ = [
+    "KINDS",
+    "frame_acceleration",
+    "frame_velocity",
+    "jacobian",
+    "jacobian_derivative",
+    "jacobian_rate",
+    "wrench_torques",
+]
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:
@@ -63,6 +71,14 @@ def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "bo
     for (body, axes), V_i in zip(columns, twists, strict=True):
         _add(rate, body, ad(V_i - observer) @ axes)
     return rate
+
+
+def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
+    """∂J/∂q; (6, nv, nv), the last axis along robot.add. dJ/dt is linear in dq, so ∂J/∂q_k is dJ/dt at the k-th unit rate."""
+    D = zeros(6, model.nv, model.nv)
+    for k, e in enumerate(np.eye(model.nv).astype(object)):
+        D[:, :, k] = jacobian_rate(model, q, e, frame, kind)
+    return D
 
 
 def _add(J: Array, body: Body, axes: Array) -> None:

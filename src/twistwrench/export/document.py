@@ -127,6 +127,8 @@ def _about(request: Request) -> list[str]:
         lines.append(f"Frame: {full['frame']}.")
     if "kind" in full:
         lines.append(f"Kind: {full['kind']}.")
+    if derivative := full.get("derivative"):
+        lines.append(f"Not itself: its derivative ({derivative.form}) by {', '.join(derivative.by)}.")
     if constraints := full.get("constraints"):
         lines.append(f"Constraints: {', '.join(c.name for c in constraints)}.")
     shaped = [

@@ -32,6 +32,7 @@ MEANINGS: Mapping[str, str] = {
     "inverse_dynamics": "tau = M ddq + c + g",
     "inverse_dynamics_derivatives": "derivatives of tau by q (along the joint twists) and dq",
     "jacobian": "J with V = J dq, V the twist (omega, v) of the frame",
+    "jacobian_derivative": "dJ/dq of the Jacobian of the frame, last axis along the joint twists",
     "jacobian_rate": "dJ/dt of the Jacobian of the frame",
     "joint_wrenches": "wrenches (m, f) that each moving body is carried with, in the frame of its link, one a row",
     "kinetic_energy": "kinetic energy [J]",

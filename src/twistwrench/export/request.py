@@ -123,3 +123,7 @@ def _words(full: Mapping[str, Any]) -> Iterator[str]:
         yield from ("wrench", identifier(frame))
     if "gravity" in full:
         yield "gravity_input"
+    if derivative := full.get("derivative"):
+        yield from ("by", *map(identifier, derivative.by))
+        if derivative.form != "jacobian":
+            yield derivative.form

@@ -1,46 +1,74 @@
 """The disk cache of machine code: private to the user, verified before use, never in the way.
 
 Entries live under the user's cache folder, or where ``TWISTWRENCH_CACHE_DIR`` says; ``TWISTWRENCH_CACHE_DIR=off`` turns the
-cache off. A folder that others could write to, an unreadable entry and a full disk all mean the same: compile again.
+cache off. A folder that others could write to, an unreadable entry and a full disk all mean the same: compile again. A
+:class:`CacheWarning` says so once, where there is something to put right.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import stat
 import tempfile
+import warnings
 from contextlib import suppress
 from pathlib import Path
+
+from ..errors import CacheWarning
 
 __all__ = ["folder", "load", "store"]
 
 MAGIC = b"twistwrench code 1\n"
 MOST_ENTRIES = 2000
+VARIABLE = "TWISTWRENCH_CACHE_DIR"
+
+_OURS = re.compile(r"[0-9a-f]{64}|\.new-\w+")
+"""Names of entries, and of those that are being written: a folder may hold other files, which are none of our business."""
+
+_REMARKS: set[str] = set()
 
 
 def folder() -> Path | None:
     """The cache folder, made if need be; None when there is none that only this user can write to."""
-    chosen = os.environ.get("TWISTWRENCH_CACHE_DIR", "")
+    chosen = os.environ.get(VARIABLE, "")
     if chosen.lower() == "off":
         return None
-    if chosen:
-        place = Path(chosen)
-    else:
-        import platformdirs
-
-        place = Path(platformdirs.user_cache_dir("twistwrench", appauthor=False)) / "kernels"
     try:
+        place = Path(chosen).expanduser() if chosen else _usual()
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         about = place.stat()
-    except OSError:
+    except (OSError, RuntimeError) as problem:  # RuntimeError: no home for ~
+        if chosen:  # a home that is not there or cannot be written to is nobody's mistake
+            _remark(
+                f"{VARIABLE} is {chosen!r}, which is no folder and cannot be made one ({problem}). Give another, or off."
+            )
         return None
     if hasattr(os, "getuid"):  # code is run from here: nobody else may put any
         if about.st_uid != os.getuid():
+            _remark(
+                f"{place} belongs to another user (uid {about.st_uid}). Set {VARIABLE} to a folder of your own, or to off."
+            )
             return None
         if about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            mode = f"mode {stat.S_IMODE(about.st_mode):o}"
+            _remark(f"others can write to {place} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder.")
             return None
     return place
+
+
+def _usual() -> Path:
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("twistwrench", appauthor=False)) / "kernels"
+
+
+def _remark(text: str) -> None:
+    """Warn once a process: kernels are many, and each asks for the folder twice."""
+    if text not in _REMARKS:
+        _REMARKS.add(text)
+        warnings.warn(f"Compiled code is not kept: {text}", CacheWarning, stacklevel=2)
 
 
 def load(key: str) -> bytes | None:
@@ -73,8 +101,12 @@ def store(key: str, code: bytes) -> None:
         with os.fdopen(handle, "wb") as file:
             file.write(MAGIC + hashlib.sha256(key.encode() + code).digest() + code)
         Path(temporary).replace(place / key)
+        temporary = None
         _prune(place)
-    except OSError:
+    except OSError as problem:
+        if os.environ.get(VARIABLE):
+            _remark(f"{place}: {problem.strerror or problem}. Set {VARIABLE} to another folder, or to off.")
+    finally:
         if temporary is not None:
             with suppress(OSError):
                 Path(temporary).unlink()
@@ -82,7 +114,7 @@ def store(key: str, code: bytes) -> None:
 
 def _prune(place: Path) -> None:
     """Drop the oldest quarter when there are too many entries."""
-    entries = [p for p in place.iterdir() if p.is_file()]
+    entries = [p for p in place.iterdir() if _OURS.fullmatch(p.name) and p.is_file()]
     if len(entries) <= MOST_ENTRIES:
         return
     entries.sort(key=lambda p: p.stat().st_mtime)

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..targets.call import BYTES_DATA, CALL, FIELDS, POINTERS, call_assembly
 from .code import assembled
+from .interpreter import runs_machine_code
 from .ufunc import owner_of
 
 __all__ = ["make_call"]
@@ -66,7 +67,7 @@ def make_call(ufunc: Any, fallback: Callable[..., Any], name: str) -> Callable[.
     ports = (*program.inputs, *program.outputs)
     if len(program.outputs) != 1 or any(not port.shape or not port.size for port in ports):
         return None
-    code = assembled(call_assembly(program.inputs, program.outputs[0]), CALL)
+    code = assembled(call_assembly(program.inputs, program.outputs[0]), CALL, owner.machine)
     float64 = np.dtype(np.float64)
     addresses = {
         "array_type": id(np.ndarray),
@@ -115,9 +116,9 @@ def _new_from_descriptor() -> int:
 @cache
 def _understood() -> bool:
     """Whether objects lie in memory as the code expects: looked at, not guessed from versions."""
-    if sys.implementation.name != "cpython" or ctypes.sizeof(ctypes.c_void_p) != 8 or sys.byteorder != "little":
+    if not runs_machine_code() or sys.byteorder != "little":
         return False
-    if sysconfig.get_config_var("Py_GIL_DISABLED"):
+    if sysconfig.get_config_var("Py_GIL_DISABLED"):  # objects have longer heads, even while the lock is switched on
         return False
     probe, contents = np.arange(6.0).reshape(2, 3), b"twistwrench"
 

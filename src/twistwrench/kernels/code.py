@@ -6,13 +6,15 @@ import hashlib
 import itertools
 import os
 import threading
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import KernelError
 from ..program.program import Program
-from ..targets.llvm import LOOP, assembly
-from ..targets.machine import Machine, Precision, host
+from ..targets.llvm import LOOP
+from ..targets.machine import Machine, Precision, chosen
+from ..targets.sections import modules
 from . import cache
 
 __all__ = ["LOCK", "Code", "assembled", "compiled"]
@@ -46,17 +48,20 @@ class _Jit:
 
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
+        llvm.initialize_native_asmparser()
         # The small code model lets constants be operands in memory; the default for JITs fetches each one's address.
         return llvm.Target.from_triple(machine.triple).create_target_machine(
             cpu=machine.cpu, features=machine.features, opt=2, reloc="pic", codemodel="small"
         )
 
-    def link(self, code: bytes, symbol: str, machine: Machine) -> Any:
+    def link(self, objects: Sequence[bytes], symbol: str, machine: Machine) -> Any:
         import llvmlite.binding as llvm
 
         if self._linker is None:
             self._linker = llvm.create_lljit_compiler(self.target(machine))
-        builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(symbol)
+        builder = llvm.JITLibraryBuilder().add_current_process().export_symbol(symbol)
+        for code in objects:
+            builder.add_object_img(code)
         return builder.link(self._linker, f"twistwrench{next(self._numbers)}")
 
 
@@ -65,38 +70,54 @@ LOCK = _JIT.lock
 """Held while anything compiles."""
 
 
-def compiled(program: Program, precision: Precision) -> Code:
-    """Code for ``program`` on this machine, from the cache if it is there."""
+def compiled(program: Program, precision: Precision, machine: Machine | None = None) -> Code:
+    """Code for ``program`` on the machine, or the chosen one, from the cache if it is there."""
+    machine = machine or chosen()
     with _JIT.lock:
-        return assembled(assembly(program, precision, host()), LOOP)
+        return _linked(lambda: modules(program, precision, machine), LOOP, machine)
 
 
-def assembled(text: str, symbol: str) -> Code:
+def assembled(text: str, symbol: str, machine: Machine) -> Code:
     """Code of a module of LLVM assembly, from the cache if it is there; the address is that of ``symbol``."""
-    import llvmlite
-    import llvmlite.binding as llvm
+    return _linked(lambda: [text], symbol, machine)
 
-    machine = host()
+
+def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -> Code:
+    """Code of several modules together. Each is made, compiled and kept by itself: their texts are long."""
     with _JIT.lock:
-        versions = f"{llvmlite.__version__} {llvm.llvm_version_info} {machine}"
-        key = hashlib.sha256(f"{versions}\n{text}".encode()).hexdigest()
-        code = cache.load(key)
         try:
-            if code is not None:
-                try:
-                    return _loaded(code, symbol, machine, cached=True)
-                except RuntimeError:  # a cache entry that no longer links is as good as none
-                    code = None
-            code = _JIT.target(machine).emit_object(llvm.parse_assembly(text))
-            loaded = _loaded(code, symbol, machine, cached=False)
+            objects = [_object(text, machine) for text in texts()]
+            try:
+                loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=all(c for *_, c in objects))
+            except RuntimeError:  # cache entries that no longer link are as good as none
+                if not any(cached for *_, cached in objects):
+                    raise
+                objects = [_object(text, machine, afresh=True) for text in texts()]
+                loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=False)
         except RuntimeError as problem:
             raise KernelError(
                 f"LLVM refused a kernel ({problem}). Set TWISTWRENCH_JIT=0 to run on NumPy, and please report this."
             ) from problem
-        cache.store(key, code)
+        for key, code, cached in objects:
+            if not cached:
+                cache.store(key, code)
         return loaded
 
 
-def _loaded(code: bytes, symbol: str, machine: Machine, *, cached: bool) -> Code:
-    library = _JIT.link(code, symbol, machine)
-    return Code(library[symbol], library, len(code), cached)
+def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
+    """The cache's key of a module, its object code, and whether that was in the cache."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    versions = f"{llvmlite.__version__} {llvm.llvm_version_info} {machine}"
+    key = hashlib.sha256(f"{versions}\n{text}".encode()).hexdigest()
+    code = None if afresh else cache.load(key)
+    if code is not None:
+        return key, code, True
+    module = llvm.parse_assembly(text, llvm.create_context())  # in the global context its constants would live for ever
+    return key, _JIT.target(machine).emit_object(module), False
+
+
+def _loaded(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
+    library = _JIT.link(objects, symbol, machine)
+    return Code(library[symbol], library, sum(map(len, objects)), cached)

@@ -18,6 +18,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from ..errors import ValueRangeError
+from . import interpreter
 from .parts import Part, cut
 
 __all__ = ["call", "get_threads", "set_threads"]
@@ -49,7 +50,8 @@ def get_threads() -> int:
     """How many threads a call with many samples may use: what :func:`set_threads` said, else ``TWISTWRENCH_THREADS``, else 1.
 
     The variable is read when first needed. Worker processes of ``multiprocessing``, joblib or Dask inherit neither, and say 1
-    until they set their own. Raises ValueRangeError if the variable is not a whole number from 1 to 1024.
+    until they set their own; a subinterpreter always does. Raises ValueRangeError if the variable is not a whole number from
+    1 to 1024.
 
     >>> import twistwrench as tw
     >>> tw.get_threads()
@@ -59,7 +61,8 @@ def get_threads() -> int:
     if wanted is None:
         text = os.environ.get(VARIABLE, "").strip() or "1"
         wanted = _CREW.wanted = _checked(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
-    return 1 if wanted == 1 or (not _CREW.told and _in_worker_process()) else wanted
+    alone = wanted == 1 or not interpreter.is_main() or (not _CREW.told and _in_worker_process())
+    return 1 if alone else wanted
 
 
 def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:

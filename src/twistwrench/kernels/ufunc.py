@@ -1,21 +1,22 @@
 """A compiled program as a NumPy generalized ufunc.
 
 NumPy's C API makes the ufunc from the address of the loop. Loops for float32 and float64; the float32 one is compiled when
-first called, by a stand-in that then takes itself out of the table. Everything the ufunc points to belongs to one owner
-object that the ufunc itself keeps alive.
+first called, by a stand-in that then takes itself out of the table; in a subinterpreter, where nothing can call back, with
+the other. Everything the ufunc points to belongs to one owner object that the ufunc itself keeps alive.
 """
 
 from __future__ import annotations
 
 import ctypes
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 
 from ..errors import KernelError
 from ..program.program import Program
-from ..targets.machine import DOUBLE, SINGLE, Precision
+from ..targets.machine import DOUBLE, SINGLE, Precision, chosen
+from . import interpreter
 from .code import LOCK, Code, compiled
 from .parts import effort
 
@@ -33,7 +34,10 @@ class _UFuncObject(ctypes.Structure):
     """The head of NumPy's public PyUFuncObject, as far as the reference it keeps to an owner."""
 
     _fields_ = (
-        ("reference_count", ctypes.c_ssize_t),
+        (
+            "counts",
+            ctypes.c_byte * (object.__basicsize__ - ctypes.sizeof(ctypes.c_void_p)),
+        ),  # more without Python's lock
         ("type", ctypes.c_void_p),
         ("nin", ctypes.c_int),
         ("nout", ctypes.c_int),
@@ -61,7 +65,8 @@ class _Owner:
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
         self.program = program
-        self.code: dict[str, Code] = {"d": compiled(program, DOUBLE)}
+        self.machine = chosen()
+        self.code: dict[str, Code] = {"d": compiled(program, DOUBLE, self.machine)}
         self.stand_in = _LOOP(self._single)
         # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
         self.functions = (ctypes.c_void_p * 2)(
@@ -71,6 +76,8 @@ class _Owner:
         letters = [np.dtype(p.char).num for p in (SINGLE, DOUBLE) for _ in range(operands)]
         self.types = (ctypes.c_byte * len(letters))(*letters)
         self.name, self.doc = ctypes.create_string_buffer(name.encode()), ctypes.create_string_buffer(doc.encode())
+        if not interpreter.is_main():
+            self.address(SINGLE)
 
     @cached_property
     def effort(self) -> int:
@@ -108,7 +115,7 @@ class _Owner:
         with LOCK:
             code = self.code.get(precision.char)
             if code is None:
-                code = self.code[precision.char] = compiled(self.program, precision)
+                code = self.code[precision.char] = compiled(self.program, precision, self.machine)
                 self.functions[0] = code.address
         return code.address
 
@@ -122,7 +129,7 @@ def make_ufunc(program: Program, name: str, doc: str) -> np.ufunc:
         ctypes.addressof(owner.name), ctypes.addressof(owner.doc), 0, program.signature.encode(),
     )  # fmt: skip
     head = _UFuncObject.from_address(id(ufunc))
-    if head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
+    if not _understood() or head.functions != ctypes.addressof(owner.functions) or head.owner is not None:
         _FOREVER.append(owner)  # an unknown layout: better to keep the code forever than to free it too early
     else:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
@@ -135,11 +142,19 @@ _FOREVER: list[_Owner] = []
 
 def owner_of(kernel: Any) -> _Owner | None:
     """What is behind a ufunc made here; None of anything else."""
-    if not isinstance(kernel, np.ufunc):
+    if not isinstance(kernel, np.ufunc) or not _understood():
         return None
     address = _UFuncObject.from_address(id(kernel)).owner
     owner = ctypes.cast(address, ctypes.py_object).value if address else None
     return owner if isinstance(owner, _Owner) else None
+
+
+@cache
+def _understood() -> bool:
+    """Whether ufuncs lie in memory as :class:`_UFuncObject` says: looked at in one of NumPy's own."""
+    head = _UFuncObject.from_address(id(np.add))
+    counts = (head.nin, head.nout, head.nargs, head.ntypes)
+    return head.type == id(np.ufunc) and counts == (2, 1, 3, np.add.ntypes) and head.owner is None
 
 
 def _constructor() -> Any:

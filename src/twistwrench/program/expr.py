@@ -70,6 +70,32 @@ class Expr:
     def __neg__(self) -> Expr:
         return self.trace.neg(self)
 
+    def __pos__(self) -> Expr:
+        return self
+
+    def __abs__(self) -> Any:
+        return self * self.sign()
+
+    def __pow__(self, power: Any) -> Any:
+        """Whole and half powers, by products and a square root."""
+        twice = 2 * float(power) if isinstance(power, int | float | np.number) else np.nan
+        if not (abs(twice) <= _LARGEST_POWER and twice == int(twice)):
+            raise TypeError(f"a traced value to the power of {power!r}: whole and half powers up to 64 can be traced.")
+        if twice < 0:
+            return 1.0 / self ** (-power)
+        whole, half = divmod(int(twice), 2)
+        result, square = self.sqrt() if half else self.trace.one, self
+        while whole:
+            result, square, whole = (result * square if whole & 1 else result), square * square, whole >> 1
+        return result
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        raise TypeError("traced values cannot be compared: an algorithm must not branch on the robot's state.")
+
+    __hash__ = object.__hash__
+
     def __bool__(self) -> bool:
         raise TypeError("a traced value has no truth: an algorithm must not branch on the robot's state.")
 
@@ -89,6 +115,10 @@ class Expr:
         """Square root; what ``np.sqrt`` calls."""
         return self.trace.sqrt(self)
 
+    def tan(self) -> Any:
+        """Tangent; what ``np.tan`` calls."""
+        return self.sin() / self.cos()
+
     def exp(self) -> Expr:
         """e to its power; what ``np.exp`` calls."""
         return self.trace.exp(self)
@@ -96,6 +126,9 @@ class Expr:
     def sign(self) -> Expr:
         """-1, 0 or 1."""
         return self.trace.sign(self)
+
+
+_LARGEST_POWER = 128
 
 
 def _elementwise(ufunc: np.ufunc, a: Any, b: Any) -> Any:

@@ -1,12 +1,13 @@
 """A program as a C99 function: one operation a line, no loops, no branches, no memory but the stack, nothing but math.h.
 
 What the program fuses is a call of ``fma``, nothing else is, so results have the bits of the compiled kernels as far as the C
-library's sine, cosine and exponential have them. Inputs are read before anything is written.
+library's sine, cosine and exponential have them. Inputs are read before anything is written. CUDA has the same statements.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from ..errors import KernelError
 from ..program.program import FUSED, Program
 
-__all__ = ["FUSED_MACROS", "PRECISIONS", "CFunction", "identifier", "literal"]
+__all__ = ["FUSED_MACROS", "PRECISIONS", "CFunction", "identifier", "literal", "statements"]
 
 PRECISIONS = {"double": "", "float": "f"}
 """The types there are, and what ends the names of their functions and their literals."""
@@ -56,7 +57,7 @@ def literal(value: float, precision: str) -> str:
     with np.errstate(over="ignore"):
         number = np.float32(value) if precision == "float" else np.float64(value)
     if not np.isfinite(number):
-        raise KernelError(f"the constant {value!r} is no finite {precision}. Export it with precision='double'.")
+        raise KernelError(f"the constant {value!r} is no finite {precision}. It takes precision='double'.")
     return f"{number!s}{PRECISIONS[precision]}"
 
 
@@ -97,7 +98,14 @@ class CFunction:
     @property
     def definition(self) -> str:
         """The whole function."""
-        return "\n".join([self.prototype, "{", *_Body(self).lines, "}"])
+        made = len(self.program.inputs)
+        places = [
+            f"{name}[{k}]"
+            for name, port in zip(self.parameters[made:], self.program.outputs, strict=True)
+            for k in range(port.size)
+        ]
+        stores = zip(places, self.program.results, strict=True)
+        return "\n".join([self.prototype, "{", *statements(self.program, self.precision, self.parameters, stores), "}"])
 
     @property
     def fuses(self) -> bool:
@@ -105,22 +113,29 @@ class CFunction:
         return any(i.op in FUSED for i in self.program.instructions)
 
 
+def statements(
+    program: Program, precision: str, names: Sequence[str], stores: Iterable[tuple[str, int]], sincos: str = ""
+) -> list[str]:
+    """The lines of a function's body.
+
+    ``names`` of its arrays begin with those of the program's inputs; ``stores`` pairs what is written with the number of the
+    instruction that makes it; ``sincos`` is the function ``(x, &s, &c)`` that makes a sine and a cosine at once, if there is.
+    """
+    return _Body(program, precision, names, stores, sincos).lines
+
+
 class _Body:
     """One walk through a program: its lines, and how each value is written."""
 
-    def __init__(self, function: CFunction) -> None:
-        self.function, self.program, self.type = function, function.program, function.precision
-        self.suffix = PRECISIONS[function.precision]
+    def __init__(
+        self, program: Program, precision: str, names: Sequence[str], stores: Iterable[tuple[str, int]], sincos: str
+    ) -> None:
+        self.program, self.type, self.sincos = program, precision, sincos
+        self.suffix = PRECISIONS[precision]
         self.lines: list[str] = []
         self.written: dict[int, str] = {}
-        names, made = function.parameters, len(self.program.inputs)
         self.slots: dict[int, list[str]] = {}
-        places = [
-            f"{name}[{k}]"
-            for name, port in zip(names[made:], self.program.outputs, strict=True)
-            for k in range(port.size)
-        ]
-        for place, result in zip(places, self.program.results, strict=True):
+        for place, result in stores:
             self.slots.setdefault(result, []).append(place)
         self._constants()
         self._inputs(names)
@@ -128,17 +143,15 @@ class _Body:
         for number, instruction in enumerate(self.program.instructions):
             if instruction.op in ("const", "input"):
                 self._store(number)
-                continue
-            for k in (number, *partners.get(number, ())):
-                if k not in self.written:
-                    self._operation(k)
+            elif number not in self.written:
+                self._operations(number, partners.get(number, ()))
 
     def _constants(self) -> None:
         for number, (op, _, value) in enumerate(self.program.instructions):
             if op == "const":
                 self.written[number] = literal(value, self.type)
 
-    def _inputs(self, names: tuple[str, ...]) -> None:
+    def _inputs(self, names: Sequence[str]) -> None:
         """Read all that is used before anything is written, so that an output may be an input's array."""
         elements = [(n, k) for n, port in zip(names, self.program.inputs, strict=False) for k in range(port.size)]
         used = sorted((int(i.value), n) for n, i in enumerate(self.program.instructions) if i.op == "input")
@@ -160,6 +173,23 @@ class _Body:
             if op in ("sin", "cos"):
                 by_angle.setdefault(args[0], []).append(number)
         return {number: tuple(pair) for pair in by_angle.values() for number in pair}
+
+    def _operations(self, number: int, partners: tuple[int, ...]) -> None:
+        """An operation, with its partners where it has any."""
+        if self.sincos and len(partners) == 2:
+            (angle,) = self.program.instructions[number].args
+            sine, cosine = sorted(partners, key=lambda k: self.program.instructions[k].op, reverse=True)
+            self.lines += [
+                f"    {self.type} t{sine}, t{cosine};",
+                f"    {self.sincos}({self.written[angle]}, &t{sine}, &t{cosine});",
+            ]
+            for k in (sine, cosine):
+                self.written[k] = f"t{k}"
+                self._store(k)
+            return
+        for k in (number, *partners):
+            if k not in self.written:
+                self._operation(k)
 
     def _operation(self, number: int) -> None:
         local = f"t{number}"

@@ -1,10 +1,12 @@
 """A program as LLVM assembly: a block of samples side by side in SIMD lanes, and the loop NumPy calls.
 
 No fast-math flags: what the program fuses is fused, nothing else is, so a sample's bits do not depend on the number of
-lanes, on its place in the batch, or on its neighbours.
+lanes, on its place in the batch, or on its neighbours. A processor that cannot fuse rounds products and sums apart.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 from ..program.program import FUSED, Program
 from .exp import exp
@@ -14,7 +16,7 @@ from .rows import RowLoader, RowStorer
 from .sincos import sincos, wrap, wrapper
 from .writer import Writer
 
-__all__ = ["LOOP", "assembly"]
+__all__ = ["LOOP", "Emitter", "assembly", "declarations"]
 
 LOOP = "loop"
 """Name of the function that has the shape of a ufunc's inner loop."""
@@ -38,14 +40,18 @@ WIDE = 500
 def assembly(program: Program, precision: Precision, machine: Machine) -> str:
     """The module: the block, the loop, and what they call."""
     lanes = machine.lanes(precision)
-    w = Writer(precision, lanes)
-    _block(w, program)
+    w = Writer(precision, lanes, fused=machine.fused)
+    e = _Whole(w, program)
+    entries: dict[int, list[int]] = {}
+    for k, result in enumerate(program.results):
+        entries.setdefault(result, []).append(k)
+    e.walk(0, len(program.instructions), entries, large=len(program.instructions) > LARGE)
     body = "\n".join(w.lines)
     ports = len(program.inputs) + len(program.outputs)
     arguments = ", ".join(f"ptr noalias %a{k}" for k in range(ports))
     return "\n".join(
         [
-            _declarations(w),
+            declarations(w),
             wrapper(precision, lanes),
             f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
             loop(LOOP, program, precision, lanes),
@@ -56,15 +62,16 @@ def assembly(program: Program, precision: Precision, machine: Machine) -> str:
 _INTRINSICS = (("fma", 3), ("sqrt", 1), ("fabs", 1), ("copysign", 2))
 
 
-def _declarations(w: Writer) -> str:
+def declarations(w: Writer) -> str:
+    """What a module may call."""
     v, e, bits = w.vector, w.element, w.precision.bits
     lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS]
     lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
     return "\n".join([*lines, "declare double @atan2(double, double)", ""])
 
 
-class _Emitter:
-    """State of one walk through a program: where each value is, and the label of the current basic block."""
+class Emitter:
+    """State of one walk through instructions: where each value is, and the label of the current basic block."""
 
     def __init__(self, w: Writer, program: Program) -> None:
         self.w, self.program = w, program
@@ -72,35 +79,53 @@ class _Emitter:
         self.label = "entry"
         self.pairs: dict[int, tuple[str, str]] = {}
         self.waiting: dict[int, str] = {}
-        self.wide, self.stored = len(program.results) > WIDE, 0
-        self.loaders, self.storers = [], []
-        for k, port in enumerate([*program.inputs, *program.outputs]):
-            if k < len(program.inputs):
-                self.loaders.append(RowLoader(w, f"%a{k}", port.size))
-            else:
-                self.storers.append(RowStorer(w, f"%a{k}", port.size))
+        loaders = [RowLoader(w, f"%a{k}", port.size) for k, port in enumerate(program.inputs)]
         self._inputs = [
-            (loader, c) for loader, port in zip(self.loaders, program.inputs, strict=True) for c in range(port.size)
-        ]
-        self._outputs = [
-            (s, c) for s, port in zip(self.storers, program.outputs, strict=True) for c in range(port.size)
+            (loader, c) for loader, port in zip(loaders, program.inputs, strict=True) for c in range(port.size)
         ]
 
     def input(self, number: int) -> str:
+        """The vector of an input."""
         loader, column = self._inputs[number]
         return loader.column(column)
+
+    def meet(self, number: int) -> None:
+        """Come to an input in the order of the program."""
+        self.values[number] = self.input(int(self.program.instructions[number].value))
 
     def value(self, number: int) -> str:
         """The vector of an earlier instruction; constants are named anew at each use."""
         instruction = self.program.instructions[number]
         return self.w.splat(instruction.value) if instruction.op == "const" else self.values[number]
 
+    def made(self, number: int, value: str) -> None:
+        """Take the vector of an instruction."""
+        self.values[number] = value
+
     def output(self, number: int, value: str) -> None:
-        storer, column = self._outputs[number]
-        storer.put(column, value)
-        self.stored += 1
-        if self.wide and self.stored % CUT_OUTPUTS == 0:
-            self.cut()
+        """Hand over an entry of the results."""
+        raise NotImplementedError
+
+    def walk(self, first: int, end: int, entries: Mapping[int, Sequence[int]], *, large: bool) -> None:
+        """Emit some instructions and hand over the entries of the results that they make."""
+        instructions = self.program.instructions
+        self.check(_plain_angles(self.program, first, end))
+        for number in range(first, end):
+            op, args, value = instructions[number]
+            if op == "const":
+                for k in entries.get(number, ()):
+                    self.output(k, self.w.splat(value))
+                continue
+            if large and number % CUT == CUT - 1:
+                self.cut()
+            if op in ("sin", "cos"):
+                self.made(number, self.sincos(args[0])[op == "cos"])
+            elif op == "input":
+                self.meet(number)
+            else:
+                self.made(number, _operation(self.w, op, [self.value(a) for a in args]))
+            for k in entries.get(number, ()):
+                self.output(k, self.value(number))
 
     def cut(self) -> None:
         """End the basic block with a branch that is never taken, for a reason LLVM cannot know."""
@@ -127,38 +152,34 @@ class _Emitter:
                 reachable = [self.waiting.pop(a) for a in group]
             else:
                 group = [angle]
-                reachable, self.label = wrap(self.w, [self.values[angle]], self.label)
+                reachable, self.label = wrap(self.w, [self.value(angle)], self.label)
             self.pairs.update(zip(group, sincos(self.w, reachable), strict=True))
         return self.pairs[angle]
 
 
-def _block(w: Writer, program: Program) -> None:
-    e = _Emitter(w, program)
-    wanted: dict[int, list[int]] = {}
-    for k, result in enumerate(program.results):
-        wanted.setdefault(result, []).append(k)
-    e.check(_plain_angles(program))
-    large = len(program.instructions) > LARGE
-    for number, (op, args, value) in enumerate(program.instructions):
-        if op == "const":
-            for k in wanted.get(number, ()):
-                e.output(k, w.splat(value))
-            continue
-        if large and number % CUT == CUT - 1:
-            e.cut()
-        if op in ("sin", "cos"):
-            e.values[number] = e.sincos(args[0])[op == "cos"]
-        elif op == "input":
-            e.values[number] = e.input(int(value))
-        else:
-            e.values[number] = _operation(w, op, [e.value(a) for a in args])
-        for k in wanted.get(number, ()):
-            e.output(k, e.value(number))
+class _Whole(Emitter):
+    """An emitter of a whole program, which stores the results where they go."""
+
+    def __init__(self, w: Writer, program: Program) -> None:
+        super().__init__(w, program)
+        self.wide, self.stored = len(program.results) > WIDE, 0
+        first = len(program.inputs)
+        storers = [RowStorer(w, f"%a{k}", port.size) for k, port in enumerate(program.outputs, start=first)]
+        self._outputs = [(s, c) for s, port in zip(storers, program.outputs, strict=True) for c in range(port.size)]
+
+    def output(self, number: int, value: str) -> None:
+        """Hand over an entry of the results."""
+        storer, column = self._outputs[number]
+        storer.put(column, value)
+        self.stored += 1
+        if self.wide and self.stored % CUT_OUTPUTS == 0:
+            self.cut()
 
 
-def _plain_angles(program: Program) -> list[int]:
-    """Inputs whose sine or cosine is taken: their sizes are checked together, once a block."""
-    taken = {i.args[0] for i in program.instructions if i.op in ("sin", "cos")}
+def _plain_angles(program: Program, first: int, end: int) -> list[int]:
+    """Inputs whose sine or cosine some instructions take: their sizes are checked together, before all else."""
+    some = program.instructions[first:end]
+    taken = {i.args[0] for i in some if i.op in ("sin", "cos")}
     return sorted(k for k in taken if program.instructions[k].op == "input")
 
 

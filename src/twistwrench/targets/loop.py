@@ -4,9 +4,12 @@
 ``steps`` first the distance between samples of each operand, then the distances within one. Where all operands are
 contiguous rows the block reads and writes them in place. What has other strides or is broadcast, and the last few rows, are
 copied through buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of their own.
+Buffers lie on the stack, those of large programs in memory that each call takes and frees: a thread's stack may be small.
 """
 
 from __future__ import annotations
+
+import math
 
 from ..program.program import Port, Program
 from .machine import Precision
@@ -17,16 +20,27 @@ __all__ = ["loop"]
 RANK = 3
 """Most axes an array of one sample may have."""
 
+ON_STACK = 100_000
+"""Bytes of buffers and frame that a call may have on the stack; threads have 256 kB of it and more."""
 
-def loop(name: str, program: Program, precision: Precision, lanes: int) -> str:
-    """Assembly of the loop function and its two copying helpers."""
+LINE = 64
+"""Bytes of a cache line: buffers start with one."""
+
+
+def loop(name: str, program: Program, precision: Precision, lanes: int, frame: int = 0) -> str:
+    """Assembly of the loop function and its copying helpers.
+
+    With a ``frame`` of so many bytes, the block takes it as one more pointer, and ``@prepare`` fills it once a call.
+    """
     ports = [*program.inputs, *program.outputs]
     w = Writer(precision, lanes)
-    _body(w, ports, len(program.inputs))
+    large = frame + sum(_buffer_size(w, port) for port in ports) > ON_STACK
+    _body(w, ports, len(program.inputs), frame, large)
     return "\n".join(
         [
             _copy("gather", precision, lanes, inward=True),
             _copy("scatter", precision, lanes, inward=False),
+            *([_spoil(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] if large else []),
             f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
             *w.lines,
             "  ret void\n}\n",
@@ -34,7 +48,11 @@ def loop(name: str, program: Program, precision: Precision, lanes: int) -> str:
     )
 
 
-def _body(w: Writer, ports: list[Port], inputs: int) -> None:
+def _buffer_size(w: Writer, port: Port) -> int:
+    return max(port.size, 1) * w.lanes * w.precision.bytes
+
+
+def _body(w: Writer, ports: list[Port], inputs: int, frame: int, large: bool) -> None:
     size = w.precision.bytes
     samples = w.new("load i64, ptr %dims, align 8")
     bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
@@ -46,18 +64,28 @@ def _body(w: Writer, ports: list[Port], inputs: int) -> None:
         ]
         following += 8 * len(port.shape)
         step.append((outer, inner))
-    buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
+    taken, start = "", "entry"
+    if large:
+        sizes = [*(_buffer_size(w, port) for port in ports), frame]
+        outputs = [(bases[k], ports[k], step[k]) for k in range(inputs, len(ports))]
+        taken, start, (*buffers, room) = _take(w, sizes, samples, outputs)
+    else:
+        buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
+        room = w.new(f"alloca [{frame} x i8], align {LINE}") if frame else ""
+    further = [room] if frame else []
+    if frame:
+        w.do(f"call void @prepare(ptr {room})")
     direct = [_is_direct(w, port, *step[k], size) for k, port in enumerate(ports)]
     every = direct[0]
     for flag in direct[1:]:
         every = w.new(f"and i1 {every}, {flag}")
     whole = w.new(f"sdiv i64 {samples}, {w.lanes}")
     quick = w.new(f"select i1 {every}, i64 {whole}, i64 0")
-    with w.loop(quick, "entry") as block:
+    with w.loop(quick, start) as block:
         pointers = [
             w.at(bases[k], w.new(f"mul i64 {block}, {port.size * size * w.lanes}")) for k, port in enumerate(ports)
         ]
-        _call(w, pointers)
+        _call(w, [*pointers, *further])
     done = w.new(f"mul i64 {quick}, {w.lanes}")
     left = w.new(f"sub i64 {samples}, {done}")
     blocks = w.new(f"sdiv i64 {w.new(f'add i64 {left}, {w.lanes - 1}')}, {w.lanes}")
@@ -78,10 +106,30 @@ def _body(w: Writer, ports: list[Port], inputs: int) -> None:
             same = w.new(f"and i1 {later}, {w.new(f'icmp eq i64 {step[k][0]}, 0')}")
             with w.when(w.new(f"and i1 {copied[k]}, {w.new(f'xor i1 {same}, true')}")):
                 _call_copy(w, "gather", buffers[k], places[k], count, ports[k], step[k])
-        _call(w, pointers)
+        _call(w, [*pointers, *further])
         for k in range(inputs, len(ports)):
             with w.when(copied[k]):
                 _call_copy(w, "scatter", buffers[k], places[k], count, ports[k], step[k])
+    if taken:
+        w.do(f"call void @free(ptr {taken})")
+
+
+def _take(
+    w: Writer, sizes: list[int], samples: str, outputs: list[tuple[str, Port, tuple[str, list[str]]]]
+) -> tuple[str, str, list[str]]:
+    """Memory for buffers of those sizes: what to free, the label control is in, the buffers. Without it, results are NaN."""
+    lines = [-(-size // LINE) * LINE for size in sizes]
+    taken = w.new(f"call ptr @malloc(i64 {sum(lines) + LINE})")
+    none, some = w.label("nomemory"), w.label("memory")
+    w.do(f"br i1 {w.new(f'icmp eq ptr {taken}, null')}, label %{none}, label %{some}")
+    w.begin(none)
+    for place, port, step in outputs:
+        w.do(f"call void @spoil(ptr {place}, i64 {samples}, {_lengths(port, step)})")
+    w.do("ret void")
+    w.begin(some)
+    beyond = w.new(f"add i64 {w.new(f'ptrtoint ptr {taken} to i64')}, {LINE - 1}")
+    place = w.new(f"inttoptr i64 {w.new(f'and i64 {beyond}, {-LINE}')} to ptr")
+    return taken, some, [w.at(place, sum(lines[:k])) for k in range(len(lines))]
 
 
 def _is_direct(w: Writer, port: Port, outer: str, inner: list[str], size: int) -> str:
@@ -102,11 +150,16 @@ def _call(w: Writer, pointers: list[str]) -> None:
 def _call_copy(
     w: Writer, which: str, buffer: str, place: str, count: str, port: Port, step: tuple[str, list[str]]
 ) -> None:
+    w.do(f"call void @{which}(ptr {buffer}, ptr {place}, i64 {count}, {_lengths(port, step)})")
+
+
+def _lengths(port: Port, step: tuple[str, list[str]]) -> str:
+    """The distance between samples, then length and stride of each axis, as arguments."""
     outer, inner = step
     lengths = [1] * (RANK - len(port.shape)) + list(port.shape)
     strides = ["0"] * (RANK - len(port.shape)) + inner
     sizes = ", ".join(f"i64 {n}, i64 {s}" for n, s in zip(lengths, strides, strict=True))
-    w.do(f"call void @{which}(ptr {buffer}, ptr {place}, i64 {count}, i64 {outer}, {sizes})")
+    return f"i64 {outer}, {sizes}"
 
 
 def _copy(name: str, precision: Precision, lanes: int, *, inward: bool) -> str:
@@ -135,3 +188,18 @@ def _copy(name: str, precision: Precision, lanes: int, *, inward: bool) -> str:
     arguments = "ptr %buffer, ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
     body = "\n".join(w.lines)
     return f"define internal void @{name}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+def _spoil(precision: Precision, lanes: int) -> str:
+    """Write NaN into every entry of strided samples."""
+    w = Writer(precision, lanes)
+    with w.loop("%count", "entry") as row:
+        place = w.at("%place", w.new(f"mul i64 {row}, %outer"))
+        with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j, w.loop("%n2", w.after) as k:
+            offset = w.new(f"add i64 {w.new(f'mul i64 {i}, %s0')}, {w.new(f'mul i64 {j}, %s1')}")
+            offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {k}, %s2')}")
+            nan = w.number(math.nan)
+            w.do(f"store {w.element} {nan}, ptr {w.at(place, offset)}, align {precision.bytes}")
+    arguments = "ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
+    body = "\n".join(w.lines)
+    return f"define internal void @spoil({arguments}) noinline cold {{\nentry:\n{body}\n  ret void\n}}\n"

@@ -63,7 +63,7 @@ class NumpyKernel:
                 raise ValueError(
                     f"{self.__name__}: operand {number} has shape {a.shape}, core shape {port.shape} wanted."
                 )
-        single = all(a.dtype == np.float32 for a in arrays)
+        single = all(np.can_cast(a.dtype, np.float32) for a in arrays)  # the loop that NumPy would take of a ufunc's two
         dtype: Any = np.float32 if single else np.float64
         batch = np.broadcast_shapes(
             *(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, self.program.inputs, strict=True))
@@ -78,11 +78,16 @@ class NumpyKernel:
             part = slice(start, start + CHUNK)
             self._evaluate([r[part].T for r in rows], [r[part].T for r in results])
         shaped = [r.reshape((*batch, *p.shape)) for r, p in zip(results, self.program.outputs, strict=True)]
-        if out is not None:
-            for given, made in zip(out if isinstance(out, tuple) else (out,), shaped, strict=True):
-                given[...] = made
-            return out
-        shaped = [s if s.ndim else s[()] for s in shaped]
+        if out is None:
+            shaped = [s if s.ndim else s[()] for s in shaped]
+        else:
+            places = out if isinstance(out, tuple) else (out,)
+            if len(places) != self.nout:
+                raise ValueError(f"{self.__name__}: out= has {len(places)} arrays, {self.nout} wanted.")
+            for k, place in enumerate(places):
+                if place is not None:
+                    np.copyto(place, shaped[k], casting="same_kind")  # as a ufunc casts: never to whole numbers
+                    shaped[k] = place
         return shaped[0] if self.nout == 1 else tuple(shaped)
 
     def _evaluate(self, inputs: list[Array], outputs: list[Array]) -> None:

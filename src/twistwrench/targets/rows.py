@@ -29,7 +29,7 @@ class _Rows:
         self.groups = w.lanes // self.width
         self.align = w.precision.bytes
         self.piece = f"<{self.width} x {w.element}>"
-        self.starts = _pieces(columns, self.width)
+        self.starts = _pieces(columns, self.width) if self.groups else []  # fewer lanes than a piece is wide: one by one
 
     def address(self, row: int, column: int) -> str:
         return self.w.at(self.base, (row * self.columns + column) * self.w.precision.bytes)
@@ -102,7 +102,7 @@ class RowStorer(_Rows):
         super().__init__(w, base, columns)
         self.span = 2 * self.width if columns >= 2 * self.width else self.width
         self._ready: dict[int, str] = {}
-        self._missing = dict.fromkeys(_pieces(columns, self.span), self.span)
+        self._missing = dict.fromkeys(_pieces(columns, self.span) if self.groups else [], self.span)
         self._single = not self._missing
 
     def put(self, c: int, vector: str) -> None:

@@ -14,7 +14,7 @@ import struct
 from .machine import Precision
 from .writer import Writer
 
-__all__ = ["limit", "sincos", "wrap", "wrapper"]
+__all__ = ["limit", "limit_pattern", "sincos", "wrap", "wrapper"]
 
 TWO_OVER_PI = 0.6366197723675814
 
@@ -23,6 +23,13 @@ HALF_PI = {
     32: (1.5707963705062866, -4.371138828673793e-08, -1.7151244749032155e-15),
 }
 """π/2 as a sum of numbers of the precision, by its bits."""
+HALF_PI_SHORT = {
+    64: (1.570796251296997, 7.549789415861596e-08, 5.39030083589187e-15, 2.0222659584103533e-21, 2.903855540388854e-28,
+         4.3359050650618903e-35),
+    32: (1.5703125, 0.00048065185546875, 3.1739473342895508e-06, 9.89530235528946e-10, 2.5579538487363607e-12,
+         5.390302953474238e-15),
+}  # fmt: skip
+"""The same for machines that do not fuse: all but the last are so short that k times them is exact up to the limit."""
 
 SINE = {
     64: (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6, -1.98412698295895385996e-4,
@@ -41,7 +48,7 @@ def limit(precision: Precision) -> float:
     return 2.0**30 if precision.bits == 64 else 2.0**15
 
 
-def _limit_pattern(precision: Precision) -> int:
+def limit_pattern(precision: Precision) -> int:
     """The bits of the limit as an integer."""
     formats = ("<d", "<q") if precision.bits == 64 else ("<f", "<i")
     return int(struct.unpack(formats[1], struct.pack(formats[0], limit(precision)))[0])
@@ -58,7 +65,7 @@ def sincos(w: Writer, angles: list[str]) -> list[tuple[str, str]]:
     shifted = [w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic)) for x in angles]
     turns = [w.binary("fsub", s, w.splat(magic)) for s in shifted]
     reduced = angles
-    for part in HALF_PI[bits]:
+    for part in (HALF_PI if w.fused else HALF_PI_SHORT)[bits]:
         reduced = [w.fma(k, w.splat(-part), r) for k, r in zip(turns, reduced, strict=True)]
     squares = [w.binary("fmul", r, r) for r in reduced]
     sines = _horner(w, SINE[bits], squares)
@@ -100,7 +107,7 @@ def wrap(w: Writer, angles: list[str], block: str) -> tuple[list[str], str]:
 
     Takes the label control comes from; returns the angles to use and the label control is in afterwards.
     """
-    bound, huge = w.bits(_limit_pattern(w.precision)), None
+    bound, huge = w.bits(limit_pattern(w.precision)), None
     for x in angles:  # compared as integers, which order like the sizes; a comparison of NaNs would raise a flag
         size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
         over = w.new(f"icmp sgt {w.integer} {size}, {bound}")
@@ -136,7 +143,7 @@ def wrapper(precision: Precision, lanes: int) -> str:
             angle = w.new(f"fptrunc {double} {angle} to {w.element}")
         size = w.new(f"call {w.element} @llvm.fabs.f{precision.bits}({w.element} {x})")
         pattern = w.new(f"bitcast {w.element} {size} to i{precision.bits}")
-        over = w.new(f"icmp sgt i{precision.bits} {pattern}, {_limit_pattern(precision)}")
+        over = w.new(f"icmp sgt i{precision.bits} {pattern}, {limit_pattern(precision)}")
         value = w.new(f"select i1 {over}, {w.element} {angle}, {w.element} {x}")
         result = w.new(f"insertelement {w.vector} {result}, {w.element} {value}, i32 {lane}")
     body = "\n".join(w.lines)

@@ -14,8 +14,8 @@ __all__ = ["Writer"]
 class Writer:
     """Collects the lines of one function whose values are vectors of ``lanes`` elements."""
 
-    def __init__(self, precision: Precision, lanes: int) -> None:
-        self.precision, self.lanes = precision, lanes
+    def __init__(self, precision: Precision, lanes: int, *, fused: bool = True) -> None:
+        self.precision, self.lanes, self.fused = precision, lanes, fused
         self.element = precision.llvm
         self.vector = f"<{lanes} x {self.element}>"
         self.integer = f"<{lanes} x i{precision.bits}>"
@@ -80,8 +80,8 @@ class Writer:
         return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({arguments})")
 
     def fma(self, a: str, b: str, c: str) -> str:
-        """a b + c, rounded once."""
-        return self.intrinsic("fma", a, b, c)
+        """a b + c, rounded once; twice on a machine that does not fuse, where LLVM would call the C library for each lane."""
+        return self.intrinsic("fma", a, b, c) if self.fused else self.binary("fadd", self.binary("fmul", a, b), c)
 
     def select(self, condition: str, a: str, b: str) -> str:
         """Lane by lane, a where the condition holds, else b."""

@@ -1,0 +1,99 @@
+"""The report's sections on derivatives, float32 and compiling, each from its own part of the results."""
+
+from typing import Any
+
+from bench.markdown import duration, quartiles, section, times
+from bench.required import best_build
+from bench.required_next import DOUBLE_METHOD, SINGLE_METHOD
+
+NAMES = {
+    "inverse_dynamics_derivatives": "∂τ/∂(q, dq)",
+    "forward_dynamics_derivatives": "∂ddq/∂(q, dq, τ)",
+}
+NONE = ("MuJoCo, Python call", "modern_robotics, Python call")  # they have no analytic derivatives
+
+
+def title(quantity: str) -> str:
+    return NAMES.get(quantity, quantity.replace("_", " "))
+
+
+def measured_on(found: dict[str, Any]) -> str:
+    return f"Measured {found['date']} on {found['cpu']}, {found['rounds']} rounds"
+
+
+def derivatives(results: dict[str, Any]) -> str:
+    """One table a robot: who takes how long."""
+    found = results.get("derivatives")
+    if not found:
+        return ""
+    parts = []
+    for robot in found["robots"].values():
+        timings = [q["timings"] for q in robot["quantities"].values()]
+        names = [name for name in timings[0] if not name.startswith("Pinocchio C++")]
+        first = "Pinocchio C++, best build"
+        position = next((k for k, name in enumerate(names) if name.startswith("Pinocchio")), len(names))
+        names[position:position] = [first] if best_build(timings[0]) else []
+        rows = [(_bold(name, robot["batch"]), *(_beside_best(each, name) for each in timings)) for name in names]
+        rows += [(name, *["–"] * len(timings)) for name in NONE]
+        text = (
+            f"{measured_on(found)}: time per state, the quartiles, and how many times faster than the best build of"
+            " Pinocchio in C++. Derivatives by q are along the velocities; ∂ddq/∂τ is the inverse of the mass matrix."
+        )
+        head = ("", *(title(quantity) for quantity in robot["quantities"]))
+        parts.append(section(f"Derivatives: {robot['title']}", text, head, rows))
+    return "\n\n".join(parts)
+
+
+def _bold(name: str, batch: int) -> str:
+    return f"**{name}**" if name == f"twistwrench method, batch of {batch}" else name
+
+
+def _beside_best(timings: dict[str, dict[str, float]], name: str) -> str:
+    best = best_build(timings)
+    timing = timings[best if best and name == "Pinocchio C++, best build" else name]
+    text = f"{duration(timing['median'])} {quartiles(timing)}"
+    return text if best is None else f"{text} **{times(timings[best]['median'] / timing['median'])}**"
+
+
+def single(results: dict[str, Any]) -> str:
+    """Float32: how fast, and how wrong."""
+    found = results.get("float32")
+    if not found:
+        return ""
+    rows, states = [], 0
+    for name, robot in found["robots"].items():
+        states = robot["states"]
+        for quantity, each in robot["quantities"].items():
+            timings = each["timings"]
+            best = best_build(timings)
+            anchor = duration(timings[best]["median"]) if best else "–"
+            factor = times(timings[best]["median"] / timings[SINGLE_METHOD]["median"]) if best else "–"
+            double = times(timings[DOUBLE_METHOD]["median"] / timings[SINGLE_METHOD]["median"])
+            mine = f"{duration(timings[SINGLE_METHOD]['median'])} {quartiles(timings[SINGLE_METHOD])}"
+            errors = f"{each['median']:.0e}", f"{each['worst']:.0e}"
+            rows.append((name, title(quantity), str(robot["batch"]), mine, double, anchor, f"**{factor}**", *errors))
+    text = (
+        f"{measured_on(found)}: the method with arrays of float32, time per state; how many times faster than the same in"
+        " float64, and than the best build of Pinocchio in C++, which computes in float64. The error is the arithmetic's"
+        f" alone, from the same inputs: of each of {states:,} states the largest, as a share of its result's largest"
+        " entry; median and worst over the states."
+    )
+    head = ("", "", "N", "float32", "over our float64", "Pinocchio C++", "over it", "median error", "worst error")
+    return section("float32 against float64", text, head, rows)
+
+
+def compiling(results: dict[str, Any]) -> str:
+    """All kernels together, without a cache."""
+    found = results.get("compile")
+    if not found:
+        return ""
+    rows = [
+        (name, f"{each['wall']:.2f} s", f"{each['processor']:.2f} s", str(each["processes"]))
+        for name, each in found["robots"].items()
+    ]
+    names = ", ".join(title(quantity) for quantity in found["quantities"])
+    text = (
+        f"Measured {found['date']} on {found['cpu']}, medians of fresh processes without a cache: {names};"
+        f" and {title(found['quantities'][0])} in float32. The robot's file is read before the clock starts."
+    )
+    return section("Compiling all that is compared", text, ("", "wall", "processor", "processes"), rows)

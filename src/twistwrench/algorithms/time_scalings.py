@@ -1,0 +1,150 @@
+"""Time scalings s(t) from rest at s = 0 to rest at s = 1, with rate and acceleration. Modern Robotics section 9.2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ValueRangeError
+from ..lie import checks
+
+Array = NDArray[Any]
+
+__all__ = ["CUBIC", "QUINTIC", "Polynomial", "Trapezoid", "cubic", "quintic", "trapezoid", "uniform"]
+
+CUBIC = (0.0, 0.0, 3.0, -2.0)
+"""s = 3 x² - 2 x³ of x = t / T: MR eq. 9.10."""
+QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
+"""s = 10 x³ - 15 x⁴ + 6 x⁵: accelerations are zero at both ends too. MR section 9.2.2.1."""
+_UNIFORM = (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """s(t), a polynomial of t / T; made by :func:`cubic`, :func:`quintic` and :func:`uniform`."""
+
+    name: str
+    duration: float
+    """T [s]."""
+    coefficients: tuple[float, ...]
+    """Of 1, x, x², … with x = t / T."""
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
+        t = checks.real(t, "t")
+        x = np.clip(t / self.duration, 0.0, 1.0)
+        moving = (t >= 0) & (t <= self.duration) | np.isnan(t)
+        p = np.polynomial.Polynomial(self.coefficients)
+        ds, dds = p.deriv()(x) / self.duration, p.deriv(2)(x) / self.duration**2
+        return np.asarray(p(x)), np.where(moving, ds, 0.0), np.where(moving, dds, 0.0)
+
+    def stretched(self, duration: float) -> Polynomial:
+        """The same shape over another duration."""
+        return Polynomial(self.name, _positive(duration, "duration"), self.coefficients)
+
+
+def cubic(duration: float) -> Polynomial:
+    """s = 3 (t/T)² - 2 (t/T)³: velocities are zero at both ends. MR eq. 9.10. Raises ValueRangeError unless T > 0.
+
+    >>> s, ds, dds = cubic(2.0)(0.6)
+    >>> round(float(s), 12), round(float(ds), 12), round(float(dds), 12)
+    (0.216, 0.63, 0.6)
+    """
+    return Polynomial("cubic", _positive(duration, "duration"), CUBIC)
+
+
+def quintic(duration: float) -> Polynomial:
+    """s = 10 (t/T)³ - 15 (t/T)⁴ + 6 (t/T)⁵: accelerations are zero at both ends too. MR section 9.2.2.1.
+
+    >>> s, ds, dds = quintic(2.0)(1.0)
+    >>> float(s), float(ds), float(dds)
+    (0.5, 0.9375, 0.0)
+    """
+    return Polynomial("quintic", _positive(duration, "duration"), QUINTIC)
+
+
+def uniform(duration: float) -> Polynomial:
+    """s = t/T: for paths whose parameter is time already, such as splines through waypoints at given times."""
+    return Polynomial("uniform", _positive(duration, "duration"), _UNIFORM)
+
+
+@dataclass(frozen=True)
+class Trapezoid:
+    """s(t) that speeds up at ``a``, coasts at ``v``, and slows down at ``a``; made by :func:`trapezoid`."""
+
+    v: float
+    """1/s, the rate of coasting, or the peak where there is no coasting."""
+    a: float
+    """1/s²."""
+    name: str = "trapezoidal"
+
+    @property
+    def ramp(self) -> float:
+        """How long it speeds up, and slows down [s]."""
+        return self.v / self.a
+
+    @property
+    def duration(self) -> float:
+        """T = 1/v + v/a [s]. MR eq. 9.17."""
+        return 1.0 / self.v + self.ramp
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
+        t = checks.real(t, "t")
+        T, ta, v, a = self.duration, self.ramp, self.v, self.a
+        up, down = np.clip(t, 0.0, ta), np.clip(T - t, 0.0, ta)
+        coast = np.clip(t - ta, 0.0, max(T - 2 * ta, 0.0))
+        s = np.where(t < T - ta, 0.5 * a * up * up + v * coast, 1.0 - 0.5 * a * down * down)
+        ds = np.minimum(a * np.minimum(up, down), v)
+        dds = np.where((t >= 0) & (t < ta), a, 0.0) - np.where((t > T - ta) & (t <= T), a, 0.0)
+        unknown = np.where(np.isnan(t), np.nan, 0.0)
+        return s + unknown, ds + unknown, dds + unknown
+
+    def stretched(self, duration: float) -> Trapezoid:
+        """The same shape over another duration."""
+        slower = self.duration / _positive(duration, "duration")
+        return Trapezoid(self.v * slower, self.a * slower**2)
+
+
+def trapezoid(*, v: float | None = None, a: float | None = None, duration: float | None = None) -> Trapezoid:
+    """The trapezoidal scaling of two of the three: rate ``v`` [1/s], acceleration ``a`` [1/s²], ``duration`` T [s].
+
+    MR section 9.2.2.2. With v and a, a peak below v replaces v where v² > a: it is too short to coast. With v and T,
+    1 < v T ≤ 2 is needed; with a and T, a T² ≥ 4. Raises ValueRangeError that says which values would do.
+
+    >>> round(trapezoid(v=1.0, a=2.0).duration, 12), trapezoid(v=1.5, duration=1.0).a, trapezoid(a=4.0, duration=1.0).v
+    (1.5, 4.5, 2.0)
+    """
+    given = {"v": v, "a": a, "duration": duration}
+    named = {name: _positive(x, name) for name, x in given.items() if x is not None}
+    if len(named) != 2:
+        raise ValueRangeError(
+            f"a trapezoid takes two of v, a and duration, and {', '.join(named) or 'none'} came. The third follows."
+        )
+    if "duration" not in named:
+        v, a = named["v"], named["a"]
+        return Trapezoid(min(v, float(np.sqrt(a))), a)  # v² > a: bang-bang, whose peak is √a
+    T = named["duration"]
+    if "v" in named:
+        v = named["v"]
+        if not 1.0 < v * T <= 2.0 * (1 + 1e-12):
+            raise ValueRangeError(
+                f"v = {v:g} over T = {T:g} covers no trapezoid: 1 < v T ≤ 2 is needed, so v above {1 / T:g} and up to {2 / T:g}."
+            )
+        return Trapezoid(v, max(v * v / (v * T - 1.0), v * v))  # MR eq. 9.18
+    a = named["a"]
+    if a * T * T < 4.0 * (1 - 1e-12):
+        raise ValueRangeError(
+            f"a = {a:g} over T = {T:g} does not arrive: a T² ≥ 4 is needed, so a from {4 / T**2:g} or T from {2 / a**0.5:g}."
+        )
+    return Trapezoid(0.5 * (a * T - float(np.sqrt(max(a * (a * T * T - 4.0), 0.0)))), a)  # MR eq. 9.19
+
+
+def _positive(x: Any, name: str) -> float:
+    value = checks.number(x, name)
+    if not 0 < value < np.inf:
+        raise ValueRangeError(f"{name} is {value:g}: a motion takes a finite {name} above zero.")
+    return value

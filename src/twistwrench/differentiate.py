@@ -1,0 +1,141 @@
+"""Derivatives of any function written with NumPy, compiled: by forward or reverse mode on the program it traces to."""
+
+from __future__ import annotations
+
+import inspect
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .derived import Chart, Derivative, Shape
+from .errors import KernelError, ShapeError, TwistWrenchError
+from .program.trace import Trace, trace
+from .robot import Robot, _make_kernel
+
+__all__ = ["differentiate"]
+
+_ADVICE = (
+    "It runs once, on symbols, for all values there will be: +, -, *, /, @, ** by whole and half numbers, np.sin, np.cos, "
+    "np.tan, np.sqrt, np.exp, np.abs and methods of robots are understood; branches and comparisons of values are not."
+)
+
+
+def differentiate(
+    function: Callable[..., Any],
+    arguments: Mapping[str, Shape | int | Robot],
+    by: str | Sequence[str] | None = None,
+    *,
+    form: str = "jacobian",
+    mode: str = "auto",
+    values: bool = False,
+) -> np.ufunc:
+    """A compiled kernel of the derivatives of ``function``, which is written with NumPy and robots' methods for one sample.
+
+    ``arguments``: in the function's order, the shape of each, or the robot whose configuration it is; ``by``: which of them to
+    differentiate by (None: all). With x all of these, f the results, and w, v further inputs of the kernel, ``form`` is
+
+    - ``"jacobian"``, ∂f/∂x: for each result and each of ``by``, the axes of the one before those of the other;
+    - ``"along"``, (∂f/∂x) v, the derivative along a direction v: as the results (known as JVP);
+    - ``"weighted"``, ∂(w·f)/∂x, for weights of all entries of the results: as ``by`` (known as VJP);
+    - ``"hessian"``, ∂²f/∂x²: for each result, two more axes for the entries of all ``by``, one after another;
+    - ``"hessian_along"``, ∂²(w·f)/∂x² v: as ``by``. A function of a single number takes no weights.
+
+    Derivatives by a configuration are along robot.add, nv of them: those of f(q ⊕ v) by v at v = 0, first and second, so
+    Hessians are symmetric; f must not depend on how long quaternions are. ``mode`` is ``"forward"``, ``"reverse"``, or
+    ``"auto"``, whichever takes fewer operations. ``values=True``: the function's own results come first. The sign of a number
+    has the derivative 0, and so has all that only jumps.
+
+    Raises KernelError for a function that cannot be traced or whose derivatives are too large, ShapeError for arguments or
+    results that are no arrays, UnknownNameError. Source: Griewank and Walther, Evaluating Derivatives (2008).
+
+    >>> import numpy as np, twistwrench as tw
+    >>> slopes = tw.differentiate(lambda x, y: np.sin(x) @ y, {"x": 3, "y": 3}, by="x")
+    >>> slopes.signature, slopes([0, 0, np.pi], [1, 2, 3]).round(12).tolist()
+    ('(3),(3)->(3)', [1.0, 2.0, -3.0])
+    >>> robot = tw.robots.floating_box()
+    >>> height = tw.differentiate(lambda q: robot.center_of_mass(q)[2], {"q": robot})
+    >>> height([0, 1, 0, 0, 0, 0, 5]).shape
+    (6,)
+    """
+    name = getattr(function, "__name__", type(function).__name__)
+    what = f"differentiate {name}"
+    if not callable(function):
+        raise KernelError(f"{what}: {function!r} is no function. For a quantity of a robot: robot.kernel(name, by=…).")
+    models, shapes = _arguments(what, function, arguments)
+    derivative = Derivative.of(what, tuple(shapes), tuple(shapes) if by is None else by, form, mode, values)
+
+    def run(*arrays: Any) -> list[Any]:
+        try:
+            return _results(what, function(*arrays))
+        except TwistWrenchError:
+            raise
+        except Exception as problem:
+            raise KernelError(f"{what}: it cannot be traced: {problem} {_ADVICE}") from problem
+
+    owner = Trace()
+    first = run(*(_one(owner.inputs(0, shape)) for shape in shapes.values()))  # for the shapes of its results
+    names = [f"result{k + 1}" for k in range(len(first))] if len(first) > 1 else ["result"]
+    directions = {label: (models[label].nv,) if label in models else shape for label, shape in shapes.items()}
+    more = derivative.inputs(directions, {n: np.shape(x) for n, x in zip(names, first, strict=True)})
+
+    def on_symbols(*arrays: Any) -> tuple[Any, ...]:
+        given = dict(zip((*shapes, *more), arrays, strict=True))
+        charts = {x: Chart.of(given[x], models[x].model if x in models else None) for x in derivative.by}
+        results = run(*(given[label] for label in shapes))
+        return derivative.of_results(what, results, charts, {label: given[label] for label in more})
+
+    program = trace(on_symbols, [*shapes.items(), *more.items()], derivative.outputs(names))
+    doc = f"{form} of {name} by {', '.join(derivative.by)}, compiled. Inputs: {', '.join([*shapes, *more])}."
+    return _make_kernel(program, name, doc)
+
+
+def _arguments(what: str, function: Callable[..., Any], arguments: Any) -> tuple[dict[str, Robot], dict[str, Shape]]:
+    """The robots among the arguments, and the shapes of all."""
+    if not isinstance(arguments, Mapping) or not arguments:
+        raise ShapeError(
+            f"{what}: arguments are a dict {{name: shape or robot}} in the function's order, as in {{'x': (3,)}}, "
+            f"got {arguments!r}."
+        )
+    shapes: dict[str, Shape] = {}
+    for name, given in arguments.items():
+        shape = given.nq if isinstance(given, Robot) else given
+        try:
+            sizes = tuple(operator.index(n) for n in (shape if isinstance(shape, tuple | list) else (shape,)))
+        except TypeError:
+            sizes = (-1,)
+        if any(n < 0 for n in sizes):
+            raise ShapeError(f"{what}: {name} has shape {given!r}; give whole numbers, as in (3, 4), or a robot.")
+        shapes[str(name)] = sizes
+    try:
+        inspect.signature(function).bind(*shapes)
+    except TypeError as problem:
+        raise ShapeError(f"{what}: the function does not take the arguments {', '.join(shapes)}: {problem}.") from None
+    except ValueError:  # a builtin that does not tell
+        pass
+    return {str(name): given for name, given in arguments.items() if isinstance(given, Robot)}, shapes
+
+
+def _results(what: str, returned: Any) -> list[Any]:
+    """What the function returned as arrays of symbols and real numbers."""
+    found = []
+    for result in returned if isinstance(returned, tuple) else (returned,):
+        try:
+            array = np.asarray(result, object)
+            for e in array.reshape(-1):
+                if not hasattr(e, "trace"):
+                    float(e)
+        except (TypeError, ValueError):
+            raise ShapeError(
+                f"{what}: it returned {str(result)[:60]!r}. Return an array of numbers, or a tuple of such arrays."
+            ) from None
+        found.append(array)
+    if not found:
+        raise ShapeError(f"{what}: it returned nothing. Return an array of numbers, or a tuple of such arrays.")
+    return found
+
+
+def _one(array: Any) -> Any:
+    """As a function sees it: a number where there are no axes."""
+    return array if array.ndim else array[()]

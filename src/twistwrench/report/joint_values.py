@@ -1,0 +1,85 @@
+"""Numbers for joints, as they are typed in a shell: ``JOINT=VALUE`` one by one, or all at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UnknownNameError, ValueRangeError
+
+if TYPE_CHECKING:
+    from ..model.model import Body
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["parse_configuration", "parse_numbers", "parse_rates"]
+
+
+def parse_configuration(robot: Robot, at: Iterable[str], whole: str | None, *, degrees: bool) -> Array:
+    """q (nq,) from ``--at JOINT=VALUE``, others as ``--configuration v,v,…`` says, or neutral.
+
+    Raises ValueRangeError and UnknownNameError, which say what was wrong.
+    """
+    q, bodies = robot.neutral, robot.model.leaders
+    if whole is not None:
+        q = np.array(
+            parse_numbers(
+                whole, "--configuration", f"{robot.nq} numbers, {','.join(robot.coordinate_names[:8])}", robot.nq
+            )
+        )
+        for body in bodies if degrees else ():
+            if _turns(body):
+                q[body.q_index] = math.radians(q[body.q_index])
+    for body, numbers in _named(robot, at, "--at", velocities=False):
+        here = slice(body.q_index, body.q_index + body.joint.nq)
+        q[here] = np.radians(numbers) if degrees and _turns(body) else numbers
+    return q
+
+
+def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:
+    """Velocities or torques (nv,) from ``JOINT=VALUE`` each, others zero; in degrees only what turns. Raises as above."""
+    found = np.zeros(robot.nv)
+    for body, numbers in _named(robot, texts, option, velocities=True):
+        here = slice(body.v_index, body.v_index + body.joint.nv)
+        turning = np.any(body.joint.axes[:, :3] != 0, axis=1)
+        found[here] = np.where(turning & degrees, np.radians(numbers), numbers)
+    return found
+
+
+def parse_numbers(text: str, what: str, form: str, count: int) -> list[float]:
+    """That many finite numbers, separated by commas; ValueRangeError shows the form."""
+    try:
+        numbers = [float(x) for x in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ValueRangeError(f"{what} {text!r}: expected {form}.")
+    return numbers
+
+
+def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
+    known = {b.joint.name: b for b in robot.model.leaders}
+    found: dict[str, tuple[Body, list[float]]] = {}
+    for text in texts:
+        joint, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise ValueRangeError(
+                f"{option} {text!r} is not JOINT=VALUE, for example {next(iter(known), 'joint1')}=0.5."
+            )
+        if joint not in known:
+            raise UnknownNameError.of("joint", joint, known)
+        if joint in found:
+            raise ValueRangeError(f"{option} {joint} is given twice. Keep one of them.")
+        count = known[joint].joint.nv if velocities else known[joint].joint.nq
+        form = f"{count} number{'s' if count > 1 else ''}"
+        found[joint] = known[joint], parse_numbers(value, f"{option} {joint}", form, count)
+    return list(found.values())
+
+
+def _turns(body: Body) -> bool:
+    return body.joint.nq == 1 and bool(body.joint.axes[0, :3].any())

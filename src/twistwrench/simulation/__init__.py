@@ -1,0 +1,25 @@
+"""Simulation: how a robot moves under torques, wrenches, friction and contacts, by integrators that say how far they are off.
+
+``robot.simulate`` is the door; what it takes beside numbers and functions, and what it gives, is here.
+"""
+
+from __future__ import annotations
+
+from .contact import JointStops, Plane
+from .door import simulate
+from .events import Event, Happening
+from .result import SimulationResult
+from .schemes import METHODS
+from .tableau import Partitioned, Tableau
+
+__all__ = [
+    "METHODS",
+    "Event",
+    "Happening",
+    "JointStops",
+    "Partitioned",
+    "Plane",
+    "SimulationResult",
+    "Tableau",
+    "simulate",
+]

@@ -1,0 +1,79 @@
+"""Steps whose length follows from an estimate of their error. Hairer, Nørsett and Wanner, volume I, section II.4."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SimulationError
+from .forces import WORKS, System
+from .schemes import RungeKutta
+from .tableau import DORMAND_PRINCE
+
+Array = NDArray[Any]
+
+__all__ = ["Stepper"]
+
+_SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
+
+
+class Stepper:
+    """Dormand and Prince's method, the tolerances its steps keep to, and the last step it took."""
+
+    def __init__(self, system: System, rtol: float, atol: float, longest: float) -> None:
+        self.system, self.scheme = system, RungeKutta(system, DORMAND_PRINCE)
+        self.rtol, self.atol, self.longest = rtol, atol, longest
+        self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
+        self.h, self.rejected = 0.0, 0
+        self.rate_after = np.zeros(0)
+        """f at the end of the last step."""
+        self.last: tuple[float, float, Array, Array] = (0.0, 0.0, np.zeros(0), np.zeros(0))
+
+    def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
+        """Time and state after one step that is accepted, not beyond ``until``."""
+        system, scheme, h = self.system, self.scheme, min(self.h or self._first(y, rate, until - t), self.longest)
+        judged = slice(0, system.size - len(WORKS))
+        grow = _GROW
+        while True:
+            t1 = until if t + 1.01 * h >= until else t + h
+            step = t1 - t
+            y1 = scheme.step(t, y, step, rate)
+            error = step * np.dot(scheme.error, scheme.K)
+            allowed = self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
+            size = float(np.sqrt(np.mean(np.square((error / allowed)[judged]))))
+            if size <= 1.0:
+                factor = min(grow, max(_SHRINK, _SAFETY * size**self.power)) if size > 0 else grow
+                if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
+                    self.h = step * factor
+                self.rate_after = scheme.K[-1].copy()
+                self.last = (t, step, y, scheme.dense.T @ scheme.K)
+                return t1, y1
+            self.rejected += 1
+            grow = 1.0
+            h = step * (max(_SHRINK, _SAFETY * size**self.power) if np.isfinite(size) else 0.1)
+            if h < 1e-14 * max(t, 1e-3):
+                bad = np.abs(error / allowed)[system.moving]
+                worst = int(np.argmax(np.where(np.isfinite(bad), bad, np.inf)))
+                raise SimulationError(
+                    f"at t = {t:.9g} s steps shrink below {h:.1e} s and still miss the tolerance, most of all in joint "
+                    f"{system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows without bound. Make it "
+                    "continuous, or take a method of fixed steps."
+                )
+
+    def between(self, t: float) -> Array:
+        """The state at a time within the last step, by the dense output."""
+        t0, h, y0, Q = self.last
+        theta = (t - t0) / h
+        y = y0 + h * np.dot(theta ** np.arange(1, len(Q) + 1), Q)
+        self.system.manifold.normalise(y[: self.system.nq])
+        return np.asarray(y)
+
+    def _first(self, y: Array, rate: Array, span: float) -> float:
+        """A first step in which a straight line goes a hundredth of what there is, or what acts at once."""
+        scale = self.atol + self.rtol * np.abs(y)
+        judged = slice(0, self.system.size - len(WORKS))
+        d0, d1 = (float(np.sqrt(np.mean(np.square((x / scale)[judged])))) for x in (y, rate))
+        h = 1e-6 if min(d0, d1) < 1e-5 or not np.isfinite(d1) else 0.01 * d0 / d1
+        return min(h, span, self.longest)

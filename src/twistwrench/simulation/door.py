@@ -1,0 +1,193 @@
+"""The door of a simulation: what is given is made sure of here, once, before anything runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, SimulationError, ValueRangeError
+from ..lie import checks
+from .adaptive import Stepper
+from .contact import JointStops, Plane, PlaneContact, StopContact
+from .events import Event, Watch, contact_events, limit_event, limit_name
+from .forces import JointFriction, System, torque_law, wrench_laws
+from .given import Function, Law, positive, whole
+from .progress import Progress, progress_of
+from .result import SimulationResult
+from .run import Run
+from .schemes import ADAPTIVE, scheme_of
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["simulate"]
+
+_CREEP = 1e-3
+"""rad/s or m/s."""
+_MOST = 10**8
+
+
+def simulate(
+    robot: Robot,
+    q0: ArrayLike | None = None,
+    dq0: ArrayLike | None = None,
+    duration: float = 1.0,
+    dt: float = 1e-3,
+    *,
+    method: str = "dopri5",
+    tau: ArrayLike | Function | None = None,
+    controller: Function | None = None,
+    wrench_on_robot: Mapping[str, Any] | None = None,
+    friction: bool = False,
+    creep: float | None = None,
+    contacts: Plane | JointStops | Iterable[Plane | JointStops] = (),
+    limits: str | None = None,
+    events: Event | Function | Iterable[Event | Function] = (),
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    max_step: float | None = None,
+    every: int = 1,
+    progress: Progress = None,
+) -> SimulationResult:
+    """The motion of a robot from q0 (nq) and dq0 (nv); see :meth:`twistwrench.Robot.simulate`."""
+    if robot.nv == 0:
+        raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
+    n, h = _steps(duration, dt, whole(every, "every"))
+    held, law = torque_law(tau, robot.nv)
+    surfaces = _contacts(robot, contacts)
+    system = System(
+        robot,
+        tau=law,
+        wrenches=wrench_laws(robot, wrench_on_robot),
+        contacts=surfaces,
+        friction=None,
+    )
+    system.held = held
+    scheme, adapts = scheme_of(method, system), method == ADAPTIVE
+    y0 = _start(robot, system, q0, dq0)
+    remarks = (
+        [] if abs(h - dt) <= 1e-9 * dt else [f"states {h:.6g} s apart, not {dt:.6g} s, so that a whole number fills it"]
+    )
+    if friction and robot.model.friction.any:
+        system.friction = JointFriction(robot, _creep(robot, y0, 0.0 if adapts else h, creep))
+        slowest = system.friction.creep.max()
+        if robot.model.friction.static.any():
+            remarks.append(f"joints that friction would hold creep, at up to about {slowest:.2g} rad/s or m/s")
+    watched = [*_events(events), *contact_events(surfaces), *_limits(robot, limits, y0)]
+    run = Run(robot, system, scheme, h, n, every=int(every), remarks=remarks, method=method)
+    if watched:
+        run.watch = Watch(watched, lambda e, q: limit_name(robot, q) if e.name == "limit" else e.name, system.split)
+    if controller is not None:
+        run.controller = Law.of(controller, "the controller", (robot.nv,), ", a torque for each velocity")
+        run.constant = held
+    tolerances = (positive(rtol, "rtol"), positive(atol, "atol"))
+    longest = positive(max_step, "max_step", "s", infinite=True) if max_step is not None else h if surfaces else np.inf
+    with progress_of(progress, f"{robot.name}: {method}", n * h) as tick:
+        run.tick = tick
+        try:
+            with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
+                if adapts:
+                    run.adaptive(y0, Stepper(system, *tolerances, longest))
+                else:
+                    run.fixed(y0)
+        except SimulationError as problem:
+            problem.result = run.result(str(problem), completed=False)
+            raise
+        except KeyboardInterrupt as interrupt:
+            interrupt.result = run.result("interrupted", completed=False)  # type: ignore[attr-defined]
+            raise
+    return run.result(run.stopped or f"reached the end, {n * h:.6g} s", completed=not run.stopped)
+
+
+def _steps(duration: float, dt: float, every: int) -> tuple[int, float]:
+    """How many steps, and how long each."""
+    length, h = positive(duration, "duration", "s"), positive(dt, "dt", "s")
+    if not length / h < _MOST * every:
+        raise ValueRangeError(
+            f"a duration of {length:g} s with a dt of {h:g} s, one in {every} kept, makes more than {_MOST:.0e} states. "
+            "Take a larger dt, or keep fewer with every."
+        )
+    n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
+    return n, length / n
+
+
+def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | None) -> Array:
+    y = np.zeros(system.size)
+    for name, given, place, n in (("q0", q0, slice(0, robot.nq), robot.nq), ("dq0", dq0, system.moving, robot.nv)):
+        if given is None:
+            y[place] = robot.neutral if name == "q0" else 0.0
+            continue
+        shape = np.shape(given) if isinstance(given, np.ndarray | list | tuple) and not _ragged(given) else None
+        if shape is not None and len(shape) > 1:
+            raise ShapeError(
+                f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). Loop over them."
+            )
+        y[place] = checks.finite(checks.one(given, name, n), name, n)
+    for i, _ in system.manifold.floating:
+        if not np.linalg.norm(y[i : i + 4]) > 1e-150:
+            raise ValueRangeError("q0 has a quaternion of zeros, which is no rotation; none is (1, 0, 0, 0).")
+    system.manifold.normalise(y[: robot.nq])
+    return y
+
+
+def _ragged(given: Any) -> bool:
+    try:
+        np.asarray(given)
+    except ValueError:
+        return True
+    return False
+
+
+def _creep(robot: Robot, y0: Array, h: float, asked: float | None) -> Array:
+    """The speeds below which dry friction is eased off, (nv,): no less than what it takes off a joint in a step."""
+    if asked is not None:
+        return np.full(robot.nv, positive(asked, "creep", "rad/s or m/s"))
+    M = robot.mass_matrix(y0[: robot.nq])
+    light = np.diagonal(np.linalg.inv(M))
+    friction = robot.model.friction
+    return np.maximum(_CREEP, h * np.maximum(friction.static, friction.coulomb) * light)
+
+
+def _contacts(robot: Robot, given: Any) -> list[PlaneContact | StopContact]:
+    listed = [given] if isinstance(given, Plane | JointStops) else given
+    if isinstance(listed, str) or not isinstance(listed, Iterable):
+        raise ValueRangeError(f"contacts is {given!r}, and must be a Plane, JointStops, or a list of them.")
+    found: list[PlaneContact | StopContact] = []
+    for one in listed:
+        if isinstance(one, Plane):
+            found.append(PlaneContact(robot, one))
+        elif isinstance(one, JointStops):
+            found.append(StopContact(robot, one))
+        else:
+            raise ValueRangeError(f"contacts has {one!r}, and takes tw.simulation.Plane and tw.simulation.JointStops.")
+    return found
+
+
+def _events(given: Any) -> list[Event]:
+    listed = [given] if isinstance(given, Event) or callable(given) else given
+    if isinstance(listed, str) or not isinstance(listed, Iterable):
+        raise ValueRangeError(
+            f"events is {given!r}, and must be an Event, a function of (t, q, dq), or a list of them."
+        )
+    return [e if isinstance(e, Event) else Event(e, getattr(e, "__name__", "event")) for e in listed]
+
+
+def _limits(robot: Robot, asked: str | None, y0: Array) -> list[Event]:
+    if asked is None:
+        return []
+    if asked != "stop":
+        raise ValueRangeError(
+            f"limits is {asked!r}; choose 'stop', which ends the simulation where a joint reaches a limit, or None. For stops "
+            "that push back, contacts=tw.simulation.JointStops(stiffness=…)."
+        )
+    event = limit_event(robot)
+    q = y0[: robot.nq]
+    if event.function(0.0, q, q) < 0.0:
+        raise ValueRangeError(f"limits='stop', and q0 is outside already: {limit_name(robot, q)}. Start inside.")
+    return [event]

@@ -1,0 +1,135 @@
+"""Simulations in files: CSV, which is a motion that other commands read, and NumPy's npz. Both give every bit back."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import NotFoundError, TrajectoryError
+from ..outputs import replacing
+from ..report.table_file import TableFile
+from .events import Happening
+from .forces import WORKS
+from .result import SimulationResult
+
+Array = NDArray[Any]
+
+__all__ = ["read", "write_csv", "write_npz"]
+
+_MARK = "twistwrench simulation 1"
+_ARRAYS = ("times", "q", "dq", "ddq", "tau", "kinetic_energy", "potential_energy", "momentum")
+_SAID: tuple[str, ...] = (
+    "robot",
+    "coordinate_names",
+    "velocity_names",
+    "stopped",
+    "completed",
+    "method",
+    "dt",
+    "steps",
+    "rejected",
+)
+_SAID += ("evaluations", "remarks")
+_MOMENTUM = tuple(f"momentum.{x}" for x in ("mx", "my", "mz", "fx", "fy", "fz"))
+
+
+def write_csv(result: SimulationResult, path: str | Path) -> Path:
+    """Comments with what is said in words, a header, and a row for each state."""
+    v = result.velocity_names
+    header = ["time", *result.coordinate_names, *(f"{n}.vel" for n in v), *(f"{n}.acc" for n in v)]
+    header += [
+        *(f"{n}.torque" for n in v),
+        "kinetic_energy",
+        "potential_energy",
+        *(f"work.{w}" for w in WORKS),
+        *_MOMENTUM,
+    ]
+    columns = [
+        result.times,
+        result.q,
+        result.dq,
+        result.ddq,
+        result.tau,
+        result.kinetic_energy,
+        result.potential_energy,
+    ]
+    columns += [*(result.work[w] for w in WORKS), result.momentum]
+    path = Path(path)
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        file.write(f"# {_MARK}\n# {_said(result)}\n{','.join(header)}\n".encode())
+        TableFile(file).write(np.column_stack(columns))
+    return path
+
+
+def write_npz(result: SimulationResult, path: str | Path) -> Path:
+    """One array each, and the words as JSON in a further one."""
+    arrays = {name: getattr(result, name) for name in _ARRAYS} | {f"work_{w}": result.work[w] for w in WORKS}
+    path = Path(path)
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        np.savez_compressed(file, format=np.array(_MARK), said=np.array(_said(result)), **arrays)
+    return path
+
+
+def read(path: str | Path) -> SimulationResult:
+    """What one of the two wrote; NotFoundError and TrajectoryError for anything else."""
+    path = Path(path)
+    if not path.is_file():
+        raise NotFoundError(f"no file of a simulation {str(path)!r}. Give a .npz or .csv that a simulation wrote.")
+    try:
+        return _read_npz(path) if path.suffix.lower() == ".npz" else _read_csv(path)
+    except (KeyError, TypeError, ValueError, IndexError, OSError, EOFError, zipfile.BadZipFile) as problem:
+        if isinstance(problem, TrajectoryError):
+            raise
+        raise TrajectoryError(
+            f"{path}: cannot be read as a simulation: {type(problem).__name__}: {problem}. Give a .npz or .csv that "
+            "SimulationResult wrote, whole."
+        ) from None
+
+
+def _read_npz(path: Path) -> SimulationResult:
+    with np.load(path, allow_pickle=False) as archive:
+        if "format" not in archive or str(archive["format"]) != _MARK:
+            raise TrajectoryError(f"{path}: an archive of NumPy, but not of a simulation.")
+        arrays = {name: archive[name] for name in _ARRAYS}
+        work = {w: archive[f"work_{w}"] for w in WORKS}
+        return _result(json.loads(str(archive["said"])), arrays, work)
+
+
+def _read_csv(path: Path) -> SimulationResult:
+    with path.open(encoding="utf-8") as file:
+        if file.readline().strip() != f"# {_MARK}":
+            raise TrajectoryError(
+                f"{path}: does not begin with '# {_MARK}', so it is not the file of a simulation. A motion of another kind is "
+                "what twistwrench torques reads."
+            )
+        said = json.loads(file.readline()[1:])
+        file.readline()
+        table = np.loadtxt(file, delimiter=",", comments=None, ndmin=2)
+    nq, nv = len(said["coordinate_names"]), len(said["velocity_names"])
+    sizes = [1, nq, nv, nv, nv, 1, 1, *([1] * len(WORKS)), 6]
+    if table.shape[1] != sum(sizes):
+        raise TrajectoryError(f"{path}: rows of {table.shape[1]} numbers, {sum(sizes)} wanted.")
+    parts = [part.copy() for part in np.split(table, np.cumsum(sizes)[:-1], axis=1)]
+    times, q, dq, ddq, tau, kinetic, potential, *work, momentum = parts
+    arrays = dict(zip(_ARRAYS, (times[:, 0], q, dq, ddq, tau, kinetic[:, 0], potential[:, 0], momentum), strict=True))
+    return _result(said, arrays, {w: x[:, 0] for w, x in zip(WORKS, work, strict=True)})
+
+
+def _said(result: SimulationResult) -> str:
+    events = [{"name": e.name, "time": e.time, "q": e.q.tolist(), "dq": e.dq.tolist()} for e in result.events]
+    return json.dumps({**{name: getattr(result, name) for name in _SAID}, "events": events})
+
+
+def _result(said: Mapping[str, Any], arrays: Mapping[str, Array], work: Mapping[str, Array]) -> SimulationResult:
+    words: dict[str, Any] = {name: tuple(said[name]) if isinstance(said[name], list) else said[name] for name in _SAID}
+    events = tuple(Happening(e["name"], e["time"], np.array(e["q"]), np.array(e["dq"])) for e in said["events"])
+    n = len(arrays["times"])
+    if not n or any(len(x) != n for x in (*arrays.values(), *work.values())):
+        raise TrajectoryError("the file of a simulation has arrays of different lengths, or no state.")
+    return SimulationResult(**{**words, **arrays}, work=dict(work), events=events)

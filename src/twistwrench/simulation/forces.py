@@ -1,0 +1,138 @@
+"""All that acts on the robot, and the rates of its state that follow.
+
+The state is one vector y = (q, dq, W): coordinates, velocities, and the work done so far by the torques of the joints, by
+friction, by wrenches and by contacts. Works are integrated by the method that moves the robot, so that
+
+    drift = E(t) - E(0) - W(t)
+
+is the method's own error and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ShapeError
+from ..lie import checks
+from ..screws.wrench import Wrench
+from .contact import Contact
+from .given import Law
+from .manifold import Manifold
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["WORKS", "JointFriction", "System", "torque_law", "wrench_laws"]
+
+WORKS = ("torques", "friction", "wrenches", "contacts")
+"""What does work, in the order of the last entries of a state."""
+
+
+class JointFriction:
+    """The laws of friction of the joints, made continuous at rest.
+
+    The dry part is multiplied by tanh(|dq| / creep): a joint that would stick creeps, at up to a few times that speed, and
+    steps need not be as short as the time in which friction stops a joint.
+    """
+
+    def __init__(self, robot: Robot, creep: Array) -> None:
+        self.robot, self.creep = robot, creep
+        self.viscous, self.load = robot.model.friction.viscous, robot.model.friction.load
+
+    def left(self, dq: Array, tau: Array) -> Array:
+        """What friction leaves of the torques tau, (nv)."""
+        damping = self.viscous * dq
+        share = np.tanh(np.abs(dq) / self.creep)
+        y = tau - damping - share * (self.robot.friction_forces(dq) - damping)
+        # A joint that carries x loses share load |x| of it: x + sign(dq) share load |x| = y, so x has the sign of y.
+        return np.asarray(y / (1.0 + share * self.load * np.sign(dq) * np.sign(y)))
+
+
+class System:
+    """A robot and what acts on it: y' = f(t, y)."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        tau: Law | None = None,
+        wrenches: Mapping[str, Law] | None = None,
+        contacts: Sequence[Contact] = (),
+        friction: JointFriction | None = None,
+    ) -> None:
+        self.robot, self.manifold = robot, Manifold.of(robot.model)
+        self.nq, self.nv = robot.nq, robot.nv
+        self.moving = slice(robot.nq, robot.nq + robot.nv)
+        self.size = robot.nq + robot.nv + len(WORKS)
+        self.tau, self.wrenches, self.contacts, self.friction = tau, dict(wrenches or {}), tuple(contacts), friction
+        self.held = np.zeros(robot.nv)
+        """What the controller said last, (nv)."""
+        self.applied = self.held
+        """The torques at the joints when forces were last asked for, (nv)."""
+        self.evaluations = 0
+
+    def split(self, y: Array) -> tuple[Array, Array]:
+        """q and dq of a state."""
+        return y[: self.nq], y[self.moving]
+
+    def forces(self, t: float, q: Array, dq: Array, powers: Array) -> Array:
+        """The generalised force of everything but gravity and springs, (nv); its powers are written to ``powers`` (4,) [W]."""
+        tau = self.held if self.tau is None else self.held + self.tau(t, q, dq)
+        self.applied, total = tau, tau
+        powers[0] = tau @ dq
+        if self.friction is not None:
+            total = self.friction.left(dq, tau)
+            powers[1] = total @ dq - powers[0]
+        for frame, law in self.wrenches.items():
+            pushed = self.robot.wrench_torques(q, law(t, q, dq), frame)
+            total = total + pushed
+            powers[2] += pushed @ dq
+        for contact in self.contacts:
+            touched = contact.torques(q, dq)
+            if touched is not None:
+                total = total + touched
+                powers[3] += touched @ dq
+        return total
+
+    def rates(self, t: float, y: Array, out: Array) -> None:
+        """Write f(t, y) into ``out``."""
+        self.evaluations += 1
+        q, dq, powers = y[: self.nq], y[self.moving], out[-4:]
+        powers[:] = 0.0
+        force = self.forces(t, q, dq, powers)
+        self.manifold.rates(q, dq, out[: self.nq])
+        out[self.moving] = self.robot.forward_dynamics(q, dq, force)
+
+
+def torque_law(tau: Any, nv: int) -> tuple[Array, Law | None]:
+    """Constant torques (nv), and torques as a function; one of them is nothing."""
+    if tau is None:
+        return np.zeros(nv), None
+    if callable(tau):
+        return np.zeros(nv), Law.of(tau, "tau", (nv,), ", a torque for each velocity")
+    return np.array(checks.finite(checks.one(tau, "tau", nv), "tau", nv), float), None
+
+
+def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, Law]:
+    """A law for each frame of ``{frame: (m, f) or a function}``, what the world applies to the robot there."""
+    if wrenches is None:
+        return {}
+    if not isinstance(wrenches, Mapping):
+        raise ShapeError("wrench_on_robot is a dict {frame: (m, f) or a function of (t, q, dq)}.")
+    found = {}
+    for frame, given in wrenches.items():
+        robot.model.frame(frame)
+        what = f"the wrench at {frame!r}"
+        if callable(given) and not isinstance(given, Wrench):
+            found[frame] = Law.of(given, what, (6,), ", (m, f), moment first")
+        else:
+            labelled = robot._wrench(frame, given)  # checks a label
+            F = np.array(checks.finite(checks.one(labelled, what, 6), what, 6), float)
+            found[frame] = Law(lambda _t, _q, _dq, F=F: F, what, (6,))  # type: ignore[misc]
+    return found

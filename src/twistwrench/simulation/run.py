@@ -1,0 +1,203 @@
+"""The engine: steps of one length or of any, events, samples of a controller, and nothing lost whatever happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SimulationError
+from .adaptive import Stepper
+from .events import Watch
+from .forces import WORKS, System
+from .given import Law
+from .result import Record, SimulationResult
+from .schemes import Scheme
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["Run"]
+
+_FASTEST = 1e6
+"""rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
+_OFF = 0.01
+"""Share of the kinetic energy from which the drift is remarked on."""
+
+
+class Run:
+    """One simulation under way."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        system: System,
+        scheme: Scheme,
+        h: float,
+        n: int,
+        *,
+        every: int,
+        remarks: list[str],
+        method: str,
+    ) -> None:
+        self.robot, self.system, self.scheme, self.h, self.n, self.every = robot, system, scheme, h, n, every
+        self.remarks, self.method = remarks, method
+        self.record = Record()
+        self.watch: Watch | None = None
+        self.controller: Law | None = None
+        self.constant = system.held
+        self.tick: Callable[[float], None] = lambda _t: None
+        self.stopped = ""
+        self.steps = self.rejected = 0
+        self.rate = np.zeros(system.size)
+        self.last: tuple[float, Array] | None = None
+        """The last state that is good, kept or not."""
+
+    def fixed(self, y: Array) -> None:
+        """Steps of one length."""
+        self._begin(y)
+        for k in range(self.n):
+            t = k * self.h
+            self._sample(t, y)
+            self.system.rates(t, y, self.rate)
+            if k % self.every == 0:
+                self._keep(t, y)
+            y1 = self._checked(t, t + self.h, self.scheme.step(t, y, self.h, self.rate))
+            if self._ended(t, y, [(self.h, y1)]):
+                return
+            y = y1
+            self._advance(t + self.h, y)
+        self.system.rates(self.n * self.h, y, self.rate)
+        self._keep(self.n * self.h, y)
+
+    def adaptive(self, y: Array, stepper: Stepper) -> None:
+        """Steps of any length, from sample to sample where a controller asks for it; states between by dense output."""
+        self._begin(y)
+        t, k, spacing = 0.0, 0, self.h * self.every
+        end = self.n * self.h
+        self._sample(t, y)
+        self.system.rates(t, y, self.rate)
+        self._keep(t, y)
+        kept = 1
+        while t < end:
+            until = (k + 1) * self.h if self.controller is not None else end
+            t1, y1 = stepper.step(t, y, self.rate, until)
+            self.rejected, rate1 = stepper.rejected, stepper.rate_after
+            y1 = self._checked(t, t1, y1)
+            points = []
+            while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
+                points.append((kept * spacing - t, stepper.between(kept * spacing)))
+                kept += 1
+            if self._ended(t, y, [*points, (t1 - t, y1)], points):
+                return
+            for s, between in points:
+                self._keep_at(t + s, between)
+            t, y = t1, y1
+            self._advance(t, y)
+            if self.controller is not None and t == until and t < end:
+                k += 1
+                self._sample(t, y)
+                self.system.rates(t, y, self.rate)
+            else:
+                self.rate[:] = rate1
+                self.system.manifold.rates(*self.system.split(y), out=self.rate[: self.system.nq])
+            if abs(kept * spacing - t) <= 1e-12 * end and t < end:
+                self._keep_at(t, y)
+                kept += 1
+        self._keep_at(t, y)
+
+    def result(self, stopped: str, *, completed: bool) -> SimulationResult:
+        """All up to here, the last good state included."""
+        if self.last is not None and (not self.record.times or self.last[0] > self.record.times[-1]):
+            self._keep_rough(*self.last)
+        found = self.record.result(
+            self.robot,
+            WORKS,
+            stopped=stopped,
+            completed=completed,
+            method=self.method,
+            dt=self.h,
+            steps=self.steps,
+            rejected=self.rejected,
+            evaluations=self.system.evaluations,
+            remarks=tuple(self.remarks),
+        )
+        if found.relative_drift > _OFF:
+            more = f"the energy is off by {100 * found.relative_drift:.2g} %, so the motion is wrong: take a smaller dt"
+            object.__setattr__(found, "remarks", (*found.remarks, more))
+        return found
+
+    # ── parts of a step ──
+
+    def _begin(self, y: Array) -> None:
+        self.last = (0.0, y.copy())
+        if self.watch is not None:
+            self.watch.begin(0.0, y)
+
+    def _sample(self, t: float, y: Array) -> None:
+        if self.controller is not None:
+            self.system.held = self.constant + self.controller(t, *self.system.split(y))
+
+    def _advance(self, t: float, y: Array) -> None:
+        self.steps += 1
+        self.last = (t, y)
+        self.tick(t)
+
+    def _keep(self, t: float, y: Array) -> None:
+        """Keep a state whose rates were computed last."""
+        self.record.keep(t, y, self.rate[self.system.moving], self.system.applied)
+
+    def _keep_at(self, t: float, y: Array) -> None:
+        rate = np.zeros(self.system.size)
+        self.system.rates(t, y, rate)
+        self.record.keep(t, y, rate[self.system.moving], self.system.applied)
+
+    def _keep_rough(self, t: float, y: Array) -> None:
+        """Keep a state after something failed, which may fail again: then accelerations and torques are unknown there."""
+        try:
+            self._keep_at(t, y)
+        except SimulationError:
+            unknown = np.full(self.robot.nv, np.nan)
+            self.record.keep(t, y, unknown, unknown)
+
+    def _checked(self, t0: float, t1: float, y: Array) -> Array:
+        """The state with its quaternions of unit length; SimulationError where a step was unstable."""
+        s = self.system
+        s.manifold.normalise(y[: s.nq])
+        speed = np.abs(y[s.moving])
+        if not (speed.max() < _FASTEST and np.isfinite(y).all()):
+            bad = int(np.argmax(np.where(np.isfinite(speed), speed, np.inf)))
+            raise SimulationError(
+                f"the step from {t0:.9g} s to {t1:.9g} s is unstable: joint {self.robot.model.velocity_names[bad]!r} moves at "
+                f"{y[s.moving][bad]:.3g} after it. Take a smaller dt than {self.h:g} s, or method='dopri5'."
+            )
+        return y
+
+    def _ended(
+        self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
+    ) -> bool:
+        """Look for events in a step from t; one that ends all has its state kept, and those before it."""
+        if self.watch is None:
+            return False
+        rate = self.rate.copy()
+
+        def at(s: float) -> Array:
+            found = self.scheme.step(t, y, s, rate)
+            self.system.manifold.normalise(found[: self.system.nq])
+            return found
+
+        happened, end = self.watch.look(t, points, at)
+        self.record.events += happened
+        if end is None:
+            return False
+        for s, between in kept:
+            if s < end:
+                self._keep_at(t + s, between)
+        self._keep_at(t + end, at(end))
+        self.stopped = str(happened[-1])
+        self.steps += 1
+        return True

@@ -1,0 +1,83 @@
+"""One step of each method: from a state y at t, and its rate there, to the state a time h later."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UnknownNameError
+from .forces import System
+from .tableau import DORMAND_PRINCE, EULER, RK4, SEMI_IMPLICIT_EULER, Tableau
+from .variational import Variational
+
+Array = NDArray[Any]
+
+__all__ = ["ADAPTIVE", "METHODS", "RungeKutta", "Scheme", "SemiImplicit", "scheme_of"]
+
+
+class Scheme(Protocol):
+    """A one-step method."""
+
+    order: int
+
+    def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
+        """The state a time ``h`` later, where ``rate`` is f(t, y)."""
+
+
+class RungeKutta:
+    """An explicit method from its table. Quaternions are brought to unit length by the caller."""
+
+    def __init__(self, system: System, tableau: Tableau) -> None:
+        self.system, self.tableau, self.order = system, tableau, tableau.order
+        self.a, self.b, self.c, self.error, self.dense = tableau.numbers
+        self.K = np.zeros((len(self.b), system.size))
+        """The rates of the stages of the last step."""
+
+    def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
+        """y + h Σ b_i k_i."""
+        K, rates = self.K, self.system.rates
+        K[0] = rate
+        for i in range(1, len(self.b)):
+            rates(t + self.c[i] * h, y + h * np.dot(self.a[i], K[:i]), K[i])
+        return y + h * np.dot(self.b, K)
+
+
+class SemiImplicit:
+    """Semi-implicit Euler: velocities by the rates before, coordinates by the velocities after, along the manifold."""
+
+    order = SEMI_IMPLICIT_EULER.order
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+
+    def step(self, _t: float, y: Array, h: float, rate: Array) -> Array:
+        """dq1 = dq + h ddq, then q1 = q ⊕ h dq1."""
+        s = self.system
+        y1 = y + h * rate
+        y1[: s.nq] = s.manifold.move(y[: s.nq], h * y1[s.moving])
+        return y1
+
+
+METHODS: dict[str, Callable[[System], Scheme]] = {
+    "dopri5": lambda system: RungeKutta(system, DORMAND_PRINCE),
+    "euler": lambda system: RungeKutta(system, EULER),
+    "midpoint": lambda system: Variational(system, 2),
+    "rk4": lambda system: RungeKutta(system, RK4),
+    "semi_implicit": SemiImplicit,
+    "variational": lambda system: Variational(system, 4),
+    "variational6": lambda system: Variational(system, 6),
+}
+"""The methods by name; ``dopri5`` adapts its steps, all others take steps of one length."""
+
+
+ADAPTIVE = "dopri5"
+
+
+def scheme_of(name: str, system: System) -> Scheme:
+    """The method of that name; UnknownNameError lists them."""
+    if not isinstance(name, str) or name not in METHODS:
+        raise UnknownNameError.of("method", name, METHODS)
+    return METHODS[name](system)

@@ -1,0 +1,174 @@
+"""A long program as several functions, a section each, in modules of a few: compiled in linear time and memory.
+
+What crosses from a section to a later one, and all entries of the results, go through a :class:`~.frame.Frame`; once the last
+section is done, rows of the results are made of it, tile by tile, in a loop. Instructions and their order stay the same, so
+results keep their bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+from ..program.program import Program
+from .frame import Frame
+from .llvm import LOOP, Emitter, assembly, declarations
+from .loop import loop
+from .machine import Machine, Precision
+from .rows import RowStorer
+from .sincos import wrapper
+from .writer import Writer
+
+__all__ = ["modules"]
+
+LONG = 20_000
+"""Programs beyond this many instructions are emitted in sections."""
+
+SECTION = 250
+"""Instructions in a section, about."""
+
+EACH = 40
+"""Sections in a module."""
+
+
+def modules(program: Program, precision: Precision, machine: Machine) -> Iterator[str]:
+    """The texts to compile and to link together; one, unless the program is long."""
+    from . import avx2_module
+
+    if avx2_module.serves(program, machine):
+        yield avx2_module.module(program, precision, machine, LOOP)
+        return
+    if len(program.instructions) <= LONG:
+        yield assembly(program, precision, machine)
+        return
+    frame = Frame(program, SECTION)
+    yield _head(frame, precision, machine)
+    sections = list(enumerate(pairwise(frame.starts)))
+    for k in range(0, len(sections), EACH):
+        w = _writer(precision, machine)
+        parts = [_section(frame, precision, machine, *section) for section in sections[k : k + EACH]]
+        yield "\n".join([declarations(w), wrapper(precision, w.lanes), *parts])
+
+
+def _writer(precision: Precision, machine: Machine) -> Writer:
+    return Writer(precision, machine.lanes(precision), fused=machine.fused)
+
+
+def _at(w: Writer, home: int | str) -> str:
+    """The place of a vector of the frame."""
+    size = w.lanes * w.precision.bytes
+    return w.at("%frame", home * size if isinstance(home, int) else w.new(f"mul i64 {home}, {size}"))
+
+
+def _load(w: Writer, home: int | str) -> str:
+    return w.new(f"load {w.vector}, ptr {_at(w, home)}, align {w.lanes * w.precision.bytes}")
+
+
+def _store(w: Writer, value: str, home: int | str) -> None:
+    w.do(f"store {w.vector} {value}, ptr {_at(w, home)}, align {w.lanes * w.precision.bytes}")
+
+
+# ── the loop, and what it calls ──
+
+
+def _head(frame: Frame, precision: Precision, machine: Machine) -> str:
+    """The loop, the preparation of the frame, and the block, which calls the sections and then makes rows."""
+    w = _writer(precision, machine)
+    inputs, ports = len(frame.program.inputs), len(frame.program.inputs) + len(frame.program.outputs)
+    given = ", ".join(f"ptr %a{k}" for k in range(inputs))
+    sections = len(frame.starts) - 1
+    for k in range(sections):
+        w.do(f"call void @section{k}({given}, ptr %frame)")
+    entry, label = 0, "entry"
+    for k, port in enumerate(frame.program.outputs, start=inputs):
+        label = frame_to_rows(w, f"%a{k}", port.size, entry, label)
+        entry += port.size
+    arguments = ", ".join(f"ptr noalias %a{k}" for k in range(ports))
+    types = ", ".join(["ptr"] * (inputs + 1))
+    body = "\n".join(w.lines)
+    return "\n".join(
+        [
+            *(f"declare void @section{k}({types})" for k in range(sections)),
+            preparation(frame.constants, precision, machine),
+            f'define internal void @block({arguments}, ptr noalias %frame) noinline "stackrealign" {{\nentry:\n{body}',
+            "  ret void\n}\n",
+            loop(LOOP, frame.program, precision, w.lanes, frame.size * w.lanes * precision.bytes),
+        ]
+    )
+
+
+def frame_to_rows(w: Writer, base: str, columns: int, entry: int, label: str) -> str:
+    """Make rows of the vectors from ``entry`` on: tiles in a loop, then the last, which ends with the row.
+
+    Takes the label control comes from and returns the one it is in afterwards.
+    """
+    whole = RowStorer(w, base, columns)
+    if not whole.starts:  # too narrow for tiles
+        for c in range(columns):
+            whole.put(c, _load(w, entry + c))
+        return label
+    with w.loop(str(columns // whole.span), label) as tile:
+        first = w.new(f"mul i64 {tile}, {whole.span}")
+        _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"))
+    label = w.after
+    if columns % whole.span:
+        last = columns - whole.span
+        _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"))
+    return label
+
+
+def _tile(w: Writer, base: str, columns: int, first: str, entry: str) -> None:
+    storer = RowStorer(w, w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}")), columns)
+    for c in range(storer.span):
+        storer.put(c, _load(w, w.new(f"add i64 {entry}, {c}")))
+
+
+def preparation(constants: Sequence[tuple[int, int, float]], precision: Precision, machine: Machine) -> str:
+    """Put constant entries of the results into the frame; the blocks of a call leave them alone."""
+    w, label = _writer(precision, machine), "entry"
+    for first, count, value in constants:
+        with w.loop(str(count), label) as k:
+            _store(w, w.splat(value), w.new(f"add i64 {k}, {first}"))
+        label = w.after
+    body = "\n".join(w.lines)
+    return f"define internal void @prepare(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+# ── one section ──
+
+
+def _section(frame: Frame, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]) -> str:
+    w = _writer(precision, machine)
+    _Section(w, frame).walk(*bounds, frame.entries, large=False)
+    arguments = ", ".join(f"ptr noalias %a{k}" for k in range(len(frame.program.inputs)))
+    body = "\n".join(w.lines)
+    head = f'define void @section{number}({arguments}, ptr noalias %frame) noinline "stackrealign"'
+    return f"{head} {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+class _Section(Emitter):
+    """An emitter that finds values of earlier sections in the frame, and leaves there what later ones need."""
+
+    def __init__(self, w: Writer, frame: Frame) -> None:
+        super().__init__(w, frame.program)
+        self.frame = frame
+
+    def meet(self, number: int) -> None:
+        """Leave an input until it is used; a later section may be the first to."""
+
+    def value(self, number: int) -> str:
+        """The vector of an instruction, from where it is."""
+        op, _, value = self.program.instructions[number]
+        if op != "const" and number not in self.values:
+            self.values[number] = self.input(int(value)) if op == "input" else _load(self.w, self.frame.homes[number])
+        return super().value(number)
+
+    def made(self, number: int, value: str) -> None:
+        """Take the vector of an instruction; as an entry of the results it comes into the frame anyway."""
+        super().made(number, value)
+        if number in self.frame.homes and number not in self.frame.entries:
+            _store(self.w, value, self.frame.homes[number])
+
+    def output(self, number: int, value: str) -> None:
+        """Put an entry of the results into the frame."""
+        _store(self.w, value, number)

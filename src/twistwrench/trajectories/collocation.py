@@ -1,0 +1,162 @@
+"""Pieces of a phase-plane curve x(s) along which one limit is touched, as polynomials that meet it at Radau's points.
+
+Along a touched row a x'/2 + b x + d √x + c = ±L is a differential equation for x; where a passes through zero it is singular,
+and collocation, which divides by nothing, goes through. Source: Hairer & Wanner, Solving Ordinary Differential Equations II,
+section IV.5, for the points; Pham, IEEE T-RO 30(6), 2014, for what happens at zero inertia.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .rows import PathRows, Row, Rows
+
+Array = NDArray[Any]
+
+__all__ = ["Cell", "try_cell"]
+
+STAGES = 5
+TOLERANCE = 2e-8
+"""Part of a limit by which a piece may be off it, over or under."""
+_RATIO = 16.0
+"""x may grow or shrink by no more within a piece, or the time along it would be hard to integrate."""
+
+
+def _radau(n: int) -> Array:
+    """The points of Radau IIA on (0, 1], the last one 1: roots of P_n - P_{n-1}."""
+    P = np.polynomial.legendre.Legendre
+    return np.sort(0.5 * (1.0 + (P.basis(n) - P.basis(n - 1)).roots().real))
+
+
+NODES = _radau(STAGES)
+_POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
+"""Coefficients of u in powers of ζ from its values at the nodes."""
+INTEGRALS = (NODES[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
+"""∫ from 0 to each node of the polynomial with the given values at the nodes."""
+_CHECKS = np.array([0.0, 0.03, 0.22, 0.45, 0.68, 0.9])
+POINTS = np.concatenate([NODES, _CHECKS])
+_U_AT = np.vander(POINTS, STAGES, increasing=True) @ _POWERS
+_X_AT = (POINTS[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
+_FLIP = np.array([[comb(j, i) * (-1.0) ** i for j in range(STAGES + 1)] for i in range(STAGES + 1)])
+"""Coefficients in powers of 1 - ζ from those in powers of ζ."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """x(s) on [low, high] with one limit touched."""
+
+    low: float
+    high: float
+    x: Array
+    """(STAGES + 1,) coefficients of x in powers of ζ = (s - low) / (high - low)."""
+    active: Row
+    side: int
+    """+1 if it is at its upper limit, -1 at its lower."""
+
+    def at(self, s: Array) -> Array:
+        """x at s."""
+        return np.polynomial.polynomial.polyval((s - self.low) / (self.high - self.low), self.x)
+
+    def until(self, high: float) -> Cell:
+        """The part from its beginning to ``high``."""
+        k = (high - self.low) / (self.high - self.low)
+        return Cell(self.low, high, self.x * k ** np.arange(len(self.x)), self.active, self.side)
+
+    def since(self, low: float) -> Cell:
+        """The part from ``low`` to its end."""
+        P = np.polynomial.Polynomial
+        z = (low - self.low) / (self.high - self.low)
+        moved = P(self.x)(P([z, 1.0 - z])).coef
+        coefficients = np.zeros(len(self.x))
+        coefficients[: len(moved)] = moved
+        return Cell(low, self.high, coefficients, self.active, self.side)
+
+
+def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_caps: bool) -> tuple[Cell | None, bool]:
+    """The piece from (s, x) over h in direction ``way`` (±1 of s) at the extreme acceleration, and whether to try less of it.
+
+    Forward the largest acceleration, backward the least. No piece where no row can be touched throughout without passing
+    another; then the flag says whether that is for lack of accuracy only.
+    """
+    end = s + way * h
+    low, high = (s, end) if way > 0 else (end, s)
+    found = rows.at(s + way * h * POINTS, low, high)
+    u, labels, sides = _candidates(rows, found, x, way, h)
+    free = len(u)
+    if along_caps and len(rows.caps):
+        cap = found.cap[:STAGES]
+        known = np.isfinite(cap).all(axis=0) & (found.cap[STAGES] <= x * (1 + 1e-7))
+        if known.any():
+            more = np.linalg.solve(2 * way * h * INTEGRALS, cap[:, known] - x).T
+            u = np.concatenate([u, more])
+            labels += [rows.caps[k] for k in np.flatnonzero(known)]
+            sides += [1] * int(known.sum())
+    if not len(u):
+        return None, False
+    U, X = u @ _U_AT.T, x + 2 * way * h * (u @ _X_AT.T)  # (n, points)
+    V = np.abs(found.values(U, X))
+    slack = TOLERANCE * rows.L
+    fits = (V <= rows.L + slack).all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
+    over = np.where(np.arange(len(u)) < free, 1e-10, 0.25 * TOLERANCE)[:, None, None] * np.ones((len(POINTS), 1))
+    over[:, STAGES] *= 2.0  # where the last piece ended, as far over as it may be
+    fits &= (X[:, :, None] <= found.cap * (1 + over)).all(axis=(1, 2))
+    if not fits.any():
+        return None, False
+    n = int(np.where(fits, X[:, STAGES - 1], -np.inf).argmax())
+    row = labels[n]
+    ratio = X[n, STAGES - 1] / x if x > 0 else 1.0
+    if row in rows.caps and (row.kind == "velocity" or rows.flat[rows.rows.index(row)]):
+        touched = np.abs(X[n] / found.cap[:, rows.caps.index(row)] - 1.0)
+    else:
+        k = rows.rows.index(row)
+        touched = np.abs(V[n, :, k] / rows.L[k] - 1.0)
+    if touched.max() > TOLERANCE or not 1 / _RATIO <= ratio <= _RATIO:
+        return None, True
+    powers = np.concatenate([[x], 2 * way * h * (_POWERS @ u[n]) / np.arange(1, STAGES + 1)])
+    cell = Cell(low, high, powers, row, sides[n])
+    return (cell if way > 0 else _mirrored(cell)), False
+
+
+def _candidates(rows: PathRows, found: Rows, x: float, way: int, h: float) -> tuple[Array, list[Row], list[int]]:
+    """For each row that bounds u on the right side throughout, u at the nodes (n, STAGES) with that row touched."""
+    a = found.a[:STAGES]
+    inner = np.sign(a[:-1])
+    sure = (inner == inner[0]).all(axis=0) & (inner[0] != 0) & ~rows.flat & (inner[0] * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
+    k = np.flatnonzero(sure)
+    if not len(k):
+        return np.zeros((0, STAGES)), [], []
+    side = way * inner[0, k]  # forward the upper bound of u, backward the lower
+    a, b, c, d = (y[:STAGES, k].T for y in (found.a, found.b, found.c, found.d))
+    H = 2 * way * h * INTEGRALS
+    matrix = b[:, :, None] * H + a[:, :, None] * np.eye(STAGES)
+    right = side[:, None] * rows.L[k][:, None] - c - b * x
+    u = _solved(matrix, right)
+    if np.any(d):
+        for _ in range(30):
+            X = np.maximum(x + u @ H.T, 1e-300)
+            root = np.sqrt(X)
+            left = np.einsum("kmn,kn->km", matrix, u) + d * root - right
+            step = _solved(matrix + (0.5 * d / root)[:, :, None] * H, left)
+            u = u - step
+            if np.abs(step).max() <= 1e-14 * np.abs(u).max():
+                break
+    fine = np.isfinite(u).all(axis=1)
+    return u[fine], [rows.rows[i] for i in k[fine]], [int(v) for v in side[fine]]
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    try:
+        return np.linalg.solve(matrix, right[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        size = np.abs(matrix).max(axis=(1, 2), keepdims=True)
+        return np.linalg.solve(matrix + 1e-13 * (size + 1e-300) * np.eye(STAGES), right[..., None])[..., 0]
+
+
+def _mirrored(cell: Cell) -> Cell:
+    """The same curve with ζ counted from the other end."""
+    return Cell(cell.low, cell.high, _FLIP @ cell.x, cell.active, cell.side)

@@ -1,0 +1,133 @@
+"""Paths of the joints, q(s) for s from 0 to 1: straight lines, splines through waypoints. Modern Robotics sections 9.2, 9.3."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from ..lie import checks
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["JointPath", "joint_line", "one_degree_joints", "spline"]
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """q(s) with dq/ds and d²q/ds²; made by :func:`joint_line`, :func:`spline`, :func:`follow_poses`."""
+
+    name: str
+    coordinates: Callable[[Array], tuple[Array, Array, Array]]
+    knots: Array = field(default_factory=lambda: np.array([0.0, 1.0]))
+    """Where pieces meet, 0 and 1 among them."""
+    deviation: float = 0.0
+    """How far a path of poses is missed between the places where it was solved [m or rad]."""
+
+    def __call__(self, s: ArrayLike) -> tuple[Array, Array, Array]:
+        """q (..., nq), dq/ds and d²q/ds² (..., nv) at s (...) from 0 to 1."""
+        return self.coordinates(checks.real(s, "s"))
+
+
+def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
+    """The straight line q0 ⊕ s (q1 ⊖ q0); floating and planar joints follow a constant twist. MR section 9.2.
+
+    Raises ShapeError and ValueRangeError, also where the ends are the same.
+
+    >>> import twistwrench as tw
+    >>> path = joint_line(tw.robots.planar_2r(), [0, 0], [1, -2])
+    >>> [x.tolist() for x in path(0.25)]
+    [[0.25, -0.5], [1.0, -2.0], [0.0, 0.0]]
+    """
+    q0, q1 = (configurations(robot, q, name)[0] for name, q in (("q0", [q0]), ("q1", [q1])))
+    way = robot.subtract(q1, q0)
+    if not np.abs(way).max(initial=0.0) > 0:
+        raise ValueRangeError("q0 and q1 are the same place, so no path leads from one to the other.")
+
+    def line(s: Array) -> tuple[Array, Array, Array]:
+        flat = np.broadcast_to(way, (*s.shape, robot.nv))
+        return robot.add(np.broadcast_to(q0, (*s.shape, robot.nq)), s[..., None] * flat), flat.copy(), np.zeros(flat.shape)
+
+    return JointPath("joint line", line)
+
+
+def spline(
+    robot: Robot,
+    waypoints: ArrayLike,
+    *,
+    times: ArrayLike | None = None,
+    velocities: ArrayLike | None = None,
+    degree: int = 3,
+) -> JointPath:
+    """A smooth path through waypoints (m, nq), m ≥ 2; s is the share of its length, or of ``times``. MR section 9.3.
+
+    ``times`` (m,) [s] rising: the path is at rest at both ends, and under ``uniform(times[-1] - times[0])`` each waypoint is
+    met at its time. ``velocities`` (m, nv) with times: these at the waypoints, MR eq. 9.27, and then accelerations jump.
+    ``degree`` 3 or 5. Raises ShapeError and ValueRangeError; robots with planar or floating joints have lines only.
+
+    >>> import twistwrench as tw
+    >>> path = spline(tw.robots.planar_2r(), [[0, 0], [1, 1], [2, 0]])
+    >>> path(path.knots)[0].round(9).tolist()
+    [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
+    """
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_interp_spline
+
+    points = configurations(robot, waypoints, "waypoints")
+    if len(points) < 2:
+        raise ShapeError(f"waypoints has shape {points.shape}: a path takes at least two.")
+    one_degree_joints(robot, "a spline")
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if (steps == 0).any() and times is None:
+        k = int((steps == 0).argmax())
+        raise ValueRangeError(f"waypoints {k} and {k + 1} are the same place. Leave one of them out.")
+    if degree not in (3, 5):
+        raise ValueRangeError(f"degree is {degree!r}: choose 3 or 5.")
+    if times is None:
+        if velocities is not None:
+            raise ValueRangeError("velocities are per second, so they need times.")
+        knots = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+        knots[-1] = 1.0
+        if len(points) == 2 or degree == 3:
+            curve = CubicSpline(knots, points)
+        else:
+            k = min(5, (len(points) - 1) // 2 * 2 + 1)
+            curve = make_interp_spline(knots, points, k=k)
+    else:
+        at = np.asarray(checks.finite(times, "times"), float)
+        if at.shape != (len(points),) or not (np.diff(at) > 0).all():
+            raise ValueRangeError(f"times has shape {at.shape}: give {len(points)} rising times [s], one for each waypoint.")
+        T = at[-1] - at[0]
+        knots = (at - at[0]) / T
+        knots[-1] = 1.0
+        if velocities is None:
+            curve = CubicSpline(knots, points, bc_type="clamped")
+        else:
+            rates = checks.one(checks.finite(velocities, "velocities", robot.nv), "velocities", len(points), robot.nv)
+            curve = CubicHermiteSpline(knots, points, rates * T)
+    first, second = curve.derivative(1), curve.derivative(2)
+    return JointPath("spline", lambda s: (curve(s), first(s), second(s)), knots)
+
+
+def one_degree_joints(robot: Robot, what: str) -> None:
+    """Raise ValueRangeError, naming them, for a robot with joints of several degrees of freedom."""
+    others = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
+    if others:
+        raise ValueRangeError(
+            f"{what} adds coordinates, and those of {', '.join(others)} are no numbers to add. Take joint_line, waypoint by "
+            "waypoint, or lock the joint."
+        )
+
+
+def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
+    """q (m, nq), finite."""
+    array = np.asarray(checks.finite(q, name, robot.nq), float)
+    if array.ndim != 2:
+        raise ShapeError(f"{name} has shape {array.shape[1:] or array.shape}, expected ({robot.nq},) each.")
+    return array

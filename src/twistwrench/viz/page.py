@@ -1,0 +1,290 @@
+"""One file that shows a robot and its motion in any browser, without a network: data, drawing and all."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import zlib
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..lie import checks, se3
+from ..outputs import replacing
+from ..report.coordinates import Coordinates
+from .hands import hands_of
+from .look import COLOURS, SHARES, force_scale, torque_marks
+from .scene import Scene, scene_of
+from .skeleton import turned_z
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ..robot import Robot
+    from .motion import Motion
+
+Array = NDArray[Any]
+
+__all__ = ["page_text", "read_page", "write_page"]
+
+_TRIANGLES = 150_000
+_SCRIPTS = ("robot.js", "solids.js", "stage.js", "panel.js", "page.js")
+_KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
+_LONGEST_ARROW = 0.35
+"""Of the largest force, as a share of the robot's size."""
+
+
+def write_page(
+    robot: Robot,
+    path: str | Path,
+    *,
+    motion: Motion | None = None,
+    q: ArrayLike | None = None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    scene: Scene | None = None,
+) -> Path:
+    """Write a page with the robot in it, and a motion that plays; it needs nothing but a browser.
+
+    It starts at ``q`` (nq,), else where the motion begins, else neutral. ``wrench_on_robot`` {frame: (m, f)}, in the frame,
+    is drawn and counted in the torques that hold a pose; a motion brings its own. Raises ValueRangeError where the file
+    cannot be written.
+
+    >>> import tempfile, twistwrench as tw
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     page = write_page(tw.robots.planar_2r(), f"{folder}/arm.html")
+    ...     "https:" in page.read_text("utf-8")
+    False
+    """
+    text = page_text(robot, motion=motion, q=q, wrench_on_robot=wrench_on_robot, scene=scene)
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+def page_text(
+    robot: Robot,
+    *,
+    motion: Motion | None = None,
+    q: ArrayLike | None = None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None = None,
+    scene: Scene | None = None,
+) -> str:
+    """The page as text; see :func:`write_page`."""
+    if motion is not None:
+        robot, wrench_on_robot = motion.load.loaded, motion.load.wrenches
+    start = robot.neutral if motion is None else motion.q[0]
+    start = start if q is None else checks.finite(checks.one(q, "q", robot.nq), "q", robot.nq)
+    scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
+    box = _Box()
+    data = _robot_data(robot, start) | _scene_data(scene, box, start, motion)
+    data |= _wrench_data(robot, wrench_on_robot or {}) | {"forceScale": force_scale(robot, scene)}
+    for torque, peak in zip(
+        data["torques"], [0.0] * robot.nv if motion is None else motion.peaks.tolist(), strict=True
+    ):
+        torque["peak"] = peak
+    data["motion"] = None if motion is None else _motion_data(robot, motion, box)
+    data["notes"] = [*scene.notes, *(motion.warnings if motion is not None else ())]
+    data["subtitle"] = _subtitle(robot, motion)
+    data["shown"], data["switches"] = _switches(data, scene)
+    parts = resources.files(__package__) / "player"
+    return Template((parts / "page.html").read_text("utf-8")).substitute(
+        title=html.escape(robot.name),
+        style=(parts / "page.css").read_text("utf-8"),
+        script="\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS),
+        data=box.packed(data),
+    )
+
+
+def read_page(path: str | Path) -> tuple[dict[str, Any], dict[str, Array]]:
+    """The data in a page: what stands in its header, and the motion's arrays by name; for checks and for other programs."""
+    text = Path(path).read_text("utf-8")
+    _, _, rest = text.partition('<script id="data" type="application/octet-stream">')
+    raw = zlib.decompress(base64.b64decode(rest.partition("</script>")[0]))
+    length = int.from_bytes(raw[:4], "little")
+    header = json.loads(raw[8 : 8 + length])
+    start = 8 + -(-length // 8) * 8
+
+    def array(spec: Mapping[str, Any]) -> Array:
+        return np.frombuffer(raw, _KINDS[spec["kind"]], spec["count"], start + spec["at"])
+
+    found = {name: array(spec) for name, spec in (header["motion"] or {}).items() if spec}
+    return header, found
+
+
+class _Box:
+    """Arrays put one after another, each told by where it begins."""
+
+    def __init__(self) -> None:
+        self.parts: list[bytes] = []
+        self.size = 0
+
+    def put(self, values: ArrayLike, kind: str) -> dict[str, Any]:
+        """Add an array; what the header says of it."""
+        array = np.ascontiguousarray(values, dtype=_KINDS[kind]).ravel()
+        spec = {"at": self.size, "count": int(array.size), "kind": kind}
+        raw = array.tobytes()
+        raw += bytes(-len(raw) % 8)
+        self.parts.append(raw)
+        self.size += len(raw)
+        return spec
+
+    def packed(self, header: Mapping[str, Any]) -> str:
+        """Header and arrays as base64 of zlib."""
+        text = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
+        raw = len(text).to_bytes(8, "little") + text + bytes(-len(text) % 8) + b"".join(self.parts)
+        return base64.b64encode(zlib.compress(raw, 9)).decode("ascii")
+
+
+def _robot_data(robot: Robot, start: Array) -> dict[str, Any]:
+    model, coordinates = robot.model, Coordinates.of(robot.model)
+    leaders = {b.joint.name: b for b in model.leaders}
+    limits = robot.limits.effort.tolist()
+    return {
+        "name": robot.name,
+        "gravity": model.gravity.tolist(),
+        "start": np.asarray(start, float).tolist(),
+        "coordinates": [
+            {"name": n, "turns": bool(t)} for n, t in zip(coordinates.names, coordinates.endless, strict=True)
+        ],
+        "bodies": [
+            {
+                "name": b.link,
+                "kind": b.joint.kind,
+                "parent": b.parent,
+                "placement": b.placement.ravel().tolist(),
+                "axes": b.joint.axes.tolist(),
+                "q": b.q_index,
+                "nq": b.joint.nq,
+                "v": b.v_index,
+                "ratio": b.ratio,
+                "offset": b.offset,
+                "follows": b.follows,
+                "mass": float(b.inertia.mass),
+                "com": np.asarray(b.inertia.com, float).tolist() if b.inertia.mass > 0 else [0.0, 0.0, 0.0],
+            }
+            for b in model.bodies
+        ],
+        "frames": [{"name": n, "body": f.body, "pose": f.pose.ravel().tolist()} for n, f in model.frames.items()],
+        "tip": None if model.tip is None else list(model.frames).index(model.tip),
+        "torques": [
+            {"name": n, "unit": u, "limit": limit if 0 < limit < np.inf else None}
+            for n, u, limit in zip(coordinates.velocity_names, coordinates.torque_units, limits, strict=True)
+        ],
+        "hands": hands_of(model),
+        "springs": [
+            {
+                "stiffness": s.stiffness,
+                "rest": s.rest,
+                "ends": [{"q": leaders[n].q_index, "v": leaders[n].v_index, "weight": w} for n, w in s.terms],
+            }
+            for s in model.springs
+        ],
+        "colours": {**COLOURS, "shares": SHARES},
+        "marks": [
+            {
+                "torque": m.torque,
+                "body": m.body,
+                "pose": m.pose.ravel().tolist(),
+                "turns": m.turns,
+                "reversed": np.diag([1.0, -1.0, -1.0, 1.0]).ravel().tolist(),
+            }
+            for m in torque_marks(model)
+        ],
+    }
+
+
+def _scene_data(scene: Scene, box: _Box, start: Array, motion: Motion | None) -> dict[str, Any]:
+    surfaces: list[dict[str, Any]] = []
+    numbers: dict[int, int] = {}
+    shapes = []
+    for shape in scene.shapes:
+        key = id(shape.surface)
+        if key not in numbers:
+            numbers[key] = len(surfaces)
+            surface = shape.surface.creased()
+            low = surface.vertices.min(axis=0)
+            step = np.maximum(np.ptp(surface.vertices, axis=0), 1e-12) / 65535
+            kind = "u2" if len(surface.vertices) <= 65536 else "u4"
+            grid = box.put(np.round((surface.vertices - low) / step), "u2")
+            surfaces.append(
+                {"vertices": grid, "faces": box.put(surface.faces, kind), "low": low.tolist(), "step": step.tolist()}
+            )
+        shown = {"colour": shape.colour, "layer": shape.layer, "pose": shape.pose.ravel().tolist()}
+        shapes.append({"body": shape.body, "surface": numbers[key], **shown})
+    samples = start[None] if motion is None else motion.q[:: max(1, len(motion.q) // 12)]
+    bounds = np.stack([scene.bounds(q) for q in samples])
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    return {
+        "surfaces": surfaces,
+        "shapes": shapes,
+        "dressed": scene.dressed,
+        "size": float(max(scene.size, 0.75 * np.linalg.norm(high - low))),
+        "floor": float(low[2]),
+        "target": ((low + high) / 2).tolist(),
+    }
+
+
+def _wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """The wrenches on the robot, and their arrows: a moment's around its axis, a force's along it."""
+    frames = list(robot.frame_names)
+    given = {
+        name: checks.finite(checks.one(F, f"the wrench on {name!r}", 6), "a wrench", 6) for name, F in wrenches.items()
+    }
+    largest = max((float(np.linalg.norm(F[3:])) for F in given.values()), default=0.0)
+    data: list[dict[str, Any]] = []
+    marks: list[dict[str, Any]] = []
+    for name, F in given.items():
+        robot.model.frame(name)
+        m, f = F[:3], F[3:]
+        frame = frames.index(name)
+        data.append({"frame": frame, "moment": m.tolist(), "force": f.tolist()})
+        for part, turns in ((m, True), (f, False)):
+            if (size := float(np.linalg.norm(part))) > 0:
+                length = 0.0 if turns else max(0.08, _LONGEST_ARROW * size / largest)
+                T = se3.pose(turned_z(part), np.zeros(3))
+                marks.append({"frame": frame, "pose": T.ravel().tolist(), "length": length, "turns": turns})
+    return {"wrenches": data, "wrenchMarks": marks}
+
+
+def _motion_data(robot: Robot, motion: Motion, box: _Box) -> dict[str, Any]:
+    path = None
+    if robot.tip is not None:
+        path = box.put(np.asarray(robot.forward_kinematics(motion.q))[:, :3, 3], "f4")
+    return {
+        "time": box.put(motion.time, "f8"),
+        "q": box.put(motion.q, "f4"),
+        "torques": box.put(motion.torques, "f4"),
+        "path": path,
+    }
+
+
+def _subtitle(robot: Robot, motion: Motion | None) -> str:
+    mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
+    text = f"{robot.nv} degree{'s' if robot.nv != 1 else ''} of freedom, {mass:.4g} kg moving"
+    if motion is None:
+        return text
+    carried = " + ".join(f"{p.mass:g} kg" for p in motion.load.payloads)
+    span = float(motion.time[-1] - motion.time[0])
+    return f"{text}{f', payload {carried}' if carried else ''} · {motion.rows} samples in {span:.4g} s"
+
+
+def _switches(data: Mapping[str, Any], scene: Scene) -> tuple[dict[str, bool], list[tuple[str, str]]]:
+    """What is on at first, and the buttons: only those that have something to show."""
+    has_tip = data["tip"] is not None and data["forceScale"] > 0
+    known = (
+        ("looks", "Robot", True, True),
+        ("inertia", "Inertia ellipsoids", True, not scene.dressed and not scene.doubtful),
+        ("torques", "Torques", bool(data["marks"]), True),
+        ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
+        ("com", "Centre of mass", any(b["mass"] > 0 for b in data["bodies"]), False),
+        ("frames", "Frames", True, False),
+        ("ellipsoid", "Force ellipsoid", has_tip, False),
+        ("polytope", "Force polytope", has_tip, False),
+        ("path", "Path of the tip", bool(data["motion"] and data["motion"]["path"]), True),
+    )
+    return {key: on for key, _, _, on in known}, [(key, label) for key, label, there, _ in known if there]

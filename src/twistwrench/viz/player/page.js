@@ -1,0 +1,200 @@
+// The page: reads its data, keeps what is shown (a pose, or a moment of the motion), and draws it.
+"use strict";
+
+async function unpack(text) { // base64 of zlib of: length of the header, the header as JSON, and the arrays it tells of
+  const packed = Uint8Array.from(atob(text.trim()), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const bytes = await new Response(stream).arrayBuffer();
+  const length = new DataView(bytes).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, length)));
+  const start = 8 + Math.ceil(length / 8) * 8, kinds = { f4: Float32Array, f8: Float64Array, u2: Uint16Array, u4: Uint32Array };
+  const array = ({ at, count, kind }) => new kinds[kind](bytes, start + at, count);
+  return { robot: header, array };
+}
+
+class Viewer {
+  constructor(robot, array) {
+    this.robot = robot;
+    this.q = robot.start.slice();
+    this.shown = { ...robot.shown };
+    this.stage = new Stage(document.getElementById("stage"), robot.size);
+    this.stage.target = robot.target.slice();
+    this.stage.home.target = robot.target.slice();
+    this.made = new Map();
+    const surfaces = robot.surfaces.map(({ vertices, faces, low, step }) => {
+      const grid = array(vertices), positions = new Float32Array(grid.length);
+      for (let k = 0; k < grid.length; k++) positions[k] = low[k % 3] + step[k % 3] * grid[k];
+      return this.stage.keep(withNormals(positions, Uint32Array.from(array(faces))));
+    });
+    this.shapes = robot.shapes.map((shape) => ({ ...shape, kept: surfaces[shape.surface] }));
+    this.ball = this.stage.keep(ball());
+    this.floor = this.stage.keep({ positions: grid(robot.size, robot.floor) });
+    this.motion = robot.motion && this.readMotion(robot.motion, array);
+    this.time = this.motion ? this.motion.time[0] : 0;
+    this.posed = true; // by the sliders, as opposed to a moment of the motion
+    this.playing = false;
+    this.speed = 1;
+    this.panel = new Panel(this);
+    if (this.motion) this.seek(this.time);
+    else this.refresh();
+    const frame = (now) => { this.advance(now); this.draw(); requestAnimationFrame(frame); };
+    requestAnimationFrame(frame);
+  }
+
+  readMotion({ time, q, torques, path }, array) {
+    const rows = (data, n) => (k) => Array.from(data.subarray(k * n, (k + 1) * n));
+    const all = { time: array(time), q: rows(array(q), this.robot.coordinates.length), torques: rows(array(torques), this.robot.torques.length) };
+    if (path) all.path = this.stage.keep({ positions: array(path) });
+    return all;
+  }
+
+  advance(now) {
+    const past = Math.min(0.1, (now - (this.now ?? now)) / 1000), times_ = this.motion && this.motion.time;
+    this.now = now;
+    if (!this.playing) return;
+    const [begin, end] = [times_[0], times_[times_.length - 1]];
+    let time = this.time + this.speed * past;
+    if (time > end) time = end > begin ? begin + ((time - begin) % (end - begin)) : begin;
+    this.seek(time);
+  }
+
+  seek(time) { // the state of the motion at a time, between two samples a mean of both
+    const t = this.motion.time;
+    this.time = Math.min(t[t.length - 1], Math.max(t[0], time));
+    let low = 0, high = t.length - 1;
+    while (high - low > 1) { const middle = (low + high) >> 1; if (t[middle] <= this.time) low = middle; else high = middle; }
+    high = Math.min(high, t.length - 1);
+    const share = high > low ? (this.time - t[low]) / (t[high] - t[low]) : 0;
+    this.posed = false;
+    this.q = between(this.robot, this.motion.q(low), this.motion.q(high), share);
+    this.tau = this.motion.torques(low).map((x, k) => (1 - share) * x + share * this.motion.torques(high)[k]);
+    this.refresh();
+  }
+
+  setCoordinates(q) { // by hand: the torques are then those that hold the robot
+    this.q = q;
+    this.posed = true;
+    this.playing = false;
+    this.refresh();
+  }
+
+  refresh() {
+    this.poses = bodyPoses(this.robot, this.q);
+    if (this.posed) this.tau = holdingTorques(this.robot, this.q);
+    this.forces = null;
+    this.panel.update();
+  }
+
+  // Of each torque: its share of the limit, else of the largest of the motion, else of the largest there is now.
+  shares() {
+    const most = Math.max(1e-9, ...this.tau.map(Math.abs));
+    return this.tau.map((x, k) => x / (this.robot.torques[k].limit || this.robot.torques[k].peak || most));
+  }
+
+  colour(k, share) {
+    if (!this.robot.torques[k].limit) return this.robot.colours.unlimited;
+    const stops = this.robot.colours.shares, x = Math.abs(share);
+    const next = stops.findIndex(([at]) => x <= at);
+    if (next === 0) return stops[0][1];
+    if (next < 0) return stops[stops.length - 1][1];
+    const [[a, from], [b, to]] = [stops[next - 1], stops[next]];
+    return from.map((c, i) => c + ((x - a) / (b - a)) * (to[i] - c));
+  }
+
+  cached(key, make) { // arrows and arcs come in some hundred sizes
+    if (!this.made.has(key)) {
+      if (this.made.size > 600) { this.made.forEach((kept) => this.stage.forget(kept)); this.made.clear(); }
+      this.made.set(key, this.stage.keep(make()));
+    }
+    return this.made.get(key);
+  }
+
+  draw() {
+    const { robot, poses, shown } = this, items = [], lines = [], size = robot.size;
+    lines.push({ kept: this.floor, colour: [0.42, 0.48, 0.55, 0.32], reach: 2.4 * size });
+    for (const { body, kept, colour, layer, pose: at } of this.shapes) {
+      if (!shown[layer]) continue;
+      const clear = layer === "inertia" || (shown.inertia && robot.dressed);
+      items.push({ kept, model: mul(poseOf(poses, body), at), colour: [...colour, layer === "inertia" ? 0.3 : clear ? 0.35 : 1], shadow: layer === "looks", closed: layer === "inertia" });
+    }
+    if (shown.torques) this.torqueMarks(items);
+    if (shown.frames) this.frameMarks(items);
+    if (shown.com) this.comMarks(items, lines);
+    if (shown.wrenches) this.wrenchMarks(items);
+    if (shown.ellipsoid || shown.polytope) this.forceMarks(items);
+    if (shown.path && this.motion && this.motion.path) lines.push({ kept: this.motion.path, colour: [...robot.colours.path, 0.9], strip: true });
+    this.stage.draw(items, lines, robot.floor);
+  }
+
+  torqueMarks(items) {
+    const shares = this.shares(), size = this.robot.size;
+    for (const { torque, body, pose: at, turns, reversed } of this.robot.marks) {
+      const share = shares[torque];
+      if (!(Math.abs(share) > 0.004)) continue;
+      const colour = [...this.colour(torque, share), 1], level = Math.min(1, Math.round(Math.abs(share) * 100) / 100) || 0.01;
+      const T = mul(poseOf(this.poses, body), share > 0 ? at : mul(at, reversed));
+      const scale = turns ? 0.105 * size : size;
+      const kept = turns ? this.cached(`arc ${level}`, () => arc(5.4 * level, 0.075)) : this.cached(`force ${level}`, () => arrow(0.4 * level, 0.008));
+      items.push({ kept, model: mul(T, scaling(scale)), colour });
+    }
+  }
+
+  frameMarks(items) {
+    const length = 0.075 * this.robot.size, kept = this.cached("axis", () => arrow(1, 0.055));
+    for (const { body, pose: at } of this.robot.frames) {
+      const T = mul(poseOf(this.poses, body), at);
+      this.robot.colours.axes.forEach((colour, k) => items.push({ kept, model: mul(T, mul(AXES[k], scaling(length))), colour: [...colour, 1] }));
+    }
+  }
+
+  comMarks(items, lines) {
+    const p = centreOfMass(this.robot, this.poses);
+    if (!p) return;
+    const at = [1, 0, 0, p[0], 0, 1, 0, p[1], 0, 0, 1, p[2], 0, 0, 0, 1];
+    items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...this.robot.colours.com, 1], shadow: true });
+    const low = [1, 0, 0, p[0], 0, 1, 0, p[1], 0, 0, 1, this.robot.floor, 0, 0, 0, 1], flat = scaling(0.02 * this.robot.size);
+    flat[10] = 1e-4 * this.robot.size;
+    items.push({ kept: this.ball, model: mul(low, flat), colour: [...this.robot.colours.com, 0.7] });
+  }
+
+  wrenchMarks(items) {
+    for (const { frame, pose: at, length, turns } of this.robot.wrenchMarks) {
+      const f = this.robot.frames[frame], T = mul(poseOf(this.poses, f.body), mul(f.pose, at));
+      const kept = turns ? this.cached("moment", () => arc(4.4, 0.09)) : this.cached(`push ${length}`, () => arrow(length, 0.014));
+      items.push({ kept, model: mul(T, scaling(turns ? 0.09 * this.robot.size : this.robot.size)), colour: [...this.robot.colours.wrench, 1] });
+    }
+  }
+
+  forceMarks(items) { // both change with the pose, and only then
+    const { robot, shown } = this;
+    if (robot.tip === null || !robot.forceScale) return;
+    if (!this.forces) {
+      const { columns, p } = tipJacobian(robot, this.poses);
+      const polytope = forcePolytope(robot, columns, holdingTorques(robot, this.q));
+      if (this.solid) this.stage.forget(this.solid);
+      this.solid = polytope && this.stage.keep(solidOf(polytope.facets));
+      this.forces = { p, ellipsoid: forceEllipsoid(robot, columns), polytope };
+    }
+    const { p, ellipsoid } = this.forces, s = robot.forceScale, at = [s, 0, 0, p[0], 0, s, 0, p[1], 0, 0, s, p[2], 0, 0, 0, 1];
+    if (shown.ellipsoid && ellipsoid) items.push({ kept: this.ball, model: mul(at, pose(ellipsoid, [0, 0, 0])), colour: [...robot.colours.ellipsoid, 0.35], closed: true });
+    if (shown.polytope && this.solid) items.push({ kept: this.solid, model: at, colour: [...robot.colours.polytope, 0.22], closed: true });
+  }
+}
+
+const scaling = (s) => [s, 0, 0, 0, 0, s, 0, 0, 0, 0, s, 0, 0, 0, 0, 1];
+const AXES = [[0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1], IDENTITY]; // z onto x, y, z
+
+function grid(size, floor) { // lines a round length apart, under the robot and some way around
+  const step = 10 ** Math.floor(Math.log10(size / 4)), count = Math.min(120, Math.ceil((2.5 * size) / step)), far = count * step, found = [];
+  for (let k = -count; k <= count; k++) found.push(k * step, -far, floor, k * step, far, floor, -far, k * step, floor, far, k * step, floor);
+  return new Float32Array(found);
+}
+
+unpack(document.getElementById("data").textContent)
+  .then(({ robot, array }) => { window.viewer = new Viewer(robot, array); })
+  .catch((problem) => {
+    const place = document.getElementById("failure");
+    place.hidden = false;
+    place.textContent = String(problem.message || problem);
+    console.error(problem);
+  });

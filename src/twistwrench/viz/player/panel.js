@@ -1,0 +1,161 @@
+// The panel, the play bar, and the switches: what is seen beside the robot, and what moves it.
+"use strict";
+
+class Panel {
+  constructor(viewer) {
+    this.viewer = viewer;
+    const robot = viewer.robot;
+    const of = (id) => document.getElementById(id);
+    of("subtitle").textContent = robot.subtitle;
+    this.title = document.querySelector("#torques h2");
+    this.bars = robot.torques.map((torque) => this.torqueRow(torque));
+    this.hands = robot.hands.map((hand, k) => this.handRow(hand, k));
+    of("joints").hidden = !robot.hands.length;
+    of("torques").hidden = !robot.torques.length;
+    if (robot.notes.length) {
+      of("notes").hidden = false;
+      robot.notes.forEach((text) => (of("notes").querySelector("ul").appendChild(document.createElement("li")).textContent = text));
+    }
+    robot.switches.forEach(([key, label]) => this.switch(key, label));
+    if (viewer.motion) this.playBar(of);
+    new ResizeObserver(() => this.cover(of)).observe(of("stage"));
+  }
+
+  cover(of) { // where the panel stands beside the stage, the view is in the middle of the rest
+    const beside = window.innerWidth > 760;
+    const right = beside ? document.querySelector("aside").offsetWidth + 12 : 0;
+    this.viewer.stage.covered = { right, bottom: beside && this.viewer.motion ? of("player").offsetHeight + 12 : 0 };
+  }
+
+  row(list, ...cells) {
+    const row = document.createElement("li");
+    cells.forEach((cell) => row.appendChild(cell));
+    document.querySelector(`#${list} ul`).appendChild(row);
+    return cells;
+  }
+
+  cell(kind, text = "") {
+    const cell = document.createElement("span");
+    cell.className = kind;
+    cell.textContent = cell.title = text;
+    return cell;
+  }
+
+  torqueRow({ name }) {
+    const bar = this.cell("bar"), fill = bar.appendChild(document.createElement("i"));
+    bar.appendChild(document.createElement("b"));
+    const [, , number, share] = this.row("torques", this.cell("name", name.replace(/_joint$/, "")), bar, this.cell("number"), this.cell("share"));
+    return { fill, number, share };
+  }
+
+  handRow({ name, lower, upper }, k) {
+    const slider = document.createElement("input");
+    Object.assign(slider, { type: "range", id: `hand-${k}`, min: lower, max: upper, step: "any" });
+    slider.setAttribute("aria-label", name);
+    slider.addEventListener("input", () => this.viewer.setCoordinates(this.grasp(k, Number(slider.value))));
+    const [, , number] = this.row("joints", this.cell("name", name.replace(/_joint$/, "")), slider, this.cell("number"));
+    return { slider, number };
+  }
+
+  grasp(k, value) { // q with one hand moved; three turns of a base that floats make its quaternion
+    const hand = this.viewer.robot.hands[k], q = this.viewer.q.slice();
+    if (hand.turn === undefined) q[hand.q] = value;
+    else {
+      const angles = this.angles(hand.q);
+      angles[hand.turn] = value;
+      q.splice(hand.q, 4, ...toQuaternion(...angles));
+    }
+    return q;
+  }
+
+  angles(at) { // roll, pitch and yaw of the quaternion there
+    const R = fromQuaternion(this.viewer.q.slice(at, at + 4));
+    return [Math.atan2(R[7], R[8]), Math.asin(Math.max(-1, Math.min(1, -R[6]))), Math.atan2(R[3], R[0])];
+  }
+
+  switch(key, label) {
+    const button = document.getElementById("shown").appendChild(document.createElement("button"));
+    Object.assign(button, { textContent: label, id: `show-${key}` });
+    const set = (on) => { this.viewer.shown[key] = on; button.setAttribute("aria-pressed", on); };
+    button.addEventListener("click", () => set(!this.viewer.shown[key]));
+    set(this.viewer.shown[key]);
+  }
+
+  playBar(of) {
+    const viewer = this.viewer, t = viewer.motion.time;
+    of("player").hidden = false;
+    document.querySelector("main").classList.add("playing");
+    this.time = Object.assign(of("time"), { min: t[0], max: t[t.length - 1] });
+    this.clock = of("clock");
+    this.play = of("play");
+    this.play.addEventListener("click", () => this.toggle());
+    this.time.addEventListener("input", () => { viewer.playing = false; viewer.seek(Number(this.time.value)); });
+    of("speed").addEventListener("change", (event) => { viewer.speed = Number(event.target.value); });
+    document.addEventListener("keydown", (event) => {
+      if (event.key !== " " || /^(BUTTON|SELECT)$/.test(event.target.tagName)) return;
+      event.preventDefault();
+      this.toggle();
+    });
+    new ResizeObserver(() => this.history(of("history"))).observe(of("history"));
+  }
+
+  toggle() {
+    const viewer = this.viewer;
+    viewer.playing = !viewer.playing;
+    if (viewer.playing && viewer.posed) viewer.seek(viewer.time);
+    this.update();
+  }
+
+  history(canvas) { // every torque's share of its limit over time
+    const { motion, robot } = this.viewer, ratio = window.devicePixelRatio || 1, draw = canvas.getContext("2d");
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    [canvas.width, canvas.height] = [width * ratio, height * ratio];
+    draw.scale(ratio, ratio);
+    const t = motion.time, [begin, end] = [t[0], t[t.length - 1]], stride = Math.max(1, Math.floor(t.length / (2 * width)));
+    const scales = robot.torques.map(({ limit, peak }) => limit || peak || 1);
+    const top = Math.max(1.02, ...robot.torques.map(({ limit, peak }) => (limit ? (1.05 * peak) / limit : 0)));
+    const y = (share) => height - 1 - ((height - 3) * share) / top;
+    draw.strokeStyle = "#c0392b";
+    draw.setLineDash([4, 3]);
+    draw.beginPath();
+    draw.moveTo(0, y(1));
+    draw.lineTo(width, y(1));
+    draw.stroke();
+    draw.setLineDash([]);
+    robot.torques.forEach((_, k) => {
+      draw.strokeStyle = robot.colours.lines[k % robot.colours.lines.length];
+      draw.globalAlpha = 0.8;
+      draw.beginPath();
+      for (let i = 0; i < t.length; i += stride) draw.lineTo(width * ((t[i] - begin) / (end - begin || 1)), y(Math.abs(motion.torques(i)[k]) / scales[k]));
+      draw.stroke();
+    });
+  }
+
+  update() {
+    const viewer = this.viewer, { robot, tau, q } = viewer, shares = viewer.shares();
+    const largest = Math.max(...tau.map(Math.abs), ...robot.torques.map(({ peak }) => peak), 1e-3);
+    const digits = Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
+    this.title.textContent = viewer.posed ? "Torques that hold this pose" : "Torques of the motion";
+    this.bars.forEach(({ fill, number, share }, k) => {
+      const x = shares[k], wide = 50 * Math.min(1, Math.abs(x)), limit = robot.torques[k].limit;
+      Object.assign(fill.style, { left: `${x < 0 ? 50 - wide : 50}%`, width: `${wide}%`, background: css(viewer.colour(k, x)) });
+      number.textContent = `${signed(tau[k], digits)} ${robot.torques[k].unit}`;
+      share.textContent = limit ? `${Math.round(100 * Math.abs(x))} %` : "";
+      share.className = limit && Math.abs(x) > 1 ? "share over" : "share";
+    });
+    this.hands.forEach(({ slider, number }, k) => {
+      const hand = robot.hands[k], value = hand.turn === undefined ? q[hand.q] : this.angles(hand.q)[hand.turn];
+      if (document.activeElement !== slider || !viewer.posed) slider.value = value;
+      number.textContent = hand.unit === "°" ? `${signed((value * 180) / Math.PI, 1)}°` : `${signed(value, 3)} m`;
+      number.className = (hand.least !== null && value < hand.least - 1e-9) || (hand.most !== null && value > hand.most + 1e-9) ? "number over" : "number";
+    });
+    if (!this.time) return;
+    this.time.value = viewer.time;
+    this.clock.textContent = viewer.posed ? "posed by hand" : `${viewer.time.toFixed(2)} / ${Number(this.time.max).toFixed(2)} s`;
+    this.play.textContent = viewer.playing ? "❚❚" : "▶";
+    this.play.setAttribute("aria-label", viewer.playing ? "Pause" : "Play");
+  }
+}
+
+const css = (colour) => `rgb(${colour.map((c) => Math.round(255 * c)).join(" ")})`;
+const signed = (x, digits) => (Number(x.toFixed(digits)) === 0 ? (0).toFixed(digits) : x.toFixed(digits).replace("-", "−"));

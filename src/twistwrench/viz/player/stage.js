@@ -1,0 +1,210 @@
+// Drawing with WebGL 2: surfaces lit and shaded, their shadow on the floor, lines, and a camera that orbits.
+"use strict";
+
+const SHADED = [`#version 300 es
+in vec3 position; in vec3 normal;
+uniform mat4 camera, model; uniform mat3 turned;
+out vec3 n, at;
+void main() { vec4 p = model * vec4(position, 1.0); at = p.xyz; n = turned * normal; gl_Position = camera * p; }`,
+`#version 300 es
+precision highp float;
+in vec3 n, at; uniform vec4 colour; uniform vec3 eye; out vec4 result;
+void main() {
+  vec3 view = normalize(eye - at), N = normalize(n);
+  if (dot(N, view) < 0.0) N = -N;
+  vec3 sun = normalize(vec3(0.35, -0.45, 0.85)), half_ = normalize(sun + view);
+  float light = 0.52 + 0.16 * N.z + 0.42 * max(dot(N, sun), 0.0) + 0.10 * max(dot(N, view), 0.0);
+  float gloss = 0.16 * pow(max(dot(N, half_), 0.0), 36.0);
+  float rim = colour.a < 1.0 ? 0.45 * pow(1.0 - max(dot(N, view), 0.0), 2.0) : 0.0;
+  result = vec4(colour.rgb * light + gloss, colour.a + rim * (1.0 - colour.a));
+}`];
+const PLAIN = [`#version 300 es
+in vec3 position; uniform mat4 camera, model; out vec3 at;
+void main() { vec4 p = model * vec4(position, 1.0); at = p.xyz; gl_Position = camera * p; }`,
+`#version 300 es
+precision highp float;
+in vec3 at; uniform vec4 colour; uniform vec3 middle; uniform float reach; out vec4 result;
+void main() {
+  float fade = reach > 0.0 ? 1.0 - smoothstep(0.25 * reach, reach, distance(at.xy, middle.xy)) : 1.0;
+  result = vec4(colour.rgb, colour.a * fade);
+}`];
+
+class Stage {
+  constructor(canvas, size) {
+    this.canvas = canvas;
+    this.size = size;
+    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true, premultipliedAlpha: false });
+    if (!this.gl) throw new Error("This browser has no WebGL 2, which drawing the robot needs. Any recent one has it.");
+    this.shaded = this.program(SHADED);
+    this.plain = this.program(PLAIN);
+    this.target = [0, 0, 0];
+    this.covered = { right: 0, bottom: 0 };
+    this.home = { azimuth: -0.9, elevation: 0.35, distance: 2.05 * size };
+    Object.assign(this, this.home);
+    this.steer();
+  }
+
+  program([vertex, fragment]) {
+    const gl = this.gl, program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(program, shader);
+    }
+    gl.bindAttribLocation(program, 0, "position");
+    gl.bindAttribLocation(program, 1, "normal");
+    gl.linkProgram(program);
+    const at = {};
+    for (const name of ["camera", "model", "turned", "colour", "eye", "middle", "reach"]) at[name] = gl.getUniformLocation(program, name);
+    return { program, at };
+  }
+
+  // A surface, or a line where it has no faces, kept in the graphics memory.
+  keep({ positions, normals, faces }) {
+    const gl = this.gl, array = gl.createVertexArray(), buffers = [];
+    const fill = (kind, data) => {
+      buffers.push(gl.createBuffer());
+      gl.bindBuffer(kind, buffers[buffers.length - 1]);
+      gl.bufferData(kind, data, gl.STATIC_DRAW);
+    };
+    gl.bindVertexArray(array);
+    [positions, normals].forEach((data, k) => {
+      if (!data) return;
+      fill(gl.ARRAY_BUFFER, data);
+      gl.enableVertexAttribArray(k);
+      gl.vertexAttribPointer(k, 3, gl.FLOAT, false, 0, 0);
+    });
+    if (faces) fill(gl.ELEMENT_ARRAY_BUFFER, faces);
+    gl.bindVertexArray(null);
+    return { array, buffers, count: faces ? faces.length : positions.length / 3 };
+  }
+
+  forget(kept) {
+    kept.buffers.forEach((buffer) => this.gl.deleteBuffer(buffer));
+    this.gl.deleteVertexArray(kept.array);
+  }
+
+  // items: {kept, model, colour [r, g, b, a], shadow, closed}; lines: {kept, colour, reach, strip}.
+  draw(items, lines, floor) {
+    const gl = this.gl, canvas = this.canvas, ratio = Math.min(window.devicePixelRatio || 1, 2);
+    const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
+    gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.BLEND);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    const { camera, eye } = this.camera();
+    const use = ({ program, at }) => {
+      gl.useProgram(program);
+      gl.uniformMatrix4fv(at.camera, true, camera);
+      gl.uniform3fv(at.eye, eye);
+      return at;
+    };
+    const solid = (at, { kept, model, colour }) => {
+      gl.uniformMatrix4fv(at.model, true, model);
+      if (at.turned) gl.uniformMatrix3fv(at.turned, true, normalMatrix(model));
+      gl.uniform4fv(at.colour, colour);
+      gl.bindVertexArray(kept.array);
+      gl.drawElements(gl.TRIANGLES, kept.count, gl.UNSIGNED_INT, 0);
+    };
+    let at = use(this.shaded);
+    items.filter((item) => item.colour[3] === 1).forEach((item) => solid(at, item));
+    at = use(this.plain);
+    this.shadow(at, items, floor, solid);
+    gl.uniformMatrix4fv(at.model, true, IDENTITY);
+    for (const { kept, colour, reach, strip } of lines) {
+      gl.uniform4fv(at.colour, colour);
+      gl.uniform1f(at.reach, reach || 0);
+      gl.uniform3fv(at.middle, this.target);
+      gl.bindVertexArray(kept.array);
+      gl.drawArrays(strip ? gl.LINE_STRIP : gl.LINES, 0, kept.count);
+    }
+    at = use(this.shaded);
+    gl.depthMask(false);
+    for (const item of items.filter(({ colour }) => colour[3] < 1)) {
+      if (item.closed) gl.enable(gl.CULL_FACE); // the near side alone
+      solid(at, item);
+      gl.disable(gl.CULL_FACE);
+    }
+    gl.depthMask(true);
+    gl.bindVertexArray(null);
+  }
+
+  // Everything that casts one, flattened along the light onto the floor; the stencil keeps it from darkening twice.
+  shadow(at, items, floor, solid) {
+    const gl = this.gl, flat = [1, 0, -0.41, 0.41 * floor, 0, 1, 0.53, -0.53 * floor, 0, 0, 0, floor, 0, 0, 0, 1];
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilFunc(gl.EQUAL, 0, 255);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
+    gl.depthMask(false);
+    gl.uniform1f(at.reach, 0);
+    for (const item of items)
+      if (item.shadow) solid(at, { kept: item.kept, model: mul(flat, item.model), colour: [0.12, 0.16, 0.24, 0.13] });
+    gl.depthMask(true);
+    gl.disable(gl.STENCIL_TEST);
+  }
+
+  camera() {
+    const [c, s] = [Math.cos(this.elevation), Math.sin(this.elevation)];
+    const back = [c * Math.cos(this.azimuth), c * Math.sin(this.azimuth), s];
+    const right = [-Math.sin(this.azimuth), Math.cos(this.azimuth), 0], up = cross(back, right);
+    const eye = add(this.target, times(this.distance, back));
+    const view = [...right, -dot(right, eye), ...up, -dot(up, eye), ...back, -dot(back, eye), 0, 0, 0, 1];
+    const near = 0.02 * this.distance, far = this.distance + 20 * this.size, f = 1 / Math.tan(0.3);
+    const [width, height] = [Math.max(1, this.canvas.clientWidth), Math.max(1, this.canvas.clientHeight)], aspect = width / height;
+    const depth = [(far + near) / (near - far), (2 * far * near) / (near - far)];
+    const lens = [f / Math.max(aspect, 1e-3), 0, 0, 0, 0, f, 0, 0, 0, 0, ...depth, 0, 0, -1, 0];
+    if (aspect < 1) [lens[0], lens[5]] = [f, f * aspect];
+    [lens[2], lens[6]] = [this.covered.right / width, -this.covered.bottom / height]; // the middle of what nothing covers
+    return { camera: mul(lens, view), eye, right, up };
+  }
+
+  // Where on the canvas a point is, in its own pixels.
+  project(point) {
+    const M = this.camera().camera, [x, y, , w] = [0, 1, 2, 3].map((i) => dot(M.slice(4 * i, 4 * i + 3), point) + M[4 * i + 3]);
+    return [((x / w + 1) / 2) * this.canvas.clientWidth, ((1 - y / w) / 2) * this.canvas.clientHeight];
+  }
+
+  steer() { // drag orbits, with the right button or two fingers it shifts; the wheel and pinching zoom
+    const canvas = this.canvas, fingers = new Map();
+    const orbit = (dx, dy) => {
+      this.azimuth -= 0.008 * dx;
+      this.elevation = Math.min(1.55, Math.max(-1.2, this.elevation + 0.008 * dy));
+    };
+    const shift = (dx, dy) => {
+      const { right, up } = this.camera(), scale = (0.62 * this.distance) / canvas.clientHeight;
+      this.target = add(this.target, add(times(-scale * dx, right), times(scale * dy, up)));
+    };
+    const zoom = (factor) => { this.distance = Math.min(40 * this.size, Math.max(0.05 * this.size, this.distance * factor)); };
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const before = fingers.get(event.pointerId);
+      if (!before) return;
+      const [dx, dy] = [event.clientX - before[0], event.clientY - before[1]];
+      if (fingers.size === 2) {
+        const other = [...fingers].find(([id]) => id !== event.pointerId)[1];
+        const far = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]) || 1;
+        zoom(far(before) / far([event.clientX, event.clientY]));
+        shift(dx / 2, dy / 2);
+      } else if (event.buttons & 2 || event.buttons & 4 || event.shiftKey) shift(dx, dy);
+      else orbit(dx, dy);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+    canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoom(Math.exp(0.0012 * event.deltaY)); }, { passive: false });
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("dblclick", () => Object.assign(this, this.home));
+  }
+}
+
+function normalMatrix(T) { // the cofactors of the upper left part: right for scaled and skewed ones too, up to length
+  const r = [0, 1, 2].map((i) => T.slice(4 * i, 4 * i + 3));
+  return [...cross(r[1], r[2]), ...cross(r[2], r[0]), ...cross(r[0], r[1])];
+}

@@ -1,0 +1,254 @@
+"""Pictures of a motion: what each torque is made of, where power and energy go, and the phase plane of its joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UnknownNameError
+from ..figure import (
+    AXIS,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    LINE,
+    ORANGE,
+    OVER,
+    PURPLE,
+    QUIET,
+    SKY,
+    SMALL,
+    VERMILION,
+    figure,
+    require_matplotlib,
+    save,
+)
+from ..report.coordinates import Coordinates
+from .look import share_colours
+from .motion import Motion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[Any]
+
+__all__ = ["PICTURES", "plot_phase", "plot_power", "plot_split"]
+
+_TERMS = {
+    "inertia": ("inertia, M ddq", BLUE),
+    "coriolis": ("Coriolis and centrifugal", SKY),
+    "gravity": ("gravity", ORANGE),
+    "spring": ("springs", GREEN),
+    "payload": ("payload", VERMILION),
+    "wrench": ("wrenches on it", PURPLE),
+    "friction": ("friction", GREY),
+}
+_LINES = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE, GREY)
+_ZERO = 1e-9
+
+
+def plot_split(motion: Motion, path: str | Path, joints: Sequence[str] = ()) -> Path:
+    """Draw what the torque of each joint (or of the named ones) is made of, over time, to ``path``; the terms add up to τ.
+
+    MR eq. 8.1, with payload, wrenches, springs and friction apart. Raises UnknownNameError, MissingExtraError, and
+    ValueRangeError if the file cannot be written.
+
+    >>> import tempfile, twistwrench as tw
+    >>> from twistwrench.viz import motion_of
+    >>> t = np.linspace(0, 1, 21)
+    >>> motion = motion_of(tw.robots.planar_2r(), t, np.outer(np.sin(t), [1, 2]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_split(motion, f"{folder}/split.png").name
+    'split.png'
+    """
+    terms, units = motion.load.terms(motion.states), Coordinates.of(motion.load.loaded.model).torque_units
+    scale = float(np.abs(motion.torques).max(initial=0.0))
+    names = motion.load.loaded.model.velocity_names
+    seen: dict[str, Any] = {}
+
+    def draw(axis: Axes, k: int) -> None:
+        above, below = np.zeros(len(motion.time)), np.zeros(len(motion.time))
+        for name, values in terms.items():
+            x = values[:, k]
+            if np.abs(values).max(initial=0.0) <= _ZERO * scale:
+                continue
+            label, colour = _TERMS[name]
+            up, down = np.maximum(x, 0.0), np.minimum(x, 0.0)
+            seen[label] = axis.fill_between(motion.time, above, above + up, color=colour, alpha=0.85, linewidth=0)
+            axis.fill_between(motion.time, below, below + down, color=colour, alpha=0.85, linewidth=0)
+            above, below = above + up, below + down
+        (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=INK, linewidth=1.2)
+        axis.axhline(0, color=AXIS, linewidth=0.7)
+        axis.set_title(names[k], loc="left", fontweight="bold")
+        axis.set_title(f"peak {motion.peaks[k]:.3g} {units[k]}", loc="right", color=QUIET, fontsize=SMALL)
+        axis.set_ylabel("torque [N m]" if units[k] == "N m" else "force [N]", fontsize=SMALL)
+        axis.margins(x=0)
+
+    return _panels(motion, path, joints, "what each torque is made of", draw, seen, "time [s]")
+
+
+def plot_power(motion: Motion, path: str | Path) -> Path:
+    """Draw the power of each joint, and the work and energies over time, to ``path``.
+
+    Work of the joints, less what friction takes and the wrenches' part, is what kinetic and potential energy gain. Raises as
+    :func:`plot_split` does.
+    """
+    robot, t = motion.load.loaded, motion.time
+    power = motion.torques * motion.dq
+    kinetic = np.asarray(robot.kinetic_energy(motion.q, motion.dq))
+    potential = np.asarray(robot.potential_energy(motion.q))
+    terms = motion.load.terms(motion.states)
+    friction, springs = (_work(t, (terms[name] * motion.dq).sum(axis=1)) for name in ("friction", "spring"))
+    work, wrenches = _work(t, power.sum(axis=1)), _work(t, -(terms["wrench"] * motion.dq).sum(axis=1))
+    with figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing (plot)") as drawn:
+        upper, lower = drawn.subplots(2, 1, sharex=True)
+        most = np.argsort(-np.abs(power).max(axis=0), kind="stable")[: len(_LINES)]
+        for k, colour in zip(np.sort(most), _LINES, strict=False):
+            upper.plot(t, power[:, k], color=colour, linewidth=1.0, label=robot.model.velocity_names[k])
+        upper.plot(t, power.sum(axis=1), color=INK, linewidth=1.5, label="all joints")
+        upper.axhline(0, color=AXIS, linewidth=0.7)
+        upper.set_ylabel("power [W]")
+        highest = float(power.sum(axis=1).max(initial=0.0))
+        upper.set_title("Power of the joints, τ dq", loc="left", fontweight="bold")
+        upper.set_title(f"most together {highest:.3g} W", loc="right", color=QUIET, fontsize=SMALL)
+        lower.fill_between(t, kinetic, color=SKY, alpha=0.5, linewidth=0, label="kinetic energy")
+        lower.plot(t, potential - potential[0], color=ORANGE, label="potential energy gained")
+        lower.plot(t, kinetic + potential - potential[0] - kinetic[0], color=INK, linewidth=1.6, label="both gained")
+        lower.plot(t, work, color=VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
+        for x, colour, label in (
+            (friction, GREY, "lost to friction"),
+            (springs, GREEN, "of it in springs"),
+            (wrenches, PURPLE, "work of the wrenches"),
+        ):
+            if np.abs(x).max(initial=0.0) > _ZERO * max(1.0, float(np.abs(work).max(initial=0.0))):
+                lower.plot(t, x, color=colour, label=label)
+        lower.axhline(0, color=AXIS, linewidth=0.7)
+        lower.set_ylabel("energy [J]")
+        lower.set_xlabel("time [s]")
+        lower.set_title("Work and energy since the beginning", loc="left", fontweight="bold")
+        for axis in (upper, lower):
+            axis.margins(x=0)
+            axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=SMALL)
+        return save(drawn, path)
+
+
+def plot_phase(motion: Motion, path: str | Path, joints: Sequence[str] = ()) -> Path:
+    """Draw velocity over position of each joint (or of the named ones) to ``path``.
+
+    Coloured by the torque's share of its limit; limits of position and velocity are dashed where the motion comes near them. Raises as :func:`plot_split` does.
+    """
+    require_matplotlib("Drawing (plot)")
+    from matplotlib.collections import LineCollection
+    from matplotlib.lines import Line2D
+
+    robot, coordinates = motion.load.loaded, Coordinates.of(motion.load.loaded.model)
+    limits = robot.limits
+    effort = np.where(limits.effort > 0, limits.effort, np.inf)
+    some = np.isfinite(effort)
+    shares = np.where(some, motion.torques / np.where(some, effort, 1.0), np.nan)
+    seen: dict[str, Any] = {
+        f"torque at {share:.0%} of its limit": Line2D([], [], color=tuple(share_colours(share)))
+        for share in (0.1, 0.5, 0.8, 1.0)
+    }
+
+    def draw(axis: Axes, k: int) -> None:
+        place = int(coordinates.position_of[k])
+        # Of planar and floating joints a velocity is no coordinate's rate; its own integral stands in.
+        x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
+        points = np.stack([x, motion.dq[:, k]], axis=1)
+        colours = share_colours(np.maximum(np.abs(shares[1:, k]), np.abs(shares[:-1, k])))
+        axis.add_collection(
+            LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), colors=colours, linewidths=1.3)
+        )
+        (seen["beginning"],) = axis.plot(*points[0], "o", color=INK, markersize=4, linestyle="none")
+        (seen["end"],) = axis.plot(*points[-1], "s", color=INK, markersize=4, markerfacecolor="white", linestyle="none")
+        low, high = points.min(axis=0), points.max(axis=0)
+        pad = np.maximum(0.12 * (high - low), 0.02)
+        dashed: dict[str, Any] = {"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))}
+        for bound in (limits.lower[k], limits.upper[k]) if place >= 0 else ():
+            if low[0] - 6 * pad[0] <= bound <= high[0] + 6 * pad[0]:
+                seen["limit"] = axis.axvline(bound, **dashed)
+                low[0], high[0] = min(low[0], bound), max(high[0], bound)
+        for bound in (-limits.velocity[k], limits.velocity[k]):
+            if low[1] - 6 * pad[1] <= bound <= high[1] + 6 * pad[1]:
+                seen["limit"] = axis.axhline(bound, **dashed)
+                low[1], high[1] = min(low[1], bound), max(high[1], bound)
+        axis.set_xlim(low[0] - pad[0], high[0] + pad[0])
+        axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
+        axis.axhline(0, color=AXIS, linewidth=0.6)
+        angular = bool(coordinates.angular_velocity[k])
+        axis.set_title(robot.model.velocity_names[k], loc="left", fontweight="bold")
+        most = np.nanmax(np.abs(shares[:, k])) if some[k] else np.nan
+        used = f"torque {most:.0%}" if some[k] else "no torque limit"
+        axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if most > 1 else QUIET)
+        axis.set_ylabel("rad/s" if angular else "m/s", fontsize=SMALL)
+        axis.set_xlabel("rad" if angular else "m", fontsize=SMALL)
+
+    return _panels(motion, path, joints, "velocity over position", draw, seen, "")
+
+
+PICTURES: dict[str, Callable[..., Path]] = {"split": plot_split, "power": plot_power, "phase": plot_phase}
+"""The pictures by the name the shell knows them by."""
+
+
+def _panels(
+    motion: Motion,
+    path: str | Path,
+    joints: Sequence[str],
+    what: str,
+    draw: Callable[[Axes, int], None],
+    seen: dict[str, Any],
+    below: str,
+) -> Path:
+    """A panel for each joint, and one legend of what was ``seen`` in any."""
+    chosen = _chosen(motion, joints)
+    columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(len(chosen), 4)
+    rows = math.ceil(len(chosen) / columns)
+    size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
+    with figure(*size, f"{_title(motion)} · {what}", "Drawing (plot)") as drawn:
+        axes = drawn.subplots(rows, columns, squeeze=False, sharex=bool(below)).ravel()
+        for k, axis in enumerate(axes):
+            if k < len(chosen):
+                draw(axis, chosen[k])
+            else:
+                axis.set_visible(False)
+            if below and k < len(chosen) <= k + columns:
+                axis.tick_params(labelbottom=True)
+                axis.set_xlabel(below, fontsize=SMALL)
+        drawn.legend(
+            list(seen.values()),
+            list(seen),
+            loc="outside lower left",
+            ncols=min(7, len(seen)),
+            frameon=False,
+            fontsize=SMALL,
+        )
+        return save(drawn, path)
+
+
+def _chosen(motion: Motion, joints: Sequence[str]) -> list[int]:
+    """Which torques are those of the named joints; all of them if none is named."""
+    model = motion.load.loaded.model
+    if not joints:
+        return list(range(model.nv))
+    places = {b.joint.name: range(b.v_index, b.v_index + b.joint.nv) for b in model.leaders}
+    for name in joints:
+        if name not in places:
+            raise UnknownNameError.of("joint", name, places)
+    return [k for name in joints for k in places[name]]
+
+
+def _title(motion: Motion) -> str:
+    carried = " + ".join(f"{p.mass:g} kg" for p in motion.load.payloads)
+    return f"{motion.load.bare.name}{f' · payload {carried}' if carried else ''}"
+
+
+def _work(t: Array, power: Array) -> Array:
+    """The integral from the first sample on, by the trapezoidal rule; (n,), (n,) → (n,)."""
+    return np.concatenate([[0.0], np.cumsum(np.diff(t) * (power[1:] + power[:-1]) / 2)])

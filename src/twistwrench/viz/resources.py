@@ -1,0 +1,47 @@
+"""Where the meshes of a robot file are: package://, model://, file:// and relative names as paths. Nothing is fetched."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+__all__ = ["find_resource"]
+
+_PACKAGES = ("package://", "model://")
+
+
+def find_resource(uri: str, robot_file: Path) -> Path | None:
+    """The file that ``uri`` means in ``robot_file``, or None if it is nowhere.
+
+    A package is looked for in the folders around the robot file, then in those of ``ROS_PACKAGE_PATH`` and
+    ``AMENT_PREFIX_PATH``. What would have to be fetched, as with http://, is taken not to be there.
+    """
+    try:
+        return next((path for path in _places(uri.strip(), robot_file) if path.is_file()), None)
+    except (OSError, ValueError):  # names that no file system takes
+        return None
+
+
+def _places(uri: str, robot_file: Path) -> Iterator[Path]:
+    scheme = next((s for s in _PACKAGES if uri.startswith(s)), None)
+    if scheme is not None:
+        name, _, rest = unquote(uri[len(scheme) :]).partition("/")
+        for folder in robot_file.resolve().parents:
+            yield folder / name / rest
+            if folder.name == name:
+                yield folder / rest
+        for folder in _known_folders():
+            yield folder / name / rest
+    elif uri.startswith("file://"):
+        yield Path(unquote(uri.removeprefix("file://")))
+    elif "://" not in uri and uri:
+        yield robot_file.parent / uri
+
+
+def _known_folders() -> Iterator[Path]:
+    for folder in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
+        yield Path(folder)
+    for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        yield Path(prefix) / "share"

@@ -1,0 +1,205 @@
+"""Surfaces of triangles: the simple solids, meshes from files, and how corners are kept sharp and large ones made light."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import MissingExtraError, ModelError
+
+Array = NDArray[Any]
+
+__all__ = ["Surface", "box", "cylinder", "ellipsoid", "joined", "read_mesh", "revolved", "sphere"]
+
+_CREASE = np.cos(np.radians(38.0))
+"""Faces that meet at less are one smooth piece."""
+_AROUND = 32
+"""Corners of a circle."""
+_GRIDS = (192, 136, 96, 68, 48, 34, 24, 17, 12, 8, 5)
+"""Cells along the longest side of a surface that is made lighter, tried in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles: ``vertices`` (n, 3) [m] and ``faces`` (k, 3), numbers of vertices, counterclockwise seen from outside."""
+
+    vertices: Array
+    faces: Array
+
+    def placed(self, T: ArrayLike) -> Surface:
+        """The surface, given in {b}, in {a}; T_ab (4, 4)."""
+        T = np.asarray(T)
+        return Surface(self.vertices @ T[:3, :3].T + T[:3, 3], self.faces)
+
+    def scaled(self, scale: ArrayLike) -> Surface:
+        """Stretched along the axes by ``scale`` (3,); a mirrored one is turned inside in again."""
+        scale = np.asarray(scale, float)
+        return Surface(self.vertices * scale, self.faces if np.prod(scale) > 0 else self.faces[:, ::-1])
+
+    def thinned(self, most: int) -> Surface:
+        """The same shape with at most about ``most`` triangles, vertices within a cell of a grid being merged."""
+        if len(self.faces) <= most:
+            return self
+        found = self
+        for cells in _GRIDS:
+            found = self._on_grid(cells)
+            if len(found.faces) <= most:
+                break
+        return found
+
+    def _on_grid(self, cells: int) -> Surface:
+        low = self.vertices.min(axis=0)
+        size = float(np.ptp(self.vertices, axis=0).max()) / cells or 1.0
+        cell = np.floor((self.vertices - low) / size).astype(np.int64)
+        _, group, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+        group = group.reshape(-1)
+        middle = np.stack([np.bincount(group, self.vertices[:, k]) / count for k in range(3)], axis=1)
+        return _without_slivers(Surface(middle, group[self.faces]))
+
+    def creased(self) -> Surface:
+        """The same triangles with vertices doubled along sharp edges, so that shading by mean normals keeps these sharp."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        faces, count = self.faces, len(self.faces)
+        normals = self.normals_of_faces()
+        # Every edge of every face, with the corners at its ends, sorted so that the two faces of an edge are neighbours.
+        corner = np.arange(3 * count).reshape(count, 3)
+        a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+        at_a, at_b = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
+        swap = a > b
+        a, b, at_a, at_b = (np.where(swap, y, x) for x, y in ((a, b), (b, a), (at_a, at_b), (at_b, at_a)))
+        order = np.lexsort((b, a))
+        one, other = order[:-1], order[1:]
+        same = (a[one] == a[other]) & (b[one] == b[other])
+        one, other = one[same], other[same]
+        smooth = np.abs(np.einsum("ij,ij->i", normals[one // 3], normals[other // 3])) > _CREASE
+        one, other = one[smooth], other[smooth]
+        rows, columns = np.concatenate([at_a[one], at_b[one]]), np.concatenate([at_a[other], at_b[other]])
+        links = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(3 * count, 3 * count))
+        _, piece = connected_components(links, directed=False)
+        _, first, renumbered = np.unique(piece, return_index=True, return_inverse=True)
+        return Surface(self.vertices[faces.ravel()[first]], renumbered.reshape(count, 3))
+
+    def normals_of_faces(self) -> Array:
+        """(k, 3) of unit length, outward; zero for faces without area."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        n = np.cross(b - a, c - a)
+        size = np.linalg.norm(n, axis=1, keepdims=True)
+        return np.asarray(n / np.where(size > 0, size, 1.0))
+
+
+def _without_slivers(surface: Surface) -> Surface:
+    """No faces that a merge left without area, none twice, and no vertices without faces."""
+    f = surface.faces
+    f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
+    if len(f):
+        _, first = np.unique(np.sort(f, axis=1), axis=0, return_index=True)
+        f = f[np.sort(first)]
+    used, renumbered = np.unique(f, return_inverse=True)
+    return Surface(surface.vertices[used], renumbered.reshape(-1, 3))
+
+
+def joined(surfaces: list[Surface]) -> Surface:
+    """Several surfaces as one."""
+    starts = itertools.accumulate((len(s.vertices) for s in surfaces), initial=0)
+    faces = [s.faces + start for s, start in zip(surfaces, starts, strict=False)]
+    return Surface(np.concatenate([s.vertices for s in surfaces]), np.concatenate(faces))
+
+
+def revolved(profile: ArrayLike) -> Surface:
+    """What (radius, z) pairs (n, 2), from bottom to top, sweep about the z axis."""
+    profile = np.asarray(profile, float)
+    turn = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    r, z = profile[:, :1], profile[:, 1:]
+    rings = np.stack(np.broadcast_arrays(r * np.cos(turn), r * np.sin(turn), z), axis=-1).reshape(-1, 3)
+    i, k = np.meshgrid(np.arange(len(profile) - 1), np.arange(_AROUND), indexing="ij")
+    here, beside = i * _AROUND + k, i * _AROUND + (k + 1) % _AROUND
+    above, across = here + _AROUND, beside + _AROUND
+    faces = np.concatenate(
+        [np.stack(t, axis=-1).reshape(-1, 3) for t in ((here, beside, across), (here, across, above))]
+    )
+    unique, group = np.unique(np.round(rings, 12), axis=0, return_inverse=True)
+    return _without_slivers(Surface(unique, group.reshape(-1)[faces]))
+
+
+def sphere(radius: float) -> Surface:
+    """Of that radius, about the origin."""
+    return ellipsoid((radius, radius, radius))
+
+
+def ellipsoid(semi_axes: ArrayLike) -> Surface:
+    """With ``semi_axes`` (3,) along x, y, z."""
+    up = np.linspace(-np.pi / 2, np.pi / 2, 15)
+    return revolved(np.stack([np.cos(up), np.sin(up)], axis=1)).scaled(semi_axes)
+
+
+def cylinder(radius: float, length: float, *, round_ends: bool = False) -> Surface:
+    """Along z, its middle at the origin; ``round_ends`` puts half a sphere on either, beyond its length."""
+    h = length / 2
+    if not round_ends:
+        return revolved([(0, -h), (radius, -h), (radius, h), (0, h)])
+    up = np.linspace(0, np.pi / 2, 7)
+    cap = np.stack([radius * np.cos(up), radius * np.sin(up)], axis=1)
+    return revolved(np.concatenate([(cap * [1, -1])[::-1] - [0, h], cap + [0, h]]))
+
+
+def box(size: ArrayLike) -> Surface:
+    """With edges ``size`` (3,) along x, y, z, its middle at the origin."""
+    corners = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    squares = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = [t for a, b, c, d in squares for t in ((a, b, c), (a, c, d))]
+    return Surface(corners * np.asarray(size, float), np.array(faces))
+
+
+def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | None]]:
+    """The surfaces in a mesh file, one of each colour; the colour is None where the file gives none.
+
+    Raises MissingExtraError without trimesh, and ModelError for what cannot be read.
+    """
+    try:
+        import trimesh
+    except ImportError:
+        raise MissingExtraError.of("trimesh", "viz", "Showing meshes") from None
+    try:
+        scene: Any = trimesh.load_scene(path)
+        parts: dict[tuple[float, float, float] | None, list[Surface]] = {}
+        for node in scene.graph.nodes_geometry:
+            T, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            if len(getattr(mesh, "faces", ())):
+                surface = Surface(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)).placed(T)
+                parts.setdefault(_colour_of(mesh), []).append(surface)
+    except Exception as problem:
+        raise ModelError(f"cannot be read as a mesh: {str(problem)[:200] or type(problem).__name__}") from problem
+    found = [(_merged(joined(surfaces)), colour) for colour, surfaces in parts.items()]
+    found = [(s, colour) for s, colour in found if len(s.faces)]
+    if not found:
+        raise ModelError("holds no triangles")
+    return found
+
+
+def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
+    """What the file says, if it says anything: of meshes without colours trimesh tells a grey of its own."""
+    if mesh.visual.kind == "texture":
+        r, g, b = (np.asarray(mesh.visual.material.main_color[:3], float) / 255).tolist()
+    elif mesh.visual.kind in ("face", "vertex"):
+        r, g, b = (np.asarray(mesh.visual.main_color[:3], float) / 255).tolist()
+    else:
+        return None
+    return r, g, b
+
+
+def _merged(surface: Surface) -> Surface:
+    """Files repeat a vertex in every face, and in every smoothing group; here it is one. NaN goes, faces and all."""
+    finite: Array = np.isfinite(surface.vertices).all(axis=1)
+    faces = surface.faces[finite[surface.faces].all(axis=1)]
+    size = float(np.ptp(surface.vertices[finite], axis=0).max(initial=0.0)) or 1.0
+    grid = np.round(np.where(finite[:, None], surface.vertices, 0.0) / (1e-7 * size)).astype(np.int64)
+    _, first, group = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+    return _without_slivers(Surface(surface.vertices[first], group.reshape(-1)[faces]))

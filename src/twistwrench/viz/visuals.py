@@ -1,0 +1,160 @@
+"""What a robot file says its links look like: the ``<visual>`` elements of URDF. https://wiki.ros.org/urdf/XML/link
+
+Looks never stop a robot from being shown: what cannot be read is left out, and said in the remarks.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingExtraError, ModelError, NotFoundError
+from ..io.element import Element, parse
+from ..io.source import read_robot_text
+from ..io.urdf import rotation_of_rpy
+from ..lie import se3
+from .resources import find_resource
+from .surface import Surface, box, cylinder, read_mesh, sphere
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+Array = NDArray[Any]
+Colour = tuple[float, float, float]
+
+__all__ = ["GREY", "Colour", "Visual", "read_visuals"]
+
+GREY: Colour = (0.72, 0.75, 0.78)
+"""What has no colour of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """A surface of one colour at a pose (4, 4) in the frame of a link. Links of one mesh share one surface."""
+
+    link: str
+    surface: Surface
+    pose: Array
+    colour: Colour
+
+
+def read_visuals(model: Model) -> tuple[list[Visual], list[str]]:
+    """The surfaces that the model's file gives its links, and remarks on what is missing; none for robots without a file."""
+    path = Path(model.source) if model.source else None
+    try:
+        if path is None or not path.is_file():
+            return [], []
+        robot = parse(read_robot_text(path)[0])
+    except (ModelError, NotFoundError, OSError, ValueError):  # not the file it was when the robot was loaded
+        return [], [f"{model.source} cannot be read again, so the robot is drawn from its inertia"]
+    return _Reader(robot, path, model).read()
+
+
+class _Reader:
+    def __init__(self, robot: Element, path: Path, model: Model) -> None:
+        self.robot, self.path, self.model = robot, path, model
+        self.colours = {m.attributes.get("name", ""): _colour(m) for m in robot.all("material")}
+        self.meshes: dict[str, list[tuple[Surface, Colour | None]]] = {}
+        self.scaled: dict[tuple[str, bytes], list[tuple[Surface, Colour | None]]] = {}
+        self.wanted: Counter[str] = Counter()
+        self.problems: dict[str, str] = {}
+        """Why, by the name of the mesh or by the element."""
+
+    def read(self) -> tuple[list[Visual], list[str]]:
+        found: list[Visual] = []
+        for link in self.robot.all("link"):
+            name = link.attributes.get("name", "").strip()
+            if name in self.model.frames:
+                for visual in link.all("visual"):
+                    found += self._visual(name, visual)
+        return found, self._remarks()
+
+    def _visual(self, link: str, visual: Element) -> list[Visual]:
+        try:
+            geometry = visual.required("geometry", '<geometry><box size="1 1 1"/></geometry>')
+            shape = geometry.children[0] if geometry.children else None
+            parts = [] if shape is None else self._shape(shape)
+            T = _pose(visual)
+            own = self._material(visual)
+        except ModelError as problem:
+            self.problems[str(visual)] = str(problem)
+            return []
+        return [Visual(link, s, T, colour or own or GREY) for s, colour in parts]
+
+    def _shape(self, shape: Element) -> list[tuple[Surface, Colour | None]]:
+        if shape.tag == "box":
+            return [(box(shape.numbers("size", 3)), None)]
+        if shape.tag == "sphere":
+            return [(sphere(shape.number("radius")), None)]
+        if shape.tag in ("cylinder", "capsule"):
+            return [(cylinder(shape.number("radius"), shape.number("length"), round_ends=shape.tag == "capsule"), None)]
+        if shape.tag != "mesh":
+            self.problems[str(shape)] = f"{shape} is no shape that is drawn"
+            return []
+        scale = shape.numbers("scale", 3) if "scale" in shape.attributes else np.ones(3)
+        key = shape.text("filename"), scale.tobytes()
+        if key not in self.scaled:
+            self.scaled[key] = [(s.scaled(scale), colour) for s, colour in self._mesh(key[0])]
+        return self.scaled[key]
+
+    def _mesh(self, uri: str) -> list[tuple[Surface, Colour | None]]:
+        self.wanted[uri] += 1
+        if uri not in self.meshes:
+            self.meshes[uri] = []
+            path = find_resource(uri, self.path)
+            if path is None:
+                self.problems[uri] = "is not there"
+            else:
+                try:
+                    self.meshes[uri] = read_mesh(path)
+                except MissingExtraError:
+                    self.problems[uri] = "needs 'trimesh', which is not installed: pip install 'twistwrench[viz]'"
+                except ModelError as problem:
+                    self.problems[uri] = str(problem)
+        return self.meshes[uri]
+
+    def _material(self, visual: Element) -> Colour | None:
+        material = visual.child("material")
+        if material is None:
+            return None
+        return _colour(material) or self.colours.get(material.attributes.get("name", ""))
+
+    def _remarks(self) -> list[str]:
+        """One sentence about the meshes, one about everything else."""
+        lost = [uri for uri in self.problems if uri in self.wanted]
+        rest = [text for what, text in self.problems.items() if what not in self.wanted]
+        remarks = []
+        if lost:
+            remarks.append(
+                f"{len(lost)} of {len(self.wanted)} meshes cannot be drawn, for example {lost[0]}: it "
+                f"{self.problems[lost[0]]}. Bodies left without one are drawn from their inertia"
+            )
+        if rest:
+            more = f", and {len(rest) - 1} more" if len(rest) > 1 else ""
+            remarks.append(f"of the file's looks, this is left out: {rest[0].rstrip('.')}{more}")
+        return remarks
+
+
+def _pose(visual: Element) -> Array:
+    origin = visual.child("origin")
+    given: Mapping[str, str] = {} if origin is None else origin.attributes
+    R = rotation_of_rpy(origin.numbers("rpy", 3)) if origin is not None and "rpy" in given else np.eye(3)
+    p = origin.numbers("xyz", 3) if origin is not None and "xyz" in given else np.zeros(3)
+    return np.asarray(se3.pose(R, p))
+
+
+def _colour(material: Element) -> Colour | None:
+    try:
+        colour = material.child("color")
+        if colour is None:
+            return None
+        r, g, b, _ = np.clip(colour.numbers("rgba", 4), 0.0, 1.0).tolist()
+    except ModelError:
+        return None
+    return r, g, b
