@@ -1,8 +1,8 @@
 """The section on limits: what the core could do at most, measured beside each kernel in the same rounds, and what bounds it.
 
 Three bounds, each as if there were nothing else to do: the products alone, at the rate of a loop of independent products;
-all vector instructions, at the rate of a loop of as many in the same mixture; the results' bytes, at the rate of plain or
-cache-avoiding stores to as large a buffer, whichever is faster.
+all vector instructions, at the rate of a loop in the same mixture, as long as a kernel's stretches; the results' bytes, at
+the rate of plain or cache-avoiding stores to as large a buffer, whichever is faster.
 """
 
 from dataclasses import asdict
@@ -63,7 +63,7 @@ def _quantity(ours: Ours, quantity: str, states: States, rounds: int) -> dict[st
         contenders += [stream(f"{kind} {size}", kind, written * size) for kind in STREAMS[:2]]
     return {
         "multiplications": multiplications(program),
-        "instructions": {part: parts[part] for part in (*PARTS, "folded", "moves", "loops", "frame")},
+        "instructions": {part: parts[part] for part in (*PARTS, "folded", "moves", "loops", "frame", "length")},
         "executed": total(parts),
         "bytes": written,
         "batches": sorted(batches),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.instructions import PARTS, total
+from bench.instructions import PARTS
 from bench.timing import Contender
 
 LENGTH = 240  # instructions in the loop of a mixture: they stay in the decoder's cache
@@ -34,8 +34,8 @@ def mixture(name: str, parts: Mapping[str, int]) -> Contender:
 
 
 def as_long(name: str, parts: Mapping[str, int]) -> Contender:
-    """The same, as many as there are, in as large a frame: so they have to be fetched as a kernel's are."""
-    return _loop(name, parts, max(total(parts), LENGTH), max(parts.get("frame", 0) // (16 * lanes()), SPAN))
+    """The same, as many as a kernel runs in one stretch, in as large a frame: so they have to be fetched as a kernel's are."""
+    return _loop(name, parts, max(parts["length"], LENGTH), max(parts["frame"] // (16 * lanes()), SPAN))
 
 
 def _loop(name: str, parts: Mapping[str, int], length: int, span: int) -> Contender:

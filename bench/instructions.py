@@ -14,10 +14,12 @@ from unittest.mock import patch
 PARTS = ("products", "sums", "loads", "stores", "rest")
 """What takes an execution unit; the rest are shuffles, comparisons, logic, divisions. Moves between registers take none."""
 
-AROUND = r"loop|prepare|gather|scatter|wrap\b.*"
+AROUND = r"loop|prepare\w*|gather|scatter|wrap\b.*"
 """Functions that run once a call, or for samples that are not whole rows, or for angles out of reach."""
-RARE = r"_?(wrap|in_reach)\b"
+RARE = r"_?(wrap|in_reach|block)\b"
 """What is called for angles out of reach."""
+GROUP, ALONE = "blocks", "block"
+"""Where there is the first, it takes several blocks of states through each part of a program, and the second what is left."""
 
 _VECTOR = re.compile(r"%[xyz]mm\d+|\b[vq]\d+\b")
 _PRODUCTS = re.compile(r"v?(fn?m(add|sub)\d*|mul)[ps][sd]$|fml[as]$|fmul$|fn?m(add|sub)$")
@@ -26,12 +28,16 @@ _MOVES = re.compile(r"v?mov|v?p?broadcast|ldr|ldp|ldur|ld1|str|stp|stur|st1|fmov
 
 
 def of_kernel(kernel: Any, precision: Any) -> Counter[str]:
-    """The instructions for one block of states, and the bytes of memory they work in, the "frame"."""
+    """The instructions for one block of states, the bytes of memory they work in, the "frame", and how many are run in one
+    stretch, its "length": all of them, unless a group of blocks goes through part after part."""
     texts = texts_of(kernel, precision)
     if not texts:
         raise SystemExit(f"LLVM had no part in {kernel}: its instructions cannot be counted")
-    found = sum((counted(text) for text in texts), Counter[str]())
-    return found + Counter({"frame": max(map(frame, texts))})
+    grouped = any(re.search(rf"^_?{GROUP}:", text, re.MULTILINE) for text in texts)
+    each = [_counted(lines, in_loop=False) for text in texts for lines in _functions(text, ALONE if grouped else "")]
+    found = sum(each, Counter[str]())
+    length = max(map(total, each)) if grouped else total(found)
+    return found + Counter({"frame": max(map(frame, texts)), "length": length})
 
 
 def texts_of(kernel: Any, precision: Any) -> list[str]:
@@ -82,9 +88,9 @@ def total(parts: dict[str, int]) -> int:
     return sum(parts.get(part, 0) for part in PARTS)
 
 
-def _functions(text: str) -> Iterator[list[str]]:
-    """The lines that are labels or instructions of each function that is about a block of states."""
-    around, name, lines = re.compile(f"_?({AROUND})"), "", []
+def _functions(text: str, but: str = "") -> Iterator[list[str]]:
+    """The lines that are labels or instructions of each function that is about a block of states, but for one."""
+    around, name, lines = re.compile(f"_?({AROUND}|{but})"), "", []
     for whole in text.splitlines():
         line = re.split(r"\s*(?:#+ |//)", whole)[0].strip()
         if re.match(r"(?!\.?L)[\w.$]+:", line):

@@ -7,6 +7,7 @@ from bench.markdown import section
 from bench.sections import measured_on, title
 
 FETCHED = 1.2  # this much slower than in a short loop, and it is the fetching that takes the time
+COUNTED = 0.02  # products of the code beside those of the program
 WAYS = ("plain", "past the cache")  # of writing
 
 
@@ -50,10 +51,12 @@ def _kernels(found: dict[str, Any]) -> str:
         "Nanoseconds per state and, in brackets, their share of what the kernel took, called with `out=`; both are the"
         " best of short turns in the same rounds. **products**: all multiplications, those of sines and cosines included,"
         " at the rate of products alone. **instructions**: all vector instructions of the compiled code, moves between"
-        " registers left out, at the rate of a loop of as many, in the same mixture. **writing**: the results' bytes, at"
-        " the rate of stores to a buffer of just that size, plain or past the cache, whichever is faster. What bounds a"
-        " kernel is the largest share; `fetching` where a short loop of the same mixture is a fifth faster than the long"
-        " one, so that the code's size is what limits; ≥ where the code has loops of its own, which are counted once."
+        " registers left out, at the rate of a loop in the same mixture, as long as the stretches that the kernel runs."
+        " **writing**: the results' bytes, at the rate of stores to a buffer of just that size, plain or past the cache,"
+        " whichever is faster. What bounds a kernel is the largest share; `fetching` where a short loop of the same"
+        " mixture is a fifth faster than the long one, so that the code's size is what limits. ~ where the code has loops"
+        " or other ways to go, or its products are not those of the program within 2 %: there the count is of what is"
+        " written, not of what is run."
     )
     head = ("", "", "N", "took", "multiplications", "products", "vector instructions", "instructions")
     return section("What bounds each kernel", text, (*head, "bytes out", "writing", "bound by"), rows)
@@ -62,10 +65,12 @@ def _kernels(found: dict[str, Any]) -> str:
 def _limits_of(each: dict[str, Any], lanes: int, size: int) -> Iterator[str]:
     found = shares(each, lanes, size)
     cells = {name: f"{_ns(needed)} ({share:.0%})" for name, (needed, share) in found.items()}
-    least = "≥ " if each["instructions"]["loops"] else ""
+    parts = each["instructions"]
+    sure = not parts["loops"] and abs(parts["products"] / each["multiplications"] - 1) < COUNTED
+    about = "" if sure else "~ "
     yield _ns(each["timings"][f"kernel {size}"]["minimum"])
     yield from (str(each["multiplications"]), cells["multiplier"])
-    yield from (f"{least}{each['executed']}", least + cells["instructions"])
+    yield from (f"{about}{each['executed']}", about + cells["instructions"])
     yield from (str(each["bytes"]), cells["memory"], verdict(each, lanes, size))
 
 

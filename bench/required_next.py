@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+from bench.markdown import duration
 from bench.required import CALL, Row, best_build
 
 METHOD = "twistwrench method"
@@ -63,12 +64,12 @@ def _single(results: dict[str, Any], robot: str) -> Row:
     if build is None:
         return Row(what, f"{SINGLE[robot]} ×", "–", None)
     mine, double = timings[SINGLE_METHOD]["median"], timings[DOUBLE_METHOD]["median"]
-    return _times(what, SINGLE[robot], mine, timings[build]["median"], f"; ours in float64 {double:.1f} ns")
+    return _times(what, SINGLE[robot], mine, timings[build]["median"], f"; ours in float64 {duration(double)}")
 
 
 def _times(what: str, need: float, mine: float, theirs: float, more: str = "") -> Row:
     ratio = theirs / mine
-    return Row(what, f"{need} ×", f"{ratio:.1f} × ({mine:.1f} ns against {theirs:.0f} ns){more}", ratio / need)
+    return Row(what, f"{need} ×", f"{ratio:.1f} × ({duration(mine)} against {duration(theirs)}){more}", ratio / need)
 
 
 def _threads(results: dict[str, Any], robot: str) -> Row:
@@ -77,7 +78,7 @@ def _threads(results: dict[str, Any], robot: str) -> Row:
     if timings is None:
         return Row(what, f"{need} ×", "–", None)
     one, two = timings["1"]["median"], timings["2"]["median"]
-    return Row(what, f"{need} ×", f"{one / two:.2f} × ({two:.1f} ns against {one:.1f} ns)", one / two / need)
+    return Row(what, f"{need} ×", f"{one / two:.2f} × ({duration(two)} against {duration(one)})", one / two / need)
 
 
 def _compile(results: dict[str, Any], robot: str) -> Row:

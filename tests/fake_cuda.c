@@ -95,6 +95,8 @@ int cuGetErrorString(int code, const char **text)
 
 int cuPointerGetAttribute(void *found, int attribute, uintptr_t address)
 {
+    if (!depth)
+        return INVALID_CONTEXT;
     if (attribute != 9)
         return INVALID_VALUE;
     for (int k = 0; k < MOST_BLOCKS_OF_MEMORY; k++)

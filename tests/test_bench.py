@@ -346,7 +346,7 @@ def test_what_is_wanted_next_is_met_or_not(bench):
     rows = {row.what: row for row in required.rows({"robots": {}, **results})}
     row = rows["talos ∂τ/∂(q, dq), batch of 512"]
     assert (row.need, row.verdict) == ("9 ×", "**not met**, 89% of it")
-    assert row.got == "8.0 × (1000.0 ns against 8000 ns); 16.0 × into `out=`"
+    assert row.got == "8.0 × (1.00 µs against 8.00 µs); 16.0 × into `out=`"
     assert rows["talos ∂τ/∂(q, dq), batch of 4096"].share == pytest.approx(2 / 5.5)
     assert rows["talos inverse dynamics, two threads over one, 65,536 states"].verdict == "met"
     assert rows["talos, all of the above compiled, no cache"].verdict == "**not met**, 50% of it"

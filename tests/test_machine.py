@@ -104,7 +104,9 @@ def test_bits_do_not_depend_on_the_width(made_for, name, quantity, precision, fu
     if fused and not host().fused:
         pytest.skip("this processor cannot fuse")
     program, arrays = case(name, quantity, precision.char)
-    with np.errstate(all="ignore"):  # LLVM makes four lanes of two floats, and divides in all; no machine here is so narrow
+    with np.errstate(
+        all="ignore"
+    ):  # LLVM makes four lanes of two floats, and divides in all; no machine here is so narrow
         found = [bits(made_for(program, vector_bits=WIDTHS[0], fused=fused)(*arrays))]
     with np.errstate(all="raise"):
         found += [bits(made_for(program, vector_bits=width, fused=fused)(*arrays)) for width in WIDTHS[1:]]
@@ -441,7 +443,9 @@ def test_the_processor_is_in_the_key(monkeypatch, tmp_path):
 
 def test_llvm_is_asked_when_something_compiles_not_before():
     assert isinstance(machine.chosen, types.FunctionType)
-    code = "import sys; import twistwrench; from twistwrench.targets import machine; assert 'llvmlite' not in sys.modules"
+    code = (
+        "import sys; import twistwrench; from twistwrench.targets import machine; assert 'llvmlite' not in sys.modules"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "TWISTWRENCH_CPU": "nothing"}, capture_output=True, text=True
     )

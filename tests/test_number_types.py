@@ -150,7 +150,9 @@ def test_an_out_that_results_do_not_fit_in(robot, what):
 
 def test_an_out_for_several_results(robot):
     q = np.zeros((4, 3))
-    with pytest.raises(tw.ShapeError, match=r"a tuple of arrays .* one of shape \(4, 3, 3\) and one of shape \(4, 3, 3\)"):
+    with pytest.raises(
+        tw.ShapeError, match=r"a tuple of arrays .* one of shape \(4, 3, 3\) and one of shape \(4, 3, 3\)"
+    ):
         robot.inverse_dynamics_derivatives(q, q, q, out=np.zeros((4, 3, 3)))
 
 

@@ -158,13 +158,13 @@ def test_the_ur5_falls_for_five_seconds_at_a_kilohertz(ur5, method):
 
 
 def test_the_energy_of_variational_steps_has_no_trend():
-    """A double pendulum for 60 s in steps of 10 ms: what RK4 loses grows with time, what a symplectic map is off does not."""
+    """A double pendulum for 40 s in steps of 20 ms: what RK4 loses grows with time, what a symplectic map is off does not."""
     robot = tw.robots.planar_2r()
     halves = {}
     for method in ("variational", "rk4"):
-        found = robot.simulate([1.0, 1.0], [0.0, 0.0], 60.0, 0.01, method=method)
+        found = robot.simulate([1.0, 1.0], [0.0, 0.0], 40.0, 0.02, method=method)
         size = np.abs(found.drift)
-        halves[method] = size[:3001].max(), size[3001:].max(), abs(np.polyfit(found.times, found.drift, 1)[0]) * 60.0
+        halves[method] = size[:1001].max(), size[1001:].max(), abs(np.polyfit(found.times, found.drift, 1)[0]) * 40.0
     first, second, trend = halves["variational"]
     assert second < 2.0 * first
     assert trend < 0.2 * first
@@ -226,7 +226,7 @@ def test_scipys_dop853_agrees_on_the_ur5(ur5, method):
     assert np.abs(found.q - wanted[:, :6]).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "planar_3r", "cart_pole", "quadruped"])
+@pytest.mark.parametrize("name", ["ur5", "panda", "planar_3r", "floating_box", "quadruped"])
 def test_mujoco_agrees(name):
     """A second of falling, from where gravity moves all: MuJoCo's RK4 in steps of 0.1 ms, 1e-6 rad or m.
 
@@ -235,7 +235,7 @@ def test_mujoco_agrees(name):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)
     from twistwrench.convert import from_mujoco, to_mujoco
 
-    robot = tw.load(tw.robots.path_of(name), floating_base=name == "quadruped")
+    robot = tw.load(tw.robots.path_of(name), floating_base=name in ("floating_box", "quadruped"))
     model = mujoco_model(robot)
     model.opt.timestep, model.opt.integrator = 1e-4, int(mujoco.mjtIntegrator.mjINT_RK4)
     data = mujoco.MjData(model)

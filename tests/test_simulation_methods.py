@@ -37,7 +37,7 @@ ORDERS = {
 }
 ROBOTS = {
     "one degree": lambda: tw.robots.planar_2r(),
-    "floating": lambda: random_robot(3, joints=5, floating_base=True),
+    "floating": lambda: random_robot(4, joints=3, floating_base=True),
     "planar": lambda: random_robot(100, joints=3, kinds=("planar", "revolute")),
 }
 
@@ -129,7 +129,9 @@ def test_any_changed_coefficient_is_noticed(table):
     for i, row in enumerate(table.a[: -1 if table.first_same_as_last else None]):
         for j, x in enumerate(row):
             if x:
-                changed = tuple(r if k != i else (*r[:j], x + Fraction(1, 1000), *r[j + 1 :]) for k, r in enumerate(table.a))
+                changed = tuple(
+                    r if k != i else (*r[:j], x + Fraction(1, 1000), *r[j + 1 :]) for k, r in enumerate(table.a)
+                )
                 if table.order > 1:
                     with pytest.raises(tw.ValueRangeError, match="order"):
                         replace(table, a=changed)
@@ -193,7 +195,9 @@ def test_rates_of_coordinates_are_those_of_the_motion(seed):
     state, h = random_state(robot, seed), 1e-4
     out = np.zeros(robot.nq)
     Manifold.of(robot.model).rates(state.q, state.dq, out)
-    steps = [(robot.add(state.q, s * h * state.dq) - robot.add(state.q, -s * h * state.dq)) / (2 * s * h) for s in (1, 2)]
+    steps = [
+        (robot.add(state.q, s * h * state.dq) - robot.add(state.q, -s * h * state.dq)) / (2 * s * h) for s in (1, 2)
+    ]
     np.testing.assert_allclose(out, (4 * steps[0] - steps[1]) / 3, atol=1e-10)
     np.testing.assert_allclose(out, rates(robot, state.q, state.dq), atol=1e-14)
 
@@ -205,7 +209,7 @@ def test_rates_of_coordinates_are_those_of_the_motion(seed):
 @pytest.mark.parametrize("seed", [3, 5])
 def test_momentum_of_a_floating_robot_is_kept_to_rounding(method, seed):
     """The spatial momentum is what no force changes: Noether's theorem holds for the step, however long it is."""
-    robot = random_robot(seed, joints=4, floating_base=True).with_gravity([0, 0, 0])
+    robot = random_robot(seed, joints=3, floating_base=True).with_gravity([0, 0, 0])
     state = random_state(robot, seed)
     before = robot.momentum(state.q, state.dq)
     q, dq = run(robot, state, 1.0, 20, method)

@@ -86,9 +86,10 @@ if _typing.TYPE_CHECKING:
     from . import statics as statics
     from . import symbolic as symbolic
     from . import testing as testing
+    from . import trajectories as trajectories
     from . import viz as viz
 
-_LATER = ("modern_robotics", "sensing", "simulation", "statics", "symbolic", "testing", "viz")
+_LATER = ("modern_robotics", "sensing", "simulation", "statics", "symbolic", "testing", "trajectories", "viz")
 """Packages that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
 
 

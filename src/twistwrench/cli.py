@@ -23,6 +23,7 @@ from .shell import RobotOptions, bundled, plain_errors, robot_command
 from .simulation.command import simulate_options
 from .statics.command import payload_options
 from .symbolic.command import derive_options
+from .trajectories.command import move_options
 from .viz.command import plot_options, view_options
 
 if TYPE_CHECKING:
@@ -242,6 +243,28 @@ def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
 
     path = _motion_path(options, trajectory)
     answer_plot(options.load_and_locked, path, options.files, degrees=options.degrees, **given)
+
+
+@main.command()
+@move_options
+@robot_command
+def move(options: RobotOptions, **given: Any) -> None:
+    """A motion from one place to another: straight in the joints or at the tip, through waypoints, or as fast as can be.
+
+    Exit code 1 if the robot cannot follow the path, or the motion passes a limit.
+    """
+    from .outputs import check_outputs, picture_path
+    from .trajectories.command import answer_move
+
+    _check_extra(given["plot_path"])
+    if given["plot_path"] is not None:
+        given["plot_path"] = picture_path(given["plot_path"])
+    check_outputs(
+        {"--csv": given["csv_path"], "--plot": given["plot_path"]},
+        {"--limits": given["limits_path"], "--waypoints": given["waypoints"], **options.files},
+    )
+    if not answer_move(options.load(), _console().print, degrees=options.degrees, **given):
+        sys.exit(_FOUND_A_PROBLEM)
 
 
 @main.command()

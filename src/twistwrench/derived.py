@@ -97,7 +97,8 @@ class Derivative:
         owner = next((e.trace for e in symbols), None) or Trace()
         results = [np.asarray(result, object) for result in results]
         flat = [owner.lift(e) for result in results for e in result.reshape(-1)]
-        weights = [e for name, x in more.items() if name.startswith("weight on ") for e in np.reshape(x, -1)]
+        given = [x for name, x in more.items() if name.startswith("weight on ")]
+        weights = [e for x in given for e in np.reshape(x, -1)] if given else [1.0]
         direction = [e for name, x in more.items() if name.startswith("along ") for e in np.reshape(x, -1)]
         self._check_size(what, flat, joined)
         if self.form == "along":
@@ -116,7 +117,7 @@ class Derivative:
                 parts = np.split(rows, np.cumsum(sizes)[:-1], axis=1)
                 found += [part.reshape((*result.shape, *charts[n].shape)) for n, part in zip(self.by, parts, strict=True)]
         else:
-            total = differentiate.gradient(flat, weights or [1.0], joined.known, sum(sizes))
+            total = differentiate.gradient(flat, weights, joined.known, sum(sizes))
             if self.form == "hessian_along":
                 total = _hessian_along(total, joined, direction)
             parts = np.split(total, np.cumsum(sizes)[:-1])
@@ -158,7 +159,7 @@ class Chart:
             return cls(np.shape(x), {e: {k: e.trace.one} for k, e in enumerate(np.reshape(x, -1))})
         known: dict[Expr, dict[int, Expr]] = {}
         for part, slope in moving_parts(model, x):
-            for e, row in zip(part.reshape(-1), slope.reshape(-1, model.nv), strict=True):
+            for e, row in zip(part.reshape(-1), slope.reshape(part.size, model.nv), strict=True):
                 slopes = {k: e.trace.lift(d) for k, d in enumerate(row)}
                 known[e] = {k: d for k, d in slopes.items() if d is not e.trace.zero}
                 if e.op == "sub":  # the trace turns its operands round to negate it
@@ -194,7 +195,7 @@ def _hessian(J: Array, chart: Chart) -> Array:
         unit = [float(k == b) for k in range(n)]
         slopes = _filled((rows, b + 1), _along(J[:, : b + 1], chart, unit))
         for a in range(b + 1):
-            turned = 0.0 if chart.brackets is None else 0.5 * (J @ chart.brackets[a, b].astype(object))
+            turned = 0.0 if chart.brackets is None else 0.5 * (J @ chart.brackets[b, a].astype(object))
             H[:, a, b] = H[:, b, a] = slopes[:, a] + turned
     return H
 

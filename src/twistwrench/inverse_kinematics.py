@@ -102,7 +102,9 @@ def solve(
     if not all(0 < x < np.inf for x in allowed):
         raise ValueRangeError(f"angle={angle!r}, distance={distance!r}: give what may be left, finite and above 0.")
     if robot.nv == 0:
-        raise ValueRangeError(f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints.")
+        raise ValueRangeError(
+            f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints."
+        )
     search = _Search(robot, frame, chosen, allowed[0], allowed[1])
     shape = target.shape[:-2]
     if q0 is None:
@@ -182,7 +184,9 @@ class _Search:
         """The twists left."""
         return twist_left(np.asarray(self.robot.forward_kinematics(q, self.frame), float), target, self.chosen)
 
-    def best(self, target: Array, q: Array, restarts: int, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+    def best(
+        self, target: Array, q: Array, restarts: int, rng: np.random.Generator
+    ) -> tuple[Array, Array, Array, Array]:
         """The best configurations, the twists they leave, the joints held, and how many starts it took."""
         n, nv = len(target), self.robot.nv
         best = np.full((n, self.robot.nq), np.nan)

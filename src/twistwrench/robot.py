@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from .cuda import CudaRobot
     from .explanation import Explanation
     from .export.request import Quantities
+    from .inverse_kinematics import InverseKinematics
     from .simulation import SimulationResult
 
 Array = NDArray[Any]
@@ -589,6 +590,26 @@ class Robot:
         ``"world_aligned"``.
         """
         return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind, out=out)
+
+    def inverse_kinematics(
+        self, T: ArrayLike, frame: str | None = None, q0: ArrayLike | None = None, **options: Any
+    ) -> InverseKinematics:
+        """Configurations at which a frame (None: the tip) has the pose T, inside the joints' limits; (4, 4), (nq) → (nq).
+
+        Newton's method from ``q0`` (None: neutral), damped, and from random places where that fails. Options: ``rows``
+        (``"vx vy vz"``: position only), ``restarts``, ``rng``, ``angle`` and ``distance``, the tolerances. The result says
+        which poses were reached, what is left, and why; nothing else counts as reached. Any batch of T and q0. MR section 6.2.
+        Raises ShapeError, ValueRangeError, FrameError, UnknownNameError.
+
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.ur5()
+        >>> found = arm.inverse_kinematics(arm.forward_kinematics([0.1, -1, 1, 0.2, 0.3, 0]))
+        >>> bool(found.converged), found.q.shape
+        (True, (6,))
+        """
+        from .inverse_kinematics import solve
+
+        return solve(self, T, frame, q0, **options)
 
     # ── dynamics ──
 
@@ -1245,7 +1266,7 @@ def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeE
     if dtype.kind == "f":
         what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
         return ShapeError(f"{name}: {label} {what}np.asarray({label}, float).")
-    hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype == object else ""
+    hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype.kind == "O" else ""
     return ShapeError(f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}")
 
 

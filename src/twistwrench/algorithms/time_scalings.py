@@ -13,12 +13,10 @@ from ..lie import checks
 
 Array = NDArray[Any]
 
-__all__ = ["CUBIC", "QUINTIC", "Polynomial", "Trapezoid", "cubic", "quintic", "trapezoid", "uniform"]
+__all__ = ["Polynomial", "Trapezoid", "cubic", "cubic_share", "quintic", "quintic_share", "trapezoid", "uniform"]
 
-CUBIC = (0.0, 0.0, 3.0, -2.0)
-"""s = 3 x² - 2 x³ of x = t / T: MR eq. 9.10."""
-QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
-"""s = 10 x³ - 15 x⁴ + 6 x⁵: accelerations are zero at both ends too. MR section 9.2.2.1."""
+_CUBIC = (0.0, 0.0, 3.0, -2.0)
+_QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
 _UNIFORM = (0.0, 1.0)
 
 
@@ -46,6 +44,16 @@ class Polynomial:
         return Polynomial(self.name, _positive(duration, "duration"), self.coefficients)
 
 
+def cubic_share(x: Any) -> Any:
+    """3 x² - 2 x³ of the share x = t/T of the time; a number or an array. MR eq. 9.10."""
+    return x * x * (3.0 - 2.0 * x)
+
+
+def quintic_share(x: Any) -> Any:
+    """10 x³ - 15 x⁴ + 6 x⁵ of the share x = t/T of the time; a number or an array. MR section 9.2.1."""
+    return x * x * x * (10.0 + x * (6.0 * x - 15.0))
+
+
 def cubic(duration: float) -> Polynomial:
     """s = 3 (t/T)² - 2 (t/T)³: velocities are zero at both ends. MR eq. 9.10. Raises ValueRangeError unless T > 0.
 
@@ -53,7 +61,7 @@ def cubic(duration: float) -> Polynomial:
     >>> round(float(s), 12), round(float(ds), 12), round(float(dds), 12)
     (0.216, 0.63, 0.6)
     """
-    return Polynomial("cubic", _positive(duration, "duration"), CUBIC)
+    return Polynomial("cubic", _positive(duration, "duration"), _CUBIC)
 
 
 def quintic(duration: float) -> Polynomial:
@@ -63,7 +71,7 @@ def quintic(duration: float) -> Polynomial:
     >>> float(s), float(ds), float(dds)
     (0.5, 0.9375, 0.0)
     """
-    return Polynomial("quintic", _positive(duration, "duration"), QUINTIC)
+    return Polynomial("quintic", _positive(duration, "duration"), _QUINTIC)
 
 
 def uniform(duration: float) -> Polynomial:

@@ -21,7 +21,7 @@ _ADVICE = (
     "robot.cuda.source(…) gives the CUDA text on any machine."
 )
 
-_INVALID_VALUE, _NO_DEVICE = 1, 100
+_INVALID_VALUE, _NO_DEVICE, _INVALID_CONTEXT = 1, 100, 201
 _DEVICE_ORDINAL = 9
 """CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL."""
 
@@ -46,7 +46,11 @@ class Driver:
     def device_of(self, address: int) -> int | None:
         """The device whose memory it is; None of memory that is not a device's."""
         found = ctypes.c_int()
-        code = self._library.cuPointerGetAttribute(ctypes.byref(found), _DEVICE_ORDINAL, ctypes.c_void_p(address))
+        asked = ctypes.byref(found), _DEVICE_ORDINAL, ctypes.c_void_p(address)
+        code = self._library.cuPointerGetAttribute(*asked)
+        if code == _INVALID_CONTEXT:  # a thread that has none yet
+            with self.context(0):
+                code = self._library.cuPointerGetAttribute(*asked)
         if code == _INVALID_VALUE:
             return None
         self._check("cuPointerGetAttribute", code)

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..algorithms.pose_paths import PosePath
+from ..algorithms.time_scalings import cubic_share, quintic_share
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks, se3, so3
+from ..lie import checks, se3
 from . import door
 from .rigid_motion import log6
 
@@ -23,8 +25,7 @@ def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
     >>> round(float(CubicTimeScaling(2, 0.6)), 12)
     0.216
     """
-    x = _fraction(Tf, t)
-    return x * x * (3.0 - 2.0 * x)
+    return cubic_share(_fraction(Tf, t))
 
 
 def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
@@ -33,8 +34,7 @@ def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
     >>> round(float(QuinticTimeScaling(2, 0.6)), 12)
     0.16308
     """
-    x = _fraction(Tf, t)
-    return x * x * x * (10.0 + x * (6.0 * x - 15.0))
+    return quintic_share(_fraction(Tf, t))
 
 
 def _fraction(Tf: Any, t: Any) -> Any:
@@ -70,7 +70,7 @@ def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, met
     """
     X, end = _ends(Xstart, Xend)
     V = log6(se3.inverse(X) @ end)
-    return list(X @ se3.exp(_scaling(Tf, N, method)[:, None] * V))
+    return list(PosePath(X, end, straight=False, twist=V)(_scaling(Tf, N, method)))
 
 
 def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
@@ -81,10 +81,9 @@ def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float,
     [0.318309886, 0.318309886, 0.0]
     """
     X, end = _ends(Xstart, Xend)
-    s = _scaling(Tf, N, method)[:, None]
     still = se3.pose(np.swapaxes(X[:3, :3], -1, -2) @ end[:3, :3], np.zeros(3))
-    R = X[:3, :3] @ so3.exp(s * log6(still)[:3])
-    return list(se3.pose(R, s * end[:3, 3] + (1.0 - s) * X[:3, 3]))
+    twist = np.concatenate([log6(still)[:3], end[:3, 3] - X[:3, 3]])
+    return list(PosePath(X, end, straight=True, twist=twist)(_scaling(Tf, N, method)))
 
 
 def _ends(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:

@@ -6,20 +6,26 @@ reassociate constants (``2 * (3 * x)`` is ``6 * x``) but never drops a term that
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import KernelError
 from .expr import Expr
 from .program import Port, Program
 from .schedule import build
 
 Array = NDArray[Any]
 
-__all__ = ["Trace", "trace"]
+__all__ = ["LARGEST", "Trace", "trace"]
+
+LARGEST = 2_000_000
+"""Expressions a trace may have: each takes half a kilobyte until the program is made of them, so a gigabyte is the most."""
 
 
 class Trace:
@@ -36,8 +42,17 @@ class Trace:
         if found is None:
             if (a is not None and a.trace is not self) or (b is not None and b.trace is not self):
                 raise ValueError("an expression of another trace was mixed in.")
+            if len(self._table) >= LARGEST:
+                raise KernelError(
+                    f"this takes more than {LARGEST:,} operations a state, too many for a program without loops. "
+                    "robot.reference evaluates one state by the algorithm itself; a robot with some joints locked has less."
+                )
             found = self._table[key] = Expr(self, op, a, b, value, len(self._table))
         return found
+
+    def forget(self) -> None:
+        """Let go of all expressions: they hold this trace, and a ring of millions waits long for Python's collector."""
+        self._table.clear()
 
     def constant(self, value: float) -> Expr:
         """A constant; -0.0 is 0.0."""
@@ -199,8 +214,24 @@ def trace(
         arguments.append(array if shape else array[()])
         ports.append(Port(name, shape))
         number += math.prod(shape)
-    returned = function(*arguments)
-    arrays = [np.asarray(r, object) for r in (returned if isinstance(returned, tuple) else (returned,))]
-    results = [owner.lift(x) for array in arrays for x in array.reshape(-1)]
-    out_ports = tuple(Port(name, array.shape) for name, array in zip(outputs, arrays, strict=True))
-    return build(results, tuple(ports), out_ports)
+    try:
+        with _uncollected():
+            returned = function(*arguments)
+            arrays = [np.asarray(r, object) for r in (returned if isinstance(returned, tuple) else (returned,))]
+            results = [owner.lift(x) for array in arrays for x in array.reshape(-1)]
+            out_ports = tuple(Port(name, array.shape) for name, array in zip(outputs, arrays, strict=True))
+            return build(results, tuple(ports), out_ports)
+    finally:
+        owner.forget()
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without Python's collector of rings: there are none among expressions, and looking for them takes a quarter of the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

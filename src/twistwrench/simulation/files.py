@@ -93,7 +93,7 @@ def read(path: str | Path) -> SimulationResult:
 
 
 def _read_npz(path: Path) -> SimulationResult:
-    with np.load(path, allow_pickle=False) as archive:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         if "format" not in archive or str(archive["format"]) != _MARK:
             raise TrajectoryError(f"{path}: an archive of NumPy, but not of a simulation.")
         arrays = {name: archive[name] for name in _ARRAYS}
@@ -110,7 +110,10 @@ def _read_csv(path: Path) -> SimulationResult:
             )
         said = json.loads(file.readline()[1:])
         file.readline()
-        table = np.loadtxt(file, delimiter=",", comments=None, ndmin=2)
+        rows = file.readlines()
+    if not rows or not rows[-1].endswith("\n"):
+        raise TrajectoryError(f"{path}: the file is cut short. Write it again, whole.")
+    table = np.loadtxt(rows, delimiter=",", comments=None, ndmin=2)
     nq, nv = len(said["coordinate_names"]), len(said["velocity_names"])
     sizes = [1, nq, nv, nv, nv, 1, 1, *([1] * len(WORKS)), 6]
     if table.shape[1] != sum(sizes):

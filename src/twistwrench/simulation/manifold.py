@@ -11,7 +11,7 @@ every method has its full order. Source: Hairer, Lubich and Wanner, Geometric Nu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, sin, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ class Manifold:
             return
         out[self.places[0]] = dq[self.places[1]]
         for i, k in self.planar:
-            c, s, (w, vx, vy) = cos(q[i + 2]), sin(q[i + 2]), dq[k : k + 3].tolist()
+            c, s, (w, vx, vy) = np.cos(q[i + 2]), np.sin(q[i + 2]), dq[k : k + 3].tolist()
             out[i : i + 3] = c * vx - s * vy, s * vx + c * vy, w
         for i, k in self.floating:
             a, b, c, d = q[i : i + 4].tolist()
@@ -90,15 +90,15 @@ class Manifold:
         found[self.places[0]] += dv[self.places[1]]
         for i, k in self.planar:
             (x, y, theta), (w, vx, vy) = q[i : i + 3].tolist(), dv[k : k + 3].tolist()
-            half = sin(0.5 * w) / (0.5 * w) if w else 1.0
-            a, b = (sin(w) / w if w else 1.0), 0.5 * w * half * half  # sin(w)/w and (1 - cos w)/w
-            c, s, dx, dy = cos(theta), sin(theta), a * vx - b * vy, b * vx + a * vy
+            half = np.sin(0.5 * w) / (0.5 * w) if w else 1.0
+            a, b = (np.sin(w) / w if w else 1.0), 0.5 * w * half * half  # sin(w)/w and (1 - cos w)/w
+            c, s, dx, dy = np.cos(theta), np.sin(theta), a * vx - b * vy, b * vx + a * vy
             found[i : i + 3] = x + c * dx - s * dy, y + s * dx + c * dy, theta + w
         for i, k in self.floating:
             (a, b, c, d, *place), V = q[i : i + 7].tolist(), dv[k : k + 6].tolist()
             w, v = (V[0], V[1], V[2]), (V[3], V[4], V[5])
             angle = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-            half = sin(0.5 * angle) / angle if angle else 0.5
+            half = np.sin(0.5 * angle) / angle if angle else 0.5
             third = float(series.theta_minus_sin_over_cube(angle))
             wv = _cross(w, v)  # the left Jacobian of the turn, applied to v
             slide = [u + 2.0 * half * half * x + third * y for u, x, y in zip(v, wv, _cross(w, wv), strict=True)]
@@ -106,7 +106,7 @@ class Manifold:
             a, e = n * a, (n * b, n * c, n * d)
             ev = _cross(e, (slide[0], slide[1], slide[2]))
             eev = _cross(e, ev)
-            e0, (x, y, z) = cos(0.5 * angle), (half * w[0], half * w[1], half * w[2])
+            e0, (x, y, z) = np.cos(0.5 * angle), (half * w[0], half * w[1], half * w[2])
             b, c, d = e
             found[i : i + 7] = (
                 a * e0 - b * x - c * y - d * z,

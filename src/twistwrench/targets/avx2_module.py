@@ -13,7 +13,8 @@ from .frame import Frame
 from .loop import loop
 from .machine import Machine, Precision
 from .registers import ARRAYS_IN_REGISTERS, allocated
-from .sections import frame_to_rows, preparation
+from .rows import RowStorer
+from .sections import frame_to_rows, preparation, zero_tiles
 from .sincos import wrapper
 from .writer import Writer
 
@@ -22,6 +23,11 @@ __all__ = ["module", "serves"]
 WIDE = 100
 """With more entries of results than this, the code leaves them in the frame, and a loop makes rows of them, tile by tile:
 straight-line code for the tiles would be longer than the first cache, and stores to few lines at a time are faster."""
+
+MOST_IN_GROUP, FRAMES = 8, 200_000
+"""Code in several parts does not fit the first cache: blocks take turns in a part, as long as their frames fit the second."""
+
+UNLIKELY = '!prof !{!"branch_weights", i32 1, i32 100000}'
 
 
 def serves(program: Program, machine: Machine) -> bool:
@@ -58,28 +64,37 @@ def module(program: Program, precision: Precision, machine: Machine, name: str) 
     columns, frame = _angle_columns(program), Frame(program, len(program.instructions))
     code = Selection(program, precision, packed=packed).code
     checked = {k: program.inputs[k].size for k in columns}
-    lines, vectors = allocated(code, precision, checked, len(program.results) if packed else 0, _prefix(machine))
-    w = Writer(precision, lanes)
-    _block(w, program, columns, packed)
-    arrays = len(program.inputs) + len(program.outputs)
-    arguments = ", ".join(f"ptr noalias %a{k}" for k in range(arrays))
-    types = ", ".join(["ptr"] * (arrays + 1))
-    e = w.element
+    lines, parts, vectors = allocated(
+        code, precision, checked, len(program.results) if packed else 0, _prefix(machine)
+    )
+    size = max(vectors, 1) * lanes * precision.bytes
+    group = _group(parts, size)
+    arrays = [f"%a{k}" for k in range(len(program.inputs) + len(program.outputs))]
+    types = ", ".join(["ptr"] * (len(arrays) + 1))
+    made = _Blocks(program, precision, lanes, columns, parts, size, packed)
+    e = made.w.element
     return "\n".join(
         [
             *(f'module asm "{line}"' for line in lines),
             f"declare {e} @llvm.fabs.f{precision.bits}({e})",
             *(f"declare double @{f}({', '.join(['double'] * n)})" for f, n in (("sin", 1), ("cos", 1), ("atan2", 2))),
             "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
-            *(f"declare i32 @{f}({types})" for f in ("straight", "in_reach")),
+            f"declare i32 @look({types})",
+            *(f"declare void @part{k}({types})" for k in range(parts)),
             wrapper(precision, lanes),
-            preparation(frame.constants if packed else (), precision, machine),
-            f"define internal void @block({arguments}, ptr noalias %frame) noinline {{\nentry:",
-            *w.lines,
-            "  ret void\n}\n",
-            loop(name, program, precision, lanes, max(vectors, 1) * lanes * precision.bytes),
+            preparation(frame.constants if packed else (), precision, machine, "prepare_one"),
+            made.prepare(group),
+            made.rows(frame),
+            made.one(),
+            made.several(group) if group > 1 else "",
+            loop(name, program, precision, lanes, size * group, group),
         ]
     )
+
+
+def _group(parts: int, frame: int) -> int:
+    """Blocks that take turns in one part before the next: as many as have their frames in the second cache."""
+    return 1 if parts == 1 else max(1, min(MOST_IN_GROUP, FRAMES // frame))
 
 
 def _angle_columns(program: Program) -> dict[int, list[int]]:
@@ -93,30 +108,109 @@ def _angle_columns(program: Program) -> dict[int, list[int]]:
     return columns
 
 
-def _block(w: Writer, program: Program, columns: dict[int, list[int]], packed: bool) -> None:
-    """Call the straight code; if an angle is huge, on a copy whose huge angles are replaced. Then rows, where that is left."""
-    inputs = len(program.inputs)
-    places = [f"%a{k}" for k in range(inputs + len(program.outputs))]
-    label = "entry"
-    if columns:
-        huge = w.new(f"icmp ne i32 {_call(w, 'straight', places)}, 0")
-        w.do(f'br i1 {huge}, label %far, label %near, !prof !{{!"branch_weights", i32 1, i32 100000}}')
-        w.begin("far")
-        replaced = [_in_reach(w, p, program.inputs[k].size, columns[k]) if k in columns else p for k, p in enumerate(places)]
-        _call(w, "in_reach", replaced)
-        w.do("br label %near")
-        w.begin("near")
-        label = "near"
-    else:
-        _call(w, "in_reach", places)
-    entry = 0
-    for k, port in enumerate(program.outputs if packed else (), start=inputs):
-        label = frame_to_rows(w, places[k], port.size, entry, label)
-        entry += port.size
+class _Blocks:
+    """The functions that call the parts: of one block, and of several whose parts take turns."""
+
+    def __init__(
+        self, program: Program, precision: Precision, lanes: int, columns: dict[int, list[int]], parts: int, frame: int,
+        packed: bool,
+    ) -> None:  # fmt: skip
+        self.program, self.columns, self.parts, self.frame, self.packed = program, columns, parts, frame, packed
+        self.precision, self.lanes = precision, lanes
+        self.ports = [*program.inputs, *program.outputs]
+        self.arrays = [f"%a{k}" for k in range(len(self.ports))]
+        self.w = Writer(precision, lanes)
+
+    def _defined(self, name: str) -> str:
+        arguments = ", ".join(f"ptr noalias {a}" for a in self.arrays)
+        body = "\n".join(self.w.lines)
+        self.w = Writer(self.precision, self.lanes)
+        return f"define internal void @{name}({arguments}, ptr noalias %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+    def one(self) -> str:
+        """``@block``: if an angle is huge, on a copy whose huge angles are replaced."""
+        w = self.w
+        if self.columns:
+            w.do(f"br i1 {self._huge(self.arrays, '%frame')}, label %far, label %near, {UNLIKELY}")
+            w.begin("far")
+            places = [
+                _in_reach(w, a, port.size, self.columns[k]) if k in self.columns else a
+                for k, (a, port) in enumerate(zip(self.arrays, self.ports, strict=True))
+            ]
+            self._call_parts(places)
+            w.do("br label %made")
+            w.begin("near")
+            self._call_parts(self.arrays)
+            w.do("br label %made")
+            w.begin("made")
+        else:
+            self._call_parts(self.arrays)
+        self._call_rows(self.arrays, "%frame")
+        return self._defined("block")
+
+    def several(self, group: int) -> str:
+        """``@blocks``: part by part, each for all blocks; block by block where an angle of one is huge."""
+        w = self.w
+        moved = [self._moved(k) for k in range(group)]
+        if self.columns:
+            some = self._huge(*moved[0])
+            for places in moved[1:]:
+                some = w.new(f"or i1 {some}, {self._huge(*places)}")
+            w.do(f"br i1 {some}, label %far, label %near, {UNLIKELY}")
+            w.begin("far")
+            for arrays, frame in moved:
+                w.do(f"call void @block({_pointers([*arrays, frame])})")
+            w.do("ret void")
+            w.begin("near")
+        for k in range(self.parts):
+            for arrays, frame in moved:
+                w.do(f"call void @part{k}({_pointers([frame, *arrays])})")
+        for arrays, frame in moved:
+            self._call_rows(arrays, frame)
+        return self._defined("blocks")
+
+    def _moved(self, k: int) -> tuple[list[str], str]:
+        """The arrays and the frame of block k of a group."""
+        w = self.w
+        rows = k * w.lanes * w.precision.bytes
+        arrays = [w.at(a, port.size * rows) for a, port in zip(self.arrays, self.ports, strict=True)]
+        return arrays, w.at("%frame", k * self.frame)
+
+    def _huge(self, arrays: Sequence[str], frame: str) -> str:
+        return self.w.new(f"icmp ne i32 {self.w.new(f'call i32 @look({_pointers([frame, *arrays])})')}, 0")
+
+    def _call_parts(self, arrays: Sequence[str]) -> None:
+        for k in range(self.parts):
+            self.w.do(f"call void @part{k}({_pointers(['%frame', *arrays])})")
+
+    def _call_rows(self, arrays: Sequence[str], frame: str) -> None:
+        if self.packed:
+            self.w.do(f"call void @rows({_pointers([*arrays, frame])})")
+
+    def rows(self, frame: Frame) -> str:
+        """``@rows``: rows of the entries in the frame, where that is left."""
+        entry, label, tables = 0, "entry", []
+        for k, port in enumerate(self.program.outputs if self.packed else ()):
+            span = RowStorer(self.w, "", port.size).span
+            table = zero_tiles(f"zeros{k}", frame, port.size, entry, span)
+            tables.append(table)
+            array = self.arrays[len(self.program.inputs) + k]
+            label = frame_to_rows(self.w, array, port.size, entry, label, f"zeros{k}" if table else "")
+            entry += port.size
+        return "\n".join([*tables, self._defined("rows")])
+
+    def prepare(self, group: int) -> str:
+        """``@prepare``: every frame of a group."""
+        calls = [f"call void @prepare_one(ptr {self.w.at('%frame', k * self.frame)})" for k in range(group)]
+        for call in calls:
+            self.w.do(call)
+        body = "\n".join(self.w.lines)
+        self.w = Writer(self.precision, self.lanes)
+        return f"define internal void @prepare(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-def _call(w: Writer, name: str, places: Sequence[str]) -> str:
-    return w.new(f"call i32 @{name}({', '.join(f'ptr {p}' for p in ('%frame', *places))})")
+def _pointers(places: Sequence[str]) -> str:
+    return ", ".join(f"ptr {p}" for p in places)
 
 
 def _in_reach(w: Writer, source: str, size: int, columns: Sequence[int]) -> str:

@@ -40,6 +40,7 @@ _PRELUDE = """\
 #define TOGETHER __syncthreads()
 #define SINCOS(x, s, c) sincos{suffix}((x), (s), (c))
 #define UNROLLED _Pragma("unroll 16")
+#define INLINE static __device__ __forceinline__
 #else /* the same on a processor: block after block, and in each what stands between two TOGETHER thread after thread */
 #include <math.h>
 #define __global__
@@ -52,18 +53,19 @@ _PRELUDE = """\
 #define TOGETHER
 #define SINCOS(x, s, c) (*(s) = sin{suffix}(x), *(c) = cos{suffix}(x))
 #define UNROLLED
+#define INLINE static inline
 #endif
 """
 
 _PLACE = """\
 /* Where element i of rows of n elements lies in a tile: rows begin an odd number of elements apart, for the banks' sake. */
-template <unsigned n> static __device__ inline unsigned place(unsigned i) {{ return n % 2 ? i : i + i / n; }}
+template <unsigned n> INLINE unsigned place(unsigned i) {{ return n % 2 ? i : i + i / n; }}
 """
 
 _ROWS_IN = """\
 /* Rows of n elements, `step` elements apart, into a tile. */
 template <unsigned n>
-static __device__ inline void whole_rows_in(unsigned t, {real} *tile, const {real} *__restrict__ from)
+INLINE void whole_rows_in(unsigned t, {real} *tile, const {real} *__restrict__ from)
 {{
     UNROLLED
     for (unsigned k = 0; k < n; k++)
@@ -71,7 +73,7 @@ static __device__ inline void whole_rows_in(unsigned t, {real} *tile, const {rea
 }}
 
 template <unsigned n>
-static __device__ inline void rows_in(unsigned t, unsigned rows, {real} *tile, const {real} *__restrict__ from, long long step)
+INLINE void rows_in(unsigned t, unsigned rows, {real} *tile, const {real} *__restrict__ from, long long step)
 {{
     if (rows == THREADS && step == n)
         whole_rows_in<n>(t, tile, from);
@@ -84,7 +86,7 @@ static __device__ inline void rows_in(unsigned t, unsigned rows, {real} *tile, c
 _ROWS_OUT = """\
 /* Rows of n elements out of a tile, without gaps. */
 template <unsigned n>
-static __device__ inline void rows_out(unsigned t, unsigned rows, const {real} *tile, {real} *__restrict__ to)
+INLINE void rows_out(unsigned t, unsigned rows, const {real} *tile, {real} *__restrict__ to)
 {{
     if (rows == THREADS) {{
         UNROLLED
@@ -99,7 +101,7 @@ static __device__ inline void rows_out(unsigned t, unsigned rows, const {real} *
 _TABLE_OUT = """\
 /* The same where equal elements are kept once: element k of a row is number table[k] of what is kept, in rows `pitch` apart. */
 template <unsigned n, unsigned pitch>
-static __device__ inline void table_out(
+INLINE void table_out(
     unsigned t, unsigned rows, const {real} *tile, const unsigned short *table, {real} *__restrict__ to)
 {{
     for (unsigned i = t; i < rows * n; i += THREADS)
@@ -307,5 +309,5 @@ def _table(tile: Tile) -> str:
 
 
 def _function(name: str, parameters: Sequence[str], lines: Sequence[str]) -> str:
-    head = f"static __device__ inline void {name}(\n    {f',{chr(10)}    '.join(parameters)})"
+    head = f"INLINE void {name}(\n    {f',{chr(10)}    '.join(parameters)})"
     return "\n".join([head, "{", *lines, "}\n"])

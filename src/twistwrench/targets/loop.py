@@ -27,15 +27,16 @@ LINE = 64
 """Bytes of a cache line: buffers start with one."""
 
 
-def loop(name: str, program: Program, precision: Precision, lanes: int, frame: int = 0) -> str:
+def loop(name: str, program: Program, precision: Precision, lanes: int, frame: int = 0, group: int = 1) -> str:
     """Assembly of the loop function and its copying helpers.
 
-    With a ``frame`` of so many bytes, the block takes it as one more pointer, and ``@prepare`` fills it once a call.
+    With a ``frame`` of so many bytes, the block takes it as one more pointer, and ``@prepare`` fills it once a call. With a
+    ``group``, so many blocks of rows in place are one call of ``@blocks``.
     """
     ports = [*program.inputs, *program.outputs]
     w = Writer(precision, lanes)
     large = frame + sum(_buffer_size(w, port) for port in ports) > ON_STACK
-    _body(w, ports, len(program.inputs), frame, large)
+    _body(w, ports, len(program.inputs), frame, large, group)
     return "\n".join(
         [
             _copy("gather", precision, lanes, inward=True),
@@ -52,7 +53,7 @@ def _buffer_size(w: Writer, port: Port) -> int:
     return max(port.size, 1) * w.lanes * w.precision.bytes
 
 
-def _body(w: Writer, ports: list[Port], inputs: int, frame: int, large: bool) -> None:
+def _body(w: Writer, ports: list[Port], inputs: int, frame: int, large: bool, group: int) -> None:
     size = w.precision.bytes
     samples = w.new("load i64, ptr %dims, align 8")
     bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
@@ -81,11 +82,13 @@ def _body(w: Writer, ports: list[Port], inputs: int, frame: int, large: bool) ->
         every = w.new(f"and i1 {every}, {flag}")
     whole = w.new(f"sdiv i64 {samples}, {w.lanes}")
     quick = w.new(f"select i1 {every}, i64 {whole}, i64 0")
-    with w.loop(quick, start) as block:
-        pointers = [
-            w.at(bases[k], w.new(f"mul i64 {block}, {port.size * size * w.lanes}")) for k, port in enumerate(ports)
-        ]
-        _call(w, [*pointers, *further])
+    at, left = bases, quick
+    if group > 1:
+        groups = w.new(f"sdiv i64 {quick}, {group}")
+        start = _blocks_in_place(w, ports, bases, groups, start, further, group)
+        at = _moved(w, ports, bases, groups, group)
+        left = w.new(f"sub i64 {quick}, {w.new(f'mul i64 {groups}, {group}')}")
+    _blocks_in_place(w, ports, at, left, start, further)
     done = w.new(f"mul i64 {quick}, {w.lanes}")
     left = w.new(f"sub i64 {samples}, {done}")
     blocks = w.new(f"sdiv i64 {w.new(f'add i64 {left}, {w.lanes - 1}')}, {w.lanes}")
@@ -112,6 +115,21 @@ def _body(w: Writer, ports: list[Port], inputs: int, frame: int, large: bool) ->
                 _call_copy(w, "scatter", buffers[k], places[k], count, ports[k], step[k])
     if taken:
         w.do(f"call void @free(ptr {taken})")
+
+
+def _moved(w: Writer, ports: list[Port], bases: list[str], count: str, group: int) -> list[str]:
+    """Where the arrays go on after so many groups of blocks."""
+    rows = group * w.lanes * w.precision.bytes
+    return [w.at(base, w.new(f"mul i64 {count}, {port.size * rows}")) for base, port in zip(bases, ports, strict=True)]
+
+
+def _blocks_in_place(
+    w: Writer, ports: list[Port], bases: list[str], count: str, label: str, further: list[str], group: int = 1
+) -> str:
+    """Call so many blocks, or groups of them, on the arrays themselves; returns the label control is in afterwards."""
+    with w.loop(count, label) as k:
+        _call(w, [*_moved(w, ports, bases, k, group), *further], "block" if group == 1 else "blocks")
+    return w.after
 
 
 def _take(
@@ -143,8 +161,8 @@ def _is_direct(w: Writer, port: Port, outer: str, inner: list[str], size: int) -
     return same if flag == "true" else w.new(f"and i1 {flag}, {same}")
 
 
-def _call(w: Writer, pointers: list[str]) -> None:
-    w.do(f"call void @block({', '.join(f'ptr {p}' for p in pointers)})")
+def _call(w: Writer, pointers: list[str], name: str = "block") -> None:
+    w.do(f"call void @{name}({', '.join(f'ptr {p}' for p in pointers)})")
 
 
 def _call_copy(

@@ -7,7 +7,7 @@ any of the three, so it takes one that is not needed again; and a value that is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from .machine import Precision
@@ -21,6 +21,9 @@ CLEAN = 2
 """How much farther away the next use of a value counts that is in memory already: dropping it costs no store."""
 
 _FRAME = "rdi"
+PART = 1500
+"""Steps in a part, about: some 12 kB of code, of which the first cache holds two."""
+
 _ARGUMENTS = ("rsi", "rdx", "rcx", "r8", "r9")
 _SCRATCH = ("rax", "r10", "r11")
 
@@ -140,30 +143,39 @@ class Code:
                 self.steps.append(Step("number", str(k), -1, (part,), port, offset))
 
 
+class Assembled(NamedTuple):
+    """Lines of assembly with functions ``part0``, ``part1`` …, and ``look``; the vectors of the frame they take."""
+
+    lines: list[str]
+    parts: int
+    frame: int
+
+
 def allocated(
     code: Code, precision: Precision, angles: Mapping[int, int], entries: int, prefix: str
-) -> tuple[list[str], int]:
-    """The lines of two functions and of their constants, and the vectors of the frame they take before the arrays.
+) -> Assembled:
+    """The steps as functions of the frame and the arrays, to be called one after the other.
 
-    ``straight`` looks at the arrays with angles first, and gives 1 and does nothing where one is huge; ``in_reach`` does not
-    look. ``angles``: how many columns those arrays have; ``entries``: vectors of the frame that :meth:`Code.keep` writes.
+    ``look`` gives 1 where an angle is huge. ``angles``: how many columns the arrays with angles have; ``entries``: vectors of
+    the frame that :meth:`Code.keep` writes.
     """
-    a = _Allocation(code, _needed(code), entries)
+    steps = _needed(code)
+    parts = max(1, round(len(steps) / PART))
+    a = _Allocation(code, steps, entries, {len(steps) * k // parts for k in range(1, parts)})
     words = ".quad" if precision.bytes == 8 else ".long"
     constants = [f"{words} " + ", ".join([str(bits)] * (32 // precision.bytes)) for bits in a.constants]
-    lines = [
-        ".intel_syntax noprefix", ".text", ".p2align 5", f"{prefix}straight:", *_look(precision, angles),
-        f"{prefix}in_reach:", *a.body, "vzeroupper", "xor eax, eax", "ret",
-        ".p2align 5", *_limits(precision), "twconst:", *constants, ".att_syntax",
-    ]  # fmt: skip
-    return lines, a.frame
+    lines = [".intel_syntax noprefix", ".text", ".p2align 5", *_look(precision, angles, prefix)]
+    for k, body in enumerate(a.parts):
+        lines += [".p2align 5", f"{prefix}part{k}:", *body, "vzeroupper", "ret"]
+    lines += [".p2align 5", *_limits(precision), "twconst:", *constants, ".att_syntax"]
+    return Assembled(lines, len(a.parts), a.frame)
 
 
-def _look(precision: Precision, angles: Mapping[int, int]) -> list[str]:
+def _look(precision: Precision, angles: Mapping[int, int], prefix: str) -> list[str]:
     """Give 1 if an angle is huge. The bits of sizes order like the sizes, and the upper 32 of them are enough."""
     if not angles:
         return []
-    lines, first = ["vmovdqa ymm1, ymmword ptr [rip + twsize]"], True
+    lines, first = [f"{prefix}look:", "vmovdqa ymm1, ymmword ptr [rip + twsize]"], True
     for port, columns in angles.items():
         base = _ARGUMENTS[port]
         for k in range(columns):
@@ -171,8 +183,8 @@ def _look(precision: Precision, angles: Mapping[int, int]) -> list[str]:
             lines += [] if first else ["vpmaxud ymm0, ymm0, ymm2"]
             first = False
     return [
-        *lines, "vpcmpgtd ymm0, ymm0, ymmword ptr [rip + twlimit]", "vptest ymm0, ymm0", "je twnear",
-        "vzeroupper", "mov eax, 1", "ret", "twnear:",
+        *lines, "vpcmpgtd ymm0, ymm0, ymmword ptr [rip + twlimit]", "xor eax, eax", "vptest ymm0, ymm0", "setne al",
+        "vzeroupper", "ret",
     ]  # fmt: skip
 
 
@@ -199,7 +211,7 @@ def _limits(precision: Precision) -> list[str]:
 class _Allocation:
     """One walk through the steps: what is in which register, what lies in which place of the frame."""
 
-    def __init__(self, code: Code, steps: list[Step], entries: int) -> None:
+    def __init__(self, code: Code, steps: list[Step], entries: int, cuts: Container[int]) -> None:
         self.suffix = code.suffix
         self.body: list[str] = []
         self.uses: dict[int, list[int]] = {}
@@ -227,10 +239,24 @@ class _Allocation:
             "single": self._load, "insert": self._insert, "high": self._insert, "lane": self._insert,
             "store": self._store, "upper": self._store, "number": self._store, "keep": self._keep,
         }  # fmt: skip
+        self.parts = [self.body]
         for self.now, step in enumerate(steps):
+            if self.now in cuts:
+                self._cut()
             self.handlers[step.kind](step)
             self.spare += self.left  # only now: what this step read from there it has read
             self.left.clear()
+
+    def _cut(self) -> None:
+        """Begin another part: what is still used goes to the frame, and no register holds anything."""
+        for r, value in self.holds.items():
+            self._save(value, r)
+        self.register.clear()
+        self.holds.clear()
+        self.free = list(range(REGISTERS))
+        self.pointers = dict(enumerate(_ARGUMENTS))
+        self.body = []
+        self.parts.append(self.body)
 
     # ── where values are ──
 

@@ -131,6 +131,11 @@ class RowStorer(_Rows):
                 part = w.shuffle(left[k], right[k], both)
                 w.do(f"store {tile} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
 
+    def clear(self) -> None:
+        """Store zeros where the first tile goes."""
+        for row in range(self.w.lanes):
+            self.w.do(f"store <{self.span} x {self.w.element}> zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")
+
     def _transposed(self, start: int) -> list[str]:
         return self.transpose([self._ready[start + k] for k in range(self.width)])
 

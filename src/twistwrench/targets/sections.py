@@ -21,13 +21,13 @@ from .writer import Writer
 
 __all__ = ["modules"]
 
-LONG = 20_000
+LONG = 2000
 """Programs beyond this many instructions are emitted in sections."""
 
-SECTION = 250
+SECTION = 400
 """Instructions in a section, about."""
 
-EACH = 40
+EACH = 25
 """Sections in a module."""
 
 
@@ -97,10 +97,10 @@ def _head(frame: Frame, precision: Precision, machine: Machine) -> str:
     )
 
 
-def frame_to_rows(w: Writer, base: str, columns: int, entry: int, label: str) -> str:
+def frame_to_rows(w: Writer, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
     """Make rows of the vectors from ``entry`` on: tiles in a loop, then the last, which ends with the row.
 
-    Takes the label control comes from and returns the one it is in afterwards.
+    Takes the label control comes from and returns the one it is in afterwards. ``zeros``: a table as :func:`zero_tiles` makes.
     """
     whole = RowStorer(w, base, columns)
     if not whole.starts:  # too narrow for tiles
@@ -109,12 +109,34 @@ def frame_to_rows(w: Writer, base: str, columns: int, entry: int, label: str) ->
         return label
     with w.loop(str(columns // whole.span), label) as tile:
         first = w.new(f"mul i64 {tile}, {whole.span}")
+        if zeros:
+            full, empty, stored = w.label("full"), w.label("empty"), w.label("stored")
+            nothing = w.new(f"load i1, ptr {w.at(f'@{zeros}', tile)}, align 1")
+            w.do(f"br i1 {nothing}, label %{empty}, label %{full}")
+            w.begin(empty)
+            storer = RowStorer(w, w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}")), columns)
+            storer.clear()
+            w.do(f"br label %{stored}")
+            w.begin(full)
         _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"))
+        if zeros:
+            w.do(f"br label %{stored}")
+            w.begin(stored)
     label = w.after
     if columns % whole.span:
         last = columns - whole.span
         _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"))
     return label
+
+
+def zero_tiles(name: str, frame: Frame, columns: int, entry: int, span: int) -> str:
+    """A table of which tiles of a row are all zeros; empty if none is."""
+    instructions, results = frame.program.instructions, frame.program.results[entry : entry + columns]
+    zero = [instructions[r].op == "const" and instructions[r].value == 0.0 for r in results]
+    tiles = [all(zero[k : k + span]) for k in range(0, columns - span + 1, span)]
+    if not any(tiles):
+        return ""
+    return f"@{name} = internal constant [{len(tiles)} x i8] [{', '.join(f'i8 {int(t)}' for t in tiles)}]"
 
 
 def _tile(w: Writer, base: str, columns: int, first: str, entry: str) -> None:
@@ -123,7 +145,9 @@ def _tile(w: Writer, base: str, columns: int, first: str, entry: str) -> None:
         storer.put(c, _load(w, w.new(f"add i64 {entry}, {c}")))
 
 
-def preparation(constants: Sequence[tuple[int, int, float]], precision: Precision, machine: Machine) -> str:
+def preparation(
+    constants: Sequence[tuple[int, int, float]], precision: Precision, machine: Machine, name: str = "prepare"
+) -> str:
     """Put constant entries of the results into the frame; the blocks of a call leave them alone."""
     w, label = _writer(precision, machine), "entry"
     for first, count, value in constants:
@@ -131,7 +155,7 @@ def preparation(constants: Sequence[tuple[int, int, float]], precision: Precisio
             _store(w, w.splat(value), w.new(f"add i64 {k}, {first}"))
         label = w.after
     body = "\n".join(w.lines)
-    return f"define internal void @prepare(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+    return f"define internal void @{name}(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
 # ── one section ──

@@ -1,0 +1,35 @@
+"""Motions: paths of joints and poses, time scalings, and the fastest timing of a path. Modern Robotics chapter 9."""
+
+from __future__ import annotations
+
+from ..algorithms.pose_paths import PosePath, screw_path, straight_path
+from ..algorithms.time_scalings import cubic, quintic, trapezoid, uniform
+from .cartesian import follow_poses
+from .fastest import Fastest, fastest
+from .limits import Bounds, Violation, bounds_of, violations
+from .paths import JointPath, joint_line, spline
+from .trajectory import Sampled, Trajectory, fitted, move
+
+__all__ = [
+    "Bounds",
+    "Fastest",
+    "JointPath",
+    "PosePath",
+    "Sampled",
+    "Trajectory",
+    "Violation",
+    "bounds_of",
+    "cubic",
+    "fastest",
+    "fitted",
+    "follow_poses",
+    "joint_line",
+    "move",
+    "quintic",
+    "screw_path",
+    "spline",
+    "straight_path",
+    "trapezoid",
+    "uniform",
+    "violations",
+]

@@ -23,7 +23,7 @@ __all__ = ["Cell", "try_cell"]
 STAGES = 5
 TOLERANCE = 2e-8
 """Part of a limit by which a piece may be off it, over or under."""
-_RATIO = 16.0
+_RATIO = 4.0
 """x may grow or shrink by no more within a piece, or the time along it would be hard to integrate."""
 
 
@@ -126,7 +126,12 @@ def _candidates(rows: PathRows, found: Rows, x: float, way: int, h: float) -> tu
     """For each row that bounds u on the right side throughout, u at the nodes (n, STAGES) with that row touched."""
     a = found.a[:STAGES]
     inner = np.sign(a[:-1])
-    sure = (inner == inner[0]).all(axis=0) & (inner[0] != 0) & ~rows.flat & (inner[0] * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
+    sure = (
+        (inner == inner[0]).all(axis=0)
+        & (inner[0] != 0)
+        & ~rows.flat
+        & (inner[0] * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
+    )
     k = np.flatnonzero(sure)
     if not len(k):
         return np.zeros((0, STAGES)), [], []

@@ -137,7 +137,7 @@ def _falls_away(rows: PathRows, s: Array) -> Array:
     """Whether, just before s (m,), the limit curve is steeper than the least acceleration there; not at breaks."""
     early = rows.at(s - _STEP)
     x = np.stack([rows.cap_of(rows.at(s)).x, rows.cap_of(early).x])
-    low = rows.accelerations(early, x[1])[0]
+    low = rows.accelerations(early, np.where(np.isfinite(x[1]), x[1], 0.0))[0]
     with np.errstate(invalid="ignore"):
         return np.isfinite(x).all(axis=0) & (2.0 * low * _STEP > (x[0] - x[1]))
 

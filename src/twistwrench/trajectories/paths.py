@@ -53,7 +53,11 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
 
     def line(s: Array) -> tuple[Array, Array, Array]:
         flat = np.broadcast_to(way, (*s.shape, robot.nv))
-        return robot.add(np.broadcast_to(q0, (*s.shape, robot.nq)), s[..., None] * flat), flat.copy(), np.zeros(flat.shape)
+        return (
+            robot.add(np.broadcast_to(q0, (*s.shape, robot.nq)), s[..., None] * flat),
+            flat.copy(),
+            np.zeros(flat.shape),
+        )
 
     return JointPath("joint line", line)
 
@@ -102,7 +106,9 @@ def spline(
     else:
         at = np.asarray(checks.finite(times, "times"), float)
         if at.shape != (len(points),) or not (np.diff(at) > 0).all():
-            raise ValueRangeError(f"times has shape {at.shape}: give {len(points)} rising times [s], one for each waypoint.")
+            raise ValueRangeError(
+                f"times has shape {at.shape}: give {len(points)} rising times [s], one for each waypoint."
+            )
         T = at[-1] - at[0]
         knots = (at - at[0]) / T
         knots[-1] = 1.0

@@ -197,7 +197,9 @@ class PathRows:
 
     def require_standing(self) -> None:
         """Raise PathError where the robot cannot stand still on the path: then it may be unable to follow it at all."""
-        s = np.unique(np.concatenate([self.grid, np.clip(self.breaks + 1e-12, 0, 1), np.clip(self.breaks - 1e-12, 0, 1)]))
+        s = np.unique(
+            np.concatenate([self.grid, np.clip(self.breaks + 1e-12, 0, 1), np.clip(self.breaks - 1e-12, 0, 1)])
+        )
         c = np.abs(self.at(s).c)
         share = np.divide(c, self.L, out=np.zeros_like(c), where=self.L > 0)
         share[(self.L == 0) & (c > 0)] = np.inf

@@ -6,14 +6,16 @@ from .live import LiveView
 from .motion import Motion, motion_of, read_motion
 from .movie import film, movie
 from .page import write_page
-from .plots import plot_phase, plot_power, plot_split
+from .plots import Energies, energies, plot_phase, plot_power, plot_split
 from .scene import Scene, Shape, scene_of
 
 __all__ = [
+    "Energies",
     "LiveView",
     "Motion",
     "Scene",
     "Shape",
+    "energies",
     "film",
     "motion_of",
     "movie",

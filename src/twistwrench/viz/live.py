@@ -205,7 +205,7 @@ class LiveView:
         gui = self.server.gui
         with gui.add_folder("Motion"):
             begin, end = float(motion.time[0]), float(motion.time[-1])
-            self.time_slider = gui.add_slider(
+            self.time_slider: Any = gui.add_slider(
                 "Time [s]", begin, max(end, begin + 1e-3), (end - begin) / 1000 or 1e-3, begin
             )
             self.play_button = gui.add_button("Play")

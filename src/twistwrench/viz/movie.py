@@ -142,7 +142,7 @@ def _painter(scene: Scene, motion: Motion, moments: Array) -> Painter:
     some = [motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]]
     bounds = np.stack([scene.bounds(q) for q in some])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    size = float(max(scene.size, np.linalg.norm(high - low)))
+    size = max(scene.size, float(np.linalg.norm(high - low)))
     return Painter(scene, Camera((low + high) / 2, 2.6 * size), float(low[2]))
 
 

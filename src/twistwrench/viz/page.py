@@ -223,7 +223,7 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: Motion | None) ->
         "surfaces": surfaces,
         "shapes": shapes,
         "dressed": scene.dressed,
-        "size": float(max(scene.size, 0.75 * np.linalg.norm(high - low))),
+        "size": max(scene.size, 0.75 * float(np.linalg.norm(high - low))),
         "floor": float(low[2]),
         "target": ((low + high) / 2).tolist(),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["PICTURES", "plot_phase", "plot_power", "plot_split"]
+__all__ = ["PICTURES", "Energies", "energies", "plot_phase", "plot_power", "plot_split"]
 
 _TERMS = {
     "inertia": ("inertia, M ddq", BLUE),
@@ -51,6 +51,40 @@ _TERMS = {
 }
 _LINES = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE, GREY)
 _ZERO = 1e-9
+
+
+class Energies(NamedTuple):
+    """Where the energy of a motion comes from and goes, over its time; all but ``power`` are (n,) J, since its beginning."""
+
+    power: Array
+    """(n, nv) τ dq of each joint [W]."""
+    work: Array
+    """Of the joints."""
+    friction: Array
+    """Lost to it."""
+    wrenches: Array
+    """Work of the wrenches on the robot."""
+    springs: Array
+    """Stored in them; part of the potential energy."""
+    kinetic: Array
+    """As it is, not since the beginning."""
+    potential: Array
+    """As it is, not since the beginning."""
+
+
+def energies(motion: Motion) -> Energies:
+    """Work and energies of a motion: work - friction + wrenches is what kinetic and potential energy gain.
+
+    Works are integrals by the trapezoidal rule over the samples kept.
+    """
+    robot, t, dq = motion.load.loaded, motion.time, motion.dq
+    terms = motion.load.terms(motion.states)
+    power = motion.torques * dq
+    friction, wrenches, springs = (
+        _work(t, sign * (terms[name] * dq).sum(axis=1)) for name, sign in (("friction", 1), ("wrench", -1), ("spring", 1))
+    )
+    kinetic, potential = np.asarray(robot.kinetic_energy(motion.q, dq)), np.asarray(robot.potential_energy(motion.q))
+    return Energies(power, _work(t, power.sum(axis=1)), friction, wrenches, springs, kinetic, potential)
 
 
 def plot_split(motion: Motion, path: str | Path, joints: Sequence[str] = ()) -> Path:
@@ -99,13 +133,8 @@ def plot_power(motion: Motion, path: str | Path) -> Path:
     Work of the joints, less what friction takes and the wrenches' part, is what kinetic and potential energy gain. Raises as
     :func:`plot_split` does.
     """
-    robot, t = motion.load.loaded, motion.time
-    power = motion.torques * motion.dq
-    kinetic = np.asarray(robot.kinetic_energy(motion.q, motion.dq))
-    potential = np.asarray(robot.potential_energy(motion.q))
-    terms = motion.load.terms(motion.states)
-    friction, springs = (_work(t, (terms[name] * motion.dq).sum(axis=1)) for name in ("friction", "spring"))
-    work, wrenches = _work(t, power.sum(axis=1)), _work(t, -(terms["wrench"] * motion.dq).sum(axis=1))
+    robot, t, e = motion.load.loaded, motion.time, energies(motion)
+    power = e.power
     with figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing (plot)") as drawn:
         upper, lower = drawn.subplots(2, 1, sharex=True)
         most = np.argsort(-np.abs(power).max(axis=0), kind="stable")[: len(_LINES)]
@@ -117,16 +146,16 @@ def plot_power(motion: Motion, path: str | Path) -> Path:
         highest = float(power.sum(axis=1).max(initial=0.0))
         upper.set_title("Power of the joints, τ dq", loc="left", fontweight="bold")
         upper.set_title(f"most together {highest:.3g} W", loc="right", color=QUIET, fontsize=SMALL)
-        lower.fill_between(t, kinetic, color=SKY, alpha=0.5, linewidth=0, label="kinetic energy")
-        lower.plot(t, potential - potential[0], color=ORANGE, label="potential energy gained")
-        lower.plot(t, kinetic + potential - potential[0] - kinetic[0], color=INK, linewidth=1.6, label="both gained")
-        lower.plot(t, work, color=VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
+        lower.fill_between(t, e.kinetic, color=SKY, alpha=0.5, linewidth=0, label="kinetic energy")
+        lower.plot(t, e.potential - e.potential[0], color=ORANGE, label="potential energy gained")
+        lower.plot(t, e.kinetic + e.potential - e.kinetic[0] - e.potential[0], color=INK, linewidth=1.6, label="both gained")
+        lower.plot(t, e.work, color=VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
         for x, colour, label in (
-            (friction, GREY, "lost to friction"),
-            (springs, GREEN, "of it in springs"),
-            (wrenches, PURPLE, "work of the wrenches"),
+            (e.friction, GREY, "lost to friction"),
+            (e.springs, GREEN, "of it in springs"),
+            (e.wrenches, PURPLE, "work of the wrenches"),
         ):
-            if np.abs(x).max(initial=0.0) > _ZERO * max(1.0, float(np.abs(work).max(initial=0.0))):
+            if np.abs(x).max(initial=0.0) > _ZERO * max(1.0, float(np.abs(e.work).max(initial=0.0))):
                 lower.plot(t, x, color=colour, label=label)
         lower.axhline(0, color=AXIS, linewidth=0.7)
         lower.set_ylabel("energy [J]")
@@ -141,7 +170,8 @@ def plot_power(motion: Motion, path: str | Path) -> Path:
 def plot_phase(motion: Motion, path: str | Path, joints: Sequence[str] = ()) -> Path:
     """Draw velocity over position of each joint (or of the named ones) to ``path``.
 
-    Coloured by the torque's share of its limit; limits of position and velocity are dashed where the motion comes near them. Raises as :func:`plot_split` does.
+    Coloured by the torque's share of its limit; limits of position and velocity are dashed where the motion comes near them.
+    Raises as :func:`plot_split` does.
     """
     require_matplotlib("Drawing (plot)")
     from matplotlib.collections import LineCollection

@@ -146,7 +146,7 @@ def cylinder(radius: float, length: float, *, round_ends: bool = False) -> Surfa
         return revolved([(0, -h), (radius, -h), (radius, h), (0, h)])
     up = np.linspace(0, np.pi / 2, 7)
     cap = np.stack([radius * np.cos(up), radius * np.sin(up)], axis=1)
-    return revolved(np.concatenate([(cap * [1, -1])[::-1] - [0, h], cap + [0, h]]))
+    return revolved(np.concatenate([(cap * [1, -1])[::-1] - [0, h], cap + np.array([0, h])]))
 
 
 def box(size: ArrayLike) -> Surface:
@@ -197,7 +197,7 @@ def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
 
 def _merged(surface: Surface) -> Surface:
     """Files repeat a vertex in every face, and in every smoothing group; here it is one. NaN goes, faces and all."""
-    finite: Array = np.isfinite(surface.vertices).all(axis=1)
+    finite = np.asarray(np.isfinite(surface.vertices).all(axis=1))
     faces = surface.faces[finite[surface.faces].all(axis=1)]
     size = float(np.ptp(surface.vertices[finite], axis=0).max(initial=0.0)) or 1.0
     grid = np.round(np.where(finite[:, None], surface.vertices, 0.0) / (1e-7 * size)).astype(np.int64)

@@ -1,0 +1,150 @@
+"""Paths of poses turned into paths of the joints: inverse kinematics from place to place, on one branch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import PathError, ValueRangeError
+from ..inverse_kinematics import twist_left
+from ..lie import checks
+from .paths import JointPath, configurations, one_degree_joints
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["follow_poses"]
+
+_FIRST, _MOST = 64, 4096
+_ARRIVED = 1e-11
+_NEWTON = 12
+_JUMP = 0.5
+"""rad or m: what a joint may move from one place to the next when the places are as close as they get."""
+
+
+def follow_poses(
+    robot: Robot,
+    poses: Callable[[Array], Array],
+    q0: ArrayLike,
+    frame: str | None = None,
+    *,
+    tolerance: float = 1e-6,
+) -> JointPath:
+    """The joints' path that moves a frame along T(s), from ``q0`` (nq,) where it has the pose T(0), on q0's branch.
+
+    ``poses`` maps s (m,) from 0 to 1 to (m, 4, 4), as those of :func:`screw_path` and :func:`straight_path`. Each place
+    starts from the one before, by least motion where joints are redundant; between places a spline, with places so close
+    that the frame is off by at most ``tolerance`` [m, rad]. Raises PathError, which says at which s the robot cannot go on and
+    why (singular, a limit, out of reach, a jump) and keeps the path until there as ``partial``.
+
+    >>> import numpy as np, twistwrench as tw
+    >>> from twistwrench import trajectories
+    >>> arm = tw.robots.ur5()
+    >>> q0 = np.array([0, -1.2, 1.5, -0.3, 1.5, 0])
+    >>> T = arm.forward_kinematics(q0)
+    >>> there = T.copy()
+    >>> there[2, 3] -= 0.2
+    >>> path = trajectories.follow_poses(arm, trajectories.straight_path(T, there), q0)
+    >>> half = arm.forward_kinematics(path(0.5)[0])
+    >>> bool(abs(half[:3, 3] - (T[:3, 3] + there[:3, 3]) / 2).max() < 1e-6)
+    True
+    """
+    one_degree_joints(robot, "following poses")
+    q0 = configurations(robot, [q0], "q0")[0]
+    allowed = checks.number(tolerance, "tolerance")
+    if not 1e-10 <= allowed < np.inf:
+        raise ValueRangeError(f"tolerance is {allowed:g}: give how far the frame may be off [m, rad], 1e-10 or more.")
+    first = poses(np.zeros(1))
+    gap = twist_left(robot.forward_kinematics(q0, frame)[None], first, tuple(range(6)))[0]
+    if np.abs(gap).max() > 1e-6:
+        raise ValueRangeError(
+            f"at q0 the frame is {np.linalg.norm(gap[3:]):.3g} m and {np.linalg.norm(gap[:3]):.3g} rad from where the path "
+            "begins. Take robot.inverse_kinematics(T).q of its first pose, or begin it at robot.forward_kinematics(q0)."
+        )
+    n = _FIRST
+    while True:
+        s = np.linspace(0.0, 1.0, n + 1)
+        q, why = _solved(robot, poses(s), q0, frame)
+        if len(q) < len(s) and (n < 1024 and "limit" not in why):
+            n *= 4  # closer places may get through
+            continue
+        if len(q) < len(s):
+            reached = float(s[len(q) - 1])
+            partial = None if len(q) < 8 else _spline(s[: len(q)] / reached, q, 0.0)
+            raise PathError(f"the path of poses ends at s = {reached:.4g}: {why}.", reached=reached, partial=partial)
+        path = _spline(s, q, 0.0)
+        middle = 0.5 * (s[1:] + s[:-1])
+        off = twist_left(robot.forward_kinematics(path(middle)[0], frame), poses(middle), tuple(range(6)))
+        deviation = float(max(np.linalg.norm(off[:, 3:], axis=1).max(), np.linalg.norm(off[:, :3], axis=1).max()))
+        if deviation <= allowed:
+            return _spline(s, q, deviation)
+        n *= 2
+        if n > _MOST:
+            k = int(np.linalg.norm(off, axis=1).argmax())
+            raise PathError(
+                f"between {n // 2} places the frame is still {deviation:.3g} off at s = {middle[k]:.4g}: the path bends there, or "
+                "the arm is near a singular configuration. Round the path off, or allow more with tolerance=.",
+                reached=float(middle[k]),
+                partial=_spline(s, q, deviation),
+            )
+
+
+def _spline(s: Array, q: Array, deviation: float) -> JointPath:
+    from scipy.interpolate import make_interp_spline
+
+    curve = make_interp_spline(s, q, k=5)
+    first, second = curve.derivative(1), curve.derivative(2)
+    return JointPath(
+        "path of poses", lambda x: (curve(x), first(x), second(x)), np.array([0.0, 1.0]), deviation=deviation
+    )
+
+
+def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:
+    """q at each place until the first that fails, and why it does."""
+    every = tuple(range(6))
+    lower, upper = robot.limits.lower, robot.limits.upper
+    names = robot.joint_names
+    found = [q0]
+    if _outside(q0, lower, upper).any():
+        k = int(_outside(q0, lower, upper).argmax())
+        return np.array(
+            found
+        ), f"it begins with {names[k]} at {q0[k]:.4g}, outside its limits {lower[k]:.4g} to {upper[k]:.4g}"
+    for target in targets[1:]:
+        q, last = found[-1].copy(), found[-1]
+        for _ in range(_NEWTON):
+            e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], every)[0]
+            if np.abs(e).max() <= _ARRIVED:
+                break
+            J = robot.jacobian(q, frame)
+            q = q + np.linalg.pinv(J, rcond=1e-9) @ e
+        else:
+            if np.abs(e).max() > 1e3 * _ARRIVED:
+                sizes = np.linalg.svd(robot.jacobian(last, frame), compute_uv=False)
+                least = float(sizes[min(5, len(sizes) - 1)]) if len(sizes) >= 6 else 0.0
+                if least < 0.02 * float(sizes[0]):
+                    return (
+                        np.array(found),
+                        f"the arm is at a singular configuration there, stretched out or folded, with nowhere to go on (smallest singular value of J {least:.2g})",
+                    )
+                return np.array(found), "the next pose is out of reach on this branch"
+        if _outside(q, lower, upper).any():
+            k = int(_outside(q, lower, upper).argmax())
+            limit = lower[k] if q[k] < lower[k] else upper[k]
+            return np.array(found), f"{names[k]} reaches its limit {limit:.4g}"
+        if np.abs(q - last).max() > _JUMP:
+            k = int(np.abs(q - last).argmax())
+            return np.array(found), (
+                f"{names[k]} would jump by {abs(q[k] - last[k]):.3g}: the arm passes a singular configuration"
+            )
+        found.append(q)
+    return np.array(found), ""
+
+
+def _outside(q: Array, lower: Array, upper: Array) -> Array:
+    return (q < lower - 1e-9) | (q > upper + 1e-9)

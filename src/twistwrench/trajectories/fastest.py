@@ -1,0 +1,163 @@
+"""The fastest timing of a path under limits of torque, velocity and acceleration. Modern Robotics section 9.4."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ValueRangeError
+from .limits import Bounds, bounds_of
+from .passes import Arc, backward, forward
+from .rows import PathRows
+from .timing import FastestScaling
+from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from .paths import JointPath
+
+Array = NDArray[Any]
+
+__all__ = ["Fastest", "LimitCurves", "Touch", "fastest"]
+
+_ROOM = 4e-8
+"""Part of each limit kept free, so that what the pieces are off it, both ways, stays below it."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A part of the motion, and the limit it touches."""
+
+    begin: float
+    """s."""
+    end: float
+    joint: str
+    kind: str
+    """``torque``, ``velocity`` or ``acceleration``."""
+    side: int
+    """+1 if at the upper limit, -1 at the lower."""
+    s: float
+    """Where on the path it begins."""
+
+
+@dataclass(frozen=True, eq=False)
+class LimitCurves:
+    """What bounds the rate ds/dt along the path: nothing admissible is above these."""
+
+    s: Array
+    """(n,)."""
+    torque: Array
+    """(n,) 1/s: where torques and accelerations leave one acceleration of s only; inf where they never do."""
+    velocity: Array
+    """(n,) 1/s: where a joint is at its largest velocity."""
+    path: tuple[Array, Array]
+    """s and ds/dt of the fastest timing."""
+    switches: tuple[Array, Array]
+    """s and ds/dt where another limit begins to be touched."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fastest(Trajectory):
+    """The fastest motion along a path, with what limits it when."""
+
+    bounds: Bounds
+    """The limits kept."""
+    rows: PathRows
+    arcs: tuple[Arc, ...]
+
+    @property
+    def touches(self) -> tuple[Touch, ...]:
+        """What limits the motion, part by part; together they are all of it."""
+        names = self.robot.model.velocity_names
+        times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
+        found: list[Touch] = []
+        for k, c in enumerate(cells):
+            name = names[c.active.joint]
+            side = c.side
+            if c.active.kind == "velocity":
+                side = int(np.sign(self.path(np.array([0.5 * (c.low + c.high)]))[1][0, c.active.joint]))
+            new = Touch(float(times[k]), float(times[k + 1]), name, c.active.kind, side, c.low)
+            same = found and (found[-1].joint, found[-1].kind, found[-1].side) == (new.joint, new.kind, new.side)
+            if same:
+                found[-1] = Touch(found[-1].begin, new.end, name, new.kind, side, found[-1].s)
+            else:
+                found.append(new)
+        return tuple(found)
+
+    def shares(self, t: ArrayLike) -> Array:
+        """The most used limit's share at each t (...): 1 where one is touched, never above. Switches have two sides.
+
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> quick = fastest(arm, tw.trajectories.joint_line(arm, [0, 0], [1, 1]), effort=[60, 30])
+        >>> t = np.linspace(0, quick.duration, 5)[1:-1]
+        >>> bool(abs(quick.shares(t) - 1).max() < 1e-6)
+        True
+        """
+        q, dq, ddq = self(t)
+        bounds = self.bounds
+        tau = self.robot.inverse_dynamics(q, dq, ddq, friction=self.rows.friction)
+        parts = np.concatenate([tau / bounds.effort, dq / bounds.velocity, ddq / bounds.acceleration], axis=-1)
+        return np.asarray(np.abs(parts).max(axis=-1))
+
+    def limit_curves(self, samples: int = 801) -> LimitCurves:
+        """The phase plane (s, ds/dt): the curves that bound it, and the motion in it. MR figure 9.11."""
+        s = np.unique(np.concatenate([np.linspace(0, 1, samples), self.rows.breaks]))
+        cap = self.rows.cap(s)
+        cells = self.scaling.cells  # type: ignore[attr-defined]
+        z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # closer at the ends, where it rises as a root does
+        place = np.concatenate([c.low + (c.high - c.low) * z for c in cells])
+        rate = np.sqrt(np.maximum(np.concatenate([c.at(c.low + (c.high - c.low) * z) for c in cells]), 0.0))
+        at = np.array([touch.s for touch in self.touches[1:]])
+        now = np.interp(at, place, rate)
+        return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), (place, rate), (at, now))
+
+    def __str__(self) -> str:
+        joints = dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.touches)
+        return f"{self.duration:.6g} s, limited by {', '.join(joints)} in {len(self.touches)} parts"
+
+
+def fastest(
+    robot: Robot,
+    path: JointPath,
+    *,
+    effort: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+    friction: bool = False,
+) -> Fastest:
+    """The shortest motion along a path from rest to rest within the limits, the robot's own or those given, (nv,) each.
+
+    One limit is touched at all times and none is passed, to 1e-6 of it. Raises PathError where the robot cannot hold itself on
+    the path, naming s, joint and amount; ValueRangeError where nothing limits the motion, or the path stands still somewhere.
+    The method: :mod:`twistwrench.trajectories.passes`.
+
+    >>> import twistwrench as tw
+    >>> from twistwrench import trajectories
+    >>> mass = tw.robots.pendulum().with_gravity([0, 0, 0])
+    >>> quick = fastest(mass, trajectories.joint_line(mass, [0], [2.0]), effort=8.0)
+    >>> round(quick.duration, 9)  # 2 sqrt(d / a), with 1 kg at 1 m
+    1.0
+    """
+    bounds = bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort)
+    if robot.nv == 0:
+        raise ValueRangeError(f"robot {robot.name!r} has no joint that moves. Lock fewer joints.")
+    s = np.linspace(0.0, 1.0, 2001)
+    q1 = np.abs(path(s)[1]).max(axis=-1)
+    if q1.min() < 1e-7 * q1.max():
+        raise ValueRangeError(
+            f"the path stands still at s = {s[int(q1.argmin())]:.4g}, so its rate there says nothing of the motion's. Take one "
+            "whose dq/ds is nowhere zero: a spline without times, or each part by itself."
+        )
+    room = {name: getattr(bounds, name) * (1.0 - _ROOM) for name in ("velocity", "acceleration", "effort")}
+    rows = PathRows(robot, path, replace(bounds, **room), friction=friction)
+    if not (~rows.flat).any():
+        raise ValueRangeError(
+            f"nothing limits how fast {robot.name!r} speeds up on this path: give effort or acceleration limits of joints that move."
+        )
+    rows.require_standing()
+    arcs = backward(rows)
+    return Fastest(robot, path, FastestScaling(tuple(forward(rows, arcs))), bounds, rows, tuple(arcs))

@@ -1,0 +1,203 @@
+"""A motion: a path and how the time goes along it. Modern Robotics section 9.1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..algorithms.time_scalings import quintic
+from ..errors import PathError, ValueRangeError
+from ..lie import checks
+from ..outputs import replacing
+from .limits import Bounds, Violation, bounds_of, violations
+from .paths import JointPath, joint_line, spline
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["Sampled", "Scaling", "Trajectory", "fitted", "move"]
+
+_FIT = 2001
+
+
+class Scaling(Protocol):
+    """How the time goes along a path: s(t) from 0 to 1, its rate and acceleration."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports."""
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """s, ds/dt and d²s/dt² at t [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """A motion at instants."""
+
+    time: Array
+    """(n,) s."""
+    q: Array
+    """(n, nq)."""
+    dq: Array
+    """(n, nv)."""
+    ddq: Array
+    """(n, nv)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """q(t) = q(s(t)) of one robot, with exact derivatives."""
+
+    robot: Robot
+    path: JointPath
+    scaling: Scaling
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return float(self.scaling.duration)
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """q (..., nq), dq and ddq (..., nv) at t (...) [s]; before and after, it rests at the ends. MR eq. 9.1 to 9.3."""
+        s, ds, dds = self.scaling(t)
+        q, q1, q2 = self.path(s)
+        ds, dds = ds[..., None], dds[..., None]
+        return q, q1 * ds, q2 * ds * ds + q1 * dds
+
+    def sample(self, dt: float) -> Sampled:
+        """The motion every ``dt`` [s] and at its end. Raises ValueRangeError for steps that are not above zero or too many.
+
+        >>> import twistwrench as tw
+        >>> from twistwrench import trajectories
+        >>> moving = trajectories.move(tw.robots.planar_2r(), [0, 0], [1, 1], trajectories.cubic(1.0))
+        >>> moving.sample(0.25).q[:, 0].tolist()
+        [0.0, 0.15625, 0.5, 0.84375, 1.0]
+        """
+        step = checks.number(dt, "dt")
+        if not 0 < step < np.inf or self.duration / step > 1e8:
+            raise ValueRangeError(
+                f"dt is {dt!r}: give a step [s] above zero, in which {self.duration:.4g} s has at most 1e8."
+            )
+        n = int(np.floor(self.duration / step * (1 + 1e-12)))
+        t = step * np.arange(n + 1)
+        if self.duration - t[-1] > 1e-9 * step:
+            t = np.append(t, self.duration)
+        t[-1] = min(t[-1], self.duration)
+        return Sampled(t, *self(t))
+
+    def violations(self, bounds: Bounds | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
+        """The limits it passes, worst first; see :func:`~twistwrench.trajectories.violations`."""
+        return violations(self.robot, self, bounds, friction=friction)
+
+    def to_csv(self, path: str | Path, dt: float = 0.002, *, degrees: bool = False) -> Path:
+        """Write time, q, dq and ddq every ``dt`` as ``twistwrench torques`` reads them. Raises ValueRangeError.
+
+        >>> import tempfile, pathlib, twistwrench as tw
+        >>> from twistwrench import trajectories
+        >>> moving = trajectories.move(tw.robots.planar_2r(), [0, 0], [1, 1], trajectories.cubic(1.0))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     print(moving.to_csv(pathlib.Path(folder, "m.csv"), 0.5).read_text().splitlines()[0])
+        time,joint1,joint2,joint1.vel,joint2.vel,joint1.acc,joint2.acc
+        """
+        from ..report.coordinates import Coordinates
+
+        names, sampled = Coordinates.of(self.robot.model), self.sample(dt)
+        unit = np.degrees(1.0) if degrees else 1.0
+        q_unit = np.where(names.angular, unit, 1.0)
+        v_unit = np.where(names.angular_velocity, unit, 1.0)
+        header = ["time", *names.names]
+        header += [n + suffix for suffix in (".vel", ".acc") for n in names.velocity_names]
+        rows = [sampled.time[:, None], sampled.q * q_unit, sampled.dq * v_unit, sampled.ddq * v_unit]
+        with replacing(path) as scratch, scratch.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(",".join(header) + "\n")
+            np.savetxt(file, np.concatenate(rows, axis=1), fmt="%.15g", delimiter=",")
+        return Path(path)
+
+    def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
+        """Draw positions, velocities, accelerations and torques as shares of their limits, and for the fastest timing the
+        phase plane. Raises MissingExtraError, ValueRangeError.
+        """
+        from .picture import plot_trajectory
+
+        return plot_trajectory(self, path, bounds, friction=friction)
+
+
+def move(
+    robot: Robot, q0: ArrayLike, q1: ArrayLike, scaling: Scaling | None = None, *, waypoints: ArrayLike | None = None
+) -> Trajectory:
+    """From q0 (nq,) to q1 on a straight line of the joints, or through ``waypoints`` (m, nq) between them on a spline.
+
+    Without a scaling a quintic one takes the time that the robot's limits ask for. Raises ShapeError, ValueRangeError.
+
+    >>> import twistwrench as tw
+    >>> moving = move(tw.robots.ur5(), [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0])
+    >>> round(moving.duration, 3)
+    0.597
+    """
+    if waypoints is None:
+        path = joint_line(robot, q0, q1)
+    else:
+        between = np.atleast_2d(np.asarray(checks.finite(waypoints, "waypoints", robot.nq), float))
+        ends = [
+            np.asarray(checks.one(checks.finite(q, n, robot.nq), n, robot.nq), float)
+            for n, q in (("q0", q0), ("q1", q1))
+        ]
+        path = spline(robot, np.concatenate([ends[:1], between, ends[1:]]))
+    return Trajectory(robot, path, fitted(robot, path) if scaling is None else scaling)
+
+
+def fitted(
+    robot: Robot, path: JointPath, shape: Any = None, bounds: Bounds | None = None, *, friction: bool = False
+) -> Any:
+    """A scaling of the given shape (None: quintic) as short as the limits of velocity, acceleration and torque allow.
+
+    Torques are g + (τ - g) (T0/T)² of the time T, so each sample gives the shortest T in closed form; friction left out of
+    it unless asked for, when T is found by halving. Raises PathError where the robot cannot hold itself on the path, and
+    ValueRangeError where nothing limits it.
+
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> round(fitted(arm, joint_line(arm, [0, 0], [1, 0]), bounds=bounds_of(arm, velocity=2.0)).duration, 6)
+    0.9375
+    """
+    bounds = bounds_of(robot) if bounds is None else bounds
+    unit = (quintic(1.0) if shape is None else shape).stretched(1.0)
+    q, dq, ddq = Trajectory(robot, path, unit)(np.linspace(0.0, 1.0, _FIT))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shortest = [float(np.nanmax(np.abs(dq) / bounds.velocity, initial=0.0))]
+        shortest.append(float(np.sqrt(np.nanmax(np.abs(ddq) / bounds.acceleration, initial=0.0))))
+    g = robot.gravity_forces(q) + robot.friction_forces(1e-9 * np.sign(dq)) * friction
+    room = bounds.effort - np.abs(g)
+    if (room <= 1e-6 * bounds.effort).any():
+        i, k = np.unravel_index(int((np.abs(g) / bounds.effort).argmax()), g.shape)
+        raise PathError(
+            f"the robot cannot hold itself on this path: {robot.model.velocity_names[k]!r} needs {abs(g[i, k]):.4g} of "
+            f"{bounds.effort[k]:.4g} to stand still. Take load off, another path, or a stronger joint."
+        )
+    moving = robot.inverse_dynamics(q, dq, ddq) - robot.gravity_forces(q)
+    viscous = robot.model.friction.viscous * dq if friction else np.zeros_like(dq)
+    # abs(g + moving k² + viscous k) ≤ L with k = 1/T: the smaller positive root on the side it grows to
+    for side in (1.0, -1.0):
+        A, B, C = side * moving, side * viscous, bounds.effort - side * g
+        with np.errstate(all="ignore"):
+            root = np.sqrt(np.maximum(B * B + 4 * A * C, 0.0))
+            k = np.where(B + root > 0, 2 * C / (B + root), np.inf)
+            k = np.where(np.isfinite(C) & (B * B + 4 * A * C >= 0), k, np.inf)
+        shortest.append(float(1.0 / k.min(initial=np.inf)))
+    T = max(shortest)
+    if not 0 < T < np.inf:
+        raise ValueRangeError(
+            f"nothing limits {robot.name!r} on this path: give velocity, acceleration or effort limits."
+        )
+    return unit.stretched(T)

@@ -1,0 +1,134 @@
+"""Impacts against the closed forms of the stated law: its restitution, its duration, and Coulomb's deceleration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import twistwrench as tw
+from twistwrench.simulation import JointStops, Plane
+
+
+@pytest.fixture(scope="module")
+def free():
+    """A box of 6 kg without gravity: a point mass, where it is hit at its centre."""
+    return tw.robots.floating_box().with_gravity([0, 0, 0])
+
+
+@pytest.fixture(scope="module")
+def box():
+    return tw.robots.floating_box()
+
+
+def restitution(c, v):
+    """e of c v - ln(1 + c v) = -c e v - ln(1 - c e v): the energy integral of the law, written down once more."""
+    return brentq(
+        lambda e: c * v - np.log1p(c * v) + c * e * v + np.log1p(-c * e * v), 0.0, min(1.0, 0.999999 / (c * v))
+    )
+
+
+@pytest.mark.parametrize("v", [0.5, 3.0])
+@pytest.mark.parametrize("c", [0.1, 1.0])
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_an_impact_gives_back_the_speed_that_the_law_says(free, v, c, exponent):
+    """Whatever stiffness and exponent: only c v counts. 1e-6 is what some hundred steps of 1e-10 in a contact add up to."""
+    plane = Plane("box", normal=[0, 0, 2], height=-0.1, stiffness=1e5, exponent=exponent, dissipation=c)
+    found = free.simulate(None, [0, 0, 0, 0.2, 0, -v], 0.2 + 0.1 / v, 1e-3, contacts=plane, rtol=1e-10)
+    assert found.dq[-1, 5] == pytest.approx(restitution(c, v) * v, rel=1e-6)
+    assert found.dq[-1, 3] == pytest.approx(0.2, abs=1e-12)
+    lost = 3.0 * v**2 * (1 - restitution(c, v) ** 2)
+    assert found.work["contacts"][-1] == pytest.approx(-lost, rel=1e-5)
+    assert found.relative_drift < 1e-8
+    (touch,) = found.events
+    assert touch.time == pytest.approx(0.1 / v, abs=1e-9)
+    assert touch.name == "box touches the plane"
+
+
+def test_a_linear_contact_without_loss_lasts_half_a_period(free):
+    """π √(m / k); and all of the energy comes back."""
+    plane = Plane("box", height=0.0, stiffness=6e3, exponent=1.0)
+    found = free.simulate(None, [0, 0, 0, 0, 0, -1.0], 0.2, 1e-4, contacts=plane, rtol=1e-11)
+    inside = found.q[:, 6] < 0
+    period = np.pi * np.sqrt(6.0 / 6e3)
+    assert found.times[inside].max() == pytest.approx(period, abs=1.1e-4)
+    assert found.q[:, 6].min() == pytest.approx(-np.sqrt(6.0 / 6e3), abs=1e-6)
+    assert found.dq[-1, 5] == pytest.approx(1.0, abs=1e-7)
+
+
+def test_a_ball_bounces_back_to_where_it_was_dropped(box):
+    plane = Plane("box", stiffness=1e6)
+    q0 = box.coordinates(root_joint=[1, 0, 0, 0, 0, 0, 0.5])
+    found = box.simulate(q0, None, 1.8, 1e-3, contacts=plane, rtol=1e-10)
+    period = 2 * np.sqrt(2 * 0.5 / 9.81)
+    tops = found.times[1:-1][(found.q[1:-1, 6] > found.q[:-2, 6]) & (found.q[1:-1, 6] >= found.q[2:, 6])]
+    np.testing.assert_allclose(found.q[np.isin(found.times, tops), 6], 0.5, atol=1e-5)
+    assert len(tops) == 2
+    assert tops[0] > period  # the contact takes its time too
+    assert found.relative_drift < 1e-7
+
+
+def test_a_sliding_point_is_slowed_by_mu_g_and_then_creeps_below_the_slip_speed(box):
+    """A point at the centre of mass, so that nothing turns: x = v t - ½ μ g t², to the share of slip speed in v."""
+    plane = Plane("box", stiffness=1e5, dissipation=1.0, friction=0.3, slip=1e-3)
+    depth = (6 * 9.81 / 1e5) ** (1 / 1.5)
+    q0 = box.coordinates(root_joint=[1, 0, 0, 0, 0, 0, -depth])
+    found = box.simulate(q0, [0, 0, 0, 1.2, 1.6, 0], 0.8, 0.01, contacts=plane, rtol=1e-8)
+    t = found.times[found.times < 0.6]
+    speed = np.linalg.norm(found.dq[:, 3:5], axis=1)
+    np.testing.assert_allclose(speed[: len(t)], 2.0 - 0.3 * 9.81 * t, atol=1e-4)
+    np.testing.assert_allclose(found.dq[: len(t), 3] / speed[: len(t)], 0.6, atol=1e-9)
+    assert speed[-1] < 1e-4
+
+
+def test_a_box_comes_to_rest_on_its_corners_and_its_energy_is_accounted_for(box):
+    corners = [[x, y, z] for x in (-0.15, 0.15) for y in (-0.1, 0.1) for z in (-0.05, 0.05)]
+    plane = Plane("box", corners, stiffness=1e5, dissipation=0.5, friction=0.6)
+    q0 = box.coordinates(root_joint=[1, 0, 0, 0, 0, 0, 0.3])
+    found = box.simulate(q0, [1.0, 2.0, 0.5, 0.1, 0, 0], 2.5, 0.01, contacts=plane)
+    assert np.abs(found.dq[-1]).max() < 0.05
+    sunk = (6 * 9.81 / 4 / 1e5) ** (1 / 1.5)
+    height = {0.05, 0.1, 0.15}
+    assert min(abs(found.q[-1, 6] - (h - sunk)) for h in height) < 1e-3
+    assert found.relative_drift < 1e-6
+
+
+@pytest.mark.parametrize("c", [0.0, 0.5])
+def test_a_joint_stop_gives_back_the_speed_that_the_law_says(c):
+    """The elbow of a planar arm runs into its stop alone; the shoulder is locked."""
+    panda = tw.robots.panda().with_gravity([0, 0, 0])
+    alone = panda.lock(
+        {n: float(x) for n, x in zip(panda.joint_names, panda.neutral, strict=True) if n != "panda_joint4"}
+    )
+    low, high = alone.limits.lower[0], alone.limits.upper[0]
+    found = alone.simulate([high - 0.1], [2.0], 0.15, 1e-3, contacts=JointStops(1e5, dissipation=c), rtol=1e-10)
+    wanted = -2.0 * (restitution(c, 2.0) if c else 1.0)
+    assert found.dq[-1, 0] == pytest.approx(wanted, rel=1e-6)
+    assert found.q.max() > high > low
+    back = alone.simulate([low + 0.1], [-2.0], 0.15, 1e-3, contacts=JointStops(1e5, dissipation=c), rtol=1e-10)
+    assert back.dq[-1, 0] == pytest.approx(-wanted, rel=1e-6)
+    assert found.events[0].time == pytest.approx(0.05, abs=1e-9)
+
+
+def test_stops_of_some_joints_leave_the_others_alone():
+    panda = tw.robots.panda()
+    q0 = panda.random_configuration(1)
+    some = panda.simulate(q0, None, 0.8, 0.01, contacts=JointStops(1e4, joints=("panda_joint2",)))
+    free = panda.simulate(q0, None, 0.8, 0.01)
+    k = panda.joint_names.index("panda_joint2")
+    assert abs(free.q[-1, k]) > abs(panda.limits.upper[k])
+    assert np.abs(some.q[:, k]).max() < panda.limits.upper[k] + 0.1
+
+
+def test_a_leg_pushes_back_through_jacobian_and_frame():
+    """The force of the plane on a robot at rest is what statics says: J'F of the same wrench."""
+    dog = tw.robots.quadruped()
+    foot = next(n for n in dog.frame_names if "foot" in n)
+    from twistwrench.simulation.contact import PlaneContact
+
+    q = dog.random_configuration(1)
+    T = dog.forward_kinematics(q, foot)
+    plane = Plane(foot, [0.01, 0.02, 0.03], height=float((T @ [0.01, 0.02, 0.03, 1])[2]) + 0.01, stiffness=1e4)
+    f = T[:3, :3].T @ [0, 0, 1e4 * 0.01**1.5]
+    wanted = dog.wrench_torques(q, np.r_[np.cross([0.01, 0.02, 0.03], f), f], foot)
+    np.testing.assert_allclose(PlaneContact(dog, plane).torques(q, np.zeros(dog.nv)), wanted, atol=1e-10)

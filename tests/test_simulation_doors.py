@@ -1,0 +1,380 @@
+"""What a simulation refuses, what it keeps when something fails, its files and its command."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import twistwrench as tw
+from twistwrench.cli import main
+from twistwrench.report.trajectory import Trajectory
+from twistwrench.simulation import Event, JointStops, Plane, SimulationResult
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return tw.robots.planar_2r()
+
+
+BAD = [
+    ({"q0": [0, 0, 0]}, tw.ShapeError, "q0 has shape (3,)"),
+    ({"q0": [[0, 0], [1, 1]]}, tw.ShapeError, "one state"),
+    ({"q0": [0, np.nan]}, tw.ValueRangeError, "q0 has the entry nan"),
+    ({"q0": "up"}, tw.TwistWrenchError, "q0"),
+    ({"q0": [[0], [0, 1]]}, tw.TwistWrenchError, "q0"),
+    ({"dq0": [0, np.inf]}, tw.ValueRangeError, "dq0 has the entry inf"),
+    ({"dq0": [0]}, tw.ShapeError, "dq0"),
+    ({"duration": 0}, tw.ValueRangeError, "duration is 0"),
+    ({"duration": np.nan}, tw.ValueRangeError, "duration is nan"),
+    ({"duration": np.inf}, tw.ValueRangeError, "duration is inf"),
+    ({"duration": "long"}, tw.TwistWrenchError, "duration"),
+    ({"dt": -1e-3}, tw.ValueRangeError, "dt is -0.001"),
+    ({"dt": 1e-12}, tw.ValueRangeError, "states"),
+    ({"every": 0}, tw.ValueRangeError, "every is 0"),
+    ({"every": 1.5}, tw.ValueRangeError, "every is 1.5"),
+    ({"method": "rk5"}, tw.UnknownNameError, "rk4"),
+    ({"method": None}, tw.UnknownNameError, "dopri5"),
+    ({"tau": [1.0]}, tw.ShapeError, "tau has shape (1,)"),
+    ({"tau": [1.0, np.nan]}, tw.ValueRangeError, "tau has the entry nan"),
+    ({"tau": lambda t: [0, 0]}, tw.ValueRangeError, "tau is a function of (t)"),
+    ({"controller": 3.0}, tw.ValueRangeError, "must be a function of (t, q, dq)"),
+    ({"controller": lambda q, dq: 0}, tw.ValueRangeError, "is called with the time"),
+    ({"wrench_on_robot": [0] * 6}, tw.ShapeError, "dict"),
+    ({"wrench_on_robot": {"nowhere": [0] * 6}}, tw.UnknownNameError, "nowhere"),
+    ({"wrench_on_robot": {"tip": [0] * 5}}, tw.ShapeError, "tip"),
+    ({"wrench_on_robot": {"tip": [np.nan] * 6}}, tw.ValueRangeError, "nan"),
+    ({"wrench_on_robot": {"tip": np.zeros((4, 6))}}, tw.ShapeError, "tip"),
+    ({"wrench_on_robot": {"tip": tw.Wrench([0] * 6, "base")}}, tw.FrameError, "base"),
+    ({"rtol": 0}, tw.ValueRangeError, "rtol is 0"),
+    ({"atol": -1}, tw.ValueRangeError, "atol is -1"),
+    ({"max_step": 0}, tw.ValueRangeError, "max_step is 0"),
+    ({"contacts": "ground"}, tw.ValueRangeError, "contacts is 'ground'"),
+    ({"contacts": [3]}, tw.ValueRangeError, "contacts has 3"),
+    ({"contacts": Plane("nowhere")}, tw.UnknownNameError, "nowhere"),
+    ({"contacts": JointStops(1e4)}, tw.ValueRangeError, "no limits of position"),
+    ({"contacts": JointStops(1e4, joints="joint9")}, tw.UnknownNameError, "joint9"),
+    ({"limits": "stop"}, tw.ValueRangeError, "no limits of position"),
+    ({"limits": "bounce"}, tw.ValueRangeError, "limits is 'bounce'"),
+    ({"events": 5}, tw.ValueRangeError, "events is 5"),
+    ({"events": [5]}, tw.ValueRangeError, "function of (t, q, dq)"),
+    ({"progress": "yes"}, tw.ValueRangeError, "progress is 'yes'"),
+]
+
+
+@pytest.mark.parametrize(("given", "kind", "says"), BAD, ids=[f"{k}-{next(iter(b))}" for k, (b, *_) in enumerate(BAD)])
+def test_what_cannot_be_meant_is_refused_before_anything_runs(arm, given, kind, says):
+    with pytest.raises(kind, match=re.escape(says)):
+        arm.simulate(**given)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Plane("tip", normal=[0, 0, 0]), "normal is zero"),
+        (lambda: Plane("tip", points=[0, 0]), "points"),
+        (lambda: Plane("tip", points=np.zeros((2, 2, 3))), "points"),
+        (lambda: Plane("tip", points=np.zeros((0, 3))), "points"),
+        (lambda: Plane("tip", stiffness=-1), "stiffness"),
+        (lambda: Plane("tip", exponent=0.5), "exponent"),
+        (lambda: Plane("tip", dissipation=np.nan), "dissipation"),
+        (lambda: Plane("tip", friction=-0.1), "friction"),
+        (lambda: Plane("tip", slip=0), "slip"),
+        (lambda: Plane("tip", height=np.inf), "height"),
+        (lambda: JointStops(0), "stiffness"),
+        (lambda: Event(lambda t: 0), "event"),
+        (lambda: Event(lambda t, q, dq: 0, direction="left"), "direction"),
+    ],
+)
+def test_impossible_surroundings_are_refused(make, says):
+    with pytest.raises(tw.TwistWrenchError, match=says):
+        make()
+
+
+def test_robots_that_cannot_move_or_start_are_refused(arm):
+    with pytest.raises(tw.ValueRangeError, match="no joint that moves"):
+        arm.lock(dict.fromkeys(arm.joint_names, 0.0)).simulate()
+    with pytest.raises(tw.ValueRangeError, match="quaternion of zeros"):
+        tw.robots.floating_box().simulate(np.zeros(7))
+    panda = tw.robots.panda()
+    with pytest.raises(tw.ValueRangeError, match="outside already: joint 'panda_joint4'"):
+        panda.simulate(limits="stop")
+
+
+def test_quaternions_of_any_length_are_taken():
+    box = tw.robots.floating_box()
+    found = box.simulate([3.0, 0, 0, 4.0, 0, 0, 0], None, 0.1, 0.1)
+    np.testing.assert_allclose(found.q[0, :4], [0.6, 0, 0, 0.8])
+
+
+# ── nothing is lost ──
+
+
+def fails(value):
+    """A law of (t, q, dq) that does what it should until 0.5 s."""
+
+    def law(t, q, dq):
+        if t < 0.5:
+            return np.zeros(2)
+        if isinstance(value, Exception):
+            raise value
+        return value
+
+    return law
+
+
+@pytest.mark.parametrize("method", ["dopri5", "rk4", "variational"])
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        (ZeroDivisionError("by nothing"), "ZeroDivisionError: by nothing"),
+        (np.array([0, np.nan]), "not finite at place 1"),
+        (np.array([np.inf, 0]), "not finite at place 0"),
+        (np.zeros(3), r"shape \(3,\)"),
+        (0.0, r"shape \(\)"),
+        (None, r"shape \(\)"),
+        (["a", "b"], "expected real numbers"),
+        ([1j, 0], "expected real numbers"),
+        ([[1], [1, 2]], "ValueError"),
+    ],
+)
+def test_a_controller_that_fails_says_when_and_nothing_is_lost(arm, method, value, says):
+    with pytest.raises(tw.SimulationError, match=says) as caught:
+        arm.simulate([1, 1], None, 1.0, 0.05, controller=fails(value), method=method)
+    found = caught.value.result
+    assert "the controller" in str(caught.value)
+    assert "t = 0.5 s" in str(caught.value)
+    assert not found.completed
+    assert found.stopped == str(caught.value)
+    assert len(found) == 11
+    whole = arm.simulate(
+        [1, 1], None, 0.5, 0.05, controller=lambda t, q, dq: [0, 0], method=method
+    )
+    np.testing.assert_allclose(found.q, whole.q, atol=1e-7)
+
+
+@pytest.mark.parametrize("where", ["tau", "wrench_on_robot", "events"])
+def test_other_functions_that_fail_do_the_same(arm, where):
+    law = {
+        "tau": fails([np.nan, 0]),
+        "wrench_on_robot": {"tip": lambda t, q, dq: np.zeros(6 if t < 0.5 else 5)},
+        "events": lambda t, q, dq: 1.0 if t < 0.5 else np.nan,
+    }[where]
+    for method in ("rk4", "dopri5"):
+        with pytest.raises(tw.SimulationError) as caught:
+            arm.simulate([1, 1], None, 1.0, 0.05, method=method, max_step=0.05, **{where: law})
+        found = caught.value.result
+        assert 0.4 < found.times[-1] <= 0.5 + 1e-12
+        assert np.isfinite(found.q).all()
+
+
+def test_the_first_call_may_fail_too(arm):
+    with pytest.raises(tw.SimulationError, match="t = 0 s") as caught:
+        arm.simulate([1, 1], controller=lambda t, q, dq: 1 / 0)
+    assert len(caught.value.result) == 1
+    np.testing.assert_array_equal(caught.value.result.q[0], [1, 1])
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+
+
+@pytest.mark.parametrize("method", ["rk4", "euler", "semi_implicit", "variational", "midpoint"])
+def test_steps_too_long_stop_with_time_and_joint(method):
+    ur5 = tw.robots.ur5()
+    with pytest.raises(tw.SimulationError, match=r"joint '(shoulder|elbow|wrist)\w+'.*smaller dt") as caught:
+        ur5.simulate(None, None, 200.0, 0.5, method=method)
+    found = caught.value.result
+    assert re.search(r"\d s", str(caught.value))
+    assert np.isfinite(found.q).all()
+    assert len(found) >= 1
+
+
+def test_a_spring_too_stiff_for_the_step_is_found_out():
+    entry = {"ratio": 50, "stiffness": "1000 kN m/rad", "rotor": {"inertia": "1e-4 kg m^2", "extra": True}}
+    robot = tw.robots.pendulum()
+    name = robot.joint_names[0]
+    robot = robot.with_actuators({"actuators": {name: entry}})
+    with pytest.raises(tw.SimulationError, match="unstable") as caught:
+        robot.simulate([0.5, 0.5], None, 5.0, 0.01, method="rk4")
+    assert len(caught.value.result) > 1
+    assert robot.simulate([0.5, 0.5], None, 0.01, 1e-5, method="rk4").relative_drift < 1e-6
+
+
+def test_a_force_without_bound_ends_the_adaptive_method_with_the_joint():
+    wheel = tw.robots.pendulum().with_gravity([0, 0, 0])
+    with pytest.raises(tw.SimulationError, match="joint 'joint1'|joint '") as caught:
+        wheel.simulate([0.0], [1.0], 2.0, 0.01, tau=lambda t, q, dq: dq * dq)  # dq = 1 / (1 - t)
+    assert 0.9 < caught.value.result.times[-1] < 1.0 + 1e-6
+
+
+def test_an_interrupt_keeps_what_was_computed(arm):
+    def law(t, q, dq):
+        if t > 0.35:
+            raise KeyboardInterrupt
+        return [0, 0]
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        arm.simulate([1, 1], None, 1.0, 0.1, controller=law, method="rk4")
+    assert len(caught.value.result) == 5
+    assert caught.value.result.stopped == "interrupted"
+
+
+def test_functions_cannot_change_the_state_they_are_shown(arm):
+    def law(t, q, dq):
+        q[:], dq[:] = 0.0, 0.0
+        return [0.0, 0.0]
+
+    for method in ("rk4", "variational"):
+        found = arm.simulate([1, 1], None, 0.3, 0.01, method=method, controller=law, tau=law)
+        np.testing.assert_array_equal(found.q, arm.simulate([1, 1], None, 0.3, 0.01, method=method).q)
+
+
+def test_a_motion_gone_wrong_is_remarked_on(arm):
+    found = arm.simulate([1, 1], None, 2.0, 0.02, method="euler")
+    assert "the energy is off by" in found.remarks[-1]
+    assert "the energy is off by" in repr(found)
+
+
+def test_progress_is_told(arm):
+    told = []
+    arm.simulate([1, 1], None, 0.1, 0.01, method="rk4", progress=told.append)
+    np.testing.assert_allclose(told, 0.1 * np.arange(1, 11), atol=1e-12)
+
+
+def test_a_bar_is_shown_when_asked_for(arm, capsys):
+    arm.simulate([1, 1], None, 0.1, 0.01, method="rk4", progress=True)
+    assert capsys.readouterr().out == ""
+
+
+# ── files ──
+
+
+@pytest.fixture(scope="module")
+def result():
+    box = tw.robots.floating_box()
+    return box.simulate(
+        None, [1, 2, 3, 0, 0, 1.0], 0.5, 0.01, contacts=Plane("box", height=-0.1), events=lambda t, q, dq: q[6]
+    )
+
+
+def same(one, other):
+    for name, value in vars(one).items():
+        if name == "events":
+            continue
+        if name == "work":
+            assert value.keys() == other.work.keys()
+            assert all(np.array_equal(value[w], other.work[w]) for w in value)
+        elif isinstance(value, np.ndarray):
+            np.testing.assert_array_equal(value, getattr(other, name), strict=True)
+        else:
+            assert value == getattr(other, name), name
+    assert [(e.name, e.time) for e in one.events] == [(e.name, e.time) for e in other.events]
+    for a, b in zip(one.events, other.events, strict=True):
+        np.testing.assert_array_equal(np.r_[a.q, a.dq], np.r_[b.q, b.dq])
+    assert repr(one) == repr(other)
+
+
+@pytest.mark.parametrize("kind", ["csv", "npz"])
+def test_files_give_every_bit_back(result, tmp_path, kind):
+    assert result.events
+    path = getattr(result, f"to_{kind}")(tmp_path / f"motion.{kind}")
+    same(result, SimulationResult.load(path))
+
+
+def test_the_csv_is_a_motion_for_other_commands(result, tmp_path):
+    box = tw.robots.floating_box()
+    opened = Trajectory.open(result.to_csv(tmp_path / "motion.csv"), box.model)
+    motion = opened.motion(np.concatenate(list(opened.tables())))
+    for name in ("q", "dq", "ddq"):
+        np.testing.assert_array_equal(getattr(motion, name), getattr(result, name))
+    np.testing.assert_array_equal(motion.time, result.times)
+
+
+def test_files_that_are_something_else_are_refused(result, tmp_path):
+    csv, npz = result.to_csv(tmp_path / "a.csv"), result.to_npz(tmp_path / "a.npz")
+    with pytest.raises(tw.NotFoundError, match="nothing"):
+        SimulationResult.load(tmp_path / "nothing.npz")
+    (tmp_path / "short.npz").write_bytes(npz.read_bytes()[:300])
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    lines = csv.read_text().splitlines(keepends=True)
+    (tmp_path / "other.csv").write_text("time,a\n0,1\n")
+    (tmp_path / "torn.csv").write_text("".join(lines)[:-30])
+    (tmp_path / "worse.csv").write_text("".join([lines[0], "# {}\n", *lines[2:]]))
+    (tmp_path / "empty.csv").write_text("".join(lines[:3]))
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
+    names = ("short.npz", "other.npz", "other.csv", "torn.csv", "worse.csv", "empty.csv", "binary.csv")
+    for name in names:
+        with pytest.raises(tw.TrajectoryError, match=name):
+            SimulationResult.load(tmp_path / name)
+    with pytest.raises(tw.ValueRangeError, match="folder"):
+        result.to_csv(tmp_path)
+    with pytest.raises(tw.ValueRangeError):
+        result.to_npz(tmp_path / "no folder" / "a.npz")
+
+
+def test_pictures_are_drawn(result, tmp_path):
+    pytest.importorskip("matplotlib")
+    assert result.plot(tmp_path / "motion").read_bytes()[:4] == b"\x89PNG"
+
+
+# ── the command ──
+
+
+def twistwrench(*arguments):
+    return CliRunner().invoke(main, ["simulate", *map(str, arguments)])
+
+
+def test_the_command_prints_and_writes(tmp_path):
+    done = twistwrench(
+        "planar_2r", "--duration", 0.5, "--dt", 0.01, "--method", "rk4", "--at", "joint1=90", "--velocity", "joint2=-180",
+        "--torque", "joint1=3", "--degrees", "--csv", tmp_path / "a.csv", "--npz", tmp_path / "a.npz",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    for word in ("joint1", "drift", "DONE", "reached the end", "wrote", "50 steps"):
+        assert word in done.output
+    found = SimulationResult.load(tmp_path / "a.npz")
+    np.testing.assert_allclose(found.q[0], [np.pi / 2, 0])
+    np.testing.assert_allclose(found.dq[0], [0, -np.pi])
+    np.testing.assert_allclose(found.tau[0], [3, 0])
+    torques = CliRunner().invoke(main, ["torques", "planar_2r", "--trajectory", str(tmp_path / "a.csv")])
+    assert torques.exit_code == 0, torques.output
+
+
+def test_the_command_knows_the_ground_and_what_is_carried():
+    done = twistwrench(
+        "floating_box", "--duration", 0.4, "--ground", -0.2, "--touch", "box", "--payload", 1, "--dt", 0.01
+    )
+    assert done.exit_code == 0, done.output
+    assert "box touches the plane at 0.20" in done.output
+    assert "work of contacts" in done.output
+
+
+def test_the_command_writes_what_it_has_when_a_step_is_unstable(tmp_path):
+    done = twistwrench("ur5", "--method", "rk4", "--dt", 0.3, "--duration", 30, "--csv", tmp_path / "a.csv")
+    assert done.exit_code == 1, done.output
+    assert "STOPPED" in done.output
+    assert "unstable" in done.output
+    assert len(SimulationResult.load(tmp_path / "a.csv")) > 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--at", "joint9=1"], "joint9"),
+        (["--at", "joint1"], "JOINT=VALUE"),
+        (["--at", "joint1=1", "--at", "joint1=2"], "given twice"),
+        (["--velocity", "joint1=fast"], "expected 1 number"),
+        (["--configuration", "1,2,3"], "2 numbers"),
+        (["--touch", "tip"], "--ground"),
+        (["--ground", "0", "--contact", "1,2"], "--contact"),
+        (["--method", "magic"], "magic"),
+        (["--dt", "0"], "dt is 0"),
+        (["--csv", "no/such/folder/a.csv"], "no such folder"),
+    ],
+)
+def test_bad_input_of_the_command_is_one_line(arguments, says):
+    done = twistwrench("planar_2r", *arguments)
+    assert done.exit_code == 2
+    assert says in done.output
+    assert done.output.startswith("error: ")
+    assert done.output.count("\n") == 1
