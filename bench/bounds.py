@@ -79,11 +79,11 @@ def multiplications(program: Any) -> int:
 
 def per_angle() -> int:
     """Operations of the multiplier for the sine and cosine of one angle: counted in what is emitted for them."""
-    from twistwrench.targets.machine import DOUBLE
+    from twistwrench.targets.machine import DOUBLE, chosen
     from twistwrench.targets.sincos import sincos
     from twistwrench.targets.writer import Writer
 
-    w = Writer(DOUBLE, lanes())
+    w = Writer(DOUBLE, lanes(), fused=chosen().fused)
     sincos(w, ["%x"])
     return sum(".fma." in line or " fmul " in line for line in w.lines)
 

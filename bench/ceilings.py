@@ -81,7 +81,7 @@ def _spread(parts: Mapping[str, int], length: int) -> list[str]:
 def _mixture(lanes: int, sequence: list[str], span: int) -> str:
     """A loop of these instructions in LLVM assembly: arithmetic in many chains, so that none waits for the one before."""
     kinds = {part.split()[0] for part in sequence}
-    many = 2 if lanes != 4 else 1  # AVX-512 and NEON have twice the registers
+    many = 1 if _register() == "x" and lanes < 8 else 2  # AVX-512 and NEON have twice the registers
     chains = {
         "products": 14 if kinds <= {"products"} else 8,
         "sums": 0 if "sums" not in kinds else 4 if "rest" in kinds else 6,
@@ -145,6 +145,8 @@ def _mixture(lanes: int, sequence: list[str], span: int) -> str:
 
 def _arithmetic(kind: str, result: str, value: str, operand: str, lanes: int) -> list[str]:
     v = f"<{lanes} x double>"
+    if kind == "products" and not _fused():
+        return [f"{result} = fmul {v} {value}, {operand}"]
     if kind == "products":
         return [f"{result} = call {v} @llvm.fma.v{lanes}f64({v} %c, {v} {operand}, {v} {value})"]
     if kind == "sums":
@@ -160,6 +162,12 @@ def _register() -> str:
     from twistwrench.targets.machine import chosen
 
     return "x" if chosen().triple.startswith("x86") else "w"
+
+
+def _fused() -> bool:
+    from twistwrench.targets.machine import chosen
+
+    return chosen().fused
 
 
 def _stream(lanes: int, kind: str) -> str:

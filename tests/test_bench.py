@@ -364,7 +364,8 @@ def test_results_go_elsewhere_when_asked_to(bench, monkeypatch, tmp_path, capsys
         bench("footprint"),
         "compile_times",
         lambda rounds, cases: (
-            given.append(cases) or {"date": "d", "cpu": "c", "rounds": rounds, "quantities": ["mass_matrix"], "robots": {}}
+            given.append(cases)
+            or {"date": "d", "cpu": "c", "rounds": rounds, "quantities": ["mass_matrix"], "robots": {}}
         ),
     )
     monkeypatch.setattr(

@@ -51,6 +51,8 @@ def test_shapes_types_and_numbers_of_arrays_are_refused_by_name(gpu, arm):
     ):  # fmt: skip
         with pytest.raises(error, match=words):
             arm.cuda.inverse_dynamics(*given)
+    with pytest.raises(tw.UnknownNameError, match="base, com"):
+        arm.cuda.momentum(q, dq, frame="tip")
     with pytest.raises(tw.ShapeError, match="2 inputs given, 3 wanted: q, dq, ddq"):
         arm.cuda.kernel("inverse_dynamics")(q, dq)
     assert not gpu.of("cuLaunchKernel")

@@ -158,6 +158,15 @@ def test_tiles_fit_and_their_rows_meet_no_bank_twice(name, precision, bundled):
         assert function.threads % 32 == 0
 
 
+@pytest.mark.parametrize("shared", [SHARED, 20_000, 300])
+def test_threads_meet_between_any_two_steps_that_share_memory(shared, bundled):
+    """As C++ the threads of a step run one after another, so that a barrier too few would not show in its numbers."""
+    function = CudaFunction("kernel", bundled("quadruped").program("mass_matrix"), "double", shared)
+    steps = function.source.split("void __launch_bounds__")[1].split("EACH_THREAD(t)")[1:]
+    assert len(steps) == 1 + any(t.staged for t in function.tiles[:1]) + any(t.staged for t in function.tiles[1:])
+    assert all("TOGETHER;" in step for step in steps[:-1]) and "TOGETHER;" not in steps[-1]
+
+
 @as_cpp
 def test_an_input_may_serve_all_samples_or_be_columns_of_a_wider_array(bundled, tmp_path):
     robot = bundled("panda")
@@ -190,7 +199,7 @@ def test_without_sines_results_have_the_bits_of_the_kernels(precision, bundled, 
 
 @pytest.mark.parametrize(
     ("compiler", "name", "precision"),
-    zip(COMPILERS, ("floating_box", "planar_2r"), ("float", "double"), strict=False),
+    list(zip(COMPILERS, ("floating_box", "planar_2r"), ("float", "double"), strict=False)),
 )
 def test_every_quantity_compiles_as_cpp_without_a_warning(compiler, name, precision, bundled, tmp_path):
     if not shutil.which(compiler):
@@ -225,7 +234,9 @@ def test_nvcc_compiles_it_without_a_warning(name, quantity, precision, shared, b
     command = ["nvcc", *OPTIONS, "-arch=sm_90", "-Werror", "all-warnings", "-ptx", source, "-o", tmp_path / "k.ptx"]
     done = subprocess.run([*map(str, command)], capture_output=True, text=True)
     assert done.returncode == 0 and not done.stderr, done.stderr
-    assert_good_assembly((tmp_path / "k.ptx").read_text(), bundled(name).program(quantity), precision)
+    ptx = (tmp_path / "k.ptx").read_text()
+    assert ptx.count("bar.sync") == source.read_text().count("TOGETHER;") and "%tid.x" in ptx and "%ctaid.x" in ptx
+    assert_good_assembly(ptx, bundled(name).program(quantity), precision)
 
 
 def assert_good_assembly(ptx, program, precision):

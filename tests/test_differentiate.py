@@ -95,7 +95,7 @@ RULES = {
     "by a number": (lambda x, y: 2.0 / x + y / 3.0 - 5.0 * x, 2),
     "tan": (lambda x, y: np.tan(x) + y, 2),
     "power": (lambda x, y: x**5 + y**-2 + x**2.5 + y**0, 2),
-    "norm": (lambda x, y: np.sqrt(x**2 + y**2), 2),
+    "norm": (lambda x, y: np.linalg.norm(np.array([x, y, x * y])), 2),
     "tower": (lambda x, y: np.sin(np.exp(np.cos(x) / y) * np.sqrt(x + y)), 2),
 }
 
@@ -340,6 +340,10 @@ def test_arguments_and_options_that_cannot_be_meant():
         refuse(tw.ShapeError, "x has shape", repr(shape), arguments={"x": shape})
     refuse(tw.ShapeError, "does not take the arguments x, y", arguments={"x": 3, "y": 3})
     refuse(tw.UnknownNameError, "no input of differentiate <lambda> named 'z'", "Known: x", by="z")
+    refuse(
+        tw.ShapeError, "an argument is named 'along x'", function=lambda x, y: x @ y,
+        arguments={"x": 3, "along x": 3}, by="x", form="along",
+    )  # fmt: skip
     refuse(tw.KernelError, "named twice", by=("x", "x"))
     refuse(tw.KernelError, "names no input", by=())
     refuse(tw.KernelError, "names no input", by=0)

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from simulated import dop853
 from twistwrench.peers import mujoco_model
 from twistwrench.simulation import METHODS, Event
 from twistwrench.testing import random_robot, random_state
-
-from test_simulation_methods import dop853
-
-FIXED = [m for m in METHODS if m != "dopri5"]
 
 
 @pytest.fixture(scope="module")

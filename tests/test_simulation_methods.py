@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from simulated import dop853, far, rates, run
 from twistwrench.bodies.splitting import COMPOSITIONS
-from twistwrench.lie import quaternion
 from twistwrench.simulation import METHODS, Partitioned, Tableau
 from twistwrench.simulation.forces import System
 from twistwrench.simulation.manifold import Manifold
@@ -48,50 +48,6 @@ def case(request):
     robot = ROBOTS[request.param]()
     state = random_state(robot, 1)
     return robot, state, dop853(robot, state.q, state.dq, 0.4)
-
-
-def rates(robot, q, dq):
-    """Of the coordinates, by the rotation matrices of the library: independent of the integrator's own formulas."""
-    found = np.zeros(robot.nq)
-    for b in robot.model.leaders:
-        i, k = b.q_index, b.v_index
-        if b.joint.kind == "floating":
-            found[i : i + 4] = 0.5 * quaternion.multiply(q[i : i + 4], np.r_[0.0, dq[k : k + 3]])
-            found[i + 4 : i + 7] = quaternion.rotation(q[i : i + 4]) @ dq[k + 3 : k + 6]
-        elif b.joint.kind == "planar":
-            c, s = np.cos(q[i + 2]), np.sin(q[i + 2])
-            found[i : i + 3] = c * dq[k + 1] - s * dq[k + 2], s * dq[k + 1] + c * dq[k + 2], dq[k]
-        else:
-            found[i] = dq[k]
-    return found
-
-
-def dop853(robot, q, dq, duration, times=None):
-    from scipy.integrate import solve_ivp
-
-    nq, zero = robot.nq, np.zeros(robot.nv)
-
-    def f(_t, y):
-        return np.concatenate([rates(robot, y[:nq], y[nq:]), robot.forward_dynamics(y[:nq], y[nq:], zero)])
-
-    out = solve_ivp(f, (0, duration), np.r_[q, dq], method="DOP853", rtol=1e-13, atol=1e-13, t_eval=times)
-    return out.y[:, -1] if times is None else out.y.T
-
-
-def run(robot, state, duration, steps, method):
-    system = System(robot)
-    scheme, h = scheme_of(method, system), duration / steps
-    y, rate = np.concatenate([state.q, state.dq, np.zeros(4)]), np.zeros(system.size)
-    for k in range(steps):
-        system.rates(k * h, y, rate)
-        y = scheme.step(k * h, y, h, rate)
-        system.manifold.normalise(y[: system.nq])
-    return y[: system.nq], y[system.moving]
-
-
-def far(robot, found, wanted):
-    q, dq = wanted[: robot.nq], wanted[robot.nq :]
-    return max(np.abs(robot.subtract(found[0], q)).max(), np.abs(found[1] - dq).max())
 
 
 @pytest.mark.parametrize("method", METHODS)

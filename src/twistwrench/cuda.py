@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -74,6 +75,11 @@ class CudaRobot:
         return f"{comment(about)}\n{function.source}"
 
     def _kernel(self, name: str, on_robot: tuple[str, ...], options: Mapping[str, Any]) -> CudaKernel:
+        asked = (name, on_robot, *options.items())
+        try:
+            return self._kernels[asked]
+        except (KeyError, TypeError):  # not yet asked for like this, or by a list
+            pass
         full = quantities.checked_options(self._robot.model, name, options)
         key = (name, on_robot, *full.items())
         if key not in self._kernels:
@@ -85,6 +91,8 @@ class CudaRobot:
             ending = "_on_robot" if turned else ""
             program = _with_opposite(function.program, turned) if turned else function.program
             self._kernels[key] = CudaKernel(function.name + ending, program, name)
+        with contextlib.suppress(TypeError):
+            self._kernels[asked] = self._kernels[key]
         return self._kernels[key]
 
     def _call(self, name: str, *arrays: Device, out: Any = None, stream: Any = None, **options: Any) -> Any:
@@ -200,6 +208,21 @@ class CudaRobot:
         given = wrench_by_robot, wrench_on_robot, out, stream
         return self._with_wrenches("forward_dynamics", (q, dq, tau), *given)
 
+    def drive_torques(
+        self,
+        q: Device,
+        dq: Device,
+        ddq: Device,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+        stream: Any = None,
+    ) -> Any:
+        """What the gears carry, and what the rotors take before them, a pair; (nv) each."""
+        given = wrench_by_robot, wrench_on_robot, out, stream
+        return self._with_wrenches("drive_torques", (q, dq, ddq), *given)
+
     def mass_matrix(self, q: Device, *, out: Any = None, stream: Any = None) -> Any:
         """M; (nq) → (nv, nv)."""
         return self._call("mass_matrix", q, out=out, stream=stream)
@@ -308,6 +331,12 @@ class CudaRobot:
     def potential_energy(self, q: Device, *, out: Any = None, stream: Any = None) -> Any:
         """Of the moving bodies; (nq) → ()."""
         return self._call("potential_energy", q, out=out, stream=stream)
+
+    def momentum(self, q: Device, dq: Device, frame: str = "base", *, out: Any = None, stream: Any = None) -> Any:
+        """Spatial momentum at the base origin, or with ``frame="com"`` about the centre of mass; (nq), (nv) → (6)."""
+        if frame not in ("base", "com"):
+            raise UnknownNameError.of("momentum frame", frame, ("base", "com"))
+        return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq, out=out, stream=stream)
 
     def center_of_mass(self, q: Device, *, out: Any = None, stream: Any = None) -> Any:
         """Of the moving bodies, in the base frame; (nq) → (3)."""

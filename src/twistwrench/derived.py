@@ -115,7 +115,9 @@ class Derivative:
                     found.append(rows.reshape((*result.shape, *rows.shape[1:])))
                     continue
                 parts = np.split(rows, np.cumsum(sizes)[:-1], axis=1)
-                found += [part.reshape((*result.shape, *charts[n].shape)) for n, part in zip(self.by, parts, strict=True)]
+                found += [
+                    part.reshape((*result.shape, *charts[n].shape)) for n, part in zip(self.by, parts, strict=True)
+                ]
         else:
             total = differentiate.gradient(flat, weights, joined.known, sum(sizes))
             if self.form == "hessian_along":
@@ -195,7 +197,7 @@ def _hessian(J: Array, chart: Chart) -> Array:
         unit = [float(k == b) for k in range(n)]
         slopes = _filled((rows, b + 1), _along(J[:, : b + 1], chart, unit))
         for a in range(b + 1):
-            turned = 0.0 if chart.brackets is None else 0.5 * (J @ chart.brackets[b, a].astype(object))
+            turned = 0.0 if chart.brackets is None else 0.5 * (J @ chart.brackets[a, b].astype(object))
             H[:, a, b] = H[:, b, a] = slopes[:, a] + turned
     return H
 

@@ -80,6 +80,9 @@ def differentiate(
     directions = {label: (models[label].nv,) if label in models else shape for label, shape in shapes.items()}
     more = derivative.inputs(directions, {n: np.shape(x) for n, x in zip(names, first, strict=True)})
 
+    if twice := [label for label in more if label in shapes]:
+        raise ShapeError(f"{what}: an argument is named {twice[0]!r}, as a further input of the kernel is. Rename it.")
+
     def on_symbols(*arrays: Any) -> tuple[Any, ...]:
         given = dict(zip((*shapes, *more), arrays, strict=True))
         charts = {x: Chart.of(given[x], models[x].model if x in models else None) for x in derivative.by}

@@ -1294,8 +1294,9 @@ def _unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> Shap
     )
 
 
-LARGEST_COMPILED = 120_000
-"""Programs beyond this many instructions run on NumPy: compiling them would take minutes."""
+LARGEST_COMPILED = 1_000_000
+"""Programs beyond this many instructions run on NumPy. Compiling takes some 0.02 to 0.1 ms an instruction (bench/NOTES.md), so two
+minutes at most; the regressor of a chain of 100 links has 800,000."""
 
 
 def _make_kernel(program: Program, name: str, doc: str) -> Any:

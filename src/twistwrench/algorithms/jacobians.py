@@ -61,7 +61,10 @@ def jacobian(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
 
 def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "body") -> Array:
     """dJ/dt; (6, nv). Each column turns with its body, as the observer sees it: dJ_i = [V_i - V_observer, J_i]."""
-    columns = list(_columns(model, q, frame, kind))
+    return _rate(model, list(_columns(model, q, frame, kind)), dq, kind)
+
+
+def _rate(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str) -> Array:
     V, twists = zeros(6), []
     for body, axes in columns:
         V = V + dq[body.v_index : body.v_index + body.joint.nv] @ axes
@@ -75,9 +78,11 @@ def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "bo
 
 def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
     """∂J/∂q; (6, nv, nv), the last axis along robot.add. dJ/dt is linear in dq, so ∂J/∂q_k is dJ/dt at the k-th unit rate."""
+    columns, units = list(_columns(model, q, frame, kind)), np.eye(model.nv).astype(object)
     D = zeros(6, model.nv, model.nv)
-    for k, e in enumerate(np.eye(model.nv).astype(object)):
-        D[:, :, k] = jacobian_rate(model, q, e, frame, kind)
+    for body, axes in columns:
+        for k in range(body.v_index, body.v_index + len(axes)):
+            D[:, :, k] = _rate(model, columns, units[k], kind)
     return D
 
 

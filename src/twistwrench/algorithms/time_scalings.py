@@ -140,7 +140,8 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
         v = named["v"]
         if not 1.0 < v * T <= 2.0 * (1 + 1e-12):
             raise ValueRangeError(
-                f"v = {v:g} over T = {T:g} covers no trapezoid: 1 < v T ≤ 2 is needed, so v above {1 / T:g} and up to {2 / T:g}."
+                f"v = {v:g} over T = {T:g} covers no trapezoid: 1 < v T ≤ 2 is needed, so "
+                f"v above {1 / T:g} and up to {2 / T:g}."
             )
         return Trapezoid(v, max(v * v / (v * T - 1.0), v * v))  # MR eq. 9.18
     a = named["a"]

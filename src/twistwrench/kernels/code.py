@@ -12,6 +12,7 @@ from typing import Any
 
 from ..errors import KernelError
 from ..program.program import Program
+from ..program.recurrence import Recurrence
 from ..targets.llvm import LOOP
 from ..targets.machine import Machine, Precision, chosen
 from ..targets.sections import modules
@@ -70,7 +71,7 @@ LOCK = _JIT.lock
 """Held while anything compiles."""
 
 
-def compiled(program: Program, precision: Precision, machine: Machine | None = None) -> Code:
+def compiled(program: Program | Recurrence, precision: Precision, machine: Machine | None = None) -> Code:
     """Code for ``program`` on the machine, or the chosen one, from the cache if it is there."""
     machine = machine or chosen()
     with _JIT.lock:

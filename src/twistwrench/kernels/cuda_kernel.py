@@ -6,7 +6,7 @@ import itertools
 import math
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,18 @@ LARGEST = 40_000
 """Programs beyond this many instructions are refused: NVIDIA's compiler would take very long over one function of them."""
 
 _PRECISIONS = {np.dtype(np.float32): "float", np.dtype(np.float64): "double"}
+_MOST_PLANS = 256
 _WHOLE = "such as by .contiguous() in PyTorch, cupy.ascontiguousarray in CuPy"
+
+
+class _Plan(NamedTuple):
+    """What follows from the shapes, strides and types of the inputs alone; kept, for a loop has the same ones each time."""
+
+    dtype: np.dtype[Any]
+    batch: tuple[int, ...]
+    steps: tuple[int, ...]
+    shapes: tuple[tuple[int, ...], ...]
+    reaches: tuple[tuple[int, int], ...]
 
 
 class CudaKernel:
@@ -44,6 +55,7 @@ class CudaKernel:
         self.name, self.program, self.label = name, program, label
         self._loaded: dict[tuple[str, int, int], Any] = {}
         self._functions: dict[str, CudaFunction] = {}
+        self._plans: dict[Any, _Plan] = {}
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
@@ -58,29 +70,26 @@ class CudaKernel:
     def __call__(self, *arrays: Any, out: Any = None, stream: Any = None) -> Any:
         """Launch it."""
         given = self._views(arrays, self.program.inputs, "inputs")
-        dtype = self._dtype(given)
-        batch = self._batch(given)
-        steps = [self._step(v, port, batch) for v, port in zip(given, self.program.inputs, strict=True)]
-        shapes = [batch + port.shape for port in self.program.outputs]
+        plan = self._plan(given)
         outputs, taken = None, []
         if out is not None:
             outputs = tuple(out) if isinstance(out, tuple | list) else (out,)
             taken = self._views(outputs, self.program.outputs, "arrays in out=")
-            self._check_outputs(taken, shapes, dtype, given)
+            self._check_outputs(taken, plan, given)
         gpu = driver()
         device = self._device(gpu, [*given, *taken])
         on = _stream(stream, self.label) or _stream_of(given)
         with gpu.context(device) as context:
             if outputs is None:
-                outputs = tuple(empty_like(arrays[0], shape, dtype, device, on) for shape in shapes)
+                outputs = tuple(empty_like(arrays[0], shape, plan.dtype, device, on) for shape in plan.shapes)
                 taken = [view(o, self.label) for o in outputs]
-            samples = math.prod(batch)
+            samples = math.prod(plan.batch)
             if samples:
                 for other in dict.fromkeys(v.stream or LEGACY for v in (*given, *taken) if v.stream is not None):
                     gpu.wait(on, other)
-                function = self.function(_PRECISIONS[dtype])
+                function = self.function(_PRECISIONS[plan.dtype])
                 code = self._code(gpu, function, device, context)
-                inputs = itertools.chain.from_iterable(zip((v.address for v in given), steps, strict=True))
+                inputs = itertools.chain.from_iterable(zip((v.address for v in given), plan.steps, strict=True))
                 arguments = [samples, *inputs, *(v.address for v in taken)]
                 gpu.launch(code, -(-samples // function.threads), function.threads, on, arguments)
                 for o in outputs:
@@ -103,6 +112,19 @@ class CudaKernel:
             names = ", ".join(port.name for port in ports)
             raise ShapeError(f"{self.label}: {len(arrays)} {what} given, {len(ports)} wanted: {names}.")
         return [view(a, f"{self.label}: {port.name}") for a, port in zip(arrays, ports, strict=True)]
+
+    def _plan(self, given: Sequence[View]) -> _Plan:
+        key = tuple([(v.shape, v.strides, v.dtype) for v in given])
+        plan = self._plans.get(key)
+        if plan is None:
+            dtype, batch = self._dtype(given), self._batch(given)
+            steps = [self._step(v, port, batch) for v, port in zip(given, self.program.inputs, strict=True)]
+            shapes = [batch + port.shape for port in self.program.outputs]
+            plan = _Plan(dtype, batch, tuple(steps), tuple(shapes), tuple(v.reach for v in given))
+            if len(self._plans) >= _MOST_PLANS:
+                self._plans.clear()
+            self._plans[key] = plan
+        return plan
 
     def _dtype(self, given: Sequence[View]) -> np.dtype[Any]:
         labelled = [(port.name, v.dtype) for port, v in zip(self.program.inputs, given, strict=True)]
@@ -157,30 +179,31 @@ class CudaKernel:
             span = stride * wide
         return port.size if step is None else step
 
-    def _check_outputs(
-        self, taken: Sequence[View], shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any], given: Sequence[View]
-    ) -> None:
-        inputs = [(port.name, v) for port, v in zip(self.program.inputs, given, strict=True)]
-        for port, v, shape in zip(self.program.outputs, taken, shapes, strict=True):
+    def _check_outputs(self, taken: Sequence[View], plan: _Plan, given: Sequence[View]) -> None:
+        spans = [
+            (port.name, v.address + low, v.address + end)
+            for port, v, (low, end) in zip(self.program.inputs, given, plan.reaches, strict=True)
+        ]
+        for port, v, shape in zip(self.program.outputs, taken, plan.shapes, strict=True):
             where = f"{self.label}: out= for {port.name}"
-            if v.shape != shape or v.dtype != dtype:
-                raise ShapeError(f"{where} is {v.dtype} of shape {v.shape}, wanted {dtype} of shape {shape}.")
+            if v.shape != shape or v.dtype != plan.dtype:
+                raise ShapeError(f"{where} is {v.dtype} of shape {v.shape}, wanted {plan.dtype} of shape {shape}.")
             if not _without_gaps(v.shape, v.strides):
                 raise ValueRangeError(f"{where} has gaps (strides {v.strides}). Give a contiguous array.")
             if v.readonly:
                 raise ValueRangeError(f"{where} cannot be written to.")
-            for name, other in inputs:
-                (low, high), (first, end) = v.extent, other.extent
-                if v.size and other.size and low < end and first < high:
+            first, end = v.address, v.address + math.prod(shape) * plan.dtype.itemsize
+            for name, other_first, other_end in spans:
+                if first < other_end and other_first < end:
                     raise ValueRangeError(f"{where} overlaps {name}. Give memory of its own.")
-            inputs.append((f"out= for {port.name}", v))
+            spans.append((f"out= for {port.name}", first, end))
 
     def _device(self, gpu: Driver, views: Sequence[View]) -> int:
         """The one GPU that all arrays are on."""
         names = [port.name for port in (*self.program.inputs, *self.program.outputs)]
         found: dict[int, str] = {}
         for name, v in zip(names, views, strict=False):
-            if not v.size:
+            if v.empty:
                 continue
             device = gpu.device_of(v.address)
             if device is None:

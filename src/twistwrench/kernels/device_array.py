@@ -10,8 +10,8 @@ import contextlib
 import math
 import sys
 import weakref
-from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -26,8 +26,7 @@ LEGACY = 1
 """CU_STREAM_LEGACY, the default stream by its name."""
 
 
-@dataclass(frozen=True)
-class View:
+class View(NamedTuple):
     """Where an array lies and how; strides in elements."""
 
     address: int
@@ -41,17 +40,18 @@ class View:
     """What holds the memory."""
 
     @property
-    def size(self) -> int:
-        """Number of elements."""
-        return math.prod(self.shape)
+    def empty(self) -> bool:
+        """Whether it has no elements."""
+        return 0 in self.shape
 
     @property
-    def extent(self) -> tuple[int, int]:
-        """The addresses of its first byte and of the one behind its last."""
-        reach = [(n - 1) * s for n, s in zip(self.shape, self.strides, strict=True)]
-        low, high = (sum(pick(0, r) for r in reach) for pick in (min, max))
+    def reach(self) -> tuple[int, int]:
+        """Bytes from its address to its first byte and to the one behind its last."""
+        if self.empty:
+            return 0, 0
+        ends = [(n - 1) * s for n, s in zip(self.shape, self.strides, strict=True)]
         size = self.dtype.itemsize
-        return self.address + size * low, self.address + size * (high + 1)
+        return size * sum(min(0, end) for end in ends), size * (sum(max(0, end) for end in ends) + 1)
 
 
 def view(array: Any, label: str) -> View:
@@ -107,15 +107,19 @@ def _from_interface(about: Any, array: Any, label: str) -> View:
     return View(int(address or 0), shape, inner, dtype, None if stream is None else int(stream), bool(readonly), array)
 
 
+_LIBRARIES: dict[type, str] = {}
+
+
 def _library(array: Any) -> str:
     """``"torch"`` or ``"cupy"`` for arrays of theirs and of classes derived from these."""
-    for kind in type(array).__mro__:
-        top = kind.__module__.partition(".")[0]
-        if top in ("torch", "cupy") and top in sys.modules:
-            return top
-    return ""
+    kind = type(array)
+    if kind not in _LIBRARIES:
+        tops = [base.__module__.partition(".")[0] for base in kind.__mro__]
+        _LIBRARIES[kind] = next((top for top in tops if top in ("torch", "cupy") and top in sys.modules), "")
+    return _LIBRARIES[kind]
 
 
+@lru_cache(maxsize=256)
 def _contiguous(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(math.prod(shape[k + 1 :]) for k in range(len(shape)))
 

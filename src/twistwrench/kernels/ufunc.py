@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import KernelError
-from ..program.program import Program
+from ..program.program import Program, axes_of
+from ..program.recurrence import Recurrence
 from ..targets.machine import DOUBLE, SINGLE, Precision, chosen
 from . import interpreter
 from .code import LOCK, Code, compiled
@@ -58,13 +59,13 @@ class _UFuncObject(ctypes.Structure):
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Program, name: str, doc: str) -> None:
+    def __init__(self, program: Program | Recurrence, name: str, doc: str) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
-        self.program = program
+        self.given, self.program = program, program.program if isinstance(program, Recurrence) else program
         self.machine = chosen()
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE, self.machine)}
         self.stand_in = _LOOP(self._single)
@@ -81,7 +82,7 @@ class _Owner:
 
     @cached_property
     def effort(self) -> int:
-        """Operations that a sample takes."""
+        """Operations that a sample takes, in one step if there are several."""
         return effort(self.program)
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> None:
@@ -99,15 +100,15 @@ class _Owner:
 
     def _spoil(self, args: int, dims: int, steps: int) -> None:
         """Write NaN into every float32 result of a call of the loop."""
-        ports = [*self.program.inputs, *self.program.outputs]
-        samples = ctypes.c_ssize_t.from_address(dims).value
-        distances = list((ctypes.c_ssize_t * (len(ports) + sum(len(p.shape) for p in ports))).from_address(steps))
-        inner = distances[len(ports) :]
-        for k, port in enumerate(ports):
-            strides, inner = inner[: len(port.shape)], inner[len(port.shape) :]
-            if k >= len(self.program.inputs):
+        operands = axes_of(self.given.signature)
+        sizes = (ctypes.c_ssize_t * (1 + max((k for axes in operands for k in axes), default=0))).from_address(dims)
+        distances = list((ctypes.c_ssize_t * (len(operands) + sum(map(len, operands)))).from_address(steps))
+        inner = distances[len(operands) :]
+        for k, axes in enumerate(operands):
+            strides, inner = inner[: len(axes)], inner[len(axes) :]
+            if k >= len(self.given.inputs):
                 start = ctypes.c_void_p.from_address(args + k * ctypes.sizeof(ctypes.c_void_p)).value
-                for index in np.ndindex(samples, *port.shape):
+                for index in np.ndindex(sizes[0], *(sizes[axis] for axis in axes)):
                     offset = sum(i * step for i, step in zip(index, [distances[k], *strides], strict=True))
                     ctypes.c_float.from_address((start or 0) + offset).value = float("nan")
 
@@ -115,13 +116,16 @@ class _Owner:
         with LOCK:
             code = self.code.get(precision.char)
             if code is None:
-                code = self.code[precision.char] = compiled(self.program, precision, self.machine)
+                code = self.code[precision.char] = compiled(self.given, precision, self.machine)
                 self.functions[0] = code.address
         return code.address
 
 
-def make_ufunc(program: Program, name: str, doc: str) -> np.ufunc:
-    """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones."""
+def make_ufunc(program: Program | Recurrence, name: str, doc: str) -> np.ufunc:
+    """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
+
+    That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``.
+    """
     owner = _Owner(program, name, doc)
     ufunc = _constructor()(
         ctypes.addressof(owner.functions), ctypes.addressof(owner.data), ctypes.addressof(owner.types),

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-__all__ = ["ARITY", "FUSED", "Instruction", "Port", "Program"]
+__all__ = ["ARITY", "FUSED", "Instruction", "Port", "Program", "axes_of", "signature_of"]
 
 FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
 """The fused products: ``fma`` is a b + c; the two signs are those of the product and of c. One rounding each."""
@@ -82,7 +84,27 @@ class Program:
     @property
     def signature(self) -> str:
         """The gufunc signature with the program's own sizes, as in ``(7),(7)->(7,7)``."""
-        ins, outs = (
-            ",".join("(" + ",".join(map(str, p.shape)) + ")" for p in ports) for ports in (self.inputs, self.outputs)
-        )
-        return f"{ins}->{outs}"
+        return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
+
+
+def signature_of(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequence[int | str]]) -> str:
+    """The gufunc signature of operands with those sizes."""
+    ins, outs = (
+        ",".join("(" + ",".join(map(str, sizes)) + ")" for sizes in operands) for operands in (inputs, outputs)
+    )
+    return f"{ins}->{outs}"
+
+
+def axes_of(signature: str) -> list[list[int]]:
+    """By operand, where NumPy puts the size of each axis in a loop's ``dims``: by names and numbers as they first appear.
+
+    >>> axes_of("(7),(k,7)->(m,7)")
+    [[1], [2, 1], [3, 1]]
+    """
+    names: list[str] = []
+    operands = []
+    for operand in re.findall(r"\(([^)]*)\)", signature):
+        sizes = [size for size in operand.split(",") if size]
+        names += [size for size in dict.fromkeys(sizes) if size not in names]
+        operands.append([1 + names.index(size) for size in sizes])
+    return operands

@@ -14,7 +14,7 @@ from .events import Watch
 from .forces import WORKS, System
 from .given import Law
 from .result import Record, SimulationResult
-from .schemes import Scheme
+from .schemes import ADAPTIVE, Scheme
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -171,9 +171,12 @@ class Run:
         speed = np.abs(y[s.moving])
         if not (speed.max() < _FASTEST and np.isfinite(y).all()):
             bad = int(np.argmax(np.where(np.isfinite(speed), speed, np.inf)))
+            advice = f"Take a smaller dt than {self.h:g} s, or method={ADAPTIVE!r}."
+            if self.method == ADAPTIVE:
+                advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
             raise SimulationError(
                 f"the step from {t0:.9g} s to {t1:.9g} s is unstable: joint {self.robot.model.velocity_names[bad]!r} moves at "
-                f"{y[s.moving][bad]:.3g} after it. Take a smaller dt than {self.h:g} s, or method='dopri5'."
+                f"{y[s.moving][bad]:.3g} rad/s or m/s after it. {advice}"
             )
         return y
 

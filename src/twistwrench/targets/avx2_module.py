@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from ..program.program import Program
 from .avx2 import OPERATIONS, Selection
 from .frame import Frame
-from .loop import loop
+from .buffers import LINE
+from .loop import Loop, loop
 from .machine import Machine, Precision
 from .registers import ARRAYS_IN_REGISTERS, allocated
 from .rows import RowStorer
@@ -58,8 +59,8 @@ def _prefix(machine: Machine) -> str:
     return "_" if "apple" in machine.triple or "darwin" in machine.triple else ""
 
 
-def module(program: Program, precision: Precision, machine: Machine, name: str) -> str:
-    """LLVM assembly of the module; ``name`` is that of the loop."""
+def module(program: Program, precision: Precision, machine: Machine, name: str, around: Loop = loop) -> str:
+    """LLVM assembly of the module; ``name`` is that of the loop, which ``around`` makes."""
     lanes, packed = machine.lanes(precision), len(program.results) > WIDE
     columns, frame = _angle_columns(program), Frame(program, len(program.instructions))
     code = Selection(program, precision, packed=packed).code
@@ -71,7 +72,7 @@ def module(program: Program, precision: Precision, machine: Machine, name: str) 
     group = _group(parts, size)
     arrays = [f"%a{k}" for k in range(len(program.inputs) + len(program.outputs))]
     types = ", ".join(["ptr"] * (len(arrays) + 1))
-    made = _Blocks(program, precision, lanes, columns, parts, size, packed)
+    made = _Blocks(program, precision, lanes, columns, parts, size, group, packed)
     e = made.w.element
     return "\n".join(
         [
@@ -83,11 +84,11 @@ def module(program: Program, precision: Precision, machine: Machine, name: str) 
             *(f"declare void @part{k}({types})" for k in range(parts)),
             wrapper(precision, lanes),
             preparation(frame.constants if packed else (), precision, machine, "prepare_one"),
-            made.prepare(group),
-            made.rows(frame),
+            made.prepare(),
+            *(made.rows(frame, streamed) for streamed in ((False, True) if packed else ())),
             made.one(),
-            made.several(group) if group > 1 else "",
-            loop(name, program, precision, lanes, size * group, group),
+            made.several() if group > 1 else "",
+            around(name, program, precision, lanes, size * group + packed * LINE, group, packed),
         ]
     )
 
@@ -113,10 +114,10 @@ class _Blocks:
 
     def __init__(
         self, program: Program, precision: Precision, lanes: int, columns: dict[int, list[int]], parts: int, frame: int,
-        packed: bool,
+        group: int, packed: bool,
     ) -> None:  # fmt: skip
         self.program, self.columns, self.parts, self.frame, self.packed = program, columns, parts, frame, packed
-        self.precision, self.lanes = precision, lanes
+        self.precision, self.lanes, self.group = precision, lanes, group
         self.ports = [*program.inputs, *program.outputs]
         self.arrays = [f"%a{k}" for k in range(len(self.ports))]
         self.w = Writer(precision, lanes)
@@ -148,18 +149,18 @@ class _Blocks:
         self._call_rows(self.arrays, "%frame")
         return self._defined("block")
 
-    def several(self, group: int) -> str:
+    def several(self) -> str:
         """``@blocks``: part by part, each for all blocks; block by block where an angle of one is huge."""
         w = self.w
-        moved = [self._moved(k) for k in range(group)]
+        moved = [self._moved(k) for k in range(self.group)]
         if self.columns:
             some = self._huge(*moved[0])
             for places in moved[1:]:
                 some = w.new(f"or i1 {some}, {self._huge(*places)}")
             w.do(f"br i1 {some}, label %far, label %near, {UNLIKELY}")
             w.begin("far")
-            for arrays, frame in moved:
-                w.do(f"call void @block({_pointers([*arrays, frame])})")
+            for arrays, _ in moved:
+                w.do(f"call void @block({_pointers([*arrays, '%frame'])})")
             w.do("ret void")
             w.begin("near")
         for k in range(self.parts):
@@ -184,24 +185,35 @@ class _Blocks:
             self.w.do(f"call void @part{k}({_pointers(['%frame', *arrays])})")
 
     def _call_rows(self, arrays: Sequence[str], frame: str) -> None:
-        if self.packed:
-            self.w.do(f"call void @rows({_pointers([*arrays, frame])})")
+        if not self.packed:
+            return
+        w = self.w
+        stream, plain, done = w.label("stream"), w.label("plain"), w.label("rows")
+        flag = w.at("%frame", self.frame * self.group)
+        far = w.new(f"icmp ne i64 {w.new(f'load i64, ptr {flag}, align 8')}, 0")
+        w.do(f"br i1 {far}, label %{stream}, label %{plain}")
+        for label, name in ((stream, "streamed_rows"), (plain, "rows")):
+            w.begin(label)
+            w.do(f"call void @{name}({_pointers([*arrays, frame])})")
+            w.do(f"br label %{done}")
+        w.begin(done)
 
-    def rows(self, frame: Frame) -> str:
-        """``@rows``: rows of the entries in the frame, where that is left."""
+    def rows(self, frame: Frame, streamed: bool) -> str:
+        """``@rows``, or ``@streamed_rows``: rows of the entries in the frame."""
         entry, label, tables = 0, "entry", []
-        for k, port in enumerate(self.program.outputs if self.packed else ()):
+        for k, port in enumerate(self.program.outputs):
             span = RowStorer(self.w, "", port.size).span
             table = zero_tiles(f"zeros{k}", frame, port.size, entry, span)
-            tables.append(table)
+            tables.append("" if streamed else table)
             array = self.arrays[len(self.program.inputs) + k]
-            label = frame_to_rows(self.w, array, port.size, entry, label, f"zeros{k}" if table else "")
+            name = f"zeros{k}" if table else ""
+            label = frame_to_rows(self.w, array, port.size, entry, label, name, streamed=streamed)
             entry += port.size
-        return "\n".join([*tables, self._defined("rows")])
+        return "\n".join([*tables, self._defined("streamed_rows" if streamed else "rows")])
 
-    def prepare(self, group: int) -> str:
+    def prepare(self) -> str:
         """``@prepare``: every frame of a group."""
-        calls = [f"call void @prepare_one(ptr {self.w.at('%frame', k * self.frame)})" for k in range(group)]
+        calls = [f"call void @prepare_one(ptr {self.w.at('%frame', k * self.frame)})" for k in range(self.group)]
         for call in calls:
             self.w.do(call)
         body = "\n".join(self.w.lines)

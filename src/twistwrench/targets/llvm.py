@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from ..program.program import FUSED, Program
 from .exp import exp
-from .loop import loop
+from .loop import Loop, loop
 from .machine import Machine, Precision
 from .rows import RowLoader, RowStorer
 from .sincos import sincos, wrap, wrapper
@@ -37,8 +37,8 @@ WIDE = 500
 """Programs with more entries of results are cut by these, too: LLVM's schedulers compare every two stores of a block."""
 
 
-def assembly(program: Program, precision: Precision, machine: Machine) -> str:
-    """The module: the block, the loop, and what they call."""
+def assembly(program: Program, precision: Precision, machine: Machine, around: Loop = loop) -> str:
+    """The module: the block, the loop around it, and what they call."""
     lanes = machine.lanes(precision)
     w = Writer(precision, lanes, fused=machine.fused)
     e = _Whole(w, program)
@@ -54,7 +54,7 @@ def assembly(program: Program, precision: Precision, machine: Machine) -> str:
             declarations(w),
             wrapper(precision, lanes),
             f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
-            loop(LOOP, program, precision, lanes),
+            around(LOOP, program, precision, lanes, 0, 1, False),
         ]
     )
 

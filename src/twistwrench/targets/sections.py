@@ -11,12 +11,14 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from ..program.program import Program
+from ..program.recurrence import Recurrence
 from .frame import Frame
 from .llvm import LOOP, Emitter, assembly, declarations
-from .loop import loop
+from .loop import Loop, loop
 from .machine import Machine, Precision
 from .rows import RowStorer
 from .sincos import wrapper
+from .steps import loop_over
 from .writer import Writer
 
 __all__ = ["modules"]
@@ -31,18 +33,20 @@ EACH = 25
 """Sections in a module."""
 
 
-def modules(program: Program, precision: Precision, machine: Machine) -> Iterator[str]:
+def modules(given: Program | Recurrence, precision: Precision, machine: Machine) -> Iterator[str]:
     """The texts to compile and to link together; one, unless the program is long."""
     from . import avx2_module
 
+    program, around = (given.program, loop_over(given)) if isinstance(given, Recurrence) else (given, loop)
+
     if avx2_module.serves(program, machine):
-        yield avx2_module.module(program, precision, machine, LOOP)
+        yield avx2_module.module(program, precision, machine, LOOP, around)
         return
     if len(program.instructions) <= LONG:
-        yield assembly(program, precision, machine)
+        yield assembly(program, precision, machine, around)
         return
     frame = Frame(program, SECTION)
-    yield _head(frame, precision, machine)
+    yield _head(frame, precision, machine, around)
     sections = list(enumerate(pairwise(frame.starts)))
     for k in range(0, len(sections), EACH):
         w = _writer(precision, machine)
@@ -71,7 +75,7 @@ def _store(w: Writer, value: str, home: int | str) -> None:
 # ── the loop, and what it calls ──
 
 
-def _head(frame: Frame, precision: Precision, machine: Machine) -> str:
+def _head(frame: Frame, precision: Precision, machine: Machine, around: Loop) -> str:
     """The loop, the preparation of the frame, and the block, which calls the sections and then makes rows."""
     w = _writer(precision, machine)
     inputs, ports = len(frame.program.inputs), len(frame.program.inputs) + len(frame.program.outputs)
@@ -92,15 +96,18 @@ def _head(frame: Frame, precision: Precision, machine: Machine) -> str:
             preparation(frame.constants, precision, machine),
             f'define internal void @block({arguments}, ptr noalias %frame) noinline "stackrealign" {{\nentry:\n{body}',
             "  ret void\n}\n",
-            loop(LOOP, frame.program, precision, w.lanes, frame.size * w.lanes * precision.bytes),
+            around(LOOP, frame.program, precision, w.lanes, frame.size * w.lanes * precision.bytes, 1, False),
         ]
     )
 
 
-def frame_to_rows(w: Writer, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
+def frame_to_rows(
+    w: Writer, base: str, columns: int, entry: int, label: str, zeros: str = "", *, streamed: bool = False
+) -> str:
     """Make rows of the vectors from ``entry`` on: tiles in a loop, then the last, which ends with the row.
 
     Takes the label control comes from and returns the one it is in afterwards. ``zeros``: a table as :func:`zero_tiles` makes.
+    ``streamed``: as of :class:`.rows.RowStorer`.
     """
     whole = RowStorer(w, base, columns)
     if not whole.starts:  # too narrow for tiles
@@ -114,18 +121,18 @@ def frame_to_rows(w: Writer, base: str, columns: int, entry: int, label: str, ze
             nothing = w.new(f"load i1, ptr {w.at(f'@{zeros}', tile)}, align 1")
             w.do(f"br i1 {nothing}, label %{empty}, label %{full}")
             w.begin(empty)
-            storer = RowStorer(w, w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}")), columns)
-            storer.clear()
+            place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
+            RowStorer(w, place, columns, streamed=streamed).clear()
             w.do(f"br label %{stored}")
             w.begin(full)
-        _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"))
+        _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"), streamed)
         if zeros:
             w.do(f"br label %{stored}")
             w.begin(stored)
     label = w.after
     if columns % whole.span:
         last = columns - whole.span
-        _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"))
+        _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"), streamed)
     return label
 
 
@@ -139,8 +146,9 @@ def zero_tiles(name: str, frame: Frame, columns: int, entry: int, span: int) -> 
     return f"@{name} = internal constant [{len(tiles)} x i8] [{', '.join(f'i8 {int(t)}' for t in tiles)}]"
 
 
-def _tile(w: Writer, base: str, columns: int, first: str, entry: str) -> None:
-    storer = RowStorer(w, w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}")), columns)
+def _tile(w: Writer, base: str, columns: int, first: str, entry: str, streamed: bool = False) -> None:
+    place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
+    storer = RowStorer(w, place, columns, streamed=streamed)
     for c in range(storer.span):
         storer.put(c, _load(w, w.new(f"add i64 {entry}, {c}")))
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import PathError, ValueRangeError
 from ..inverse_kinematics import twist_left
 from ..lie import checks
-from .paths import JointPath, configurations, one_degree_joints
+from .paths import JointPath, one_degree_joints
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -33,7 +33,7 @@ def follow_poses(
     q0: ArrayLike,
     frame: str | None = None,
     *,
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-8,
 ) -> JointPath:
     """The joints' path that moves a frame along T(s), from ``q0`` (nq,) where it has the pose T(0), on q0's branch.
 
@@ -55,7 +55,7 @@ def follow_poses(
     True
     """
     one_degree_joints(robot, "following poses")
-    q0 = configurations(robot, [q0], "q0")[0]
+    q0 = np.array(checks.one(checks.finite(q0, "q0", robot.nq), "q0", robot.nq))
     allowed = checks.number(tolerance, "tolerance")
     if not 1e-10 <= allowed < np.inf:
         raise ValueRangeError(f"tolerance is {allowed:g}: give how far the frame may be off [m, rad], 1e-10 or more.")
@@ -69,7 +69,7 @@ def follow_poses(
     n = _FIRST
     while True:
         s = np.linspace(0.0, 1.0, n + 1)
-        q, why = _solved(robot, poses(s), q0, frame)
+        q, why = _solved(robot, poses(s), np.asarray(q0), frame)
         if len(q) < len(s) and (n < 1024 and "limit" not in why):
             n *= 4  # closer places may get through
             continue
@@ -87,8 +87,8 @@ def follow_poses(
         if n > _MOST:
             k = int(np.linalg.norm(off, axis=1).argmax())
             raise PathError(
-                f"between {n // 2} places the frame is still {deviation:.3g} off at s = {middle[k]:.4g}: the path bends there, or "
-                "the arm is near a singular configuration. Round the path off, or allow more with tolerance=.",
+                f"between {n // 2} places the frame is still {deviation:.3g} off at s = {middle[k]:.4g}: the path bends there, "
+                "or the arm is near a singular configuration. Round the path off, or allow more with tolerance=.",
                 reached=float(middle[k]),
                 partial=_spline(s, q, deviation),
             )
@@ -130,7 +130,8 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
                 if least < 0.02 * float(sizes[0]):
                     return (
                         np.array(found),
-                        f"the arm is at a singular configuration there, stretched out or folded, with nowhere to go on (smallest singular value of J {least:.2g})",
+                        "the arm is at a singular configuration there, stretched out or folded, and finds no way on (smallest "
+                        f"singular value of J {least:.2g})",
                     )
                 return np.array(found), "the next pose is out of reach on this branch"
         if _outside(q, lower, upper).any():

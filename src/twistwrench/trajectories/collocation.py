@@ -101,7 +101,7 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     U, X = u @ _U_AT.T, x + 2 * way * h * (u @ _X_AT.T)  # (n, points)
     V = np.abs(found.values(U, X))
     slack = TOLERANCE * rows.L
-    fits = (V <= rows.L + slack).all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
+    fits = (rows.L + slack >= V).all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
     over = np.where(np.arange(len(u)) < free, 1e-10, 0.25 * TOLERANCE)[:, None, None] * np.ones((len(POINTS), 1))
     over[:, STAGES] *= 2.0  # where the last piece ended, as far over as it may be
     fits &= (X[:, :, None] <= found.cap * (1 + over)).all(axis=(1, 2))

@@ -128,7 +128,11 @@ def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any]) 
     from ..algorithms.time_scalings import cubic, quintic, trapezoid
     from .trajectory import fitted
 
-    shapes = {"quintic": quintic, "cubic": cubic, "trapezoid": lambda T: trapezoid(v=1.5 / T, duration=T)}
+    shapes: dict[str, Any] = {
+        "quintic": quintic,
+        "cubic": cubic,
+        "trapezoid": lambda T: trapezoid(v=1.5 / T, duration=T),
+    }
     shape = shapes[given["scaling"]](1.0)
     if given["duration"] is not None:
         return shape.stretched(given["duration"])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ValueRangeError
+from ..errors import PathError, ValueRangeError
 from .limits import Bounds, bounds_of
 from .passes import Arc, backward, forward
 from .rows import PathRows
@@ -156,8 +156,14 @@ def fastest(
     rows = PathRows(robot, path, replace(bounds, **room), friction=friction)
     if not (~rows.flat).any():
         raise ValueRangeError(
-            f"nothing limits how fast {robot.name!r} speeds up on this path: give effort or acceleration limits of joints that move."
+            f"nothing limits how fast {robot.name!r} speeds up on this path: give effort or acceleration "
+            "limits of joints that move."
         )
     rows.require_standing()
-    arcs = backward(rows)
-    return Fastest(robot, path, FastestScaling(tuple(forward(rows, arcs))), bounds, rows, tuple(arcs))
+    try:
+        arcs = backward(rows)
+        cells = forward(rows, arcs)
+    except PathError:  # a narrow place of the limit curve was missed
+        arcs = backward(rows, 40_001)
+        cells = forward(rows, arcs)
+    return Fastest(robot, path, FastestScaling(tuple(cells)), bounds, rows, tuple(arcs))

@@ -30,6 +30,8 @@ _MOST = 20_000
 """Pieces of one pass."""
 _FEW = 20
 """Pieces of such a step."""
+_BESIDE = 1e-5
+"""How near to breaks, on both sides, the limit curve is looked at for leaving it."""
 _STEP = 1e-7
 """The step [of s] over which slopes of the limit curve are compared with accelerations."""
 _SCAN = 1e-3
@@ -62,7 +64,7 @@ class Arc:
         return out
 
 
-class _Stuck(Exception):  # noqa: N818  no error, a turn of the algorithm
+class _Stuck(Exception):
     """No piece of any size leads on."""
 
 
@@ -103,14 +105,16 @@ def _advance(
     return found
 
 
-def backward(rows: PathRows) -> list[Arc]:
-    """The arcs of the viability curve, ascending in s; between them it is the limit curve."""
+def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
+    """The arcs of the viability curve, ascending in s; between them it is the limit curve, looked at in ``count`` places."""
     arcs: list[Arc] = []
     breaks = rows.breaks
     s, x = 1.0, 0.0
-    inner = np.abs(rows.grid[:, None] - breaks).min(axis=1) > 10 * _STEP
-    falls = np.zeros(len(rows.grid), bool)
-    falls[inner] = _falls_away(rows, rows.grid[inner])
+    beside = np.concatenate([breaks + side * _BESIDE for side in (-1, 1)])
+    places = np.unique(np.concatenate([np.linspace(0.0, 1.0, count), beside]))
+    places = places[(places > 0) & (places < 1)]
+    places = places[np.abs(places[:, None] - breaks).min(axis=1) > 0.5 * _BESIDE]
+    falls = places[_falls_away(rows, places)]
     while s > 0:
         cells: list[Cell] = []
         hint = 1.0
@@ -128,7 +132,7 @@ def backward(rows: PathRows) -> list[Arc]:
         if cells:
             arcs.append(Arc(tuple(reversed(cells))))
         if s > 0:
-            s = _leaving(rows, s, falls)
+            s = _leaving(rows, s, places, falls)
             x = float(rows.cap(np.array([s])).x[0])
     return arcs[::-1]
 
@@ -160,15 +164,15 @@ def _leaves(rows: PathRows, s: float) -> bool:
     return False
 
 
-def _leaving(rows: PathRows, s: float, falls: Array) -> float:
-    """The first place below s at which the curve leaves the limit curve, 0 if it never does; ``falls`` is at rows.grid."""
-    places = np.unique(np.concatenate([rows.grid[falls], rows.breaks]))
-    for place in places[(places < s - _SMALLEST) & (places > 0)][::-1]:
+def _leaving(rows: PathRows, s: float, places: Array, falls: Array) -> float:
+    """The first place below s at which the curve leaves the limit curve, 0 if it never does; it falls away at some of the places."""
+    edges = np.concatenate([places, rows.breaks, [s]])
+    chosen = np.unique(np.concatenate([falls, rows.breaks]))
+    for place in chosen[(chosen < s - _SMALLEST) & (chosen > 0)][::-1]:
         if place in rows.breaks:
             if _leaves(rows, float(place)):
                 return float(place)
             continue
-        edges = np.concatenate([rows.grid, rows.breaks, [s]])
         goes, stays = float(place), float(edges[edges > place].min())
         for _ in range(40):
             middle = 0.5 * (stays + goes)

@@ -46,7 +46,7 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
     >>> [x.tolist() for x in path(0.25)]
     [[0.25, -0.5], [1.0, -2.0], [0.0, 0.0]]
     """
-    q0, q1 = (configurations(robot, q, name)[0] for name, q in (("q0", [q0]), ("q1", [q1])))
+    q0, q1 = (np.array(checks.one(checks.finite(q, n, robot.nq), n, robot.nq)) for n, q in (("q0", q0), ("q1", q1)))
     way = robot.subtract(q1, q0)
     if not np.abs(way).max(initial=0.0) > 0:
         raise ValueRangeError("q0 and q1 are the same place, so no path leads from one to the other.")
@@ -93,16 +93,14 @@ def spline(
         raise ValueRangeError(f"waypoints {k} and {k + 1} are the same place. Leave one of them out.")
     if degree not in (3, 5):
         raise ValueRangeError(f"degree is {degree!r}: choose 3 or 5.")
+    if degree == 5 and (len(points) < 6 or times is not None):
+        raise ValueRangeError("a spline of degree 5 takes at least six waypoints, and no times. Choose degree=3.")
     if times is None:
         if velocities is not None:
             raise ValueRangeError("velocities are per second, so they need times.")
         knots = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
         knots[-1] = 1.0
-        if len(points) == 2 or degree == 3:
-            curve = CubicSpline(knots, points)
-        else:
-            k = min(5, (len(points) - 1) // 2 * 2 + 1)
-            curve = make_interp_spline(knots, points, k=k)
+        curve: Any = CubicSpline(knots, points) if degree == 3 else make_interp_spline(knots, points, k=5)
     else:
         at = np.asarray(checks.finite(times, "times"), float)
         if at.shape != (len(points),) or not (np.diff(at) > 0).all():

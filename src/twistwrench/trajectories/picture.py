@@ -110,13 +110,13 @@ def _phase_plane(axis: Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     bound = np.minimum(np.minimum(curves.torque, curves.velocity), 10 * top)
     axis.fill_between(curves.s, bound, 10 * top, color=OVER, alpha=0.08, linewidth=0)
     axis.fill_between(curves.s, 0, bound, color=GREEN, alpha=0.07, linewidth=0)
-    if np.isfinite(curves.torque).any():
+    if curves.torque.min() < top:
         axis.plot(
             curves.s,
             np.minimum(curves.torque, 10 * top),
             color=OVER,
             linewidth=1.2,
-            label="torques leave one acceleration",
+            label="limit curve: torques leave one acceleration",
         )
     if np.isfinite(curves.velocity).any():
         axis.plot(

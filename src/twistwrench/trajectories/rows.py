@@ -210,7 +210,8 @@ class PathRows:
             raise PathError(
                 f"the robot cannot hold itself on this path: at s = {s[i]:.4g} {name!r} needs {c[i, k]:.4g} of "
                 f"{self.L[k]:.4g} to stand still{' against friction' if self.friction else ''}"
-                f"{f' (too much from s = {first:.4g})' if first < s[i] else ''}. Take load off, another path, or a stronger joint.",
+                f"{f' (too much from s = {first:.4g})' if first < s[i] else ''}. Take load off, "
+                "another path, or a stronger joint.",
                 reached=float(first),
             )
 

@@ -105,12 +105,12 @@ def move_view(
             style="bold red" if over else "",
         )
     s = trajectory.path.name
-    heading = Text.assemble(
+    first = Text.assemble(
         (robot.name, "bold"),
         f"  ·  {s}, {trajectory.scaling.name} timing: {trajectory.duration:.6g} s",
         f"  ·  carrying {carried}" if carried else "",
     )
-    parts: list[RenderableType] = [heading, table]
+    parts: list[RenderableType] = [first, table]
     if isinstance(trajectory, Fastest):
         parts.extend(_timeline(trajectory))
     return Group(*parts, *_verdict(trajectory, violations))

@@ -180,10 +180,10 @@ def fitted(
     g = robot.gravity_forces(q) + robot.friction_forces(1e-9 * np.sign(dq)) * friction
     room = bounds.effort - np.abs(g)
     if (room <= 1e-6 * bounds.effort).any():
-        i, k = np.unravel_index(int((np.abs(g) / bounds.effort).argmax()), g.shape)
+        i, j = np.unravel_index(int((np.abs(g) / bounds.effort).argmax()), g.shape)
         raise PathError(
-            f"the robot cannot hold itself on this path: {robot.model.velocity_names[k]!r} needs {abs(g[i, k]):.4g} of "
-            f"{bounds.effort[k]:.4g} to stand still. Take load off, another path, or a stronger joint."
+            f"the robot cannot hold itself on this path: {robot.model.velocity_names[j]!r} needs {abs(g[i, j]):.4g} of "
+            f"{bounds.effort[j]:.4g} to stand still. Take load off, another path, or a stronger joint."
         )
     moving = robot.inverse_dynamics(q, dq, ddq) - robot.gravity_forces(q)
     viscous = robot.model.friction.viscous * dq if friction else np.zeros_like(dq)

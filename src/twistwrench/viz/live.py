@@ -151,7 +151,7 @@ class LiveView:
             for hand, slider in zip(self.hands, self.sliders, strict=True):
                 value = _value(hand, self.q)
                 if abs(slider.value - value) > 0.5 * slider.step:
-                    slider.value = float(np.clip(value, slider.min, slider.max))
+                    slider.value = round(float(np.clip(value, slider.min, slider.max)), 3 - 2 * (hand["unit"] == "°"))
             if self.motion is not None:
                 self.time_slider.value = self.time
                 self.play_button.label = "Pause" if self.playing else "Play"
@@ -228,10 +228,11 @@ class LiveView:
 
     def _slider(self, k: int, hand: dict[str, Any]) -> Any:
         factor = 180 / np.pi if hand["unit"] == "°" else 1.0
-        value = _value(hand, self.q)
-        low, high = min(hand["lower"] * factor, value), max(hand["upper"] * factor, value)
+        digits, step = (1, 0.1) if hand["unit"] == "°" else (3, 0.001)
+        value = round(_value(hand, self.q), digits)
+        low, high = (round(hand[end] * factor, digits) for end in ("lower", "upper"))
         label = f"{hand['name'].removesuffix('_joint')} [{hand['unit']}]"
-        slider = self.server.gui.add_slider(label, low, high, (high - low) / 2000, value)
+        slider = self.server.gui.add_slider(label, min(low, value), max(high, value), step, value)
 
         @slider.on_update
         def _(event: Any) -> None:

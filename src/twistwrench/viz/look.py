@@ -35,7 +35,7 @@ COLOURS: MappingProxyType[str, Any] = MappingProxyType(
         "com": (0.10, 0.12, 0.16),
         "wrench": (0.62, 0.30, 0.55),
         "ellipsoid": (0.90, 0.60, 0.0),
-        "polytope": (0.20, 0.46, 0.72),
+        "polytope": (0.16, 0.50, 0.85),
         "path": (0.12, 0.31, 0.47),
         "axes": ((0.82, 0.18, 0.20), (0.10, 0.60, 0.27), (0.12, 0.35, 0.80)),
         "lines": ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#1f4e79", "#999999"),
@@ -79,7 +79,7 @@ def share_colours(shares: ArrayLike) -> Array:
 
 
 def force_scale(robot: Robot, scene: Scene) -> float:
-    """Metres drawn for a newton, so that the tip's force ellipsoid is about a fifth of the robot; 0 where there is none.
+    """Metres drawn for a newton, so that the tip's force ellipsoid is about an eighth of the robot; 0 where there is none.
 
     There is none without a tip, without limits, where the base floats, and where every pose leaves forces without end.
     """
@@ -91,4 +91,4 @@ def force_scale(robot: Robot, scene: Scene) -> float:
         return 0.0
     found = wrench_ellipsoid(robot, robot.random_configuration(0, _POSES), limits=robot.limits.effort).semi_axes
     typical = float(np.median(found[:, 1]))
-    return 0.2 * scene.size / typical if np.isfinite(found).all() and typical > 0 else 0.0
+    return 0.13 * scene.size / typical if np.isfinite(found).all() and typical > 0 else 0.0

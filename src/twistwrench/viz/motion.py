@@ -17,6 +17,7 @@ from ..report.load import LoadedRobot
 from ..report.tally import Extreme
 
 if TYPE_CHECKING:
+    from ..model.model import Model
     from ..report.trajectory import Trajectory
     from ..robot import Robot
 
@@ -104,7 +105,8 @@ def motion_of(
     zero = np.zeros((len(t), model.nv))
     derived = (zero, zero)
     if len(t) >= _FEWEST and (dq is None or ddq is None):
-        derived = joint_rates(model, q, *spline_rates(t, _continuous(model, q)))
+        q = _continuous(model, q)
+        derived = joint_rates(model, q, *spline_rates(t, q))
         if dq is not None:
             derived = derived[0], spline_rates(t, np.asarray(rates["dq"]))[0]
     dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
@@ -118,10 +120,11 @@ def read_motion(load: LoadedRobot, trajectory: Trajectory, progress: Callable[[i
     return _gathered(load, differentiation.states(_CHUNK, progress))
 
 
-def _continuous(model: Any, q: Array) -> Array:
-    """q with quaternions that do not change sign between samples: for they would move fast."""
-    q = q.copy()
-    for place in Coordinates.of(model).quaternions:
+def _continuous(model: Model, q: Array) -> Array:
+    """q without the jumps that are no motion: of angles by a turn, of quaternions to their negatives."""
+    coordinates, q = Coordinates.of(model), q.astype(float)
+    q[:, coordinates.endless] = np.unwrap(q[:, coordinates.endless], axis=0)
+    for place in coordinates.quaternions:
         turned = np.einsum("ij,ij->i", q[1:, place], q[:-1, place]) < 0
         q[1:, place] *= np.where(np.cumsum(turned) % 2, -1.0, 1.0)[:, None]
     return q

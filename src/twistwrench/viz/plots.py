@@ -81,7 +81,8 @@ def energies(motion: Motion) -> Energies:
     terms = motion.load.terms(motion.states)
     power = motion.torques * dq
     friction, wrenches, springs = (
-        _work(t, sign * (terms[name] * dq).sum(axis=1)) for name, sign in (("friction", 1), ("wrench", -1), ("spring", 1))
+        _work(t, sign * (terms[name] * dq).sum(axis=1))
+        for name, sign in (("friction", 1), ("wrench", -1), ("spring", 1))
     )
     kinetic, potential = np.asarray(robot.kinetic_energy(motion.q, dq)), np.asarray(robot.potential_energy(motion.q))
     return Energies(power, _work(t, power.sum(axis=1)), friction, wrenches, springs, kinetic, potential)
@@ -148,7 +149,9 @@ def plot_power(motion: Motion, path: str | Path) -> Path:
         upper.set_title(f"most together {highest:.3g} W", loc="right", color=QUIET, fontsize=SMALL)
         lower.fill_between(t, e.kinetic, color=SKY, alpha=0.5, linewidth=0, label="kinetic energy")
         lower.plot(t, e.potential - e.potential[0], color=ORANGE, label="potential energy gained")
-        lower.plot(t, e.kinetic + e.potential - e.kinetic[0] - e.potential[0], color=INK, linewidth=1.6, label="both gained")
+        lower.plot(
+            t, e.kinetic + e.potential - e.kinetic[0] - e.potential[0], color=INK, linewidth=1.6, label="both gained"
+        )
         lower.plot(t, e.work, color=VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
         for x, colour, label in (
             (e.friction, GREY, "lost to friction"),

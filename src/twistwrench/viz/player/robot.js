@@ -50,7 +50,7 @@ function toQuaternion(roll, pitch, yaw) {
 function jointPose(body, q) {
   const at = q.slice(body.q, body.q + body.nq);
   if (body.kind === "rotor") return IDENTITY; // looks the same however it has turned
-  if (body.kind === "floating") return pose(fromQuaternion(at), at.slice(4));
+  if (body.kind === "floating") return pose(fromQuaternion(at.slice(0, 4)), at.slice(4));
   if (body.kind === "planar") {
     const [turning, first, second] = body.axes;
     return pose(rotation(turning.slice(0, 3), at[2]), add(times(at[0], first.slice(3)), times(at[1], second.slice(3))));

@@ -14,6 +14,7 @@ void main() {
   if (dot(N, view) < 0.0) N = -N;
   vec3 sun = normalize(vec3(0.35, -0.45, 0.85)), half_ = normalize(sun + view);
   float light = 0.52 + 0.16 * N.z + 0.42 * max(dot(N, sun), 0.0) + 0.10 * max(dot(N, view), 0.0);
+  if (colour.a < 1.0) light = mix(light, 1.0, 0.7); // what can be seen through shows its own colour
   float gloss = 0.16 * pow(max(dot(N, half_), 0.0), 36.0);
   float rim = colour.a < 1.0 ? 0.45 * pow(1.0 - max(dot(N, view), 0.0), 2.0) : 0.0;
   result = vec4(colour.rgb * light + gloss, colour.a + rim * (1.0 - colour.a));

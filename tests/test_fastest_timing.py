@@ -1,0 +1,169 @@
+"""The fastest timing: never beyond a limit, at one of them at all times, and as fast as closed forms say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import linprog
+
+import twistwrench as tw
+from twistwrench import trajectories
+from twistwrench.trajectories import fastest, joint_line, spline
+
+WITHIN = 1e-6
+"""The part of a limit by which none may be passed, and one is touched at all times."""
+
+
+def instants(motion: trajectories.Fastest, count: int = 4000) -> np.ndarray:
+    """Random, so that none of them is one the search looked at."""
+    return np.random.default_rng(0).uniform(0, motion.duration, count)
+
+
+def assert_extreme(motion: trajectories.Fastest) -> None:
+    shares = motion.shares(instants(motion))
+    assert shares.max() <= 1 + WITHIN
+    assert shares.min() >= 1 - WITHIN
+    touches = motion.touches
+    assert touches[0].begin == 0
+    assert touches[-1].end == pytest.approx(motion.duration, rel=1e-12)
+    assert all(a.end == b.begin for a, b in zip(touches, touches[1:], strict=False))
+
+
+def assert_its_rates_are_derivatives(motion: trajectories.Fastest) -> None:
+    t, h = instants(motion, 500), 1e-6
+    t = t[(t > 2 * h) & (t < motion.duration - 2 * h)]
+    ahead, behind, now = motion(t + h), motion(t - h), motion(t)
+    assert_allclose((ahead[0] - behind[0]) / (2 * h), now[1], atol=1e-6 * (1 + np.abs(now[2]).max()))
+    off = np.abs((ahead[1] - behind[1]) / (2 * h) - now[2]).max(axis=1)
+    assert np.median(off) < 1e-6 * (1 + np.abs(now[2]).max())  # the instants beside a switch stand out
+
+
+@pytest.mark.parametrize(("d", "a"), [(2.0, 8.0), (-0.3, 5.0), (6.0, 1.0)])
+def test_a_mass_is_driven_bang_bang(d, a):
+    """A double integrator takes 2 √(d/a)."""
+    mass = tw.robots.pendulum().with_gravity([0, 0, 0])  # 1 kg at 1 m
+    motion = fastest(mass, joint_line(mass, [0], [d]), effort=a)
+    assert motion.duration == pytest.approx(2 * np.sqrt(abs(d) / a), rel=1e-7)
+    assert_allclose(motion([0.3 * motion.duration, 0.7 * motion.duration])[2][:, 0], [np.sign(d) * a, -np.sign(d) * a], rtol=1e-7)
+    assert [t.side for t in motion.touches] == [np.sign(d), -np.sign(d)]
+    assert_extreme(motion)
+
+
+def test_a_mass_with_a_velocity_limit_coasts():
+    """It takes d/v + v/a."""
+    mass = tw.robots.pendulum().with_gravity([0, 0, 0])
+    motion = fastest(mass, joint_line(mass, [0], [2.0]), effort=8.0, velocity=2.5)
+    assert motion.duration == pytest.approx(2 / 2.5 + 2.5 / 8, rel=1e-7)
+    assert [t.kind for t in motion.touches] == ["torque", "velocity", "torque"]
+
+
+def test_a_pendulum_agrees_with_its_energy():
+    """Forward all torque is used until the switch, where ½ v² = T q - g (1 - cos q); then back, likewise."""
+    pendulum, limit, end = tw.robots.pendulum(), 14.0, 2.0
+    motion = fastest(pendulum, joint_line(pendulum, [0], [end]), effort=limit)
+    switch = motion(motion.touches[1].begin)[0][0]
+    assert limit * switch == pytest.approx(limit * (end - switch) + 9.81 * (np.cos(0) - np.cos(end)), rel=1e-6)
+    assert_extreme(motion)
+
+
+PATHS = [
+    ("planar_2r", 0, {"effort": 60.0}),
+    ("planar_2r", 3, {"effort": 60.0, "acceleration": 15.0}),
+    ("ur5", 0, {"acceleration": 15.0}),
+    ("ur5", 5, {"velocity": np.inf}),
+    ("ur5", 8, {}),
+]
+
+
+@pytest.mark.parametrize(("name", "seed", "limits"), PATHS)
+def test_never_a_limit_is_passed_and_always_one_is_touched(bundled, name, seed, limits):
+    robot = bundled(name)
+    rng = np.random.default_rng(seed)
+    path = spline(robot, 0.5 * robot.random_configuration(rng, int(rng.integers(2, 7))))
+    motion = fastest(robot, path, **limits)
+    assert_extreme(motion)
+    assert_its_rates_are_derivatives(motion)
+
+
+def test_also_along_a_straight_line_of_the_tip(bundled):
+    robot = bundled("ur5")
+    q0 = np.array([0, -1.2, 1.5, -0.3, 1.5, 0])
+    T = robot.forward_kinematics(q0)
+    end = T.copy()
+    end[:3, 3] += [0.1, -0.2, 0.15]
+    motion = fastest(robot, trajectories.follow_poses(robot, trajectories.straight_path(T, end), q0))
+    assert_extreme(motion)
+
+
+def test_also_with_friction(bundled):
+    text = tw.robots.path_of("planar_2r").read_text()
+    drag = '<dynamics damping="1.5" friction="0.8"/><axis'
+    robot = tw.load(text.replace("<axis", drag))
+    path = spline(robot, [[0, 0], [0.8, -0.5], [0.3, 0.9]])
+    motion = fastest(robot, path, effort=[60, 30], friction=True)
+    assert_extreme(motion)
+    assert motion.duration != pytest.approx(fastest(robot, path, effort=[60, 30]).duration, rel=1e-3)
+
+
+def test_it_is_no_slower_than_a_linear_programme_on_a_grid_finds(bundled):
+    """Maximising the sum of x on a grid bounds x from above, as far as the grid tells: an independent oracle.
+
+    The rates x_k on N points, u by differences, torques in the middle of each step; first order in 1/N, so 2 per cent.
+    """
+    robot = bundled("planar_2r")
+    path = spline(robot, [[0, 0], [0.8, -0.5], [0.3, 0.9]])
+    limit = np.array([60.0, 30.0])
+    motion = fastest(robot, path, effort=limit)
+    N = 400
+    s = (np.arange(N) + 0.5) / N
+    q, q1, q2 = path(s)
+    zero = np.zeros_like(q1)
+    g = robot.inverse_dynamics(q, zero, zero)
+    a, b = robot.inverse_dynamics(q, zero, q1) - g, robot.inverse_dynamics(q, q1, q2) - g
+    here, ahead = np.eye(N, N + 1), np.eye(N, N + 1, 1)
+    u, x = 0.5 * N * (ahead - here), 0.5 * (ahead + here)
+    A = np.concatenate([a[:, [j]] * u + b[:, [j]] * x for j in (0, 1)])
+    room = np.concatenate([limit[j] - g[:, j] for j in (0, 1)]), np.concatenate([limit[j] + g[:, j] for j in (0, 1)])
+    bounds = [(0, 0), *[(0, None)] * (N - 1), (0, 0)]
+    found = linprog(-np.ones(N + 1), A_ub=np.vstack([A, -A]), b_ub=np.concatenate(room), bounds=bounds, method="highs")
+    root = np.sqrt(np.maximum(found.x, 0))
+    time = float((2 / N / (root[1:] + root[:-1])).sum())
+    assert motion.duration == pytest.approx(time, rel=0.02)
+
+
+def test_any_other_scaling_is_slower(bundled):
+    robot = bundled("ur5")
+    path = spline(robot, [[0, -1.2, 1.5, -0.3, 1.5, 0], [1, -0.8, 1.2, -0.8, 1.2, 1], [1.5, -1.5, 1.8, -0.3, 1.5, 0]])
+    quick = fastest(robot, path)
+    for shape in (trajectories.cubic(1.0), trajectories.quintic(1.0), trajectories.trapezoid(v=1.5, duration=1.0)):
+        assert quick.duration < trajectories.fitted(robot, path, shape).duration
+    assert quick.violations() == ()
+
+
+def test_the_phase_plane_has_the_motion_below_its_limit_curves(bundled):
+    robot = bundled("planar_2r")
+    motion = fastest(robot, spline(robot, [[0, 0], [0.8, -0.5], [0.3, 0.9]]), effort=[60, 30])
+    curves = motion.limit_curves()
+    s, rate = curves.path
+    bound = motion.rows.cap(s).x
+    assert (rate**2 <= bound * (1 + 1e-6)).all()
+    assert len(curves.switches[0]) == len(motion.touches) - 1
+
+
+def test_a_robot_that_cannot_hold_itself_says_where_which_joint_and_how_much(bundled):
+    robot = bundled("planar_2r")
+    with pytest.raises(tw.PathError, match=r"s = .* 'joint1' needs 29.43 of 25 to stand still") as caught:
+        fastest(robot, joint_line(robot, [-1.0, 0], [1.0, 0]), effort=[25, 20])
+    angle = -1 + 2 * caught.value.reached
+    assert 29.43 * np.cos(angle) == pytest.approx(25, rel=0.02)  # where it becomes too much, to the grid
+
+
+def test_what_nothing_limits_is_refused(bundled):
+    arm = bundled("planar_2r")
+    with pytest.raises(tw.ValueRangeError, match="nothing limits"):
+        fastest(arm, joint_line(arm, [0, 0], [1, 1]))
+    with pytest.raises(tw.ValueRangeError, match="stands still"):
+        fastest(arm, spline(arm, [[0, 0], [1, 1]], times=[0, 1]), effort=60)
+    with pytest.raises(tw.ValueRangeError, match="above 0"):
+        fastest(arm, joint_line(arm, [0, 0], [1, 1]), effort=[60, 0])

@@ -1,0 +1,104 @@
+"""The move command: what it prints and writes, its options and its exit codes."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from twistwrench.cli import main
+
+ENDS = ("--from=0,-1.2,1.5,-0.3,1.5,0", "--to", "1.2,-0.8,1.1,-0.9,1.2,1")
+
+
+@pytest.fixture
+def run():
+    def run(*arguments):
+        result = CliRunner().invoke(main, list(map(str, arguments)))
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        return result.exit_code, result.output
+
+    return run
+
+
+def test_the_fastest_motion_is_told_written_drawn_and_read_back(run, tmp_path):
+    file, picture = tmp_path / "m.csv", tmp_path / "m.png"
+    code, output = run("move", "ur5", *ENDS, "--fastest", "--payload", "3", "--csv", file, "--plot", picture)
+    assert code == 0, output
+    assert "at one of them at all times" in output
+    assert "shoulder_pan_joint   + torque" in output
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    code, output = run("torques", "ur5", "--trajectory", file, "--payload", "3", "--no-friction")
+    assert code == 0, output  # at the limits, and not over them
+    assert "100 %" in output
+
+
+def test_a_straight_line_in_degrees(run, tmp_path):
+    file = tmp_path / "m.csv"
+    code, output = run("move", "ur5", "--degrees", "--from=0,-70,85,-20,85,0", "--by", "0.05,0.1,-0.1", "--csv", file, "--step", 0.1)
+    assert code == 0, output
+    assert "Within all limits." in output
+    rows = list(csv.reader(file.open()))
+    assert np.allclose([float(x) for x in rows[1][1:7]], [0, -70, 85, -20, 85, 0])
+
+
+def test_a_path_that_ends_early_is_kept_until_there(run, tmp_path):
+    file = tmp_path / "m.csv"
+    code, output = run("move", "ur5", ENDS[0], "--by", "0.1,-0.2,2", "--csv", file)
+    assert code == 1
+    assert "CANNOT: the path of poses ends at s = 0.1" in output
+    assert "is the path until there" in " ".join(output.split())
+    assert len(file.read_text().splitlines()) > 10
+
+
+def test_a_hasty_motion_is_a_problem_found(run):
+    code, output = run("move", "ur5", *ENDS, "--duration", "0.2", "--scaling", "trapezoid")
+    assert code == 1
+    assert "OVER LIMIT: shoulder_pan_joint: velocity" in output
+
+
+def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
+    code, output = run("move", "planar_2r", "--to", "1,0", "--fastest", "--limits", limits)
+    assert code == 1
+    assert "CANNOT: the robot cannot hold itself on this path" in output
+    assert "29.43 of 20" in output
+
+
+def test_waypoints_are_met(run, tmp_path):
+    points, file, limits = tmp_path / "w.csv", tmp_path / "m.csv", tmp_path / "limits.csv"
+    points.write_text("joint2,joint1\n0.5,-0.2\n-0.1,0.7\n")
+    limits.write_text("joint,velocity,effort\njoint1,2,60\njoint2,2,60\n")
+    code, output = run("move", "planar_2r", "--to", "1,1", "--waypoints", points, "--limits", limits, "--csv", file, "--step", 0.001)
+    assert code == 0, output
+    q = np.array([[float(x) for x in row[1:3]] for row in list(csv.reader(file.open()))[1:]])
+    for point in ([-0.2, 0.5], [0.7, -0.1]):
+        assert np.abs(q - point).max(axis=1).min() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--from=1,2",), "--from"),
+        ((), "where does it end"),
+        (("--to", "1,1", "--by", "0,0,1"), "where does it end"),
+        (("--to", "1,1", "--straight", "--screw"), "Keep one"),
+        (("--to", "1,1", "--fastest", "--duration", "1"), "--duration"),
+        (("--to", "1,1", "--duration", "0"), "duration"),
+        (("--to", "1,1", "--step", "0"), "--step"),
+        (("--to", "1,nan"), "--to"),
+        (("--to", "0,0"), "same place"),
+        (("--to", "1,1"), "nothing limits"),
+        (("--to", "1,1", "--fastest"), "nothing limits"),
+        (("--to", "1,1", "--waypoints", "none.csv"), "none.csv"),
+        (("--to", "1,1", "--acceleration", "-1"), "acceleration"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, arguments, words):
+    code, output = run("move", "planar_2r", *arguments)
+    assert code == 2, output
+    assert words in output
+    assert output.count("\n") == 1
