@@ -94,6 +94,26 @@ def tw_gradient(robot, function):
     return tw.differentiate(function, {"q": robot, "x": 3}, "q", form="weighted")
 
 
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+def test_coordinates_may_be_used_directly(mode):
+    """A quaternion too, if its length means nothing; and poses may be negated, which the trace writes as another difference."""
+    box = tw.robots.floating_box()
+    q = np.array([0.6, -1.1, 0.4, 0.9, 0.3, -0.2, 0.5])
+
+    def turned(q):
+        quat, T = q[..., :4], box.forward_kinematics(q, "box")
+        products = quat[..., :, None] * quat[..., None, :] / (quat * quat).sum(axis=-1, keepdims=True)[..., None]
+        return np.concatenate(
+            [products.reshape(*q.shape[:-1], 16), (-T).reshape(*q.shape[:-1], 16), q[..., 4:]], axis=-1
+        )
+
+    found = tw.differentiate(turned, {"q": box}, mode=mode)(q)
+    assert_close(found, along_q(box, turned, q), DIFFERENCES, "by q")
+    H = tw.differentiate(turned, {"q": box}, form="hessian", mode=mode)(q)
+    numeric = along_q(box, lambda x: tw.differentiate(turned, {"q": box}, mode=mode)(x), q)
+    assert_close(H, 0.5 * (numeric + np.swapaxes(numeric, -1, -2)), DIFFERENCES, "Hessians")
+
+
 def test_two_robots_in_one_function():
     """Each configuration moves along its own robot's add."""
     arm, base = tree("one degree"), tree("floating base")

@@ -46,6 +46,7 @@ def test_the_peaks_of_the_book():
         assert np.abs(dds).max() == pytest.approx(a / 4, abs=1e-8)
 
 
+@settings(deadline=None)
 @given(st.floats(0.05, 20), st.floats(1.0001, 2.0))
 def test_each_pair_of_a_trapezoid_gives_the_third(T, share):
     by_v = trajectories.trapezoid(v=share / T, duration=T)
@@ -77,7 +78,7 @@ def test_the_twist_of_a_pose_path_is_its_derivative(straight):
         assert_allclose(path(s)[:, :3, 3], a[:3, 3] + s[:, None] * (b - a)[:3, 3], atol=1e-14)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([3, 5]))
 def test_splines_meet_their_waypoints_and_their_rates_are_derivatives(seed, degree):
     robot = tw.robots.ur5()

@@ -72,7 +72,7 @@ def differentiate(
         except TwistWrenchError:
             raise
         except Exception as problem:
-            raise KernelError(f"{what}: it cannot be traced: {problem} {_ADVICE}") from problem
+            raise KernelError(f"{what}: it cannot be traced: {str(problem).rstrip('.')}. {_ADVICE}") from problem
 
     owner = Trace()
     first = run(*(_one(owner.inputs(0, shape)) for shape in shapes.values()))  # for the shapes of its results

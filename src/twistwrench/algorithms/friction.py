@@ -11,7 +11,7 @@ from ..model.model import Model
 
 Array = NDArray[Any]
 
-__all__ = ["friction_forces", "torque_past_friction"]
+__all__ = ["friction_forces", "torque_past_eased_friction", "torque_past_friction"]
 
 
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
@@ -29,6 +29,14 @@ def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
     """
     y = tau - friction_forces(model, dq)
     return np.asarray(y / (1.0 + model.friction.load * (_signs(dq) * _signs(y))))
+
+
+def torque_past_eased_friction(model: Model, dq: Array, tau: Array, creep: Array) -> Array:
+    """The same where dry friction is made continuous at rest: its part is multiplied by tanh(|dq| / creep); (nv,)."""
+    damping = model.friction.viscous * dq
+    share = 1.0 - 2.0 / (_exp(2.0 * (_signs(dq) * dq / creep)) + 1.0)
+    y = tau - damping - share * (friction_forces(model, dq) - damping)
+    return np.asarray(y / (1.0 + share * model.friction.load * (_signs(dq) * _signs(y))))
 
 
 def _dry(model: Model, dq: Array) -> Array:

@@ -227,7 +227,7 @@ def trace(
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Without Python's collector of rings: there are none among expressions, and looking for them takes a quarter of the time."""
+    """Without Python's collector of rings: there are none to find yet, and looking takes up to a quarter of the time."""
     enabled = gc.isenabled()
     gc.disable()
     try:

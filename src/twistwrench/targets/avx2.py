@@ -12,9 +12,9 @@ import struct
 from collections.abc import Iterator
 
 from ..program.program import FUSED, Instruction, Program
+from .avx2_code import Code
 from .avx2_rows import ColumnLoader, ColumnStorer
 from .machine import Precision
-from .registers import Code
 from .sincos import COSINE, HALF_PI, SINE, TWO_OVER_PI
 
 __all__ = ["OPERATIONS", "Selection"]
@@ -55,7 +55,7 @@ class Selection:
         for number, instruction in enumerate(program.instructions):
             if instruction.op == "input" and number not in places and number in self.waiting:
                 continue
-            self.values[number] = self._value(number, instruction)
+            self.values[number] = self._value(instruction)
             for k in places.get(number, ()):
                 if not packed:
                     storer, column = self.storers[k]
@@ -76,7 +76,7 @@ class Selection:
             self.constants[bits] = self.code.constant(bits)
         return self.constants[bits]
 
-    def _value(self, number: int, instruction: Instruction) -> int:
+    def _value(self, instruction: Instruction) -> int:
         op, args, value = instruction
         code = self.code
         if op == "const":
@@ -103,7 +103,7 @@ class Selection:
         if angle not in self.pairs:
             group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]
             self.waiting = [a for a in self.waiting if a not in group]
-            values = [self._value(a, self.program.instructions[a]) for a in group]
+            values = [self._value(self.program.instructions[a]) for a in group]
             self.pairs.update(zip(group, self._several_sincos(values), strict=True))
         return self.pairs[angle]
 

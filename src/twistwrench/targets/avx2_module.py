@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 from ..program.program import Program
 from .avx2 import OPERATIONS, Selection
-from .frame import Frame
+from .avx2_text import ARRAYS_IN_REGISTERS, written
 from .buffers import LINE
+from .frame import Frame
 from .loop import Loop, loop
 from .machine import Machine, Precision
-from .registers import ARRAYS_IN_REGISTERS, allocated
 from .rows import RowStorer
 from .sections import frame_to_rows, preparation, zero_tiles
 from .sincos import wrapper
@@ -43,8 +43,10 @@ def serves(program: Program, machine: Machine) -> bool:
     for result in program.results:
         used.setdefault(result, set()).add(False)
     angles = [a for a, ways in used.items() if True in ways]
-    return _runs(machine) and all(program.instructions[a].op == "input" and used[a] == {True} for a in angles) and (
-        max(_angle_columns(program), default=0) < ARRAYS_IN_REGISTERS
+    return (
+        _runs(machine)
+        and all(program.instructions[a].op == "input" and used[a] == {True} for a in angles)
+        and (max(_angle_columns(program), default=0) < ARRAYS_IN_REGISTERS)
     )
 
 
@@ -65,9 +67,7 @@ def module(program: Program, precision: Precision, machine: Machine, name: str, 
     columns, frame = _angle_columns(program), Frame(program, len(program.instructions))
     code = Selection(program, precision, packed=packed).code
     checked = {k: program.inputs[k].size for k in columns}
-    lines, parts, vectors = allocated(
-        code, precision, checked, len(program.results) if packed else 0, _prefix(machine)
-    )
+    lines, parts, vectors = written(code, precision, checked, len(program.results) if packed else 0, _prefix(machine))
     size = max(vectors, 1) * lanes * precision.bytes
     group = _group(parts, size)
     arrays = [f"%a{k}" for k in range(len(program.inputs) + len(program.outputs))]

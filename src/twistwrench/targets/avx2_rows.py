@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from .avx2_code import Code
 from .machine import Precision
-from .registers import Code
 
 __all__ = ["ColumnLoader", "ColumnStorer"]
 

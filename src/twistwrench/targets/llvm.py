@@ -146,6 +146,7 @@ class Emitter:
             self.waiting = dict(zip(angles, checked, strict=True))
 
     def sincos(self, angle: int) -> tuple[str, str]:
+        """Sine and cosine of an angle, computed at the first use, in lockstep with those of others that wait."""
         if angle not in self.pairs:
             if angle in self.waiting:  # some others come along in lockstep
                 group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]

@@ -13,7 +13,7 @@ from itertools import pairwise
 from ..program.program import Program
 from ..program.recurrence import Recurrence
 from .frame import Frame
-from .llvm import LOOP, Emitter, assembly, declarations
+from .llvm import CUT_OUTPUTS, LOOP, Emitter, assembly, declarations
 from .loop import Loop, loop
 from .machine import Machine, Precision
 from .rows import RowStorer
@@ -24,7 +24,7 @@ from .writer import Writer
 __all__ = ["modules"]
 
 LONG = 2000
-"""Programs beyond this many instructions are emitted in sections."""
+"""Programs beyond this many instructions are emitted in sections; from here on they run faster, too (bench/NOTES.md)."""
 
 SECTION = 400
 """Instructions in a section, about."""
@@ -183,7 +183,7 @@ class _Section(Emitter):
 
     def __init__(self, w: Writer, frame: Frame) -> None:
         super().__init__(w, frame.program)
-        self.frame = frame
+        self.frame, self.stored = frame, 0
 
     def meet(self, number: int) -> None:
         """Leave an input until it is used; a later section may be the first to."""
@@ -204,3 +204,6 @@ class _Section(Emitter):
     def output(self, number: int, value: str) -> None:
         """Put an entry of the results into the frame."""
         _store(self.w, value, number)
+        self.stored += 1
+        if self.stored % CUT_OUTPUTS == 0:
+            self.cut()

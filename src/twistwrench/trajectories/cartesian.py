@@ -117,6 +117,8 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
         ), f"it begins with {names[k]} at {q0[k]:.4g}, outside its limits {lower[k]:.4g} to {upper[k]:.4g}"
     for target in targets[1:]:
         q, last = found[-1].copy(), found[-1]
+        if robot.nv <= 6 and len(found) > 1:
+            q = 2.0 * last - found[-2]  # redundant joints would drift on by themselves
         for _ in range(_NEWTON):
             e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], every)[0]
             if np.abs(e).max() <= _ARRIVED:

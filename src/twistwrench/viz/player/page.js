@@ -111,7 +111,7 @@ class Viewer {
 
   draw() {
     const { robot, poses, shown } = this, items = [], lines = [], size = robot.size;
-    lines.push({ kept: this.floor, colour: [0.42, 0.48, 0.55, 0.32], reach: 2.4 * size });
+    lines.push({ kept: this.floor, colour: [0.42, 0.48, 0.55, 0.42], reach: 2.4 * size });
     for (const { body, kept, colour, layer, pose: at } of this.shapes) {
       if (!shown[layer]) continue;
       const clear = layer === "inertia" || (shown.inertia && robot.dressed);
@@ -151,7 +151,7 @@ class Viewer {
     const p = centreOfMass(this.robot, this.poses);
     if (!p) return;
     const at = [1, 0, 0, p[0], 0, 1, 0, p[1], 0, 0, 1, p[2], 0, 0, 0, 1];
-    items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...this.robot.colours.com, 1], shadow: true });
+    items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...this.robot.colours.com, 1], shadow: true, over: true });
     const low = [1, 0, 0, p[0], 0, 1, 0, p[1], 0, 0, 1, this.robot.floor, 0, 0, 0, 1], flat = scaling(0.02 * this.robot.size);
     flat[10] = 1e-4 * this.robot.size;
     items.push({ kept: this.ball, model: mul(low, flat), colour: [...this.robot.colours.com, 0.7] });

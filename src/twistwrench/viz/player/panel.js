@@ -24,7 +24,8 @@ class Panel {
   cover(of) { // where the panel stands beside the stage, the view is in the middle of the rest
     const beside = window.innerWidth > 760;
     const right = beside ? document.querySelector("aside").offsetWidth + 12 : 0;
-    this.viewer.stage.covered = { right, bottom: beside && this.viewer.motion ? of("player").offsetHeight + 12 : 0 };
+    const bar = this.viewer.motion ? of("player").offsetHeight + 12 : 0;
+    this.viewer.stage.covered = { right, bottom: beside ? bar + of("shown").offsetHeight + 16 : 0 };
   }
 
   row(list, ...cells) {

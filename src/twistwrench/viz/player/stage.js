@@ -17,7 +17,8 @@ void main() {
   if (colour.a < 1.0) light = mix(light, 1.0, 0.7); // what can be seen through shows its own colour
   float gloss = 0.16 * pow(max(dot(N, half_), 0.0), 36.0);
   float rim = colour.a < 1.0 ? 0.45 * pow(1.0 - max(dot(N, view), 0.0), 2.0) : 0.0;
-  result = vec4(colour.rgb * light + gloss, colour.a + rim * (1.0 - colour.a));
+  float a = colour.a + rim * (1.0 - colour.a);
+  result = vec4(min(colour.rgb * light + gloss, 1.0) * a, a);
 }`];
 const PLAIN = [`#version 300 es
 in vec3 position; uniform mat4 camera, model; out vec3 at;
@@ -27,14 +28,14 @@ precision highp float;
 in vec3 at; uniform vec4 colour; uniform vec3 middle; uniform float reach; out vec4 result;
 void main() {
   float fade = reach > 0.0 ? 1.0 - smoothstep(0.25 * reach, reach, distance(at.xy, middle.xy)) : 1.0;
-  result = vec4(colour.rgb, colour.a * fade);
+  result = vec4(colour.rgb, 1.0) * colour.a * fade;
 }`];
 
 class Stage {
   constructor(canvas, size) {
     this.canvas = canvas;
     this.size = size;
-    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true, premultipliedAlpha: false });
+    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true });
     if (!this.gl) throw new Error("This browser has no WebGL 2, which drawing the robot needs. Any recent one has it.");
     this.shaded = this.program(SHADED);
     this.plain = this.program(PLAIN);
@@ -87,7 +88,7 @@ class Stage {
     this.gl.deleteVertexArray(kept.array);
   }
 
-  // items: {kept, model, colour [r, g, b, a], shadow, closed}; lines: {kept, colour, reach, strip}.
+  // items: {kept, model, colour [r, g, b, a], shadow, closed, over}; lines: {kept, colour, reach, strip}.
   draw(items, lines, floor) {
     const gl = this.gl, canvas = this.canvas, ratio = Math.min(window.devicePixelRatio || 1, 2);
     const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
@@ -97,7 +98,7 @@ class Stage {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
-    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA); // colours come multiplied by their opacity, as the page takes them
     const { camera, eye } = this.camera();
     const use = ({ program, at }) => {
       gl.useProgram(program);
@@ -113,7 +114,7 @@ class Stage {
       gl.drawElements(gl.TRIANGLES, kept.count, gl.UNSIGNED_INT, 0);
     };
     let at = use(this.shaded);
-    items.filter((item) => item.colour[3] === 1).forEach((item) => solid(at, item));
+    items.filter((item) => item.colour[3] === 1 && !item.over).forEach((item) => solid(at, item));
     at = use(this.plain);
     this.shadow(at, items, floor, solid);
     gl.uniformMatrix4fv(at.model, true, IDENTITY);
@@ -131,6 +132,10 @@ class Stage {
       solid(at, item);
       gl.disable(gl.CULL_FACE);
     }
+    gl.disable(gl.DEPTH_TEST);
+    gl.enable(gl.CULL_FACE);
+    items.filter((item) => item.over).forEach((item) => solid(at, item));
+    gl.disable(gl.CULL_FACE);
     gl.depthMask(true);
     gl.bindVertexArray(null);
   }

@@ -1,0 +1,346 @@
+"""Rollouts: many motions at once, all their steps in one kernel, samples side by side in its lanes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from ..kernels import threads
+from ..kernels.parts import Part
+from ..lie import checks
+from ..model.varied import matching, nominal
+from ..screws.wrench import Wrench
+from .given import positive, whole
+from .run import FASTEST
+from .step_program import Plan, integrator_named
+from .torque_laws import GivenTorque, TorqueLaw
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["Rollout", "rollout"]
+
+MOST_STEPS = 10**9
+IN_ONE_CALL = 2e9
+"""Operations between two looks at whether the user wants to stop: some 0.2 s."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rollout:
+    """Motions of any batch shape, n states each, the first at time 0. Printing it says whether all are stable."""
+
+    robot: str
+    """The robot's name."""
+    coordinate_names: tuple[str, ...]
+    """Of the entries of q."""
+    velocity_names: tuple[str, ...]
+    """Of the entries of dq and tau."""
+    times: Array
+    """(n,) s."""
+    q: Array
+    """(..., n, nq)."""
+    dq: Array
+    """(..., n, nv)."""
+    tau: Array | None
+    """(..., n - 1, nv), the torques of the step that begins at each time but the last; None unless asked for."""
+    dt: float
+    """s, of one step."""
+    steps: int
+    integrator: str
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The shape of the batch."""
+        return self.q.shape[:-2]
+
+    @cached_property
+    def unstable(self) -> Array:
+        """Which motions end in numbers that mean nothing, (...) bool: not finite, or faster than 1e6 rad/s or m/s."""
+        return _meaningless(self.q[..., -1, :], self.dq[..., -1, :])
+
+    @cached_property
+    def unstable_from(self) -> Array:
+        """When each of them is first seen to be unstable, (...) s; inf for those that are not."""
+        found = np.full(self.batch, np.inf)
+        for sample in map(tuple, np.argwhere(self.unstable)):
+            found[sample] = self.times[np.argmax(_meaningless(self.q[sample], self.dq[sample]))]
+        return found
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __repr__(self) -> str:
+        many = f"{math.prod(self.batch)} motions" if self.batch else "a motion"
+        said = [f"{many} of {self.steps} steps of {self.dt:g} s, {len(self)} states each"]
+        bad = int(np.count_nonzero(self.unstable))
+        if bad:
+            first = np.unravel_index(np.argmin(self.unstable_from), self.batch)
+            where = f", first {tuple(map(int, first))}" if self.batch else ""
+            said.append(f"{bad} unstable{where} at {self.unstable_from[first]:g} s: take a smaller dt")
+        return f"<Rollout of {self.robot!r}, {self.integrator}: {'; '.join(said)}>"
+
+
+def rollout(
+    robot: Robot,
+    q0: ArrayLike,
+    dq0: ArrayLike,
+    tau: ArrayLike | TorqueLaw | None = None,
+    *,
+    dt: float = 1e-3,
+    steps: int | None = None,
+    duration: float | None = None,
+    every: int = 1,
+    integrator: str = "semi_implicit",
+    wrench_on_robot: Mapping[str, ArrayLike | Wrench] | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
+    friction: bool = False,
+    torques: bool = False,
+) -> Rollout:
+    """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.Robot.rollout`."""
+    if robot.nv == 0:
+        raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
+    law = _law(tau)
+    law.check(robot.model)
+    frames = _frames(robot, wrench_on_robot)
+    names, values = _parameters(robot, parameters)
+    plan = Plan(
+        robot.model, law, integrator_named(integrator), tuple(frames), names, bool(friction), bool(torques)
+    )
+    given = _of_law(robot, law)
+    given += [(f"the wrench at {frame!r}", F, 6) for frame, F in frames.items()]
+    states = [_state(robot, "q0", q0, robot.nq), _state(robot, "dq0", dq0, robot.nv)]
+    single = all(_is_single(x) for x in (*states, *(x for _, x, _ in given), *values))
+    dtype: Any = np.float32 if single else np.float64
+    n, h, kept = _steps(dt, steps, duration, every, given)
+    stepped = [(label, _stepped(label, x, size, n)) for label, x, size in given]
+    batches = [("q0", states[0].shape[:-1]), ("dq0", states[1].shape[:-1])]
+    batches += [(label, x.shape[:-2]) for label, x in stepped]
+    batches += [(name, x.shape) for name, x in zip(names, values, strict=True)]
+    batch = _together(batches)
+    rest = [x.astype(dtype, copy=False) for _, x in stepped]
+    if friction:
+        rest.append(_creep(robot, *states, h)[..., None, :].astype(dtype))
+    if names:
+        rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :].astype(dtype))
+    inputs = [*(x.astype(dtype, copy=False) for x in states), np.full(1, h, dtype), *rest]
+    inputs = [*inputs[:2], np.broadcast_to(inputs[2], (n,)), *(_all_steps(x, n) for x in inputs[3:])]
+    q, dq, said = _room(batch, [(kept + 1, robot.nq), (kept + 1, robot.nv), (kept, robot.nv)], dtype, last=torques)
+    q[..., 0, :], dq[..., 0, :] = inputs[0], inputs[1]
+    outputs = [q[..., 1:, :], dq[..., 1:, :], *([said] if torques else [])]
+    _run(_kernel(robot, plan), inputs, [1, 1, 1, *[2] * len(rest)], outputs, batch, n)
+    return Rollout(
+        robot.name,
+        robot.coordinate_names,
+        robot.model.velocity_names,
+        np.arange(kept + 1) * (h * every),
+        q,
+        dq,
+        said if torques else None,
+        h,
+        n,
+        plan.integrator,
+    )
+
+
+def _meaningless(q: Array, dq: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        return np.asarray(~(np.isfinite(q).all(axis=-1) & (np.abs(dq) < FASTEST).all(axis=-1)))
+
+
+# ── the door ──
+
+
+def _law(tau: Any) -> TorqueLaw:
+    if hasattr(tau, "torques") and hasattr(tau, "names"):
+        return tau  # type: ignore[no-any-return]
+    if callable(tau):
+        raise ValueRangeError(
+            "tau is a function, and the loop over the steps is machine code, which calls none. Give torques as an array, "
+            "tw.simulation.PD or tw.simulation.ComputedTorque; robot.simulate takes functions."
+        )
+    return GivenTorque(tau)
+
+
+def _real(x: Any, what: str) -> Array:
+    """Real numbers, float32 or float64, of any shape."""
+    array = checks.array(x, what)
+    if array.dtype == object:
+        raise ValueRangeError(f"{what} is of symbols, and a rollout is of numbers.")
+    return array
+
+
+def _is_single(x: Array) -> bool:
+    """Whether an array leaves the result in float32; single numbers do."""
+    return x.dtype == np.float32 or x.ndim == 0
+
+
+def _state(robot: Robot, what: str, given: Any, size: int) -> Array:
+    x = _real(given, what)
+    if x.shape[-1:] != (size,):
+        raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
+    if what == "q0":
+        for body in robot.model.leaders:
+            part = x[..., body.q_index : body.q_index + 4]
+            if body.joint.kind == "floating" and not np.any(part, axis=-1).all():
+                raise ValueRangeError(
+                    f"q0 has a quaternion of zeros at joint {body.joint.name!r}, which is no rotation; none is (1, 0, 0, 0)."
+                )
+    return x
+
+
+def _of_law(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
+    """What a law is given, by name, with the length of the last axis."""
+    found = []
+    for name in law.names:
+        size = robot.nq if name == "q_des" else robot.nv
+        given = getattr(law, name)
+        x = _real(0.0 if given is None else given, name)
+        if x.ndim == 0 and (given is None or name not in ("tau", "q_des")):
+            x = np.full(size, x)
+        if x.shape[-1:] != (size,):
+            more = " or one number for all" if name not in ("tau", "q_des") else ""
+            raise ShapeError(f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{more}.")
+        found.append((name, x, size))
+    return found
+
+
+def _frames(robot: Robot, wrenches: Any) -> dict[str, Array]:
+    if wrenches is None:
+        return {}
+    if not isinstance(wrenches, Mapping):
+        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
+    return {frame: robot._wrench(frame, F) for frame, F in wrenches.items()}
+
+
+def _parameters(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Array]]:
+    if given is None:
+        return (), []
+    if not isinstance(given, Mapping):
+        raise ShapeError(f"parameters is a dict {{name: numbers}}, got {given!r}; robot.varying() lists the names.")
+    known = nominal(robot.model)
+    for name in given:
+        if name not in known:
+            matching(robot.model, (str(name),))  # says which there are
+            raise ValueRangeError(f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}.")
+    return tuple(given), [_real(x, f"parameter {name!r}") for name, x in given.items()]
+
+
+def _steps(
+    dt: Any, steps: Any, duration: Any, every: Any, given: list[tuple[str, Array, int]]
+) -> tuple[int, float, int]:
+    """How many steps, how long each, and how many states are kept after the first."""
+    h, each = positive(dt, "dt", "s"), whole(every, "every")
+    if steps is not None and duration is not None:
+        raise ValueRangeError("both steps and duration are given: leave one out.")
+    if steps is not None:
+        n = whole(steps, "steps")
+    elif duration is not None:
+        length = positive(duration, "duration", "s")
+        if not length / h < MOST_STEPS:
+            raise ValueRangeError(f"a duration of {length:g} s with a dt of {h:g} s makes more than {MOST_STEPS:.0e} steps.")
+        n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
+        h = length / n
+    else:
+        axes = [x.shape[-2] for _, x, _ in given if x.ndim > 1 and x.shape[-2] != 1]
+        if not axes or not axes[0]:
+            raise ValueRangeError("how long? Give steps, duration, or torques with axes (..., steps, nv).")
+        n = axes[0]
+    if n > MOST_STEPS:
+        raise ValueRangeError(f"steps is {n:.3g}, and more than {MOST_STEPS:.0e} are refused.")
+    if n % each:
+        raise ValueRangeError(f"every={each} does not divide {n} steps: the last state would not be among those kept.")
+    return n, h, n // each
+
+
+def _stepped(label: str, x: Array, size: int, n: int) -> Array:
+    """With an axis of steps before the last, of length n or 1."""
+    if x.ndim == 1:
+        return x[None]
+    if x.shape[-2] not in (1, n):
+        raise ShapeError(
+            f"{label} has shape {x.shape}, and the axis before the last counts the steps: {n} of them, or 1 for what stays. "
+            f"What differs from sample to sample but not in time has shape (..., 1, {size}): {label}[..., None, :]."
+        )
+    return x
+
+
+def _all_steps(x: Array, n: int) -> Array:
+    return np.broadcast_to(x, (*x.shape[:-2], n, x.shape[-1]))
+
+
+def _together(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*(shape for _, shape in batches))
+    except ValueError:
+        listed = ", ".join(f"{label} {shape}" for label, shape in batches)
+        raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None
+
+
+def _creep(robot: Robot, q0: Array, dq0: Array, h: float) -> Array:
+    """As in simulations: no speed below what dry friction takes off a joint in a step, and 1e-3; (..., nv)."""
+    from .door import creep_of
+
+    return creep_of(robot, q0, h)
+
+
+# ── the kernel ──
+
+
+def _kernel(robot: Robot, plan: Plan) -> Any:
+    found = robot._kernels.get(plan.key)
+    if found is None:
+        from ..robot import _make_kernel
+
+        robot._require_invertible()
+        doc = f"Rollouts of {robot.name}, compiled: {plan.integrator}."
+        found = robot._kernels[plan.key] = _make_kernel(plan.recurrence(), "rollout", doc)
+    return found
+
+
+def _room(
+    batch: tuple[int, ...], shapes: list[tuple[int, int]], dtype: Any, *, last: bool
+) -> list[Array]:
+    wanted = shapes if last else shapes[:-1]
+    try:
+        found = [np.empty((*batch, *shape), dtype) for shape in wanted]
+    except (MemoryError, ValueError):
+        size = math.prod(batch) * sum(math.prod(shape) for shape in wanted) * np.dtype(dtype).itemsize
+        raise ValueRangeError(
+            f"the states of this rollout take {size / 1e9:.3g} GB, more than there is. Keep fewer with every=, or take fewer "
+            "samples at a time."
+        ) from None
+    return found if last else [*found, np.empty(0)]
+
+
+def _run(
+    kernel: Any, inputs: list[Array], core: list[int], outputs: list[Array], batch: tuple[int, ...], steps: int
+) -> None:
+    """Call the kernel in parts of the batch: on several threads if there are, and so that Ctrl-C is heard between two."""
+    samples = math.prod(batch)
+    if not samples:
+        return
+    work = samples * steps * kernel_effort(kernel)
+    count = max(1, threads.get_threads(), math.ceil(work / IN_ONE_CALL))
+    axis = int(np.argmax(batch)) if batch else 0
+    rows = -(-batch[axis] // count) if batch else 1
+    rows = -(-rows // ROWS) * ROWS if rows > ROWS // 2 else min(ROWS, -(-rows // 8) * 8)
+    parts = []
+    for first in range(0, batch[axis] if batch else 1, rows):
+        here = slice(first, first + rows)
+        parts.append(
+            Part(
+                tuple(_cut(x, x.ndim - c, axis - len(batch), here) for x, c in zip(inputs, core, strict=True)),
+                tuple(_cut(x, x.ndim - 2, axis - len(batch), here) for x in outputs),
+            )
+        )
+    with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
+        threads.share(kernel, parts)

@@ -1,0 +1,141 @@
+"""One step of a rollout as a program: torques, forward dynamics and the move along the manifold, traced together.
+
+Angles go in apart from the coordinates they are: the same numbers, as an array that is nothing but angles, whose size can be
+looked at once. That is what lets a whole step be one piece of machine code without a branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ..algorithms import integration
+from ..algorithms.control import undriven
+from ..algorithms.friction import torque_past_eased_friction
+from ..algorithms.tangent import coordinate_rates
+from ..errors import UnknownNameError
+from ..model.model import Model
+from ..model.regroup import regrouped
+from ..model.varied import moves_joints, varied
+from ..program.recurrence import Recurrence, Source
+from ..program.trace import trace
+from ..quantities import QUANTITIES
+from .tableau import RK4, Tableau
+from .torque_laws import TorqueLaw
+
+Array = NDArray[Any]
+
+__all__ = ["INTEGRATORS", "Plan", "integrator_named"]
+
+INTEGRATORS = ("semi_implicit", "rk4")
+"""The methods of rollouts, by the names they have in simulations."""
+
+Ports = list[tuple[str, tuple[int, ...]]]
+
+
+def integrator_named(name: Any) -> str:
+    """The name; UnknownNameError lists those there are."""
+    if not isinstance(name, str) or name not in INTEGRATORS:
+        raise UnknownNameError.of("integrator", name, INTEGRATORS)
+    return name
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a step is made of; everything but numbers."""
+
+    model: Model
+    law: TorqueLaw
+    integrator: str
+    frames: tuple[str, ...] = ()
+    """Where wrenches act on the robot."""
+    parameters: tuple[str, ...] = ()
+    friction: bool = False
+    says_torques: bool = False
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Plans of one robot with one key are one program."""
+        said = self.integrator, self.frames, self.parameters, self.friction, self.says_torques
+        return ("rollout", *self.law.key, *said)
+
+    @property
+    def given(self) -> Ports:
+        """Names and shapes of what is given for each step, in the kernel's order."""
+        nq, nv = self.model.nq, self.model.nv
+        ports: Ports = [("dt", ())]
+        ports += [(name, (nq,) if name == "q_des" else (nv,)) for name in self.law.names]
+        ports += [(f"wrench at {frame}", (6,)) for frame in self.frames]
+        ports += [("creep", (nv,))] * self.friction
+        return [*ports, *[("parameters", (len(self.parameters),))] * bool(self.parameters)]
+
+    def recurrence(self) -> Recurrence:
+        """The program, and where its inputs come from."""
+        nq, nv, given = self.model.nq, self.model.nv, self.given
+        flat = not undriven(self.model)  # elsewhere steps have angles of their own
+        angles: Ports = [("angles", (nq,))] * flat
+        state: Ports = [("q", (nq,)), ("dq", (nv,))]
+        fed = [Source("state", 0)] * flat + [Source("state", 0), Source("state", 1)]
+        sources = [Source("given")] * len(given)
+        said = ["tau"] * self.says_torques
+        if self.integrator == "semi_implicit":
+            program = trace(self._semi_implicit(flat), [*angles, *state, *given], ["q", "dq", *said])
+            return Recurrence(program, (*fed, *sources), visible=2)
+        more: Ports = [("q at start", (nq,)), ("dq at start", (nv,)), ("q sum", (nq,)), ("dq sum", (nv,)), ("stage", (5,))]
+        fed += [Source("start", 0), Source("start", 1), Source("state", 2), Source("state", 3), Source("stage")]
+        names = ["q", "dq", "q sum", "dq sum", *said]
+        program = trace(self._runge_kutta(flat), [*angles, *state, *more, *given], names)
+        return Recurrence(program, (*fed, *sources), visible=2, hidden=2, table=stages(RK4))
+
+    # ── on symbols ──
+
+    def _semi_implicit(self, flat: bool) -> Any:
+        def step(*arrays: Any) -> tuple[Array, ...]:
+            angles, (q, dq, h, *given) = arrays[0], arrays[flat:]
+            tau, ddq = self._dynamics(angles, q, dq, given)
+            dq1 = dq + h * ddq
+            found = integration.moved(self.model, q, h * dq1), dq1
+            return (*found, tau) if self.says_torques else found
+
+        return step
+
+    def _runge_kutta(self, flat: bool) -> Any:
+        def stage(*arrays: Any) -> tuple[Array, ...]:
+            angles, (q, dq, q0, dq0, q_sum, dq_sum, row, h, *given) = arrays[0], arrays[flat:]
+            keep, weight, last, all_of_them, ends = row
+            tau, ddq = self._dynamics(angles, q, dq, given)
+            rates = coordinate_rates(self.model, q) @ dq
+            q_sum, dq_sum = keep * q_sum + weight * rates, keep * dq_sum + weight * ddq
+            q1 = q0 + h * (last * rates + all_of_them * q_sum)
+            dq1 = dq0 + h * (last * ddq + all_of_them * dq_sum)
+            found = integration.normalised(self.model, q1, ends), dq1, q_sum, dq_sum
+            return (*found, tau) if self.says_torques else found
+
+        return stage
+
+    def _dynamics(self, angles: Array, q: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array]:
+        """Torques and accelerations."""
+        rest = dict(zip([name for name, _ in self.given[1:]], given, strict=True))
+        known = regrouped(self.model)
+        tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
+        plant = known if not moves_joints(self.model, self.parameters) else self.model
+        if self.parameters:
+            plant = varied(plant, self.parameters, rest["parameters"])
+        force = torque_past_eased_friction(plant, dq, tau, rest["creep"]) if self.friction else tau
+        pushed = {frame: -rest[f"wrench at {frame}"] for frame in self.frames}
+        return tau, QUANTITIES["forward_dynamics"].algorithm(plant, angles, dq, force, wrenches=pushed or None)
+
+
+def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
+    """A row for each stage of a method whose stages need the one before alone.
+
+    Whether the sum of weighted rates is kept, the weight, what of this rate and what of the sum leads from the beginning of the
+    step to the next stage, and whether the step ends there.
+    """
+    a, b, _, _, _ = tableau.numbers
+    last = len(b) - 1
+    rows = [(float(i > 0), b[i], a[i + 1][i], 0.0, 0.0) for i in range(last)]
+    return (*(tuple(map(float, row)) for row in rows), (1.0, float(b[last]), 0.0, 1.0, 1.0))
