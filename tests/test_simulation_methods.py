@@ -56,7 +56,7 @@ def test_the_order_is_measured(case, method):
     less than a quarter of an order is allowed below, less than three quarters above.
     """
     robot, state, wanted = case
-    steps = {1: (128, 256), 2: (32, 64), 4: (16, 32), 5: (16, 32), 6: (6, 12)}[ORDERS[method]]
+    steps = {1: (128, 256), 2: (32, 64), 4: (16, 32), 5: (12, 24), 6: (6, 12)}[ORDERS[method]]
     errors = [far(robot, run(robot, state, 0.4, n, method), wanted) for n in steps]
     found = np.log2(errors[-2] / errors[-1])
     assert errors[-1] > 1e-13

@@ -42,6 +42,7 @@ from .model.model import Limits, Model
 from .model.snap import DEFAULT_SNAP
 from .model.varied import matching, nominal
 from .program.program import Program
+from .program.recurrence import Recurrence
 from .screws.wrench import Wrench
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
     from .export.request import Quantities
     from .inverse_kinematics import InverseKinematics
     from .simulation import SimulationResult
+    from .simulation.rollout import Rollout
+    from .simulation.torque_laws import TorqueLaw
 
 Array = NDArray[Any]
 Wrenches = Mapping[str, ArrayLike | Wrench]
@@ -1214,6 +1217,28 @@ class Robot:
 
         return simulate(self, q0, dq0, duration, dt, **options)
 
+    def rollout(
+        self, q0: ArrayLike, dq0: ArrayLike, tau: ArrayLike | TorqueLaw | None = None, *, dt: float = 1e-3, **options: Any
+    ) -> Rollout:
+        """Motions from any batch of states, all steps of ``dt`` s in one kernel; (..., nq), (..., nv) → (..., n, nq).
+
+        ``tau``: torques (nv) for all steps, (..., steps, nv) step by step, or ``tw.simulation.PD`` or ``ComputedTorque``.
+        ``steps`` or ``duration`` say how long, ``every`` keeps one state in so many. ``integrator``: ``"semi_implicit"`` or
+        ``"rk4"``. ``wrench_on_robot``: ``{frame: (m, f)}``, (6) or (..., steps, 6). ``parameters``: ``{name: (...)}`` of
+        :meth:`varying`, a payload's mass for each sample. ``friction=True``: that of the joints, as in :meth:`simulate`.
+        ``torques=True`` returns those applied, too. Motions that become unstable are named in the result's ``.unstable``.
+        Raises ShapeError, ValueRangeError, UnknownNameError, SingularMassMatrixError. docs/rollouts.md explains.
+
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> many = arm.rollout(np.random.default_rng(0).normal(size=(100, 2)), [0, 0], steps=200, every=10)
+        >>> many.q.shape, bool(many.unstable.any())
+        ((100, 21, 2), False)
+        """
+        from .simulation.rollout import rollout
+
+        return rollout(self, q0, dq0, tau, dt=dt, **options)
+
     # ── energies, momentum, centre of mass ──
 
     def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> Any:
@@ -1299,15 +1324,17 @@ LARGEST_COMPILED = 1_000_000
 minutes at most; the regressor of a chain of 100 links has 800,000."""
 
 
-def _make_kernel(program: Program, name: str, doc: str) -> Any:
+def _make_kernel(given: Program | Recurrence, name: str, doc: str) -> Any:
+    program = given.program if isinstance(given, Recurrence) else given
     # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
     # samples of three axes at most, and second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     off = os.environ.get("TWISTWRENCH_JIT", "1") == "0" or not runs_machine_code()
     if empty or off or len(program.instructions) > LARGEST_COMPILED:
         from .targets.numpy import NumpyKernel
+        from .targets.numpy_steps import NumpySteps
 
-        return NumpyKernel(program, name, doc)
+        return NumpySteps(given, name, doc) if isinstance(given, Recurrence) else NumpyKernel(given, name, doc)
     from .kernels.ufunc import make_ufunc
 
-    return make_ufunc(program, name, doc)
+    return make_ufunc(given, name, doc)

@@ -21,7 +21,7 @@ from ..errors import ValueRangeError
 from . import interpreter
 from .parts import Part, cut
 
-__all__ = ["call", "get_threads", "set_threads"]
+__all__ = ["call", "get_threads", "set_threads", "share"]
 
 MOST = 1024
 VARIABLE = "TWISTWRENCH_THREADS"
@@ -72,9 +72,17 @@ def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
     if shared is None:
         return kernel(*arrays) if out is None else kernel(*arrays, out=out)
     parts, outputs = shared
+    share(kernel, parts)
+    return outputs[0] if len(outputs) == 1 else outputs
+
+
+def share(kernel: Any, parts: Iterable[Part]) -> None:
+    """Compute all parts, on several threads where that is allowed; the first exception of any is the caller's."""
+    threads = get_threads()
     job = _Job(kernel, parts)
     try:
-        _CREW.invite(job, threads - 1)
+        if threads > 1 and not _in_worker_thread():
+            _CREW.invite(job, threads - 1)
         job.work()
     finally:
         problem = job.finish()
@@ -83,7 +91,6 @@ def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
             raise problem
         finally:
             del problem  # its traceback holds this frame: without this, the arrays would wait for the garbage collector
-    return outputs[0] if len(outputs) == 1 else outputs
 
 
 def _checked(count: Any, who: str) -> int:

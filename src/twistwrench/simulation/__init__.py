@@ -9,16 +9,21 @@ from .contact import JointStops, Plane
 from .door import simulate
 from .events import Event, Happening
 from .result import SimulationResult
+from .rollout import Rollout
 from .schemes import METHODS
 from .tableau import Partitioned, Tableau
+from .torque_laws import PD, ComputedTorque
 
 __all__ = [
     "METHODS",
+    "PD",
+    "ComputedTorque",
     "Event",
     "Happening",
     "JointStops",
     "Partitioned",
     "Plane",
+    "Rollout",
     "SimulationResult",
     "Tableau",
     "simulate",

@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ShapeError, ValueRangeError
 from ..kernels import threads
 from ..kernels.parts import Part
+from ..kernels.ufunc import owner_of
 from ..lie import checks
 from ..model.varied import matching, nominal
 from ..screws.wrench import Wrench
+from ..targets.machine import SINGLE
 from .given import positive, whole
-from .run import FASTEST
 from .step_program import Plan, integrator_named
 from .torque_laws import GivenTorque, TorqueLaw
 
@@ -29,9 +30,15 @@ Array = NDArray[Any]
 
 __all__ = ["Rollout", "rollout"]
 
+FASTEST = 1e6
+"""rad/s or m/s: what no robot reaches, and steps that are too long soon do."""
+CREEP = 1e-3
+"""rad/s or m/s, the least speed below which dry friction is eased off."""
 MOST_STEPS = 10**9
-IN_ONE_CALL = 2e9
-"""Operations between two looks at whether the user wants to stop: some 0.2 s."""
+IN_ONE_CALL = 5e9
+"""Operations between two looks at whether the user wants to stop: some 0.3 s."""
+LANES = 16
+"""Samples are shared out in multiples of this: whole blocks on every processor."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,7 +135,7 @@ def rollout(
     batch = _together(batches)
     rest = [x.astype(dtype, copy=False) for _, x in stepped]
     if friction:
-        rest.append(_creep(robot, *states, h)[..., None, :].astype(dtype))
+        rest.append(_creep(robot, states[0], h)[..., None, :].astype(dtype))
     if names:
         rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :].astype(dtype))
     inputs = [*(x.astype(dtype, copy=False) for x in states), np.full(1, h, dtype), *rest]
@@ -204,10 +211,9 @@ def _of_law(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
         size = robot.nq if name == "q_des" else robot.nv
         given = getattr(law, name)
         x = _real(0.0 if given is None else given, name)
-        if x.ndim == 0 and (given is None or name not in ("tau", "q_des")):
-            x = np.full(size, x)
-        if x.shape[-1:] != (size,):
-            more = " or one number for all" if name not in ("tau", "q_des") else ""
+        one_for_all = given is None or name not in ("tau", "q_des")
+        if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
+            more = ", or one number for all" if one_for_all else ""
             raise ShapeError(f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{more}.")
         found.append((name, x, size))
     return found
@@ -263,8 +269,8 @@ def _steps(
 
 def _stepped(label: str, x: Array, size: int, n: int) -> Array:
     """With an axis of steps before the last, of length n or 1."""
-    if x.ndim == 1:
-        return x[None]
+    if x.ndim < 2:
+        return np.broadcast_to(x, (1, size))
     if x.shape[-2] not in (1, n):
         raise ShapeError(
             f"{label} has shape {x.shape}, and the axis before the last counts the steps: {n} of them, or 1 for what stays. "
@@ -285,11 +291,11 @@ def _together(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
         raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None
 
 
-def _creep(robot: Robot, q0: Array, dq0: Array, h: float) -> Array:
-    """As in simulations: no speed below what dry friction takes off a joint in a step, and 1e-3; (..., nv)."""
-    from .door import creep_of
-
-    return creep_of(robot, q0, h)
+def _creep(robot: Robot, q0: Array, h: float) -> Array:
+    """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step."""
+    friction = robot.model.friction
+    light = np.diagonal(np.linalg.inv(robot.mass_matrix(np.asarray(q0, float))), axis1=-2, axis2=-1)
+    return np.asarray(np.maximum(CREEP, h * np.maximum(friction.static, friction.coulomb) * light))
 
 
 # ── the kernel ──
@@ -324,23 +330,29 @@ def _room(
 def _run(
     kernel: Any, inputs: list[Array], core: list[int], outputs: list[Array], batch: tuple[int, ...], steps: int
 ) -> None:
-    """Call the kernel in parts of the batch: on several threads if there are, and so that Ctrl-C is heard between two."""
-    samples = math.prod(batch)
-    if not samples:
+    """Call the kernel in parts of the batch: for as many threads as there are, and so that Ctrl-C is heard between two."""
+    owner, many = owner_of(kernel), batch.index(max(batch)) if batch else 0
+    if not math.prod(batch):
         return
-    work = samples * steps * kernel_effort(kernel)
-    count = max(1, threads.get_threads(), math.ceil(work / IN_ONE_CALL))
-    axis = int(np.argmax(batch)) if batch else 0
-    rows = -(-batch[axis] // count) if batch else 1
-    rows = -(-rows // ROWS) * ROWS if rows > ROWS // 2 else min(ROWS, -(-rows // 8) * 8)
-    parts = []
-    for first in range(0, batch[axis] if batch else 1, rows):
-        here = slice(first, first + rows)
-        parts.append(
-            Part(
-                tuple(_cut(x, x.ndim - c, axis - len(batch), here) for x, c in zip(inputs, core, strict=True)),
-                tuple(_cut(x, x.ndim - 2, axis - len(batch), here) for x in outputs),
-            )
+    rows = batch[many] if batch else 1
+    if owner is not None:
+        if outputs[0].dtype == np.float32:
+            owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
+        stages = len(owner.given.table) if hasattr(owner.given, "table") else 1
+        work = owner.effort * stages * steps * math.prod(batch) / rows
+        rows = min(int(IN_ONE_CALL / work), -(-rows // threads.get_threads()))
+        rows = max(LANES, rows // LANES * LANES)
+    parts = [
+        Part(
+            tuple(_cut(x, x.ndim - c - len(batch) + many, here) for x, c in zip(inputs, core, strict=True)),
+            tuple(_cut(x, many, here) for x in outputs),
         )
+        for here in (slice(first, first + rows) for first in range(0, batch[many] if batch else 1, rows))
+    ]
     with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
-        threads.share(kernel, parts)
+        threads.share(kernel, parts if batch else [Part(tuple(inputs), tuple(outputs))])
+
+
+def _cut(x: Array, axis: int, here: slice) -> Array:
+    """Some samples along one axis of the batch, or the whole where it is the same for all of them."""
+    return x if axis < 0 or x.shape[axis] == 1 else x[(slice(None),) * axis + (here,)]

@@ -108,7 +108,7 @@ class _Steps:
                 self._clear(self.state[k], r.states[k])
             with w.loop(kept, w.after) as row, w.loop(every, w.after) as between:
                 number = w.new(f"add i64 {w.new(f'mul i64 {row}, {every}')}, {between}")
-                self._take_given(number, places[r.visible :], inputs[r.visible :])
+                self._take_given(number, places[r.visible : len(inputs)], inputs[r.visible :])
                 begins = w.new(f"icmp eq i64 {between}, 0")
                 ends = w.new(f"icmp eq i64 {w.new(f'add i64 {between}, 1')}, {every}")
                 rows = [

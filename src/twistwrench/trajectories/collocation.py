@@ -23,6 +23,8 @@ __all__ = ["Cell", "try_cell"]
 STAGES = 5
 TOLERANCE = 2e-8
 """Part of a limit by which a piece may be off it, over or under."""
+AT_REST = 4e-7
+"""The same for the first piece from rest with viscous friction, whose √x is no polynomial: some 1e-5 s."""
 _RATIO = 4.0
 """x may grow or shrink by no more within a piece, or the time along it would be hard to integrate."""
 
@@ -100,7 +102,8 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
         return None, False
     U, X = u @ _U_AT.T, x + 2 * way * h * (u @ _X_AT.T)  # (n, points)
     V = np.abs(found.values(U, X))
-    slack = TOLERANCE * rows.L
+    allowed = AT_REST if x == 0 and np.any(found.d) else TOLERANCE
+    slack = allowed * rows.L
     fits = (rows.L + slack >= V).all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
     over = np.where(np.arange(len(u)) < free, 1e-10, 0.25 * TOLERANCE)[:, None, None] * np.ones((len(POINTS), 1))
     over[:, STAGES] *= 2.0  # where the last piece ended, as far over as it may be
@@ -115,7 +118,7 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     else:
         k = rows.rows.index(row)
         touched = np.abs(V[n, :, k] / rows.L[k] - 1.0)
-    if touched.max() > TOLERANCE or not 1 / _RATIO <= ratio <= _RATIO:
+    if touched.max() > allowed or not 1 / _RATIO <= ratio <= _RATIO:
         return None, True
     powers = np.concatenate([[x], 2 * way * h * (_POWERS @ u[n]) / np.arange(1, STAGES + 1)])
     cell = Cell(low, high, powers, row, sides[n])

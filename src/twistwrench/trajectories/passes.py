@@ -88,7 +88,7 @@ def _advance(
     while found is None:
         over, was_rough = h, rough
         h *= 0.5
-        if h < _SMALLEST and (h < 1e-3 * _SMALLEST or not rough):
+        if h < _SMALLEST and (h < 1e-5 * _SMALLEST or not rough):
             raise _Stuck
         found, rough = tried(h)
     if was_rough:
