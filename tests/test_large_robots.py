@@ -17,7 +17,7 @@ from twistwrench.kernels.ufunc import make_ufunc
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.program.program import Program
 from twistwrench.program.trace import trace
-from twistwrench.targets import avx2_module, llvm, loop, sections
+from twistwrench.targets import avx2_module, llvm, loop, native, sections
 from twistwrench.targets.frame import Frame
 from twistwrench.targets.machine import DOUBLE, SINGLE, Machine, host
 from twistwrench.testing.robots import random_inertia, random_pose
@@ -73,7 +73,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = loop.
     whole = make_ufunc(program, "whole", "")
     whole(*states(program, 1, np.float32))  # single precision is compiled at its first call
     for name, value in (("LONG", 0), ("SECTION", section), ("EACH", 5)):
-        monkeypatch.setattr(sections, name, value)
+        monkeypatch.setattr(native if name == "LONG" else sections, name, value)
     monkeypatch.setattr(loop, "ON_STACK", on_stack)
     cut = make_ufunc(program, "cut", "")
     cut(*states(program, 1, np.float32))
@@ -87,7 +87,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = loop.
 @pytest.mark.parametrize(("section", "on_stack"), [(50, loop.ON_STACK), (170, 0)], ids=["short", "in memory"])
 def test_sections_change_no_bit(bundled, monkeypatch, by_llvm, name, quantity, section, on_stack):
     program = bundled(name).program(quantity)
-    monkeypatch.setattr(sections, "LONG", len(program.instructions))
+    monkeypatch.setattr(native, "LONG", len(program.instructions))
     whole, cut = both_ways(monkeypatch, program, section, on_stack)
     for dtype in (np.float64, np.float32):
         arrays = states(program, COUNT, dtype)
@@ -129,7 +129,7 @@ def test_sections_share_threads(bundled, monkeypatch, by_llvm):
 def test_programs_below_the_threshold_are_one_function(bundled):
     machine = Machine("x86_64-unknown-linux-gnu", "znver4", "", 512)
     program = bundled("panda").program("mass_matrix")
-    assert list(sections.modules(program, DOUBLE, machine)) == [llvm.assembly(program, DOUBLE, machine)]
+    assert list(native.modules(program, DOUBLE, machine)) == [llvm.assembly(program, DOUBLE, machine)]
     assert "malloc" not in llvm.assembly(program, DOUBLE, machine)
 
 
@@ -171,8 +171,8 @@ def test_without_memory_results_are_nan(bundled, monkeypatch, by_llvm):
     text = llvm.assembly(program, DOUBLE, host())
     assert "declare ptr @malloc(i64)" in text
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
-    monkeypatch.setattr(sections, "assembly", lambda *_: text.replace("declare ptr @malloc(i64)", none))
-    monkeypatch.setattr(sections, "LONG", len(program.instructions))
+    monkeypatch.setattr(native, "assembly", lambda *_: text.replace("declare ptr @malloc(i64)", none))
+    monkeypatch.setattr(native, "LONG", len(program.instructions))
     kernel = make_ufunc(program, "starved", "")
     out = np.zeros((3, 7, 7, 2))
     assert np.isnan(kernel(np.zeros((3, 7)), out=out[..., 0])).all()
@@ -203,7 +203,7 @@ def test_wide_results_need_no_large_stack(monkeypatch, way):
     program = wide()
     if way != "usual":
         monkeypatch.setattr(avx2_module, "serves", lambda *_: False)
-        monkeypatch.setattr(sections, "LONG", 0 if way == "cut" else 10**9)
+        monkeypatch.setattr(native, "LONG", 0 if way == "cut" else 10**9)
     kernel = make_ufunc(program, "wide", "")
     x = np.random.default_rng(2).normal(size=(COUNT, 4))
     expected = np.einsum("ni,nj->nij", np.tile(x, 75), np.tile(x, 10))
@@ -328,7 +328,7 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
 def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch, by_llvm):
     program = bundled("planar_2r").program("forward_dynamics")
     for name, value in (("LONG", 0), ("SECTION", 10), ("EACH", 2)):
-        monkeypatch.setattr(sections, name, value)
-    assert len(list(sections.modules(program, DOUBLE, host()))) > 2
+        monkeypatch.setattr(native if name == "LONG" else sections, name, value)
+    assert len(list(native.modules(program, DOUBLE, host()))) > 2
     assert not code.compiled(program, DOUBLE).cached
     assert code.compiled(program, DOUBLE).cached

@@ -93,6 +93,19 @@ def test_a_box_comes_to_rest_on_its_corners_and_its_energy_is_accounted_for(box)
     assert found.relative_drift < 1e-6
 
 
+@pytest.mark.parametrize(("method", "allowed"), [("variational", 1e-5), ("midpoint", 1e-3), ("rk4", 1e-2)])
+def test_fixed_steps_carry_through_a_stiff_contact_with_friction(box, method, allowed):
+    """Friction eased off within 1 cm/s is stiff against 1 ms: implicit steps find their balance all the same."""
+    corners = [[x, y, z] for x in (-0.15, 0.15) for y in (-0.1, 0.1) for z in (-0.05, 0.05)]
+    plane = Plane("box", corners, stiffness=1e5, dissipation=0.3, friction=0.5)
+    q0 = box.coordinates(root_joint=[1, 0, 0, 0, 0, 0, 0.2])
+    found, wanted = (box.simulate(q0, [1, 2, 0.5, 0, 0, 0], 0.35, contacts=plane, method=m) for m in (method, "dopri5"))
+    assert found.relative_drift < allowed
+    assert found.work["contacts"][-1] < -1.0
+    assert found.events[0].time == pytest.approx(wanted.events[0].time, abs=1e-6)
+    np.testing.assert_allclose(found.q[-1], wanted.q[-1], atol=allowed)
+
+
 @pytest.mark.parametrize("c", [0.0, 0.5])
 def test_a_joint_stop_gives_back_the_speed_that_the_law_says(c):
     """The elbow of a planar arm runs into its stop alone; the shoulder is locked."""

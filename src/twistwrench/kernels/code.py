@@ -15,7 +15,7 @@ from ..program.program import Program
 from ..program.recurrence import Recurrence
 from ..targets.llvm import LOOP
 from ..targets.machine import Machine, Precision, chosen
-from ..targets.sections import modules
+from ..targets.native import modules
 from . import cache
 
 __all__ = ["LOCK", "Code", "assembled", "compiled"]

@@ -168,7 +168,7 @@ def _meaningless(q: Array, dq: Array) -> Array:
 
 def _law(tau: Any) -> TorqueLaw:
     if hasattr(tau, "torques") and hasattr(tau, "names"):
-        return tau  # type: ignore[no-any-return]
+        return tau
     if callable(tau):
         raise ValueRangeError(
             "tau is a function, and the loop over the steps is machine code, which calls none. Give torques as an array, "

@@ -123,7 +123,7 @@ class Plan:
         tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
         plant = known if not moves_joints(self.model, self.parameters) else self.model
         if self.parameters:
-            plant = varied(plant, self.parameters, rest["parameters"])
+            plant = varied(plant, self.parameters, list(rest["parameters"]))
         force = torque_past_eased_friction(plant, dq, tau, rest["creep"]) if self.friction else tau
         pushed = {frame: -rest[f"wrench at {frame}"] for frame in self.frames}
         return tau, QUANTITIES["forward_dynamics"].algorithm(plant, angles, dq, force, wrenches=pushed or None)

@@ -37,6 +37,27 @@ __all__ = ["Variational"]
 
 _MOST = 100
 """Iterations. Each gains as many digits as a step is short against the motion: three or four are usual."""
+_SLOW = 0.3
+"""Part of a change that the next one may be, before it is sought by secants."""
+
+
+class _Secant:
+    """Broyden's method: changes learn from how the last ones turned out. For what a plain iteration does not settle.
+
+    Source: Broyden, "A class of methods for solving nonlinear simultaneous equations", Math. Comp. 19, 1965.
+    """
+
+    def __init__(self, change: Array) -> None:
+        self.inverse, self.asked, self.made = np.eye(len(change)), change, change
+
+    def changed(self, asked: Array) -> Array:
+        """The change to make where the plain iteration would make the one that is asked for."""
+        less = self.inverse @ (self.asked - asked)  # what the change would have been by the inverse so far
+        along = float(self.made @ less)
+        if along:
+            self.inverse = self.inverse + np.outer(self.made - less, self.made @ self.inverse) / along
+        self.asked, self.made = asked, self.inverse @ asked
+        return self.made
 
 
 class Variational:
@@ -66,6 +87,7 @@ class Variational:
     def _step(self, t: float, q0: Array, p0: Array, xi: Array, h: float) -> tuple[Array, Array, Array, Array]:
         """One midpoint step; the state after it, ξ, and the powers of the forces in the middle (4,)."""
         system, before, powers = self.system, np.inf, np.zeros(len(WORKS))
+        secant: _Secant | None = None
         for _ in range(_MOST):
             middle = system.manifold.move(q0, 0.5 * h * xi)
             M, C, bias = self.terms(middle, xi)
@@ -77,6 +99,8 @@ class Variational:
             left, half = self._brought(xi, h, p, G) if self.groups else (p, 0.5 * G)
             missing = p0 + h * half - left
             change = system.robot.forward_dynamics(middle, xi, missing + bias)  # M⁻¹ of it
+            if secant is not None:
+                change = secant.changed(change)
             xi = xi + change
             size, scale = float(np.abs(change).max()), float(np.abs(xi).max()) or 1e-300
             if not size < np.inf:
@@ -88,6 +112,8 @@ class Variational:
             if settled <= 1e-16 * scale or before <= size <= 1e-11 * scale:
                 p1 = self._carried(h * xi, p0, h * G)
                 return system.manifold.move(q0, h * xi), p1, xi, powers
+            if secant is None and size > _SLOW * before:  # a force that is stiff against the step, as in a contact
+                secant = _Secant(change)
             before = size
         raise self._lost(t, f"{_MOST} iterations found no balance", change)
 

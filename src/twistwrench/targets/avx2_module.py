@@ -12,10 +12,10 @@ from .avx2 import OPERATIONS, Selection
 from .avx2_text import ARRAYS_IN_REGISTERS, written
 from .buffers import LINE
 from .frame import Frame
+from .frame_rows import frame_to_rows, preparation, zero_tiles
 from .loop import Loop, loop
 from .machine import Machine, Precision
 from .rows import RowStorer
-from .sections import frame_to_rows, preparation, zero_tiles
 from .sincos import wrapper
 from .writer import Writer
 
@@ -83,7 +83,7 @@ def module(program: Program, precision: Precision, machine: Machine, name: str, 
             f"declare i32 @look({types})",
             *(f"declare void @part{k}({types})" for k in range(parts)),
             wrapper(precision, lanes),
-            preparation(frame.constants if packed else (), precision, machine, "prepare_one"),
+            preparation(Writer(precision, lanes), frame.constants if packed else (), "prepare_one"),
             made.prepare(),
             *(made.rows(frame, streamed) for streamed in ((False, True) if packed else ())),
             made.one(),

@@ -48,7 +48,7 @@ def call_block(w: Writer, pointers: list[str], name: str = "block") -> None:
 
 
 def take(
-    w: Writer, sizes: list[int], samples: str, outputs: list[tuple[str, Sequence[int | str], Step]]
+    w: Writer, sizes: list[int], samples: str, outputs: Sequence[tuple[str, Sequence[int | str], Step]]
 ) -> tuple[str, str, list[str]]:
     """Memory for buffers of those sizes: what to free, the label control is in, the buffers. Without it, results are NaN."""
     lines = [-(-size // LINE) * LINE for size in sizes]

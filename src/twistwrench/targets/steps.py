@@ -146,7 +146,9 @@ class _Steps:
         w, taken, label = self.w, "", "entry"
         if self.large:
             sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
-            spoiled = [(x.base, (kept, *x.port.shape), (x.outer, x.strides)) for x in outputs]
+            spoiled: list[tuple[str, list[int | str], Step]] = [
+                (x.base, [kept, *x.port.shape], (x.outer, x.strides)) for x in outputs
+            ]
             taken, label, (*buffers, self.room) = take(w, sizes, samples, spoiled)
         else:
             buffers = [
