@@ -148,6 +148,20 @@ def _rotations(q: np.ndarray) -> np.ndarray:
 
 
 def _model(case: Case) -> mujoco.MjModel:
+    model = spec_of(case).compile()
+    switch_off(model)
+    return model
+
+
+def switch_off(model: mujoco.MjModel, but: set[str] = frozenset()) -> None:
+    """Leave only the mechanics, and what is named."""
+    for name in OFF:
+        if name not in but:
+            model.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}").value
+
+
+def spec_of(case: Case) -> mujoco.MjSpec:
+    """The robot as MuJoCo reads it, before it is compiled."""
     root = ElementTree.fromstring(case.text)
     if case.floating_base:
         children = {child.get("link") for child in root.iter("child")}
@@ -164,7 +178,4 @@ def _model(case: Case) -> mujoco.MjModel:
     x, y, z, w = pin.Quaternion(frame.placement.rotation).coeffs()
     carrier = spec.joint(case.model.names[frame.parentJoint]).parent
     carrier.add_site(name="tip", pos=frame.placement.translation, quat=[w, x, y, z])
-    model = spec.compile()
-    for name in OFF:
-        model.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}").value
-    return model
+    return spec

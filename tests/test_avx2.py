@@ -6,12 +6,17 @@ import pytest
 import twistwrench as tw
 from twistwrench.kernels.ufunc import make_ufunc
 from twistwrench.program.trace import trace
-from twistwrench.targets import avx2_module, avx2_text, loop, machine
+from twistwrench.targets import avx2_module, avx2_text, loop, machine, native
 
 pytestmark = pytest.mark.skipif(
     not avx2_module.serves(tw.robots.pendulum().program("gravity_forces"), machine.chosen()),
     reason="needs an x86-64 with AVX2 that has no AVX-512",
 )
+
+
+@pytest.fixture(autouse=True)
+def short_programs_too(monkeypatch):
+    monkeypatch.setattr(native, "_is_long_enough", lambda _: True)
 
 
 def both(program, monkeypatch):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -27,7 +29,7 @@ def assert_extreme(motion: trajectories.Fastest) -> None:
     touches = motion.touches
     assert touches[0].begin == 0
     assert touches[-1].end == pytest.approx(motion.duration, rel=1e-12)
-    assert all(a.end == b.begin for a, b in zip(touches, touches[1:], strict=False))
+    assert all(a.end == b.begin for a, b in itertools.pairwise(touches))
 
 
 def assert_its_rates_are_derivatives(motion: trajectories.Fastest) -> None:
@@ -45,7 +47,9 @@ def test_a_mass_is_driven_bang_bang(d, a):
     mass = tw.robots.pendulum().with_gravity([0, 0, 0])  # 1 kg at 1 m
     motion = fastest(mass, joint_line(mass, [0], [d]), effort=a)
     assert motion.duration == pytest.approx(2 * np.sqrt(abs(d) / a), rel=1e-7)
-    assert_allclose(motion([0.3 * motion.duration, 0.7 * motion.duration])[2][:, 0], [np.sign(d) * a, -np.sign(d) * a], rtol=1e-7)
+    assert_allclose(
+        motion([0.3 * motion.duration, 0.7 * motion.duration])[2][:, 0], [np.sign(d) * a, -np.sign(d) * a], rtol=1e-7
+    )
     assert [t.side for t in motion.touches] == [np.sign(d), -np.sign(d)]
     assert_extreme(motion)
 

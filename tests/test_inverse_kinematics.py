@@ -66,7 +66,11 @@ def test_the_nearest_point_is_found_where_the_pose_is_out_of_reach(bundled):
 
 
 def test_limits_that_hold_a_joint_back_are_named(tmp_path):
-    text = tw.robots.path_of("ur5").read_text().replace('lower="-3.14159265359" upper="3.14159265359"', 'lower="0.5" upper="1.0"')
+    text = (
+        tw.robots.path_of("ur5")
+        .read_text()
+        .replace('lower="-3.14159265359" upper="3.14159265359"', 'lower="0.5" upper="1.0"')
+    )
     robot = tw.load(text)
     q = robot.neutral
     q[1:4] = -0.5, 2.5, 0.3

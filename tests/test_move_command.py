@@ -37,10 +37,12 @@ def test_the_fastest_motion_is_told_written_drawn_and_read_back(run, tmp_path):
 
 def test_a_straight_line_in_degrees(run, tmp_path):
     file = tmp_path / "m.csv"
-    code, output = run("move", "ur5", "--degrees", "--from=0,-70,85,-20,85,0", "--by", "0.05,0.1,-0.1", "--csv", file, "--step", 0.1)
+    code, output = run(
+        "move", "ur5", "--degrees", "--from=0,-70,85,-20,85,0", "--by", "0.05,0.1,-0.1", "--csv", file, "--step", 0.1
+    )
     assert code == 0, output
     assert "Within all limits." in output
-    rows = list(csv.reader(file.open()))
+    rows = list(csv.reader(file.read_text().splitlines()))
     assert np.allclose([float(x) for x in rows[1][1:7]], [0, -70, 85, -20, 85, 0])
 
 
@@ -72,9 +74,11 @@ def test_waypoints_are_met(run, tmp_path):
     points, file, limits = tmp_path / "w.csv", tmp_path / "m.csv", tmp_path / "limits.csv"
     points.write_text("joint2,joint1\n0.5,-0.2\n-0.1,0.7\n")
     limits.write_text("joint,velocity,effort\njoint1,2,60\njoint2,2,60\n")
-    code, output = run("move", "planar_2r", "--to", "1,1", "--waypoints", points, "--limits", limits, "--csv", file, "--step", 0.001)
+    code, output = run(
+        "move", "planar_2r", "--to", "1,1", "--waypoints", points, "--limits", limits, "--csv", file, "--step", 0.001
+    )
     assert code == 0, output
-    q = np.array([[float(x) for x in row[1:3]] for row in list(csv.reader(file.open()))[1:]])
+    q = np.array([[float(x) for x in row[1:3]] for row in list(csv.reader(file.read_text().splitlines()))[1:]])
     for point in ([-0.2, 0.5], [0.7, -0.1]):
         assert np.abs(q - point).max(axis=1).min() < 2e-3
 
@@ -82,7 +86,7 @@ def test_waypoints_are_met(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--from=1,2",), "--from"),
+        (("--from=1,2,3", "--to", "1,1"), "--from"),
         ((), "where does it end"),
         (("--to", "1,1", "--by", "0,0,1"), "where does it end"),
         (("--to", "1,1", "--straight", "--screw"), "Keep one"),

@@ -159,14 +159,14 @@ def test_the_energy_of_variational_steps_has_no_trend():
     robot = tw.robots.planar_2r()
     halves = {}
     for method in ("variational", "rk4"):
-        found = robot.simulate([1.0, 1.0], [0.0, 0.0], 40.0, 0.02, method=method)
+        found = robot.simulate([-0.8, 0.5], [0.0, 0.0], 40.0, 0.02, method=method)  # regular, not chaotic
         size = np.abs(found.drift)
         halves[method] = size[:1001].max(), size[1001:].max(), abs(np.polyfit(found.times, found.drift, 1)[0]) * 40.0
     first, second, trend = halves["variational"]
-    assert second < 2.0 * first
-    assert trend < 0.2 * first
+    assert second < 1.1 * first
+    assert trend < 0.02 * first
     first, second, trend = halves["rk4"]
-    assert second > 1.5 * first
+    assert second > 1.8 * first
     assert trend > 0.5 * second
 
 

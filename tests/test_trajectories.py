@@ -113,10 +113,12 @@ def test_a_line_of_a_floating_robot_is_one_twist(bundled):
     assert np.linalg.matrix_rank(ddq, tol=1e-9) == 1
 
 
-@pytest.mark.parametrize("shape", [trajectories.cubic, trajectories.quintic, lambda T: trajectories.trapezoid(v=1.5 / T, duration=T)])
+@pytest.mark.parametrize(
+    "shape", [trajectories.cubic, trajectories.quintic, lambda T: trajectories.trapezoid(v=1.5 / T, duration=T)]
+)
 def test_a_fitted_duration_touches_a_limit_and_passes_none(bundled, shape):
     robot = bundled("ur5").with_payload(tw.SpatialInertia.from_com(4.0, (0, 0, 0.1)))
-    path = trajectories.joint_line(robot, HOME, HOME + [1.5, 0.9, -1.0, 0.5, 0, 1])
+    path = trajectories.joint_line(robot, HOME, HOME + np.array([1.5, 0.9, -1.0, 0.5, 0, 1]))
     moving = trajectories.Trajectory(robot, path, trajectories.fitted(robot, path, shape(1.0)))
     assert moving.violations() == ()
     hasty = trajectories.Trajectory(robot, path, moving.scaling.stretched(0.999 * moving.duration))
@@ -125,7 +127,7 @@ def test_a_fitted_duration_touches_a_limit_and_passes_none(bundled, shape):
 
 def test_violations_name_joint_kind_and_time(bundled):
     robot = bundled("ur5")
-    moving = trajectories.move(robot, HOME, HOME + [0, 0, 3.0, 0, 0, 0], trajectories.cubic(0.5))
+    moving = trajectories.move(robot, HOME, HOME + np.array([0, 0, 3.0, 0, 0, 0]), trajectories.cubic(0.5))
     kinds = {(v.joint, v.kind) for v in moving.violations()}
     assert {("elbow_joint", "position"), ("elbow_joint", "velocity")} <= kinds
     position = next(v for v in moving.violations() if v.kind == "position")
@@ -189,12 +191,16 @@ def test_a_path_that_ends_early_says_where_and_why_and_keeps_what_it_has(bundled
 
 
 def test_a_limit_on_the_way_is_named(bundled):
-    text = tw.robots.path_of("ur5").read_text().replace('lower="-3.14159265359" upper="3.14159265359"', 'lower="1.4" upper="1.6"')
+    text = (
+        tw.robots.path_of("ur5")
+        .read_text()
+        .replace('lower="-3.14159265359" upper="3.14159265359"', 'lower="1.4" upper="1.6"')
+    )
     robot = tw.load(text)
     T = robot.forward_kinematics(HOME)
     end = T.copy()
     end[2, 3] -= 0.3
-    with pytest.raises(tw.PathError, match="elbow_joint reaches its limit 1.6"):
+    with pytest.raises(tw.PathError, match=r"elbow_joint reaches its limit 1\.6"):
         trajectories.follow_poses(robot, trajectories.straight_path(T, end), HOME)
 
 

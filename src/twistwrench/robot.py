@@ -1226,7 +1226,8 @@ class Robot:
         ``steps`` or ``duration`` say how long, ``every`` keeps one state in so many. ``integrator``: ``"semi_implicit"`` or
         ``"rk4"``. ``wrench_on_robot``: ``{frame: (m, f)}``, (6) or (..., steps, 6). ``parameters``: ``{name: (...)}`` of
         :meth:`varying`, a payload's mass for each sample. ``friction=True``: that of the joints, as in :meth:`simulate`.
-        ``torques=True`` returns those applied, too. Motions that become unstable are named in the result's ``.unstable``.
+        ``torques=True`` returns those applied, too; ``out=(q, dq)`` writes into arrays of yours, for large results again and
+        again. Motions that become unstable are named in the result's ``.unstable``.
         Raises ShapeError, ValueRangeError, UnknownNameError, SingularMassMatrixError. docs/rollouts.md explains.
 
         >>> import numpy as np, twistwrench as tw

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
-from ..lie import se3, so3
+from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
 from .factors import factored, solved
@@ -91,11 +91,11 @@ def articulated_dynamics(model: Model, q: Array, dq: Array, tau: Array, wrenches
         if parent != BASE:
             left = A[i].less(U, W)
             A[parent] = A[parent] + left.in_frame(T[i])
-            p[parent] = p[parent] + Ad(se3.inverse(T[i])).T @ (p[i] + left @ c[i] + W @ u)
+            p[parent] = p[parent] + Ad(T[i]).inverse.T @ (p[i] + left @ c[i] + W @ u)
     ddq, dV = zeros(model.nv), {BASE: np.concatenate([zeros(3), -model.gravity])}
     for i, parent in outward(model):
         body, (W, free, _) = model.bodies[i], joints[i]
-        carried = Ad(se3.inverse(T[i])) @ dV[parent] + c[i]
+        carried = Ad(T[i]).inverse @ dV[parent] + c[i]
         mine = free - W.T @ carried
         ddq[body.v_index : body.v_index + body.joint.nv] = mine
         dV[i] = carried + mine @ body.joint.axes

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
-from ..lie import se3, so3
+from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
 from .energy import body_velocities
@@ -66,7 +66,7 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
     for i, p in inward(model):
         if p != BASE:
             B[p] = B[p] + B[i].in_frame(T[i])
-    up = [Ad(se3.inverse(X)).T for X in T]
+    up = [Ad(X).inverse.T for X in T]
     C = zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
         for b, S in enumerate(body.joint.axes):

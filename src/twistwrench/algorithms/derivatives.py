@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lie import se3, so3
+from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
 from .coriolis import BodyCoriolis
@@ -29,7 +29,7 @@ from .energy import body_velocities
 from .factors import factored, inverse_factor, solved, symmetric_product
 from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
 from .mass_matrix import composite_inertias, mass_matrix
-from .recursion import ancestors, inward, joint_poses, zeros
+from .recursion import ancestors, inward, joint_poses, spread, zeros
 from .springs import spring_stiffness
 
 Array = NDArray[Any]
@@ -53,11 +53,11 @@ def inverse_dynamics_derivatives(
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
     B, F, columns = _carried(model, T, V, dq, ddq, wrenches)
-    up = [Ad(se3.inverse(X)).T for X in T]
+    up = [Ad(X).inverse.T for X in T]
     by_q, by_dq = zeros(model.nv, model.nv) + spring_stiffness(model), zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
         for b, c in enumerate(columns[i]):
-            along = G[i] @ c.S, 2.0 * B[i].transposed_times(c.S)
+            along = G[i] @ c.S, B[i].transposed_times(c.S)
             for j in ancestors(model, i):
                 other = model.bodies[j]
                 for a, d in enumerate(columns[j]):
@@ -66,9 +66,9 @@ def inverse_dynamics_derivatives(
                     _add(by_dq, body, b, other, a, d.S @ along[1] + d.R @ along[0])
                 along = up[j] @ along[0], up[j] @ along[1]
             if _turns(body):
-                moved = 2.0 * (B[i] @ c.P) + G[i] @ c.Q - ad(c.S).T @ F[i]
+                moved = B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i]
                 _add_felt(by_q, model, columns, up, i, b, moved)
-            faster = 2.0 * (B[i] @ c.S) + G[i] @ c.R
+            faster = B[i] @ c.S + G[i] @ c.R
             _add_felt(by_dq, model, columns, up, i, b, faster)
     return by_q, by_dq
 
@@ -76,16 +76,15 @@ def inverse_dynamics_derivatives(
 def _carried(
     model: Model, T: list[Array], V: list[Array], dq: Array, ddq: Array, wrenches: Wrenches | None
 ) -> tuple[list[BodyCoriolis], list[Array], list[list[_Column]]]:
-    """B and F of all that each body carries, and the columns of its joint."""
-    B, columns = [BodyCoriolis.of(body.inertia, V[i]) for i, body in enumerate(model.bodies)], []
+    """2 B and F of all that each body carries, and the columns of its joint."""
+    B, columns = [BodyCoriolis.of(body.inertia, 2.0 * V[i]) for i, body in enumerate(model.bodies)], []
+    Adq, Addq = spread(model, dq), spread(model, ddq)
     F: list[Array] = []
-    dV = {BASE: np.concatenate([zeros(3), -model.gravity])}
     for i, motion in body_motions(model, T, dq, ddq):
         body = model.bodies[i]
         F.append(inertial_wrench(body.inertia, motion))
-        dV[i] = np.concatenate([motion.dw, motion.a - so3.cross(V[i][:3], V[i][3:])])
-        down, p = Ad(se3.inverse(T[i])), body.parent
-        V_up, dV_up = down @ (zeros(6) if p == BASE else V[p]), down @ dV[p]
+        V_up = V[i] - Adq[i]
+        dV_up = np.concatenate([motion.dw, motion.a - so3.cross(V[i][:3], V[i][3:])]) - Addq[i] - ad(V_up) @ Adq[i]
         mine = []
         for S in body.joint.axes:
             P = ad(V_up) @ S
@@ -95,7 +94,7 @@ def _carried(
         F[i] = F[i] + F_by
     for i, p in inward(model):
         if p != BASE:
-            B[p], F[p] = B[p] + B[i].in_frame(T[i]), F[p] + Ad(se3.inverse(T[i])).T @ F[i]
+            B[p], F[p] = B[p] + B[i].in_frame(T[i]), F[p] + Ad(T[i]).inverse.T @ F[i]
     return B, F, columns
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lie import se3, so3
+from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
 from .mass_matrix import composite_inertias
@@ -33,7 +33,7 @@ def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
     Adq = spread(model, dq)
     V: list[Array] = []
     for i, p in outward(model):
-        V.append(Adq[i] if p == BASE else Ad(se3.inverse(T[i])) @ V[p] + Adq[i])
+        V.append(Adq[i] if p == BASE else Ad(T[i]).inverse @ V[p] + Adq[i])
     return V
 
 
@@ -87,7 +87,7 @@ def momentum(model: Model, q: Array, dq: Array) -> Array:
     V, T_s = body_velocities(model, T, dq), base_poses(model, T)
     P = zeros(6)
     for i, body in enumerate(model.bodies):
-        P = P + Ad(se3.inverse(T_s[i])).T @ (body.inertia @ V[i])
+        P = P + Ad(T_s[i]).inverse.T @ (body.inertia @ V[i])
     return P
 
 

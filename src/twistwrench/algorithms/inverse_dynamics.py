@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
-from ..lie import se3, so3
+from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
 from .recursion import collect, inward, joint_poses, outward, spread, zeros
@@ -88,7 +88,7 @@ def joint_wrenches(
         F[i] = F[i] + F_by
     for i, p in inward(model):
         if p != BASE:
-            F[p] = F[p] + Ad(se3.inverse(T[i])).T @ F[i]  # (8.53), the children's part
+            F[p] = F[p] + Ad(T[i]).inverse.T @ F[i]  # (8.53), the children's part
     return np.array([F[i] for i in range(len(model.bodies))]).reshape(-1, 6)
 
 
@@ -97,7 +97,7 @@ def applied_wrenches(model: Model, wrenches: Wrenches | None) -> Iterator[tuple[
     for name, F_by in (wrenches or {}).items():
         frame = model.frame(name)
         if frame.body != BASE:
-            yield frame.body, Ad(se3.inverse(frame.pose)).T @ F_by
+            yield frame.body, Ad(frame.pose).inverse.T @ F_by
 
 
 def inertial_wrench(G: SpatialInertia, motion: Motion) -> Array:

@@ -105,10 +105,10 @@ def wrench_torques(model: Model, q: Array, F: Array, frame: str) -> Array:
     """J_b' F: the torques for a wrench (6,) that the robot applies at the frame, in the frame; (nv,). MR eq. 5.26."""
     place, T = model.frame(frame), joint_poses(model, q)
     tau = zeros(model.nv)
-    F = Ad(se3.inverse(place.pose)).T @ F
+    F = Ad(place.pose).inverse.T @ F
     for i in ancestors(model, place.body):
         body = model.bodies[i]
         mine = slice(body.v_index, body.v_index + body.joint.nv)
         tau[mine] = tau[mine] + body.ratio * (body.joint.axes @ F)
-        F = Ad(se3.inverse(T[i])).T @ F
+        F = Ad(T[i]).inverse.T @ F
     return tau

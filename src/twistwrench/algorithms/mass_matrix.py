@@ -10,7 +10,6 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
-from ..lie import se3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Body, Model
 from .recursion import ancestors, inward, joint_coordinates, joint_poses, zeros
@@ -34,7 +33,7 @@ def composite_inertias(model: Model, q: Array) -> list[SpatialInertia]:
 def mass_matrix(model: Model, q: Array) -> Array:
     """M, symmetric and full; (nv, nv)."""
     T = joint_poses(model, q)
-    up = [Ad(se3.inverse(X)).T for X in T]
+    up = [Ad(X).inverse.T for X in T]
     M = zeros(model.nv, model.nv)
     for i, G in enumerate(composite_inertias(model, q)):
         for b, S in enumerate(model.bodies[i].joint.axes):

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
-from ..lie import se3
 from ..lie.adjoint import Ad
 from ..model.model import Model
 from .inverse_dynamics import body_motions, inertial_wrench
@@ -27,7 +26,7 @@ _UNITS = [SpatialInertia.from_parameters(e) for e in np.eye(10)]
 def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
     """Y with τ = Y π, π the ten parameters of each body in turn; springs apart; (nv, 10 nbodies)."""
     T = joint_poses(model, q)
-    up = [Ad(se3.inverse(X)).T for X in T]
+    up = [Ad(X).inverse.T for X in T]
     Y = zeros(model.nv, 10 * len(model.bodies))
     for i, motion in body_motions(model, T, dq, ddq):
         for k, unit in enumerate(_UNITS):

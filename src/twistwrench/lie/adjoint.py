@@ -84,8 +84,15 @@ class Ad(_Operator):
     """
 
     def __init__(self, T: ArrayLike) -> None:
-        self._pose, self.transposed = checks.pose(T, "Ad: T"), False
+        self._pose, self.transposed, self.inverted = checks.pose(T, "Ad: T"), False, False
         self.frames = (T.to, T.of) if hasattr(T, "to") and hasattr(T, "of") else None
+
+    @property
+    def inverse(self) -> Self:
+        """Ad(T⁻¹) by the p of T, whose zeros save work: ``Ad(T_ab).inverse @ V_a = V_b``, ``Ad(T_ab).inverse.T @ F_b = F_a``."""
+        other = self.T
+        other.transposed, other.inverted = self.transposed, not self.inverted
+        return other
 
     @property
     def _batch(self) -> tuple[int, ...]:
@@ -93,8 +100,13 @@ class Ad(_Operator):
 
     def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
         R, p = self._pose[..., :3, :3], self._pose[..., :3, 3]
+        Rt = np.swapaxes(R, -1, -2)
+        if self.inverted and self.transposed:  # [R, [p] R; 0, R]
+            f = _rotate(R, b)
+            return _rotate(R, a) + cross(p, f), f
+        if self.inverted:  # [R', 0; R' [p]', R']
+            return _rotate(Rt, a), _rotate(Rt, b - cross(p, a))
         if self.transposed:  # [R', R' [p]'; 0, R']
-            Rt = np.swapaxes(R, -1, -2)
             return _rotate(Rt, a - cross(p, b)), _rotate(Rt, b)
         w = _rotate(R, a)  # [R, 0; [p] R, R]
         return w, _rotate(R, b) + cross(p, w)

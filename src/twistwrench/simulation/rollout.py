@@ -111,6 +111,7 @@ def rollout(
     parameters: Mapping[str, ArrayLike] | None = None,
     friction: bool = False,
     torques: bool = False,
+    out: tuple[Array, ...] | None = None,
 ) -> Rollout:
     """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.Robot.rollout`."""
     if robot.nv == 0:
@@ -140,9 +141,12 @@ def rollout(
         rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :].astype(dtype))
     inputs = [*(x.astype(dtype, copy=False) for x in states), np.full(1, h, dtype), *rest]
     inputs = [*inputs[:2], np.broadcast_to(inputs[2], (n,)), *(_all_steps(x, n) for x in inputs[3:])]
-    q, dq, said = _room(batch, [(kept + 1, robot.nq), (kept + 1, robot.nv), (kept, robot.nv)], dtype, last=torques)
+    shapes = [(*batch, kept + 1, robot.nq), (*batch, kept + 1, robot.nv), *[(*batch, kept, robot.nv)] * torques]
+    q, dq, *said = _room(shapes, dtype) if out is None else _lent(out, shapes, dtype)
+    if out is not None:
+        inputs = [x.copy() if any(np.may_share_memory(x, place) for place in out) else x for x in inputs]
     q[..., 0, :], dq[..., 0, :] = inputs[0], inputs[1]
-    outputs = [q[..., 1:, :], dq[..., 1:, :], *([said] if torques else [])]
+    outputs = [q[..., 1:, :], dq[..., 1:, :], *said]
     _run(_kernel(robot, plan), inputs, [1, 1, 1, *[2] * len(rest)], outputs, batch, n)
     return Rollout(
         robot.name,
@@ -151,7 +155,7 @@ def rollout(
         np.arange(kept + 1) * (h * every),
         q,
         dq,
-        said if torques else None,
+        said[0] if said else None,
         h,
         n,
         plan.integrator,
@@ -312,19 +316,36 @@ def _kernel(robot: Robot, plan: Plan) -> Any:
     return found
 
 
-def _room(
-    batch: tuple[int, ...], shapes: list[tuple[int, int]], dtype: Any, *, last: bool
-) -> list[Array]:
-    wanted = shapes if last else shapes[:-1]
+def _room(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
     try:
-        found = [np.empty((*batch, *shape), dtype) for shape in wanted]
+        return [np.empty(shape, dtype) for shape in shapes]
     except (MemoryError, ValueError):
-        size = math.prod(batch) * sum(math.prod(shape) for shape in wanted) * np.dtype(dtype).itemsize
+        size = sum(map(math.prod, shapes)) * np.dtype(dtype).itemsize
         raise ValueRangeError(
             f"the states of this rollout take {size / 1e9:.3g} GB, more than there is. Keep fewer with every=, or take fewer "
             "samples at a time."
         ) from None
-    return found if last else [*found, np.empty(0)]
+
+
+def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
+    """The caller's arrays, if the results fit in."""
+    wanted = ", ".join(f"{name} {shape}" for name, shape in zip(("q", "dq", "tau"), shapes, strict=False))
+    fit = (
+        isinstance(out, tuple)
+        and len(out) == len(shapes)
+        and all(
+            type(x) is np.ndarray and x.shape == shape and x.dtype == dtype and x.flags.writeable
+            for x, shape in zip(out, shapes, strict=True)
+        )
+    )
+    if not fit:
+        given = ", ".join(f"{getattr(x, 'dtype', type(x).__name__)} {np.shape(x)}" for x in out) if isinstance(out, tuple) else out
+        raise ShapeError(
+            f"out= is {given}. Give a tuple of {np.dtype(dtype).name} arrays that can be written to: {wanted}; or leave it out."
+        )
+    if any(np.may_share_memory(x, y) for k, x in enumerate(out) for y in out[:k]):
+        raise ShapeError("out= has arrays that share memory.")
+    return list(out)
 
 
 def _run(

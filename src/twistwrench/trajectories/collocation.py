@@ -104,7 +104,9 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     V = np.abs(found.values(U, X))
     allowed = AT_REST if x == 0 and np.any(found.d) else TOLERANCE
     slack = allowed * rows.L
-    mine = np.array([[row == own for row in rows.rows] for own in labels[:free]] + [[False] * len(rows.rows)] * (len(u) - free))
+    mine = np.array(
+        [[row == own for row in rows.rows] for own in labels[:free]] + [[False] * len(rows.rows)] * (len(u) - free)
+    )
     keeps = (rows.L + slack >= V) | mine[:, None, :]  # of its own row, whether it is near enough is asked below
     fits = keeps.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
     over = np.where(np.arange(len(u)) < free, 1e-10, 0.25 * TOLERANCE)[:, None, None] * np.ones((len(POINTS), 1))

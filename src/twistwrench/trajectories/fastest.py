@@ -139,7 +139,7 @@ def fastest(
     >>> from twistwrench import trajectories
     >>> mass = tw.robots.pendulum().with_gravity([0, 0, 0])
     >>> quick = fastest(mass, trajectories.joint_line(mass, [0], [2.0]), effort=8.0)
-    >>> round(quick.duration, 9)  # 2 sqrt(d / a), with 1 kg at 1 m
+    >>> round(quick.duration, 6)  # 2 sqrt(d / a), with 1 kg at 1 m
     1.0
     """
     bounds = bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort)

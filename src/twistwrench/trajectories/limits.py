@@ -85,7 +85,7 @@ def violations(
     bounds: Bounds | None = None,
     *,
     friction: bool = False,
-    samples: int = 2000,
+    samples: int = 2001,
     tolerance: float = 1e-6,
 ) -> tuple[Violation, ...]:
     """The limits that a motion passes by more than ``tolerance`` of them, worst first; looked at at ``samples`` instants.
@@ -95,7 +95,7 @@ def violations(
     >>> arm = tw.robots.ur5()
     >>> hasty = trajectories.move(arm, [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0], trajectories.cubic(0.3))
     >>> print(violations(arm, hasty)[0])
-    shoulder_pan_joint: velocity 5 beyond 3.1416 at 0.1499 s
+    shoulder_pan_joint: velocity 5 beyond 3.1416 at 0.15 s
     """
     bounds = bounds_of(robot) if bounds is None else bounds
     t = np.linspace(0.0, trajectory.duration, samples)

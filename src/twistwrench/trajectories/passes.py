@@ -165,7 +165,7 @@ def _leaves(rows: PathRows, s: float) -> bool:
 
 
 def _leaving(rows: PathRows, s: float, places: Array, falls: Array) -> float:
-    """The first place below s at which the curve leaves the limit curve, 0 if it never does; it falls away at some of the places."""
+    """The first place below s at which the curve leaves the limit curve; 0 if it never does."""
     edges = np.concatenate([places, rows.breaks, [s]])
     chosen = np.unique(np.concatenate([falls, rows.breaks]))
     for place in chosen[(chosen < s - _SMALLEST) & (chosen > 0)][::-1]:

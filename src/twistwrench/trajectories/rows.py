@@ -165,13 +165,16 @@ class PathRows:
 
     def _meeting(self, rows: Rows, x: Array) -> Array:
         """The largest x ≤ the given at which α ≤ β: Newton on the concave β - α from the right, exact after few steps."""
-        most = x
-        for _ in range(80):
+        most, below, above = x, np.zeros_like(x), x.copy()
+        for _ in range(200):
             low, high, slope_low, slope_high = self.accelerations(rows, x)
             gap, slope = high - low, slope_high - slope_low
+            done = (x >= most) & (gap >= 0)
+            below, above = np.where(gap >= 0, x, below), np.where(gap < 0, x, above)
             with np.errstate(all="ignore"):
-                step = np.where(slope < 0, gap / slope, 0.0)
-            before, x = x, np.clip(x - step, 0.0, most)  # from far away rounding may land left of it, then back
+                new = x - np.where(slope < 0, gap / slope, np.nan)  # viscous friction bends the lines: then halves
+            new = np.where((new >= below) & (new <= above), new, 0.5 * (below + above))
+            before, x = x, np.where(done, x, new)
             if (np.abs(x - before) <= 1e-15 * x).all():
                 break
         return np.where(x >= 0.999 * _HUGE, np.inf, x)

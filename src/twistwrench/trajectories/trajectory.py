@@ -162,8 +162,8 @@ def fitted(
 ) -> Any:
     """A scaling of the given shape (None: quintic) as short as the limits of velocity, acceleration and torque allow.
 
-    Torques are g + (τ - g) (T0/T)² of the time T, so each sample gives the shortest T in closed form; friction left out of
-    it unless asked for, when T is found by halving. Raises PathError where the robot cannot hold itself on the path, and
+    Torques are g + (τ - g) (T0/T)² of the time T, so each sample gives the shortest T in closed form; viscous and
+    Coulomb friction counts if asked for. Raises PathError where the robot cannot hold itself on the path, and
     ValueRangeError where nothing limits it.
 
     >>> import twistwrench as tw
@@ -179,7 +179,7 @@ def fitted(
         shortest.append(float(np.sqrt(np.nanmax(np.abs(ddq) / bounds.acceleration, initial=0.0))))
     g = robot.gravity_forces(q) + robot.friction_forces(1e-9 * np.sign(dq)) * friction
     room = bounds.effort - np.abs(g)
-    if (room <= 1e-6 * bounds.effort).any():
+    if ((room <= 1e-6 * bounds.effort) & np.isfinite(room)).any():
         i, j = np.unravel_index(int((np.abs(g) / bounds.effort).argmax()), g.shape)
         raise PathError(
             f"the robot cannot hold itself on this path: {robot.model.velocity_names[j]!r} needs {abs(g[i, j]):.4g} of "

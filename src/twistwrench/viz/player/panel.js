@@ -8,7 +8,7 @@ class Panel {
     const of = (id) => document.getElementById(id);
     of("subtitle").textContent = robot.subtitle;
     this.title = document.querySelector("#torques h2");
-    this.bars = robot.torques.map((torque) => this.torqueRow(torque));
+    this.bars = robot.torques.map((torque, k) => this.torqueRow(torque, k));
     this.hands = robot.hands.map((hand, k) => this.handRow(hand, k));
     of("joints").hidden = !robot.hands.length;
     of("torques").hidden = !robot.torques.length;
@@ -42,10 +42,12 @@ class Panel {
     return cell;
   }
 
-  torqueRow({ name }) {
-    const bar = this.cell("bar"), fill = bar.appendChild(document.createElement("i"));
+  torqueRow({ name }, k) {
+    const bar = this.cell("bar"), label = this.cell("name", name.replace(/_joint$/, "")), lines = this.viewer.robot.colours.lines;
+    if (this.viewer.motion) Object.assign(label.style, { boxShadow: `inset 3px 0 ${lines[k % lines.length]}`, paddingLeft: "8px" });
+    const fill = bar.appendChild(document.createElement("i"));
     bar.appendChild(document.createElement("b"));
-    const [, , number, share] = this.row("torques", this.cell("name", name.replace(/_joint$/, "")), bar, this.cell("number"), this.cell("share"));
+    const [, , number, share] = this.row("torques", label, bar, this.cell("number"), this.cell("share"));
     return { fill, number, share };
   }
 

@@ -1,0 +1,68 @@
+"""The door of ``control``: robots, states and gains as they have to be, or an error that says what is wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..algorithms.control import undriven
+from ..errors import ShapeError, ValueRangeError
+from ..lie import checks
+from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["gain", "one_state", "require_driven", "require_robot"]
+
+_SYMMETRIC = 1e-9
+
+
+def require_robot(robot: object, what: str) -> Robot:
+    """``robot``, which must be one. Raises ValueRangeError."""
+    if not isinstance(robot, Robot):
+        raise ValueRangeError(
+            f"{what}: the first argument is a tw.Robot, got {type(robot).__name__}. Of a closed robot take closed.robot."
+        )
+    return robot
+
+
+def require_driven(robot: object, what: str) -> Robot:
+    """A robot that has a torque for every velocity. Raises ValueRangeError."""
+    found = require_robot(robot, what)
+    if names := undriven(found.model):
+        raise ValueRangeError(
+            f"{what} wants a torque for every velocity, and {', '.join(names)} of robot {found.name!r} is no joint of one "
+            "degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
+        )
+    return found
+
+
+def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
+    """q (nq,) and dq (nv,) of one state. Raises ShapeError, ValueRangeError."""
+    return checks.one(q, f"{what}: q", robot.nq), checks.one(dq, f"{what}: dq", robot.nv)
+
+
+def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
+    """A gain as a symmetric matrix (n, n), n the number of names: from one number for all, one each (n,), or the matrix.
+
+    Raises ShapeError, and ValueRangeError for one that is not positive semidefinite, or not definite where it must be.
+    """
+    n, given = len(names), checks.finite(K, what)
+    if given.shape not in ((), (n,), (n, n)):
+        raise ShapeError(
+            f"{what} has shape {given.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "
+            f"matrix ({n}, {n})."
+        )
+    full = np.asarray(given if given.shape == (n, n) and n > 0 and given.ndim == 2 else given * np.eye(n), float)
+    scale = float(np.abs(full).max(initial=0.0))
+    if np.abs(full - full.T).max(initial=0.0) > _SYMMETRIC * scale:
+        raise ValueRangeError(f"{what} is not symmetric, so it could feed energy in. Give a symmetric matrix ({n}, {n}).")
+    least = float(np.linalg.eigvalsh(full).min(initial=np.inf))
+    if least < -_SYMMETRIC * scale or (definite and not least > 0.0):
+        wanted = "be above zero" if definite else "not be negative"
+        raise ValueRangeError(f"{what} has the eigenvalue {least:.4g}, and must {wanted}: a gain holds back, never pushes on.")
+    full.setflags(write=False)
+    return full

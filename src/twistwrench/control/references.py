@@ -1,0 +1,170 @@
+"""What a controller shall follow: a constant, a function of time, or a trajectory; each becomes one function of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from inspect import signature
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..algorithms.pose_paths import PosePath
+from ..errors import ShapeError, ValueRangeError
+from ..lie import checks, se3, so3
+from ..robot import Robot
+
+Array = NDArray[Any]
+Motion = Callable[[float], tuple[Array, Array, Array]]
+"""Of the time [s]: a position, its velocity, its acceleration."""
+Reference = ArrayLike | Callable[[float], Any]
+
+__all__ = ["Motion", "PoseMotion", "Reference", "joint_motion", "pose_motion"]
+
+
+class Timing(Protocol):
+    """How the time goes along a path, as :func:`twistwrench.trajectories.quintic` says it."""
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """s, ds/dt and d²s/dt² at t [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseMotion:
+    """T(s(t)) with its body twist and the rate of that: a path of poses and how the time goes along it. MR section 9.2.
+
+    Raises ShapeError and ValueRangeError.
+
+    >>> import twistwrench as tw
+    >>> from twistwrench import trajectories
+    >>> path = trajectories.screw_path(np.eye(4), tw.se3.exp([0, 0, 1, 0, 0, 0]))
+    >>> T, V, dV = PoseMotion(path, trajectories.quintic(2.0))(1.0)
+    >>> V.round(4).tolist()
+    [0.0, 0.0, 0.9375, 0.0, 0.0, 0.0]
+    """
+
+    path: PosePath
+    """As :func:`twistwrench.trajectories.screw_path` and :func:`~twistwrench.trajectories.straight_path` give it."""
+    scaling: Timing
+    """s(t), as :func:`twistwrench.trajectories.quintic` and its like."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.path, PosePath):
+            raise ValueRangeError(f"PoseMotion: the path is {self.path!r}. Take tw.trajectories.screw_path or straight_path.")
+        _require_one_argument(self.scaling, "PoseMotion: the scaling")
+
+    def __call__(self, t: float) -> tuple[Array, Array, Array]:
+        """T (4, 4), the body twist V (6,) and dV/dt (6,) at t [s]."""
+        s, ds, dds = (float(x) for x in self.scaling(t))
+        V = self.path.body_twist(s)
+        dV = np.zeros(6)
+        if self.path.straight:
+            dV[3:] = -so3.cross(V[:3], V[3:])  # v = R'(p1 - p0), and R turns
+        return self.path(s), V * ds, V * dds + dV * ds * ds
+
+
+def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
+    """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d, or from a function of the time that gives the three.
+
+    Raises ShapeError, ValueRangeError.
+    """
+    if not callable(given):
+        q = checks.finite(checks.one(given, what, robot.nq), what, robot.nq)
+        zero = np.zeros(robot.nv)
+        return lambda _t: (q, zero, zero)
+    _require_one_argument(given, what)
+
+    def motion(t: float) -> tuple[Array, Array, Array]:
+        q, dq, ddq = _three(given(t), what, t)
+        named = f"{what} at t = {t:g} s"
+        return (
+            checks.one(q, f"q of {named}", robot.nq),
+            checks.one(dq, f"dq of {named}", robot.nv),
+            checks.one(ddq, f"ddq of {named}", robot.nv),
+        )
+
+    motion(0.0)
+    return motion
+
+
+def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) -> Motion:
+    """T_d (4, 4), its body twist V_d and dV_d/dt (6,) at a time.
+
+    From a pose, a function of the time that gives the three, or a motion of the joints, whose frame is meant then. Raises
+    ShapeError, ValueRangeError.
+    """
+    if not callable(given):
+        T = np.array(checks.pose(checks.one(given, what, 4, 4), what), float)
+        T.setflags(write=False)
+        zero = np.zeros(6)
+        return lambda _t: (T, zero, zero)
+    _require_one_argument(given, what)
+    first = _three(given(0.0), what, 0.0)[0]
+    if np.ndim(first) == 1:
+        joints = joint_motion(robot, given, what)
+
+        def of_joints(t: float) -> tuple[Array, Array, Array]:
+            q, dq, ddq = joints(t)
+            V, dV = robot.frame_velocity(q, dq, frame), robot.frame_acceleration(q, dq, ddq, frame)
+            return robot.forward_kinematics(q, frame), V, dV
+
+        return of_joints
+
+    def of_pose(t: float) -> tuple[Array, Array, Array]:
+        T, V, dV = _three(given(t), what, t)
+        named = f"{what} at t = {t:g} s"
+        pose = checks.pose(checks.one(T, f"T of {named}", 4, 4), f"T of {named}")
+        return pose, checks.one(V, f"V of {named}", 6), checks.one(dV, f"dV of {named}", 6)
+
+    of_pose(0.0)
+    return of_pose
+
+
+def in_body(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
+    """X_e, V_e and the feedforward of the frame {b} at T, seen from itself; (6,) each. MR section 11.4.3.
+
+    [X_e] = log(X⁻¹ X_d), V_e = [Ad_X⁻¹X_d] V_d - V_b, and the feedforward is d/dt ([Ad_X⁻¹X_d] V_d).
+    """
+    T_bd = se3.inverse(T) @ T_d
+    R, p = T_bd[:3, :3], T_bd[:3, 3]
+    V_bd, dV_bd = _carried(R, p, V_d), _carried(R, p, dV_d)
+    turned = np.concatenate([so3.cross(V[:3], V_bd[:3]), so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])])
+    return se3.log(T_bd), V_bd - V, dV_bd - turned
+
+
+def in_world(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
+    """The same with turning and moving each by itself, axes of {s}: log(R_d R'), p_d - p. MR section 11.3.3."""
+    R_d, w_d = T_d[:3, :3], V_d[:3]
+    X_e = np.concatenate([so3.log(R_d @ T[:3, :3].T), T_d[:3, 3] - T[:3, 3]])
+    moved = np.concatenate([R_d @ w_d, R_d @ V_d[3:]])
+    return X_e, moved - V, np.concatenate([R_d @ dV_d[:3], R_d @ (dV_d[3:] + so3.cross(w_d, V_d[3:]))])
+
+
+def _carried(R: Array, p: Array, V: Array) -> Array:
+    """[Ad_T] V, without a look at T: it is the product of two poses that were looked at."""
+    w = R @ V[:3]
+    return np.concatenate([w, R @ V[3:] + so3.cross(p, w)])
+
+
+def _three(found: Any, what: str, t: float) -> tuple[Any, Any, Any]:
+    if not isinstance(found, tuple | list) or len(found) != 3:
+        given = f"an array of shape {np.shape(found)}" if isinstance(found, np.ndarray) else repr(found)[:60]
+        raise ShapeError(
+            f"{what} gave {given} at t = {t:g} s. A motion gives three: position, velocity, acceleration, as a "
+            "Trajectory does; for a pose (T, V, dV), twists of the body."
+        )
+    return found[0], found[1], found[2]
+
+
+def _require_one_argument(function: Any, what: str) -> None:
+    if not callable(function):
+        raise ValueRangeError(f"{what} is {function!r}, and must be a function of the time.")
+    try:
+        taken = signature(function)
+    except (TypeError, ValueError):  # some of C say nothing
+        return
+    try:
+        taken.bind(0.0)
+    except TypeError as problem:
+        raise ValueRangeError(f"{what} is a function of {taken}, and is called with the time [s]: {problem}.") from None
