@@ -16,7 +16,7 @@ from bench.side_by_side import all_peers, measured
 from bench.timing import ROUNDS, pin_to_one_core
 
 HERE = Path(__file__).parent
-SECTIONS = ("bounds", "compile", "derivatives", "float32", "one_body", "threads")
+SECTIONS = ("bounds", "compile", "derivatives", "float32", "one_body", "rollout", "threads")
 ALL_CORES = ("threads",)  # the others keep to one
 
 
@@ -54,6 +54,11 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """What one section takes, by its name in the results."""
     from bench import bounds, derivatives, float32, one_body, threads
 
+    def rollout() -> dict[str, Any]:
+        from bench import rollout  # needs MuJoCo, which may be missing
+
+        return rollout.times(options.rounds)
+
     if name not in ALL_CORES:
         pin_to_one_core()
     cases, rounds = _cases(options), options.rounds
@@ -63,6 +68,7 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "derivatives": lambda: derivatives.times(rounds, cases),
         "float32": lambda: float32.times(rounds, cases),
         "one_body": lambda: one_body.times(rounds),
+        "rollout": rollout,
         "threads": lambda: threads.times(rounds),
     }[name]()
 
@@ -89,6 +95,8 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
     if "twistwrench" not in missing:
         for section in ("derivatives", "float32", "bounds", "compile", "one_body"):
             results[section] = _part(section, options)
+        with suppress(ImportError):  # the robots say what is missing
+            results["rollout"] = _part("rollout", options)
         results["kernels"] = {case.name: footprint.kernel_times(case) for case in _cases(options)}
         panda = next(c for c in CASES if c.name == "panda")
         results["start"] = footprint.start_times(panda, max(options.rounds // 2, 3))

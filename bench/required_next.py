@@ -21,6 +21,7 @@ THREADS = {"panda": 1.8, "talos": 1.7}
 STATES = "65536"
 COMPILE = {"panda": 1.5, "talos": 12.0}
 CALL_MICROSECONDS = 0.30
+ROLLOUT, REAL_TIME = 25, 500
 
 
 def rows(results: dict[str, Any]) -> Iterator[Row]:
@@ -35,6 +36,7 @@ def rows(results: dict[str, Any]) -> Iterator[Row]:
         yield _threads(results, robot)
         yield _compile(results, robot)
     yield _call(results)
+    yield from _rollouts(results)
 
 
 def section_of(results: dict[str, Any], quantity: str) -> dict[str, Any]:
@@ -100,3 +102,19 @@ def _call(results: dict[str, Any]) -> Row:
     mine, python, loop = (timings[name]["median"] / 1e3 for name in (CALL, "Pinocchio, Python call", build))
     got = f"{mine:.2f} µs (Pinocchio: {python:.2f} µs from Python, {loop:.2f} µs in C++)"
     return Row(what, need, got, CALL_MICROSECONDS / mine)
+
+
+def _rollouts(results: dict[str, Any]) -> Iterator[Row]:
+    found = results.get("rollout")
+    size = f"{found['size']} " if found else ""
+    what = f"panda rollouts, 1 kHz, PD control, {size}motions, steps over `mujoco.rollout`'s"
+    one = "panda, one simulated second of the same, over real time"
+    if not found:
+        yield Row(what, f"{ROLLOUT} ×", "–", None)
+        yield Row(one, f"{REAL_TIME} ×", "–", None)
+        return
+    mine, theirs = (found["batch"][name]["median"] for name in ("twistwrench", "MuJoCo"))
+    fresh = theirs / found["batch"]["fresh arrays"]["median"]
+    yield _times(what, ROLLOUT, mine, theirs, f"; {fresh:.1f} × into fresh arrays")
+    second = 1000 * found["one"]["twistwrench"]["median"]
+    yield Row(one, f"{REAL_TIME} ×", f"{1e9 / second:,.0f} × ({duration(second)})", 1e9 / second / REAL_TIME)

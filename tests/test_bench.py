@@ -351,7 +351,7 @@ def test_what_is_wanted_next_is_met_or_not(bench):
     assert rows["talos inverse dynamics, two threads over one, 65,536 states"].verdict == "met"
     assert rows["talos, all of the above compiled, no cache"].verdict == "**not met**, 50% of it"
     assert rows["one call from Python: panda inverse dynamics"].verdict == "not measured"
-    assert len(rows) == 21
+    assert len(rows) == 23
 
 
 def test_results_go_elsewhere_when_asked_to(bench, monkeypatch, tmp_path, capsys):
@@ -378,3 +378,24 @@ def test_results_go_elsewhere_when_asked_to(bench, monkeypatch, tmp_path, capsys
     assert not (tmp_path / "RESULTS.md").exists()
     assert json.loads((elsewhere / "results.json").read_text())["compile"]["rounds"] == 2
     assert (elsewhere / "RESULTS.md").exists()
+
+
+# ── rollouts ──
+
+
+def test_rollouts_agree_with_mujoco_and_make_tables(bench, capsys):
+    found = bench("rollout").times(1, size=8, steps=10)
+    assert found["agreement"] < 1e-12
+    text = bench("report").write({**kept(), "rollout": found})
+    assert "## Rollouts" in text and "8 motions of 10 steps" in text
+    assert "panda rollouts, 1 kHz, PD control, 8 motions, steps over `mujoco.rollout`'s" in text
+    assert "times real time" in text
+    without = {name: section for name, section in kept().items() if name != "rollout"}
+    assert "## Rollouts" not in bench("report").write(without)
+
+
+def test_rollouts_that_disagree_are_not_timed(bench, monkeypatch):
+    rollout = bench("rollout")
+    monkeypatch.setattr(rollout._Ours, "law", lambda self, dtype: rollout.PD(np.zeros(7), 99.0, rollout.KD))
+    with pytest.raises(SystemExit, match="nothing is timed"):
+        rollout.times(1, size=8, steps=10)

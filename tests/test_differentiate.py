@@ -32,6 +32,8 @@ OPERATIONS = {
     "cos": np.cos,
     "exp": np.exp,
     "sign": lambda a: np.sign(np.real(a)),
+    "min": lambda a, b: a if np.real(a) < np.real(b) else b,
+    "max": lambda a, b: a if np.real(a) > np.real(b) else b,
     **{op: lambda a, b, c, s=signs: s[0] * a * b + s[1] * c for op, signs in FUSED.items()},
 }
 
@@ -87,6 +89,9 @@ RULES = {
     "sin": (lambda x, y: np.sin(x * y), 2),
     "cos": (lambda x, y: np.cos(x * y), 2),
     "exp": (lambda x, y: np.exp(x * y), 2),
+    "min": (lambda x, y: (x * y).trace.min(x * x, y * x) + 3.0 * x.trace.min(y, x), 2),
+    "max": (lambda x, y: (x * y).trace.max(x * x, y * x) + 3.0 * x.trace.max(y, x), 2),
+    "clip": (lambda x, y, z: (x * y).clip(-z, 0.7 * z), 3),
     "fma": (lambda x, y, z: x * y + z, 3),
     "fms": (lambda x, y, z: x * y - z, 3),
     "fnma": (lambda x, y, z: z - x * y, 3),

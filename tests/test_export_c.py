@@ -197,6 +197,8 @@ OPERATIONS = {
     "cos": lambda a, b, c: np.cos(a),
     "exp": lambda a, b, c: np.exp(a),
     "sign": lambda a, b, c: np.sign(a),
+    "min": lambda a, b, c: np.where(a < b, a, b),
+    "max": lambda a, b, c: np.where(a > b, a, b),
 }
 
 

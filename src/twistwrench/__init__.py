@@ -80,6 +80,7 @@ __all__ = [
 ]
 
 if _typing.TYPE_CHECKING:
+    from . import control as control
     from . import modern_robotics as modern_robotics
     from . import sensing as sensing
     from . import simulation as simulation
@@ -89,7 +90,7 @@ if _typing.TYPE_CHECKING:
     from . import trajectories as trajectories
     from . import viz as viz
 
-_LATER = ("modern_robotics", "sensing", "simulation", "statics", "symbolic", "testing", "trajectories", "viz")
+_LATER = ("control", "modern_robotics", "sensing", "simulation", "statics", "symbolic", "testing", "trajectories", "viz")
 """Packages that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
 
 

@@ -56,13 +56,17 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
             f"{what} has shape {given.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "
             f"matrix ({n}, {n})."
         )
-    full = np.asarray(given if given.shape == (n, n) and n > 0 and given.ndim == 2 else given * np.eye(n), float)
+    full = np.array(given if given.ndim == 2 else given * np.eye(n), float)
     scale = float(np.abs(full).max(initial=0.0))
     if np.abs(full - full.T).max(initial=0.0) > _SYMMETRIC * scale:
-        raise ValueRangeError(f"{what} is not symmetric, so it could feed energy in. Give a symmetric matrix ({n}, {n}).")
+        raise ValueRangeError(
+            f"{what} is not symmetric, so it could feed energy in. Give a symmetric matrix ({n}, {n})."
+        )
     least = float(np.linalg.eigvalsh(full).min(initial=np.inf))
     if least < -_SYMMETRIC * scale or (definite and not least > 0.0):
         wanted = "be above zero" if definite else "not be negative"
-        raise ValueRangeError(f"{what} has the eigenvalue {least:.4g}, and must {wanted}: a gain holds back, never pushes on.")
+        raise ValueRangeError(
+            f"{what} has the eigenvalue {least:.4g}, and must {wanted}: a gain holds back, never pushes on."
+        )
     full.setflags(write=False)
     return full

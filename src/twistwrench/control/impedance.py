@@ -28,7 +28,8 @@ class Impedance(TaskLaw):
     Without ``mass`` the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and nothing need be measured. With
     it, M_d dV_e/dt + B V_e + K X_e = -F, and the law has to know F: ``wrench_on_robot``, a function of (t, q, dq) that gives
     what the world does there, (m, f) in the frame, from a sensor, or from a :class:`MomentumObserver`. V_e is that of the
-    reference less that of the frame. Raises ShapeError, ValueRangeError, UnknownNameError, FrameError.
+    reference less that of the frame, and F what the chosen rows feel, Λ J M⁻¹ τ_ext. Raises ShapeError, ValueRangeError,
+    UnknownNameError, FrameError.
 
     >>> import numpy as np, twistwrench as tw
     >>> arm, q = tw.robots.planar_3r(), np.array([-0.6, 0.2, 2.2])
@@ -44,12 +45,14 @@ class Impedance(TaskLaw):
     mass: ArrayLike | None = field(default=None, kw_only=True)
     """M_d [kg m², kg]: the same; None: the robot's own."""
     wrench_on_robot: Measured | None = field(default=None, kw_only=True)
-    _inverse_mass: Array | None = field(default=None, init=False, repr=False)
+    _stiffness: Array = field(init=False, repr=False)
+    _damping: Array = field(init=False, repr=False)
+    _inverse_mass: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("stiffness", "damping"):
-            object.__setattr__(self, name, gain(getattr(self, name), f"Impedance: {name}", self.row_names))
+            object.__setattr__(self, f"_{name}", gain(getattr(self, name), f"Impedance: {name}", self.row_names))
         if (self.mass is None) != (self.wrench_on_robot is None):
             raise ValueRangeError(
                 "Impedance: mass and wrench_on_robot go together, as a frame takes on another mass only where the wrench on it "
@@ -57,27 +60,24 @@ class Impedance(TaskLaw):
             )
         if self.mass is not None:
             mass = gain(self.mass, "Impedance: mass", self.row_names, definite=True)
-            object.__setattr__(self, "mass", mass)
             object.__setattr__(self, "_inverse_mass", np.linalg.inv(mass))
             if not callable(self.wrench_on_robot):
-                raise ValueRangeError("Impedance: wrench_on_robot is a function of (t, q, dq) that gives (m, f) in the frame.")
+                raise ValueRangeError(
+                    "Impedance: wrench_on_robot is a function of (t, q, dq) that gives (m, f) in the frame."
+                )
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
         now = self.task(t, q, dq)
-        pull = self.stiffness @ now.error + self.damping @ now.error_rate
-        if self._inverse_mass is None:
+        pull = self._stiffness @ now.error + self._damping @ now.error_rate
+        if self.wrench_on_robot is None:
             return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
-        F = self._wrench(t, q, dq, now)
+        measured = self.wrench_on_robot(t, np.asarray(q, float), np.asarray(dq, float))
+        F = self._felt(q, checks.one(measured, f"wrench_on_robot of Impedance at t = {t:g} s", 6), now)
         a = now.feedforward + self._inverse_mass @ (pull + F)
         return self._torques(t, q, dq, now, now.Lambda @ a - F)
 
-    def _wrench(self, t: float, q: ArrayLike, dq: ArrayLike, now: TaskState) -> Array:
-        """What was measured, on the rows chosen, along the axes of the task."""
-        assert self.wrench_on_robot is not None
-        what = f"wrench_on_robot of Impedance at t = {t:g} s"
-        F = checks.one(self.wrench_on_robot(t, np.asarray(q, float), np.asarray(dq, float)), what, 6)
-        if self.kind != "body":
-            R = now.T[:3, :3]
-            F = np.concatenate([R @ F[:3], R @ F[3:]])
-        return F[list(self._rows)]
+    def _felt(self, q: ArrayLike, F: Array, now: TaskState) -> Array:
+        """Λ J M⁻¹ τ_ext: the chosen entries of F, if its others are zero or no row is left out."""
+        pushed = self.robot.wrench_torques(q, F, self.frame)
+        return now.Lambda @ now.J @ np.linalg.solve(self.robot.mass_matrix(q), pushed)

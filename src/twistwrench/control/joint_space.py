@@ -26,13 +26,17 @@ class JointLaw:
     kp: ArrayLike
     """A number, (nv,), or (nv, nv)."""
     kd: ArrayLike
+    _kp: Array = field(init=False, repr=False)
+    _kd: Array = field(init=False, repr=False)
     _motion: Motion = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         what = type(self).__name__
         robot = require_driven(self.robot, what)
         for name in ("kp", "kd"):
-            object.__setattr__(self, name, gain(getattr(self, name), f"{what}: {name}", robot.model.velocity_names))
+            object.__setattr__(
+                self, f"_{name}", gain(getattr(self, name), f"{what}: {name}", robot.model.velocity_names)
+            )
         object.__setattr__(self, "_motion", joint_motion(robot, self.reference, f"{what}: reference"))
 
     def error(self, t: float, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
@@ -62,7 +66,7 @@ class PD(JointLaw):
         """τ (nv,)."""
         e, de = self.error(t, q, dq)
         held = self.robot.holding_torques(q) if self.gravity else 0.0
-        return self.kp @ e + self.kd @ de + held
+        return self._kp @ e + self._kd @ de + held
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,5 +89,5 @@ class ComputedTorque(JointLaw):
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
         e, de = self.error(t, q, dq)
-        ddq = self._motion(t)[2] + self.kp @ e + self.kd @ de
+        ddq = self._motion(t)[2] + self._kp @ e + self._kd @ de
         return self.robot.inverse_dynamics(q, dq, ddq, friction=self.friction)

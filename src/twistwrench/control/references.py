@@ -51,7 +51,9 @@ class PoseMotion:
 
     def __post_init__(self) -> None:
         if not isinstance(self.path, PosePath):
-            raise ValueRangeError(f"PoseMotion: the path is {self.path!r}. Take tw.trajectories.screw_path or straight_path.")
+            raise ValueRangeError(
+                f"PoseMotion: the path is {self.path!r}. Take tw.trajectories.screw_path or straight_path."
+            )
         _require_one_argument(self.scaling, "PoseMotion: the scaling")
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:

@@ -75,6 +75,8 @@ class TaskLaw:
     posture_kd: ArrayLike = field(default=10.0, kw_only=True)
     """1/s."""
     _rows: tuple[int, ...] = field(init=False, repr=False)
+    _posture_kp: Array = field(init=False, repr=False)
+    _posture_kd: Array = field(init=False, repr=False)
     _motion: Motion = field(init=False, repr=False)
     _posture: Motion | None = field(init=False, repr=False)
 
@@ -89,7 +91,7 @@ class TaskLaw:
         posture = None if self.posture is None else joint_motion(robot, self.posture, f"{what}: posture")
         put(self, "_posture", posture)
         for name in ("posture_kp", "posture_kd"):
-            put(self, name, gain(getattr(self, name), f"{what}: {name}", robot.model.velocity_names))
+            put(self, f"_{name}", gain(getattr(self, name), f"{what}: {name}", robot.model.velocity_names))
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -114,9 +116,9 @@ class TaskLaw:
 
     def _posture_acceleration(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         if self._posture is None:
-            return -self.posture_kd @ np.asarray(dq, float)
+            return -self._posture_kd @ np.asarray(dq, float)
         q_r, dq_r, ddq_r = self._posture(t)
-        return ddq_r + self.posture_kp @ self.robot.subtract(q_r, q) + self.posture_kd @ (dq_r - dq)
+        return ddq_r + self._posture_kp @ self.robot.subtract(q_r, q) + self._posture_kd @ (dq_r - dq)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,14 +139,16 @@ class TaskSpace(TaskLaw):
 
     kp: ArrayLike
     kd: ArrayLike
+    _kp: Array = field(init=False, repr=False)
+    _kd: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("kp", "kd"):
-            object.__setattr__(self, name, gain(getattr(self, name), f"TaskSpace: {name}", self.row_names))
+            object.__setattr__(self, f"_{name}", gain(getattr(self, name), f"TaskSpace: {name}", self.row_names))
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
         now = self.task(t, q, dq)
-        a = now.feedforward + self.kp @ now.error + self.kd @ now.error_rate
+        a = now.feedforward + self._kp @ now.error + self._kd @ now.error_rate
         return self._torques(t, q, dq, now, now.Lambda @ a)

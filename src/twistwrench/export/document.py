@@ -24,6 +24,7 @@ _COUNTED = {
     "sines and cosines": ("sin", "cos"),
     "square roots": ("sqrt",),
     "exponentials": ("exp",),
+    "minima and maxima": ("min", "max"),
 }
 
 _CONVENTIONS = """\

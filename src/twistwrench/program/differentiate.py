@@ -135,6 +135,8 @@ def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
             found.append((a, -trace.sin(a)))  # type: ignore[arg-type]
         elif node.op == "exp":
             found.append((a, node))
+        elif node.op in ("min", "max"):
+            found.append((a, _taken(node)))
     if b in active:
         if node.op in ("add", "sub"):
             found.append((b, 1.0 if node.op == "add" else -1.0))
@@ -142,7 +144,15 @@ def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
             found.append((b, a))
         elif node.op == "div":
             found.append((b, -(node * (1.0 / b))))  # type: ignore[operator]
+        elif node.op in ("min", "max"):
+            found.append((b, 1.0 - _taken(node)))
     return found  # type: ignore[return-value]
+
+
+def _taken(node: Expr) -> Any:
+    """1 where a minimum or maximum is its first operand, 0 where it is the second, and a half of each where they meet."""
+    apart = node.b - node.a if node.op == "min" else node.a - node.b  # type: ignore[operator]
+    return 0.5 + 0.5 * apart.sign()
 
 
 def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[list[Any]]:

@@ -123,6 +123,11 @@ class Expr:
         """e to its power; what ``np.exp`` calls."""
         return self.trace.exp(self)
 
+    def clip(self, lower: Any, upper: Any) -> Expr:
+        """The value, or the limit it is beyond; NaN stays NaN."""
+        trace = self.trace
+        return trace.max(trace.lift(lower), trace.min(trace.lift(upper), self))
+
     def sign(self) -> Expr:
         """-1, 0 or 1."""
         return self.trace.sign(self)

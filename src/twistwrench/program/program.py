@@ -18,9 +18,12 @@ FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
 
 ARITY = {
     "const": 0, "input": 0, "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1,
-    "sqrt": 1, "sin": 1, "cos": 1, "sign": 1, "exp": 1, **dict.fromkeys(FUSED, 3),
+    "sqrt": 1, "sin": 1, "cos": 1, "sign": 1, "exp": 1, "min": 2, "max": 2, **dict.fromkeys(FUSED, 3),
 }  # fmt: skip
-"""Every operation there is, and how many operands it takes."""
+"""Every operation there is, and how many operands it takes.
+
+``min`` is a if a < b, else b, and ``max`` a if a > b, else b, as processors have it: the second of two that do not compare.
+"""
 
 
 class Instruction(NamedTuple):

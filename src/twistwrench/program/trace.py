@@ -188,6 +188,18 @@ class Trace:
         """Fold and make e to the power of a."""
         return self.constant(math.exp(a.value)) if a.op == "const" else self._make("exp", a)
 
+    def min(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a if a < b, else b."""
+        if a.op == "const" and (a.value == math.inf or b.op == "const"):
+            return a if b.op == "const" and a.value < b.value else b
+        return b if a is b else self._make("min", a, b)
+
+    def max(self, a: Expr, b: Expr) -> Expr:
+        """Fold and make a if a > b, else b."""
+        if a.op == "const" and (a.value == -math.inf or b.op == "const"):
+            return a if b.op == "const" and a.value > b.value else b
+        return b if a is b else self._make("max", a, b)
+
     def sign(self, a: Expr) -> Expr:
         """Fold and make the sign; odd."""
         if a.op == "const":

@@ -8,7 +8,6 @@ which serves all other processors.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 
 from ..program.program import FUSED, Instruction, Program
@@ -22,7 +21,7 @@ __all__ = ["OPERATIONS", "Selection"]
 SIDE_BY_SIDE = 3
 """Angles whose sine and cosine are computed in lockstep: four values each are alive at a time, of sixteen registers."""
 
-_BINARY = {"add": "vadd", "sub": "vsub", "mul": "vmul", "div": "vdiv"}
+_BINARY = {"add": "vadd", "sub": "vsub", "mul": "vmul", "div": "vdiv", "min": "vmin", "max": "vmax"}
 
 OPERATIONS = frozenset({"const", "input", "neg", "sqrt", "sin", "cos", *_BINARY, *FUSED})
 """What there are instructions for here."""
@@ -35,7 +34,7 @@ class Selection:
     """
 
     def __init__(self, program: Program, precision: Precision, *, packed: bool = False) -> None:
-        self.program, self.bits = program, precision.bits
+        self.program, self.precision, self.bits = program, precision, precision.bits
         self.code = Code("pd" if precision.bits == 64 else "ps")
         self.constants: dict[int, int] = {}
         self.pairs: dict[int, tuple[int, int]] = {}
@@ -65,9 +64,7 @@ class Selection:
 
     def constant(self, value: float) -> int:
         """The same number in every lane."""
-        if self.bits == 64:
-            return self.pattern(struct.unpack("<q", struct.pack("<d", value))[0])
-        return self.pattern(struct.unpack("<i", struct.pack("<f", value))[0])
+        return self.pattern(self.precision.pattern(value))
 
     def pattern(self, bits: int) -> int:
         """The same bits in every lane."""

@@ -86,27 +86,37 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
     w = Writer(precision, lanes)
     word = f"i{precision.bits}"
     per_sample = w.new(f"mul i64 {w.new('mul i64 %n0, %n1')}, %n2")
-    rows = str(lanes) if inward else "%count"
-    last = w.new("sub i64 %count, 1")
-    with w.loop(rows, "entry") as row:
-        beyond = w.new(f"icmp sgt i64 {row}, {last}")
-        source_row = w.new(f"select i1 {beyond}, i64 {last}, i64 {row}")
-        place = w.at("%place", w.new(f"mul i64 {source_row}, %outer"))
-        packed = w.at("%buffer", w.new(f"mul i64 {w.new(f'mul i64 {row}, {per_sample}')}, {precision.bytes}"))
-        with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j, w.loop("%n2", w.after) as k:
-            number = w.new(f"add i64 {w.new(f'mul i64 {i}, %n1')}, {j}")
-            number = w.new(f"add i64 {w.new(f'mul i64 {number}, %n2')}, {k}")
+    size = w.new(f"mul i64 {per_sample}, {precision.bytes}")
+    with w.loop("%count", "entry") as row:
+        place = w.at("%place", w.new(f"mul i64 {row}, %outer"))
+        packed = w.at("%buffer", w.new(f"mul i64 {row}, {size}"))
+        with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j:
+            line = w.new(f"add i64 {w.new(f'mul i64 {i}, %n1')}, {j}")
+            number = w.new(f"mul i64 {line}, %n2")
             near = w.at(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
-            offset = w.new(f"mul i64 {i}, %s0")
-            offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {j}, %s1')}")
-            offset = w.new(f"add i64 {offset}, {w.new(f'mul i64 {k}, %s2')}")
-            far = w.at(place, offset)
-            here, there = (far, near) if inward else (near, far)
-            value = w.new(f"load {word}, ptr {here}, align {precision.bytes}")
-            w.do(f"store {word} {value}, ptr {there}, align {precision.bytes}")
+            far = w.at(w.at(place, w.new(f"mul i64 {i}, %s0")), w.new(f"mul i64 {j}, %s1"))
+            with w.loop("%n2", w.after) as k:  # all that is left to do for an element: this takes most of a single call
+                close, away = w.at(near, w.new(f"mul i64 {k}, {precision.bytes}")), w.at(far, w.new(f"mul i64 {k}, %s2"))
+                here, there = (away, close) if inward else (close, away)
+                value = w.new(f"load {word}, ptr {here}, align {precision.bytes}")
+                w.do(f"store {word} {value}, ptr {there}, align {precision.bytes}")
+    if inward:
+        _pad(w, word, per_sample, size)
     arguments = "ptr %buffer, ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
     body = "\n".join(w.lines)
     return f"define internal void @{name}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
+def _pad(w: Writer, word: str, per_sample: str, size: str) -> None:
+    """Repeat the last sample in the rows of the block that are left."""
+    last = w.at("%buffer", w.new(f"mul i64 {w.new('sub i64 %count, 1')}, {size}"))
+    missing = w.new(f"sub i64 {w.lanes}, %count")
+    with w.loop(per_sample, w.after) as k:
+        source = w.at(last, w.new(f"mul i64 {k}, {w.precision.bytes}"))
+        value = w.new(f"load {word}, ptr {source}, align {w.precision.bytes}")
+        with w.loop(missing, w.after) as row:
+            target = w.at(source, w.new(f"mul i64 {w.new(f'add i64 {row}, 1')}, {size}"))
+            w.do(f"store {word} {value}, ptr {target}, align {w.precision.bytes}")
 
 
 def spoiling(precision: Precision, lanes: int) -> str:

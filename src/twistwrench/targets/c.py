@@ -210,6 +210,8 @@ class _Body:
             return f"{op.upper()}({', '.join(x)})"
         if op == "neg":
             return f"-{x[0]}"
+        if op in ("min", "max"):
+            return f"{x[0]} {'<' if op == 'min' else '>'} {x[1]} ? {x[0]} : {x[1]}"
         if op == "sign":  # 0 stays 0 and NaN stays NaN
             one, zero = f"1.0{self.suffix}", f"0.0{self.suffix}"
             return f"{x[0]} > {zero} ? {one} : {x[0]} < {zero} ? -{one} : {x[0]}"

@@ -8,7 +8,6 @@ Results below the smallest normal number are 0, beyond the largest infinity; NaN
 from __future__ import annotations
 
 import math
-import struct
 
 from .machine import Precision
 from .writer import Writer
@@ -34,7 +33,7 @@ def bounds(precision: Precision) -> tuple[float, float]:
 def exp(w: Writer, x: str) -> str:
     """Emit e**x. What is out of bounds, NaN included, is found by its bits: a comparison of numbers would raise flags."""
     bits, mantissa = w.precision.bits, w.precision.mantissa
-    low, high = (w.bits(_pattern(w.precision, abs(bound))) for bound in bounds(w.precision))
+    low, high = (w.bits(w.precision.pattern(abs(bound))) for bound in bounds(w.precision))
     negative = w.new(f"icmp slt {w.integer} {w.new(f'bitcast {w.vector} {x} to {w.integer}')}, {w.bits(0)}")
     size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
     most = w.new(f"select {w.mask} {negative}, {w.integer} {low}, {w.integer} {high}")
@@ -53,11 +52,5 @@ def exp(w: Writer, x: str) -> str:
     scaled = w.new(f"add {w.integer} {w.new(f'bitcast {w.vector} {value} to {w.integer}')}, {power}")
     result = w.new(f"bitcast {w.integer} {scaled} to {w.vector}")
     beyond = w.select(negative, w.splat(0.0), w.splat(math.inf))
-    nan = w.new(f"icmp sgt {w.integer} {size}, {w.bits(_pattern(w.precision, math.inf))}")
+    nan = w.new(f"icmp sgt {w.integer} {size}, {w.bits(w.precision.pattern(math.inf))}")
     return w.select(nan, x, w.select(out, beyond, result))
-
-
-def _pattern(precision: Precision, value: float) -> int:
-    """The bits of a number as an integer; those of positive numbers order like the numbers."""
-    formats = ("<d", "<q") if precision.bits == 64 else ("<f", "<i")
-    return int(struct.unpack(formats[1], struct.pack(formats[0], value))[0])

@@ -198,6 +198,8 @@ def _operation(w: Writer, op: str, x: list[str]) -> str:
     if op == "sign":  # 0 stays 0 and NaN stays NaN; a comparison for equality raises no flags
         neither = w.new(f"fcmp ueq {w.vector} {x[0]}, {w.splat(0.0)}")
         return w.select(neither, x[0], w.intrinsic("copysign", w.splat(1.0), x[0]))
+    if op in ("min", "max"):
+        return w.select(w.new(f"fcmp {'olt' if op == 'min' else 'ogt'} {w.vector} {x[0]}, {x[1]}"), x[0], x[1])
     if op == "exp":
         return exp(w, x[0])
     return w.intrinsic(op, x[0])

@@ -5,7 +5,9 @@ That is the processor at hand, or a lesser one named by ``TWISTWRENCH_CPU``, for
 
 from __future__ import annotations
 
+import math
 import os
+import struct
 from dataclasses import dataclass
 from functools import cache
 
@@ -30,6 +32,18 @@ class Precision:
     def bits(self) -> int:
         """Size in bits."""
         return 8 * self.bytes
+
+    def pattern(self, value: float) -> int:
+        """The bits of the nearest number, as a signed integer: infinity for what is beyond the largest, as NumPy rounds it.
+
+        Those of positive numbers order like the numbers.
+        """
+        number, integer = ("<d", "<q") if self.bits == 64 else ("<f", "<i")
+        try:
+            packed = struct.pack(number, value)
+        except OverflowError:
+            packed = struct.pack(number, math.copysign(math.inf, value))
+        return int(struct.unpack(integer, packed)[0])
 
 
 DOUBLE = Precision("double", 8, "d", 52)

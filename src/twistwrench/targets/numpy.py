@@ -24,6 +24,7 @@ CHUNK = 4096
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative,
     "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos, "sign": np.sign, "exp": np.exp,
+    "min": lambda a, b: np.where(np.less(a, b), a, b), "max": lambda a, b: np.where(np.greater(a, b), a, b),
 }  # fmt: skip
 
 

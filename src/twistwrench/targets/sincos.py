@@ -9,8 +9,6 @@ Polynomials: S. Moshier, Cephes Mathematical Library, 1984–1992.
 
 from __future__ import annotations
 
-import struct
-
 from .machine import Precision
 from .writer import Writer
 
@@ -50,8 +48,7 @@ def limit(precision: Precision) -> float:
 
 def limit_pattern(precision: Precision) -> int:
     """The bits of the limit as an integer."""
-    formats = ("<d", "<q") if precision.bits == 64 else ("<f", "<i")
-    return int(struct.unpack(formats[1], struct.pack(formats[0], limit(precision)))[0])
+    return precision.pattern(limit(precision))
 
 
 def sincos(w: Writer, angles: list[str]) -> list[tuple[str, str]]:

@@ -1,0 +1,24 @@
+"""Controllers: laws of (t, q, dq) that give torques, each a few lines on :class:`~twistwrench.Robot`. MR chapter 11.
+
+``robot.simulate(controller=law)`` closes the loop with torques held from sample to sample, ``tau=law`` without holding.
+"""
+
+from __future__ import annotations
+
+from .hybrid import HybridMotionForce
+from .impedance import Impedance
+from .joint_space import PD, ComputedTorque
+from .observer import ContactWrench, MomentumObserver
+from .references import PoseMotion
+from .task_space import TaskSpace
+
+__all__ = [
+    "PD",
+    "ComputedTorque",
+    "ContactWrench",
+    "HybridMotionForce",
+    "Impedance",
+    "MomentumObserver",
+    "PoseMotion",
+    "TaskSpace",
+]

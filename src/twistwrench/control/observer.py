@@ -1,0 +1,204 @@
+"""What pushes a robot, from its momentum: no accelerations, no sensor, no inverse of M.
+
+The generalised momentum p = M dq obeys
+
+    dp/dt = τ + τ_ext + β,     β = (C + C') dq - h,
+
+for dM/dt = C + C'. So over a time Δ the mean of τ_ext is x = (p1 - p0)/Δ - mean(τ + β), and the residual
+
+    r ← x + exp(-K Δ) (r - x)
+
+is τ_ext through a filter of first order with the time constant 1/K, however long Δ is; only the mean of β is not exact, but by
+the trapezoidal rule. Source: De Luca and Mattone, "Sensorless robot collision detection and hybrid force/motion
+control", ICRA 2005; Haddadin, De Luca and Albu-Schäffer, "Robot collisions: a survey", IEEE T-RO 33(6), 2017.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..algorithms.jacobians import KINDS
+from ..algorithms.task_space import row_numbers
+from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..lie import checks
+from ..robot import Robot, Rows
+from .gains import one_state, require_robot
+
+Array = NDArray[Any]
+
+__all__ = ["ContactWrench", "MomentumObserver"]
+
+SINGULAR = 1e-6
+"""Singular values of J' below this share of the largest count as zero: a torque there would be a million times a force."""
+_NAMES = ("mx", "my", "mz", "fx", "fy", "fz")
+
+
+@dataclass(frozen=True, eq=False)
+class ContactWrench:
+    """The wrench at a frame that fits the residual r = J'F best, and what it does not say."""
+
+    wrench: Array
+    """(6,): (m, f) by the world on the robot; of all that fit equally well the smallest, zero on rows not chosen [N m, N]."""
+    blind: Array
+    """(6 - rank, 6): orthonormal wrenches on the chosen rows that no joint feels; any multiple may act there."""
+    unexplained: Array
+    """(nv,): r - J'F, which no wrench at this frame makes; large where the contact is elsewhere."""
+    frame: str
+    rank: int
+
+    def __str__(self) -> str:
+        shown = ", ".join(f"{n} {x:.4g}" for n, x in zip(_NAMES, self.wrench, strict=True))
+        seen = f"rank {self.rank}" + (f", {len(self.blind)} directions are not felt" if len(self.blind) else "")
+        left = float(np.linalg.norm(self.unexplained))
+        return f"wrench on the robot at {self.frame}: {shown} ({seen}; {left:.3g} of the torques unexplained)"
+
+
+class MomentumObserver:
+    """Estimates the torques τ_ext (nv,) that the world applies to the joints, with the time constant 1/``gain`` [s].
+
+    It is told the state and the torques, once every sample: :meth:`update`, or :meth:`watch`, which does so for a controller.
+    Friction is part of the estimate, unless ``friction=True`` takes the robot's own laws off. Floating bases too, whose
+    torques are zero. Raises ShapeError, ValueRangeError.
+
+    >>> import numpy as np, twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> observer = MomentumObserver(arm, gain=50.0)
+    >>> held = tw.control.PD(arm, [0.5, 0.5], kp=200.0, kd=40.0)
+    >>> push = {"tip": [0, 0, 0, 0, 5.0, 0]}
+    >>> end = arm.simulate([0.5, 0.5], duration=1.0, dt=0.002, controller=observer.watch(held), wrench_on_robot=push)
+    >>> np.allclose(observer.residual, arm.wrench_torques(end.q[-1], push["tip"]), atol=2e-3)
+    True
+    """
+
+    def __init__(self, robot: Robot, gain: ArrayLike, *, friction: bool = False) -> None:
+        self.robot, self.friction = require_robot(robot, "MomentumObserver"), bool(friction)
+        K = checks.real(gain, "MomentumObserver: gain")
+        if K.shape not in ((), (robot.nv,)) or not (K > 0).all():
+            raise ValueRangeError(
+                f"MomentumObserver: gain is {gain!r}. Give rates [1/s] above zero, one number or {robot.nv} of them; "
+                "np.inf does not filter."
+            )
+        self.gain = np.broadcast_to(np.asarray(K, float), (robot.nv,))
+        self._terms = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
+        self._last: tuple[float, Array, Array, Array] | None = None
+        self._residual = np.zeros(robot.nv)
+
+    def __repr__(self) -> str:
+        return f"<MomentumObserver of {self.robot.name!r}: {np.round(self._residual, 6).tolist()}>"
+
+    @property
+    def residual(self) -> Array:
+        """The estimate of τ_ext (nv,) so far."""
+        return self._residual.copy()
+
+    def reset(self) -> None:
+        """Forget all: the next :meth:`update` is the first."""
+        self._last, self._residual = None, np.zeros(self.robot.nv)
+
+    def update(self, t: float, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
+        """The residual (nv,) at the time t [s], in the state q, dq; ``tau`` are the torques since the last update.
+
+        The first call says where it begins, and its torques are of no account. Raises ValueRangeError for a time that is not
+        after the last one.
+        """
+        now, nv = checks.number(t, "MomentumObserver: t"), self.robot.nv
+        q, dq = one_state(self.robot, "MomentumObserver", q, dq)
+        tau = checks.one(tau, "MomentumObserver: tau", nv)
+        state = (now, dq, *self._momentum(q, dq))
+        if self._last is not None:
+            self._residual = self._filtered(self._residual, self._last, state, tau)
+        self._last = state
+        return self.residual
+
+    def over(self, times: ArrayLike, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
+        """The residuals of a record, from zero on: times (n), q (n, nq), dq, tau (n, nv) → (n, nv).
+
+        ``tau[k]`` is what is applied from ``times[k]`` on, as in the result of a simulation with a controller. What
+        :meth:`update` knows stays as it is.
+        """
+        t = checks.finite(times, "MomentumObserver: times")
+        states = {"q": (q, self.robot.nq), "dq": (dq, self.robot.nv), "tau": (tau, self.robot.nv)}
+        if t.ndim != 1 or not len(t):
+            raise ShapeError(f"MomentumObserver: times have shape {t.shape}, expected (n,), the instants of a record.")
+        q, dq, tau = (
+            checks.finite(checks.one(x, f"MomentumObserver: {n}", len(t), k), f"MomentumObserver: {n}", k)
+            for n, (x, k) in states.items()
+        )
+        p, beta = self._momentum(q, dq)
+        found = np.zeros((len(t), self.robot.nv))
+        for k in range(len(t) - 1):
+            a, b = ((float(t[i]), dq[i], p[i], beta[i]) for i in (k, k + 1))
+            found[k + 1] = self._filtered(found[k], a, b, tau[k])
+        return found
+
+    def watch(self, controller: Callable[[float, Array, Array], ArrayLike]) -> Callable[[float, Array, Array], Array]:
+        """The controller, with an observer that looks on: for ``robot.simulate(controller=…)``, which holds torques.
+
+        The observer is up to date when the controller is asked, so that it may use :attr:`residual`.
+        """
+        if not callable(controller):
+            raise ValueRangeError(f"MomentumObserver.watch: {controller!r} is no controller, a function of (t, q, dq).")
+        held = np.zeros(self.robot.nv)
+
+        def watched(t: float, q: Array, dq: Array) -> Array:
+            nonlocal held
+            self.update(t, q, dq, held)
+            held = checks.one(controller(t, q, dq), "the torques of the controller watched", self.robot.nv)
+            return held
+
+        return watched
+
+    def wrench(
+        self,
+        q: ArrayLike,
+        frame: str | None = None,
+        kind: str = "body",
+        rows: Rows = None,
+        *,
+        residual: ArrayLike | None = None,
+    ) -> ContactWrench:
+        """The wrench at a frame (None: the tip) that explains the residual, by least squares, and what it cannot say.
+
+        ``rows`` says what the wrench may have: ``"vx vy vz"`` is a force at the frame's origin alone, and fewer unknowns
+        than six need fewer joints. Raises ShapeError, ValueRangeError, UnknownNameError, FrameError.
+        """
+        robot, chosen = self.robot, list(row_numbers(rows))
+        if kind not in KINDS:
+            raise UnknownNameError.of("kind", kind, KINDS)
+        q = checks.one(q, "MomentumObserver.wrench: q", robot.nq)
+        r = self._residual if residual is None else checks.one(residual, "MomentumObserver.wrench: residual", robot.nv)
+        J = robot.jacobian(q, frame, kind)[chosen]
+        U, s, Vt = np.linalg.svd(J)  # r = J'F
+        rank = int(np.count_nonzero(s > SINGULAR * s.max(initial=0.0)))
+        F, blind = np.zeros(6), np.zeros((len(chosen) - rank, 6))
+        F[chosen] = U[:, :rank] @ (Vt[:rank] @ r / s[:rank])
+        blind[:, chosen] = U[:, rank:].T
+        name = str(robot.tip if frame is None else frame)
+        return ContactWrench(F, blind, r - J.T @ F[chosen], name, rank)
+
+    def _momentum(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """p and β."""
+        M, C, h = self._terms(q, dq)
+        v = dq[..., None]
+        return (M @ v)[..., 0], ((C + np.swapaxes(C, -1, -2)) @ v)[..., 0] - h
+
+    def _filtered(
+        self, r: Array, a: tuple[float, Array, Array, Array], b: tuple[float, Array, Array, Array], tau: Array
+    ) -> Array:
+        (t0, dq0, p0, beta0), (t1, dq1, p1, beta1) = a, b
+        dt = t1 - t0
+        if not dt > 0:
+            raise ValueRangeError(
+                f"MomentumObserver: t = {t1:g} s is not after the last time, {t0:g} s. Give samples in order, and begin a new "
+                "motion with reset()."
+            )
+        if self.friction:
+            lost = (self.robot.friction_forces(v, load=tau) for v in (dq0, dq1))
+            tau = tau - 0.5 * sum(lost, np.zeros_like(tau))
+        x = (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1)  # the mean of τ_ext since then
+        return np.asarray(x + np.exp(-self.gain * dt) * (r - x))
