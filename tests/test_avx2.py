@@ -59,6 +59,7 @@ def random_program(rng, inputs, outputs, length):
             if rng.random() < 0.02:
                 values.append(np.sqrt(values[-1] * values[-1] + 1.0))
                 values.append(a / (values[-1] + 2.0))
+                values.append(values[-3].clip(a, b))
         pick = values[len(plain) :]  # a result that is a bare input would be an angle used otherwise
         results = []
         for shape in outputs:

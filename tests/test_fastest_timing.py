@@ -74,9 +74,9 @@ def test_a_pendulum_agrees_with_its_energy():
 PATHS = [
     ("planar_2r", 0, {"effort": 60.0}),
     ("planar_2r", 3, {"effort": 60.0, "acceleration": 15.0}),
-    ("ur5", 0, {"acceleration": 15.0}),
+    pytest.param("ur5", 0, {"acceleration": 15.0}, marks=pytest.mark.slow),
     ("ur5", 5, {"velocity": np.inf}),
-    ("ur5", 8, {}),
+    pytest.param("ur5", 8, {}, marks=pytest.mark.slow),
 ]
 
 

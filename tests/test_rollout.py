@@ -12,7 +12,7 @@ from simulated import rates
 from twistwrench.kernels.ufunc import owner_of
 from twistwrench.lie import quaternion
 from twistwrench.simulation import PD, ComputedTorque
-from twistwrench.simulation import rollout as door
+from twistwrench.simulation import rollout_kernel
 from twistwrench.targets import steps as step_loops
 from twistwrench.targets.machine import choices
 from twistwrench.testing import random_robot, random_state
@@ -285,7 +285,7 @@ def test_parts_and_threads_change_no_bit(monkeypatch):
     q0, dq0 = some_states(robot, 99)
     wanted = robot.rollout(q0, dq0, steps=8)
     crossed = robot.rollout(q0[:40, None], dq0[:3], steps=8)
-    monkeypatch.setattr(door, "IN_ONE_CALL", 1.0)
+    monkeypatch.setattr(rollout_kernel, "IN_ONE_CALL", 1.0)
     try:
         for threads in (1, 2):
             tw.set_threads(threads)
@@ -357,6 +357,26 @@ def test_pd_with_gravity_holds_the_unloaded_robot_and_sags_under_a_payload():
         loaded = robot.with_payload(tw.SpatialInertia.from_com(mass, (0, 0, 0)), frame="tool0")
         left = loaded.gravity_forces(q) - robot.gravity_forces(q)
         assert np.abs(kp * (q_des - q) - left).max() < 0.02 * max(1.0, np.abs(left).max())
+
+
+@pytest.mark.parametrize("name", ("arm", "floating"))
+def test_torques_are_clipped(name):
+    robot = robot_named(name)
+    q0, dq0 = some_states(robot, 3)
+    limits = np.random.default_rng(4).uniform(0.5, 3.0, robot.nv)
+    limits[0] = np.inf
+    asked = 5.0 * np.random.default_rng(5).normal(size=(3, STEPS, robot.nv))
+    found = robot.rollout(q0, dq0, asked, dt=H, torque_limits=limits, torques=True)
+    assert np.array_equal(found.tau, np.clip(asked, -limits, limits)) and (found.tau != asked).any()
+    assert np.array_equal(found.q, robot.rollout(q0, dq0, found.tau, dt=H).q)
+    asked[1, 4, 2] = np.nan
+    broken = robot.rollout(q0, dq0, asked, dt=H, torque_limits=limits, torques=True)
+    assert np.isnan(broken.tau[1, 4, 2]) and broken.unstable.tolist() == [False, True, False]
+    law = PD(robot.neutral, 1e4, 1.0)
+    held = robot.rollout(q0, dq0, law, steps=STEPS, torque_limits=True, torques=True)
+    assert (np.abs(held.tau) <= robot.limits.effort).all()
+    driven = np.isfinite(robot.limits.effort)
+    assert (np.abs(held.tau[..., driven]) == robot.limits.effort[driven]).any() or not driven.any()
 
 
 def test_every_sample_has_its_own_payload():
@@ -497,6 +517,9 @@ BAD = {
     "'tool0.mas'": {"parameters": {"tool0.mas": 1.0}},
     "is a pattern": {"parameters": {"*.mass": 1.0}},
     "parameters is a dict": {"parameters": 3.0},
+    "torque_limits has shape (4,)": {"torque_limits": np.ones(4)},
+    "torque_limits has -1": {"torque_limits": [1, 1, 1, 1, 1, -1]},
+    "torque_limits has nan": {"torque_limits": np.nan},
     "take 9.6e+07 GB, more than there is": {"q0": np.broadcast_to(np.zeros(6), (10**9, 6)), "steps": 10**6},
 }  # fmt: skip
 

@@ -18,7 +18,8 @@ __all__ = ["differentiate"]
 
 _ADVICE = (
     "It runs once, on symbols, for all values there will be: +, -, *, /, @, ** by whole and half numbers, np.sin, np.cos, "
-    "np.tan, np.sqrt, np.exp, np.abs and methods of robots are understood; branches and comparisons of values are not."
+    "np.tan, np.sqrt, np.exp, np.abs and robots' methods of the names that robot.kernel takes are understood; branches and "
+    "comparisons of values, np.linalg.inv and solve, math.sin are not. np.array([…]) holds symbols, np.zeros(n) only floats."
 )
 
 
@@ -90,7 +91,8 @@ def differentiate(
         return derivative.of_results(what, results, charts, {label: given[label] for label in more})
 
     program = trace(on_symbols, [*shapes.items(), *more.items()], derivative.outputs(names))
-    doc = f"{form} of {name} by {', '.join(derivative.by)}, compiled. Inputs: {', '.join([*shapes, *more])}."
+    inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
+    doc = f"{form} of {name} by {', '.join(derivative.by)}, compiled. Inputs: {inputs}. Outputs: {outputs}."
     return _make_kernel(program, name, doc)
 
 

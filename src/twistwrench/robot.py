@@ -6,7 +6,6 @@ Every method takes any leading batch shape and broadcasts, as NumPy does. Shapes
 from __future__ import annotations
 
 import operator
-import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -34,7 +33,7 @@ from .errors import (
     ValueRangeError,
 )
 from .kernels import threads
-from .kernels.interpreter import runs_machine_code
+from .kernels.interpreter import compiles
 from .lie import checks
 from .model import configuration, edit
 from .model.actuator import Actuator
@@ -347,7 +346,8 @@ class Robot:
                 self._require_invertible()
             program = quantities.program_of_several(self.model, wanted)
             title = ", ".join(wanted)
-            doc = f"{title} of {self.name}, compiled. Inputs: {', '.join(p.name for p in program.inputs)}."
+            inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
+            doc = f"{title} of {self.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
             kernel = self._kernels[key] = _make_kernel(program, title, doc)
         return kernel
 
@@ -1226,6 +1226,7 @@ class Robot:
         ``steps`` or ``duration`` say how long, ``every`` keeps one state in so many. ``integrator``: ``"semi_implicit"`` or
         ``"rk4"``. ``wrench_on_robot``: ``{frame: (m, f)}``, (6) or (..., steps, 6). ``parameters``: ``{name: (...)}`` of
         :meth:`varying`, a payload's mass for each sample. ``friction=True``: that of the joints, as in :meth:`simulate`.
+        ``torque_limits``: True clips to ``limits.effort``, numbers (nv) to these.
         ``torques=True`` returns those applied, too; ``out=(q, dq)`` writes into arrays of yours, for large results again and
         again. Motions that become unstable are named in the result's ``.unstable``.
         Raises ShapeError, ValueRangeError, UnknownNameError, SingularMassMatrixError. docs/rollouts.md explains.
@@ -1293,6 +1294,8 @@ def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeE
         what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
         return ShapeError(f"{name}: {label} {what}np.asarray({label}, float).")
     hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype.kind == "O" else ""
+    if dtype.kind == "O" and any(hasattr(e, "trace") for e in np.ravel(np.asarray(given, object))):
+        hint = f" Symbols go through the methods of robot.kernel's quantities; {name} takes numbers only."
     return ShapeError(f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}")
 
 
@@ -1330,8 +1333,7 @@ def _make_kernel(given: Program | Recurrence, name: str, doc: str) -> Any:
     # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
     # samples of three axes at most, and second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
-    off = os.environ.get("TWISTWRENCH_JIT", "1") == "0" or not runs_machine_code()
-    if empty or off or len(program.instructions) > LARGEST_COMPILED:
+    if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
         from .targets.numpy import NumpyKernel
         from .targets.numpy_steps import NumpySteps
 

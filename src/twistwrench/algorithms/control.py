@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..model.model import Model
@@ -14,12 +15,17 @@ from .recursion import zeros
 
 Array = NDArray[Any]
 
-__all__ = ["computed_torque", "proportional_derivative", "undriven"]
+__all__ = ["clipped", "computed_torque", "proportional_derivative", "undriven"]
 
 
 def undriven(model: Model) -> tuple[str, ...]:
     """The joints that no law of one joint drives: planar and floating ones."""
     return tuple(body.joint.name for body in model.leaders if body.joint.nv > 1)
+
+
+def clipped(tau: Array, limits: Array) -> Array:
+    """The torques, or the limits they are beyond; (nv,). On symbols; a torque that is a plain number is the 0 of no law."""
+    return np.array([x.clip(-y, y) if hasattr(x, "clip") else x for x, y in zip(tau, limits, strict=True)], object)
 
 
 def proportional_derivative(

@@ -106,7 +106,8 @@ class TaskLaw:
         errors = (in_body if self.kind == "body" else in_world)(T, J @ dq, *self._motion(t))
         drift = robot.jacobian_rate(q, dq, self.frame, self.kind) @ dq
         Lambda = robot.task_inertia(q, self.frame, self.kind, self._rows)
-        return TaskState(*(x[rows] for x in errors), J[rows], drift[rows], Lambda, T)
+        X_e, V_e, forward = (x[rows] for x in errors)
+        return TaskState(X_e, V_e, forward, J[rows], drift[rows], Lambda, T)
 
     def _torques(self, t: float, q: ArrayLike, dq: ArrayLike, now: TaskState, F: Array) -> Array:
         """τ for a force F (r,) that would give the frame the acceleration Λ⁻¹ F, if all else were made up for."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["export_answer", "export_options"]
 
-_LISTS = ("rows", "wrenches")
+_LISTS = ("by", "parameters", "rows", "wrenches")
 
 
 def export_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -33,8 +33,8 @@ def export_options(function: Callable[..., None]) -> Callable[..., None]:
             multiple=True,
             default=("inverse_dynamics",),
             show_default=True,
-            help="A function, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Several frames of "
-            "wrenches= and several rows= are joined by +.",
+            help="A function, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Several of "
+            "wrenches=, rows=, by= and parameters= are joined by +.",
         ),
         click.option(
             "--c",

@@ -1,12 +1,31 @@
-"""Which Python this code runs in."""
+"""Which Python this code runs in, and whether programs become machine code in it."""
 
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
 from functools import cache
 
-__all__ = ["is_main", "runs_machine_code"]
+from ..errors import ValueRangeError
+
+__all__ = ["compiles", "is_main", "runs_machine_code"]
+
+VARIABLE = "TWISTWRENCH_JIT"
+
+
+def compiles() -> bool:
+    """Whether programs are compiled: where they can be, unless ``TWISTWRENCH_JIT=0``.
+
+    Raises ValueRangeError for what is neither on nor off.
+    """
+    text = os.environ.get(VARIABLE, "").strip().lower() or "1"
+    if text not in ("0", "1", "off", "on"):
+        raise ValueRangeError(
+            f"{VARIABLE}: {os.environ[VARIABLE]!r} is not understood. Set 0 or off to run programs on NumPy; 1, on or nothing "
+            "to compile them."
+        )
+    return text in ("1", "on") and runs_machine_code()
 
 
 def runs_machine_code() -> bool:

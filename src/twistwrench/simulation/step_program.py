@@ -13,7 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..algorithms import integration
-from ..algorithms.control import undriven
+from ..algorithms.control import clipped, undriven
 from ..algorithms.friction import torque_past_eased_friction
 from ..algorithms.tangent import coordinate_rates
 from ..errors import UnknownNameError
@@ -50,6 +50,8 @@ class Plan:
     model: Model
     law: TorqueLaw
     integrator: str
+    limited: bool = False
+    """Whether torques are clipped."""
     frames: tuple[str, ...] = ()
     """Where wrenches act on the robot."""
     parameters: tuple[str, ...] = ()
@@ -59,7 +61,7 @@ class Plan:
     @property
     def key(self) -> tuple[Any, ...]:
         """Plans of one robot with one key are one program."""
-        said = self.integrator, self.frames, self.parameters, self.friction, self.says_torques
+        said = self.integrator, self.limited, self.frames, self.parameters, self.friction, self.says_torques
         return ("rollout", *self.law.key, *said)
 
     @property
@@ -68,6 +70,7 @@ class Plan:
         nq, nv = self.model.nq, self.model.nv
         ports: Ports = [("dt", ())]
         ports += [(name, (nq,) if name == "q_des" else (nv,)) for name in self.law.names]
+        ports += [("torque limits", (nv,))] * self.limited
         ports += [(f"wrench at {frame}", (6,)) for frame in self.frames]
         ports += [("creep", (nv,))] * self.friction
         return [*ports, *[("parameters", (len(self.parameters),))] * bool(self.parameters)]
@@ -121,6 +124,8 @@ class Plan:
         rest = dict(zip([name for name, _ in self.given[1:]], given, strict=True))
         known = regrouped(self.model)
         tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
+        if self.limited:
+            tau = clipped(tau, rest["torque limits"])
         plant = known if not moves_joints(self.model, self.parameters) else self.model
         if self.parameters:
             plant = varied(plant, self.parameters, list(rest["parameters"]))

@@ -38,7 +38,7 @@ __all__ = ["Variational"]
 _MOST = 100
 """Iterations. Each gains as many digits as a step is short against the motion: three or four are usual."""
 _SLOW = 0.3
-"""Part of a change that the next one may be, before it is sought by secants."""
+"""Part of a change that the next one may be: more is rounding if it is tiny, and else is sought by secants."""
 
 
 class _Secant:
@@ -109,7 +109,7 @@ class Variational:
                 raise self._lost(t, f"the step turns a body by more than {LARGEST_TURN:g} rad", change)
             # The next change would be as much smaller again, this one may be rounding already.
             settled = size * min(size / before, 1.0) if before < np.inf else size
-            if settled <= 1e-16 * scale or before <= size <= 1e-11 * scale:
+            if settled <= 1e-16 * scale or _SLOW * before < size <= 1e-11 * scale:
                 p1 = self._carried(h * xi, p0, h * G)
                 return system.manifold.move(q0, h * xi), p1, xi, powers
             if secant is None and size > _SLOW * before:  # a force that is stiff against the step, as in a contact

@@ -107,7 +107,7 @@ class Selection:
     def _several_sincos(self, angles: list[int]) -> Iterator[tuple[int, int]]:
         """:func:`.sincos.sincos`, step by step."""
         code, const = self.code, self.constant
-        magic = const(1.5 * 2.0 ** (52 if self.bits == 64 else 23))
+        magic = const(1.5 * 2.0**self.precision.mantissa)
         shifted = [code.fused((1, 1), x, const(TWO_OVER_PI), magic) for x in angles]
         turns = [code.binary("vsub", s, magic) for s in shifted]
         reduced = angles

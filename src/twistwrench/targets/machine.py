@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 import struct
+import sys
 from dataclasses import dataclass
 from functools import cache
 
@@ -33,17 +34,16 @@ class Precision:
         """Size in bits."""
         return 8 * self.bytes
 
-    def pattern(self, value: float) -> int:
-        """The bits of the nearest number, as a signed integer: infinity for what is beyond the largest, as NumPy rounds it.
-
-        Those of positive numbers order like the numbers.
-        """
-        number, integer = ("<d", "<q") if self.bits == 64 else ("<f", "<i")
+    def rounded(self, value: float) -> float:
+        """The nearest number; infinity for what is beyond the largest, as NumPy rounds it."""
         try:
-            packed = struct.pack(number, value)
+            return float(struct.unpack(self.char, struct.pack(self.char, value))[0])
         except OverflowError:
-            packed = struct.pack(number, math.copysign(math.inf, value))
-        return int(struct.unpack(integer, packed)[0])
+            return math.copysign(math.inf, value)
+
+    def pattern(self, value: float) -> int:
+        """The bits of the nearest number as a signed integer; those of positive numbers order like the numbers."""
+        return int.from_bytes(struct.pack(self.char, self.rounded(value)), sys.byteorder, signed=True)
 
 
 DOUBLE = Precision("double", 8, "d", 52)

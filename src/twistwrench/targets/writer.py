@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from .machine import Precision
+from .machine import DOUBLE, Precision
 
 __all__ = ["Writer"]
 
@@ -52,9 +51,7 @@ class Writer:
 
     def number(self, value: float) -> str:
         """A scalar constant, exact to the bit."""
-        if self.precision.bits == 32:
-            value = struct.unpack("<f", struct.pack("<f", value))[0]
-        return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+        return f"0x{DOUBLE.pattern(self.precision.rounded(value)) % 2**64:016X}"
 
     def splat(self, value: float) -> str:
         """The same constant in every lane."""

@@ -1,0 +1,238 @@
+"""What a rollout is given: made sure of here, once, and brought to the shapes that its kernel takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from ..lie import checks
+from ..model.varied import matching, nominal
+from .given import positive, whole
+from .step_program import Plan, integrator_named
+from .torque_laws import GivenTorque, TorqueLaw
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["Inputs", "cleaned"]
+
+CREEP = 1e-3
+"""rad/s or m/s, the least speed below which dry friction is eased off."""
+MOST_STEPS = 10**9
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a kernel is called with."""
+
+    plan: Plan
+    arrays: list[Array]
+    """States, dt, and all else that is given for each step, with an axis of steps."""
+    ranks: list[int]
+    """How many axes of each array are no axes of the batch."""
+    batch: tuple[int, ...]
+    dtype: Any
+    steps: int
+    dt: float
+    kept: int
+    """States that are kept after the first."""
+
+    @property
+    def shapes(self) -> list[tuple[int, ...]]:
+        """Of the results: q, dq, and the torques if they are asked for."""
+        model, said = self.plan.model, self.plan.says_torques
+        rows, begun = (*self.batch, self.kept + 1), (*self.batch, self.kept)
+        return [(*rows, model.nq), (*rows, model.nv), *[(*begun, model.nv)] * said]
+
+
+def cleaned(
+    robot: Robot, q0: Any, dq0: Any, tau: Any, *, dt: Any, steps: Any, duration: Any, every: Any, integrator: Any,
+    wrench_on_robot: Any, parameters: Any, friction: Any, torque_limits: Any, torques: Any,
+) -> Inputs:  # fmt: skip
+    """The inputs of a rollout; raises ShapeError, ValueRangeError and UnknownNameError."""
+    if robot.nv == 0:
+        raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
+    law = _law_of(tau)
+    law.check(robot.model)
+    limits, frames = _limits(robot, torque_limits), _wrenches_by_frame(robot, wrench_on_robot)
+    names, values = _parameter_values(robot, parameters)
+    plan = Plan(
+        robot.model, law, integrator_named(integrator), bool(limits), tuple(frames), names, bool(friction), bool(torques)
+    )
+    given = [*_given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]
+    states = [_state_of(robot, "q0", q0, robot.nq), _state_of(robot, "dq0", dq0, robot.nv)]
+    said = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
+    single = all(_is_single(x) for x in (*states, *said, *values))
+    n, h, kept = _counted_steps(dt, steps, duration, every, given)
+    labelled = [(label, _stepped(label, x, size, n)) for label, x, size in given]
+    batches = [("q0", states[0].shape[:-1]), ("dq0", states[1].shape[:-1])]
+    batches += [(label, x.shape[:-2]) for label, x in labelled]
+    batches += [(name, x.shape) for name, x in zip(names, values, strict=True)]
+    batch = _batch_of(batches)
+    rest = [x for _, x in labelled]
+    if friction:
+        rest.append(_creep(robot, states[0], h)[..., None, :])
+    if names:
+        rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
+    dtype: Any = np.float32 if single else np.float64
+    arrays = [*states, np.broadcast_to(h, (n,)), *(np.broadcast_to(x, (*x.shape[:-2], n, x.shape[-1])) for x in rest)]
+    arrays = [_cast(x, dtype) for x in arrays]
+    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept)
+
+
+def _cast(x: Array, dtype: Any) -> Array:
+    """An array of another type; what is broadcast stays so."""
+    if x.dtype == dtype:
+        return x
+    once = tuple(slice(0, 1) if stride == 0 else slice(None) for stride in x.strides)
+    return np.broadcast_to(x[once].astype(dtype), x.shape)
+
+
+def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
+    if asked is None or asked is False:
+        return []
+    limits = robot.limits.effort if asked is True else _real(asked, "torque_limits")
+    if limits.shape[-1:] != (robot.nv,) and limits.ndim:
+        raise ShapeError(
+            f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number for "
+            "all, or True for its own."
+        )
+    if not (limits >= 0).all():
+        raise ValueRangeError(f"torque_limits has {limits[~(limits >= 0)].flat[0]:g}, and limits are at least 0; inf is none.")
+    return [("torque_limits", limits, robot.nv)]
+
+
+def _law_of(tau: Any) -> TorqueLaw:
+    if hasattr(tau, "torques") and hasattr(tau, "names"):
+        return tau
+    if callable(tau):
+        raise ValueRangeError(
+            "tau is a function, and the loop over the steps is machine code, which calls none. Give torques as an array, "
+            "tw.simulation.PD or tw.simulation.ComputedTorque; robot.simulate takes functions."
+        )
+    return GivenTorque(tau)
+
+
+def _real(x: Any, what: str) -> Array:
+    """Real numbers, float32 or float64, of any shape."""
+    array = checks.array(x, what)
+    if array.dtype == object:
+        raise ValueRangeError(f"{what} is of symbols, and a rollout is of numbers.")
+    return array
+
+
+def _is_single(x: Array) -> bool:
+    """Whether an array leaves the result in float32; single numbers do."""
+    return x.dtype == np.float32 or x.ndim == 0
+
+
+def _state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
+    x = _real(given, what)
+    if x.shape[-1:] != (size,):
+        raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
+    if what == "q0":
+        for body in robot.model.leaders:
+            part = x[..., body.q_index : body.q_index + 4]
+            if body.joint.kind == "floating" and not np.any(part, axis=-1).all():
+                raise ValueRangeError(
+                    f"q0 has a quaternion of zeros at joint {body.joint.name!r}, which is no rotation; none is (1, 0, 0, 0)."
+                )
+    return x
+
+
+def _given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
+    """What a law is given, by name, with the length of the last axis."""
+    found = []
+    for name in law.names:
+        size = robot.nq if name == "q_des" else robot.nv
+        given = getattr(law, name)
+        x = _real(0.0 if given is None else given, name)
+        one_for_all = given is None or name not in ("tau", "q_des")
+        if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
+            more = ", or one number for all" if one_for_all else ""
+            raise ShapeError(f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{more}.")
+        found.append((name, x, size))
+    return found
+
+
+def _wrenches_by_frame(robot: Robot, wrenches: Any) -> dict[str, Array]:
+    if wrenches is None:
+        return {}
+    if not isinstance(wrenches, Mapping):
+        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
+    return {frame: robot._wrench(frame, F) for frame, F in wrenches.items()}
+
+
+def _parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Array]]:
+    if given is None:
+        return (), []
+    if not isinstance(given, Mapping):
+        raise ShapeError(f"parameters is a dict {{name: numbers}}, got {given!r}; robot.varying() lists the names.")
+    known = nominal(robot.model)
+    for name in given:
+        if name not in known:
+            matching(robot.model, (str(name),))  # says which there are
+            raise ValueRangeError(f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}.")
+    return tuple(given), [_real(x, f"parameter {name!r}") for name, x in given.items()]
+
+
+def _counted_steps(
+    dt: Any, steps: Any, duration: Any, every: Any, given: list[tuple[str, Array, int]]
+) -> tuple[int, float, int]:
+    """How many steps, how long each, and how many states are kept after the first."""
+    h, each = positive(dt, "dt", "s"), whole(every, "every")
+    if steps is not None and duration is not None:
+        raise ValueRangeError("both steps and duration are given: leave one out.")
+    if steps is not None:
+        n = whole(steps, "steps")
+    elif duration is not None:
+        length = positive(duration, "duration", "s")
+        if not length / h < MOST_STEPS:
+            raise ValueRangeError(f"a duration of {length:g} s with a dt of {h:g} s makes more than {MOST_STEPS:.0e} steps.")
+        n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
+        h = length / n
+    else:
+        axes = [x.shape[-2] for _, x, _ in given if x.ndim > 1 and x.shape[-2] != 1]
+        if not axes or not axes[0]:
+            raise ValueRangeError("how long? Give steps, duration, or torques with axes (..., steps, nv).")
+        n = axes[0]
+    if n > MOST_STEPS:
+        raise ValueRangeError(f"steps is {n:.3g}, and more than {MOST_STEPS:.0e} are refused.")
+    if n % each:
+        raise ValueRangeError(f"every={each} does not divide {n} steps: the last state would not be among those kept.")
+    return n, h, n // each
+
+
+def _stepped(label: str, x: Array, size: int, n: int) -> Array:
+    """With an axis of steps before the last, of length n or 1."""
+    if x.ndim < 2:
+        return np.broadcast_to(x, (1, size))
+    if x.shape[-2] not in (1, n):
+        raise ShapeError(
+            f"{label} has shape {x.shape}, and the axis before the last counts the steps: {n} of them, or 1 for what stays. "
+            f"What differs from sample to sample but not in time has shape (..., 1, {size}): {label}[..., None, :]."
+        )
+    return x
+
+
+def _batch_of(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*(shape for _, shape in batches))
+    except ValueError:
+        listed = ", ".join(f"{label} {shape}" for label, shape in batches)
+        raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None
+
+
+def _creep(robot: Robot, q0: Array, h: float) -> Array:
+    """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step."""
+    friction = robot.model.friction
+    light = np.diagonal(np.linalg.inv(robot.mass_matrix(np.asarray(q0, float))), axis1=-2, axis2=-1)
+    return np.asarray(np.maximum(CREEP, h * np.maximum(friction.static, friction.coulomb) * light))

@@ -1,0 +1,114 @@
+"""The kernel of a rollout, room for its results, and the call: in parts of the batch."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ShapeError, ValueRangeError
+from ..kernels import threads
+from ..kernels.parts import Part
+from ..kernels.ufunc import owner_of
+from ..program.recurrence import Recurrence
+from ..targets.machine import SINGLE
+from .rollout_inputs import Inputs
+from .step_program import Plan
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["computed", "room_for"]
+
+IN_ONE_CALL = 5e9
+"""Operations between two looks at whether the user wants to stop: some 0.3 s."""
+LANES = 16
+"""Samples are shared out in multiples of this: whole blocks on every processor."""
+
+
+def room_for(given: Inputs, out: Any) -> list[Array]:
+    """Arrays for the results: fresh ones, or the caller's. Raises ShapeError where they do not fit."""
+    return _fresh(given.shapes, given.dtype) if out is None else _lent(out, given.shapes, given.dtype)
+
+
+def computed(robot: Robot, given: Inputs, results: list[Array]) -> None:
+    """Take all steps, and write the states into the results."""
+    arrays = [x.copy() if any(np.may_share_memory(x, place) for place in results) else x for x in given.arrays]
+    q, dq, *said = results
+    q[..., 0, :], dq[..., 0, :] = arrays[0], arrays[1]
+    kernel, outputs = _kernel(robot, given.plan), (q[..., 1:, :], dq[..., 1:, :], *said)
+    with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
+        threads.share(kernel, _parts(kernel, given, arrays, outputs))
+
+
+def _parts(kernel: Any, given: Inputs, arrays: list[Array], outputs: tuple[Array, ...]) -> list[Part]:
+    """Of the batch: for as many threads as there are, and so that Ctrl-C is heard between two."""
+    batch, owner = given.batch, owner_of(kernel)
+    if not batch or not math.prod(batch) or owner is None:
+        return [Part(tuple(arrays), outputs)] * (math.prod(batch) > 0)
+    if given.dtype == np.float32:
+        owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
+    axis = batch.index(max(batch))
+    stages = len(owner.given.table) if isinstance(owner.given, Recurrence) else 1
+    work = owner.effort * stages * given.steps * math.prod(batch) / batch[axis]
+    rows = min(int(IN_ONE_CALL / work), -(-batch[axis] // threads.get_threads()))
+    rows = max(LANES, rows // LANES * LANES)
+    return [
+        Part(
+            tuple(_cut(x, x.ndim - r - len(batch) + axis, here) for x, r in zip(arrays, given.ranks, strict=True)),
+            tuple(_cut(x, axis, here) for x in outputs),
+        )
+        for here in (slice(first, first + rows) for first in range(0, batch[axis], rows))
+    ]
+
+
+def _cut(x: Array, axis: int, here: slice) -> Array:
+    """Some samples along one axis of the batch, or the whole where it is the same for all of them."""
+    return x if axis < 0 or x.shape[axis] == 1 else x[(slice(None),) * axis + (here,)]
+
+
+def _kernel(robot: Robot, plan: Plan) -> Any:
+    found = robot._kernels.get(plan.key)
+    if found is None:
+        from ..robot import _make_kernel
+
+        robot._require_invertible()
+        doc = f"Rollouts of {robot.name}, compiled: {plan.integrator}."
+        found = robot._kernels[plan.key] = _make_kernel(plan.recurrence(), "rollout", doc)
+    return found
+
+
+def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
+    try:
+        return [np.empty(shape, dtype) for shape in shapes]
+    except (MemoryError, ValueError):
+        size = sum(map(math.prod, shapes)) * np.dtype(dtype).itemsize
+        raise ValueRangeError(
+            f"the states of this rollout take {size / 1e9:.3g} GB, more than there is. Keep fewer with every=, or take fewer "
+            "samples at a time."
+        ) from None
+
+
+def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
+    """The caller's arrays, if the results fit in."""
+    wanted = ", ".join(f"{name} {shape}" for name, shape in zip(("q", "dq", "tau"), shapes, strict=False))
+    fit = (
+        isinstance(out, tuple)
+        and len(out) == len(shapes)
+        and all(
+            type(x) is np.ndarray and x.shape == shape and x.dtype == dtype and x.flags.writeable
+            for x, shape in zip(out, shapes, strict=True)
+        )
+    )
+    if not fit:
+        given = ", ".join(f"{getattr(x, 'dtype', type(x).__name__)} {np.shape(x)}" for x in out) if isinstance(out, tuple) else out
+        raise ShapeError(
+            f"out= is {given}. Give a tuple of {np.dtype(dtype).name} arrays that can be written to: {wanted}; or leave it out."
+        )
+    if any(np.may_share_memory(x, y) for k, x in enumerate(out) for y in out[:k]):
+        raise ShapeError("out= has arrays that share memory.")
+    return list(out)
