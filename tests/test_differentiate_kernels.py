@@ -110,6 +110,20 @@ def test_derivatives_are_exported_to_c(tmp_path):
     assert subprocess.run([str(tmp_path / "check")], capture_output=True).returncode == 0
 
 
+def test_a_kernel_says_what_goes_in_and_what_comes_out():
+    robot = tw.robots.planar_2r()
+    doc = robot.kernel("inverse_dynamics", by=("q", "dq"), values=True).__doc__
+    assert doc.endswith("Inputs: q, dq, ddq. Outputs: tau, tau_by_q, tau_by_dq.")
+    doc = tw.differentiate(lambda q, x: (q, x @ x), {"q": robot, "x": 3}, by="x").__doc__
+    assert doc.endswith("Inputs: q, x. Outputs: result1_by_x, result2_by_x.")
+
+
+def test_what_takes_numbers_only_says_so():
+    robot = tw.robots.planar_2r()
+    with pytest.raises(tw.ShapeError, match=r"Symbols go through the methods of robot.kernel's quantities; add takes numbers"):
+        tw.differentiate(lambda q: robot.add(q, q), {"q": robot})
+
+
 def test_what_cannot_be_meant(bundled):
     robot = tw.robots.planar_2r()
     with pytest.raises(tw.UnknownNameError, match="no quantity named 'mass_matrx'"):

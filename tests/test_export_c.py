@@ -383,6 +383,12 @@ def test_the_header_says_what_is_what(bundled, tmp_path):
     assert "twistwrench 0." in text and "(0, 0, -9.81) m/s^2" in text
 
 
+def test_the_header_names_the_parameters_with_the_robots_own_numbers(bundled, tmp_path):
+    asked = ("inverse_dynamics", {"parameters": ("link2.mass", "joint2.x"), "by": "parameters"})
+    header, *_ = bundled("planar_2r").export_c([asked], tmp_path, test=False)
+    assert " *     0  link2.mass  1\n *     1  joint2.x    1\n" in header.read_text()
+
+
 def test_units_go_with_the_joints(bundled, tmp_path):
     header, *_ = bundled("cart_pole").export_c("mass_matrix", tmp_path, test=False)
     slide, swing = bundled("cart_pole").joint_names

@@ -92,3 +92,11 @@ def test_no_file_that_was_read_is_overwritten(run, tmp_path):
     code, output = run("arm.h", "--c", "arm.c")
     assert code == 2 and "overwrite the file of" in output, output
     assert (tmp_path / "arm.h").read_bytes() == before
+
+
+def test_inputs_to_differentiate_by_and_parameters_are_joined_by_plus(run, tmp_path):
+    options = "by=q+parameters,parameters=link2.mass+joint2.x"
+    code, output = run("planar_2r", "--c", "arm.c", "--quantity", f"inverse_dynamics:{options}")
+    assert code == 0, output
+    text = (tmp_path / "arm.h").read_text()
+    assert "planar_2r_inverse_dynamics_by_q_parameters(" in text and "double parameters[2]" in text

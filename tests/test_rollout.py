@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,8 +12,7 @@ import twistwrench as tw
 from simulated import rates
 from twistwrench.kernels.ufunc import owner_of
 from twistwrench.lie import quaternion
-from twistwrench.simulation import PD, ComputedTorque
-from twistwrench.simulation import rollout_kernel
+from twistwrench.simulation import PD, ComputedTorque, rollout_kernel
 from twistwrench.targets import steps as step_loops
 from twistwrench.targets.machine import choices
 from twistwrench.testing import random_robot, random_state
@@ -145,7 +145,19 @@ def test_rollouts_and_simulations_agree(name, integrator):
 
 def test_friction_costs_what_it_costs_in_a_simulation():
     robot = tw.robots.planar_2r().with_actuators(
-        {"actuators": {j: {"friction": {"coulomb": "0.5 N m", "static": "0.8 N m", "viscous": "0.1 N m s/rad", "stribeck": "0.2 rad/s"}} for j in ("joint1", "joint2")}}
+        {
+            "actuators": {
+                j: {
+                    "friction": {
+                        "coulomb": "0.5 N m",
+                        "static": "0.8 N m",
+                        "viscous": "0.1 N m s/rad",
+                        "stribeck": "0.2 rad/s",
+                    }
+                }
+                for j in ("joint1", "joint2")
+            }
+        }
     )
     start = [0.3, -0.8], [1.0, -2.0]
     for integrator in ("semi_implicit", "rk4"):
@@ -306,7 +318,9 @@ def test_computed_torque_makes_every_joint_an_oscillator_of_its_own(integrator, 
     q_des = np.array([0.3, -1.0, 1.2, 0.1, -0.2, 0.4])
     errors = []
     for steps in (50, 100):
-        found = robot.rollout(q0, dq0, ComputedTorque(q_des, w**2, 2 * w), steps=steps, dt=duration / steps, integrator=integrator)
+        found = robot.rollout(
+            q0, dq0, ComputedTorque(q_des, w**2, 2 * w), steps=steps, dt=duration / steps, integrator=integrator
+        )
         t = found.times[:, None]
         e0, de0 = (q_des - q0)[:, None], -dq0[:, None]
         e = (e0 + (de0 + w * e0) * t) * np.exp(-w * t)
@@ -348,7 +362,14 @@ def test_pd_with_gravity_holds_the_unloaded_robot_and_sags_under_a_payload():
     kd = 1.4 * np.sqrt(kp * np.diagonal(M))
     masses = np.array([0.0, 1.0, 2.0])
     found = robot.rollout(
-        q_des, np.zeros(6), PD(q_des, kp, kd, gravity=True), steps=4000, dt=5e-4, every=4000, integrator="rk4", parameters={"tool0.mass": masses}
+        q_des,
+        np.zeros(6),
+        PD(q_des, kp, kd, gravity=True),
+        steps=4000,
+        dt=5e-4,
+        every=4000,
+        integrator="rk4",
+        parameters={"tool0.mass": masses},
     )
     assert not found.unstable.any() and np.abs(found.dq[:, -1]).max() < 1e-3
     assert np.abs(found.q[0, -1] - q_des).max() < 1e-12
@@ -383,10 +404,12 @@ def test_every_sample_has_its_own_payload():
     robot = robot_named("arm")
     q0, dq0 = some_states(robot, 3)
     masses = np.array([0.0, 0.7, 3.0])
-    found = robot.rollout(q0, dq0, dt=H, steps=STEPS, parameters={"tool0.mass": masses, "shoulder_pan_joint.viscous": 0.3})
+    found = robot.rollout(
+        q0, dq0, dt=H, steps=STEPS, parameters={"tool0.mass": masses, "shoulder_pan_joint.viscous": 0.3}
+    )
     for k, mass in enumerate(masses):
         loaded = robot.with_payload(tw.SpatialInertia.from_com(mass, (0, 0, 0)), frame="tool0")
-        q, dq, _ = step_by_step(loaded, q0[k], dq0[k], None, "semi_implicit")
+        _, dq, _ = step_by_step(loaded, q0[k], dq0[k], None, "semi_implicit")
         assert np.abs(found.dq[k, -1] - dq).max() < round_off(loaded, q0, dq0, found.dq)
 
 
@@ -415,7 +438,7 @@ def test_the_order_is_measured(name, order, integrator):
     ends = [robot.rollout(q0, dq0, dt=0.2 / n, steps=n, every=n, integrator=integrator) for n in (64, 128, 256)]
     gaps = [
         max(np.abs(robot.subtract(a.q[:, -1], b.q[:, -1])).max(), np.abs(a.dq[:, -1] - b.dq[:, -1]).max())
-        for a, b in zip(ends, ends[1:], strict=False)
+        for a, b in pairwise(ends)
     ]
     assert abs(np.log2(gaps[0] / gaps[1]) - order) < (0.2 if order == 1 else 0.7), gaps
 
@@ -494,6 +517,10 @@ BAD = {
     "the axis before the last counts the steps: 10": {"tau": np.zeros((3, 6))},
     "kp has shape (3,), but robot 'ur5' wants 6 in the last axis, or one number": {"tau": PD(np.zeros(6), np.ones(3), 1.0)},
     "kd has shape (5, 6)": {"tau": PD(np.zeros(6), 1.0, np.ones((5, 6)))},
+    "q_des has": {"tau": PD(None, 1.0, 1.0)},
+    "kp has": {"tau": PD(np.zeros(6), "stiff", 1.0)},
+    "tau has an array of complex": {"tau": np.zeros(6, complex)},
+    "q0 has": {"q0": "home"},
     "q_des has shape (7,)": {"tau": PD(np.zeros(7), 1.0, 1.0)},
     "do not broadcast: q0 (), dq0 (), tau (3,), the wrench at 'tool0' (2,)": {
         "tau": np.zeros((3, 1, 6)), "wrench_on_robot": {"tool0": np.zeros((2, 1, 6))},

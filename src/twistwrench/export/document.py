@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from ..model.varied import nominal
 from ..program.program import FUSED, Program
 from ..targets.c import FUSED_MACROS, PRECISIONS, identifier
 from .meanings import MEANINGS
@@ -58,7 +59,7 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
         '#ifdef __cplusplus\nextern "C" {\n#endif',
         f"/* Entries of q, and of dq, ddq and tau. */\n"
         f"#define {prefix.upper()}_NQ {robot.nq}\n#define {prefix.upper()}_NV {robot.nv}",
-        *(f"{comment(_about(request))}\n{request.function.prototype};" for request in requests),
+        *(f"{comment(_about(robot, request))}\n{request.function.prototype};" for request in requests),
         f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {guard} */",
     ]
     return "\n\n".join(parts) + "\n"
@@ -118,7 +119,7 @@ def _turns(axis: Sequence[float]) -> bool:
     return any(axis[:3])
 
 
-def _about(request: Request) -> list[str]:
+def _about(robot: Robot, request: Request) -> list[str]:
     """Comment of one function."""
     function, full = request.function, request.full
     program = function.program
@@ -139,6 +140,10 @@ def _about(request: Request) -> list[str]:
     made = len(program.inputs)
     lines.append(f"In: {', '.join(shaped[:made])}. Out: {', '.join(shaped[made:])}.")
     lines.append(f"{_cost(program)}.")
+    if names := full.get("parameters"):
+        usual, wide = nominal(robot.model), max(map(len, names))
+        lines.append("Entries of parameters, and the robot's own numbers:")
+        lines += [f"  {k:3}  {name:{wide}}  {usual[name]:.10g}" for k, name in enumerate(names)]
     return lines
 
 

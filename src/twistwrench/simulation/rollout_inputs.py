@@ -65,7 +65,14 @@ def cleaned(
     limits, frames = _limits(robot, torque_limits), _wrenches_by_frame(robot, wrench_on_robot)
     names, values = _parameter_values(robot, parameters)
     plan = Plan(
-        robot.model, law, integrator_named(integrator), bool(limits), tuple(frames), names, bool(friction), bool(torques)
+        robot.model,
+        law,
+        integrator_named(integrator),
+        bool(limits),
+        tuple(frames),
+        names,
+        bool(friction),
+        bool(torques),
     )
     given = [*_given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]
     states = [_state_of(robot, "q0", q0, robot.nq), _state_of(robot, "dq0", dq0, robot.nv)]
@@ -102,11 +109,13 @@ def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
     limits = robot.limits.effort if asked is True else _real(asked, "torque_limits")
     if limits.shape[-1:] != (robot.nv,) and limits.ndim:
         raise ShapeError(
-            f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number for "
-            "all, or True for its own."
+            f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number "
+            "for all, or True for its own."
         )
     if not (limits >= 0).all():
-        raise ValueRangeError(f"torque_limits has {limits[~(limits >= 0)].flat[0]:g}, and limits are at least 0; inf is none.")
+        raise ValueRangeError(
+            f"torque_limits has {limits[~(limits >= 0)].flat[0]:g}, and limits are at least 0; inf is none."
+        )
     return [("torque_limits", limits, robot.nv)]
 
 
@@ -154,11 +163,14 @@ def _given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
     for name in law.names:
         size = robot.nq if name == "q_des" else robot.nv
         given = getattr(law, name)
-        x = _real(0.0 if given is None else given, name)
-        one_for_all = given is None or name not in ("tau", "q_des")
+        none = given is None and isinstance(law, GivenTorque)
+        x = _real(0.0 if none else given, name)
+        one_for_all = none or name not in ("tau", "q_des")
         if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
             more = ", or one number for all" if one_for_all else ""
-            raise ShapeError(f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{more}.")
+            raise ShapeError(
+                f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{more}."
+            )
         found.append((name, x, size))
     return found
 
@@ -180,7 +192,9 @@ def _parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[A
     for name in given:
         if name not in known:
             matching(robot.model, (str(name),))  # says which there are
-            raise ValueRangeError(f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}.")
+            raise ValueRangeError(
+                f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}."
+            )
     return tuple(given), [_real(x, f"parameter {name!r}") for name, x in given.items()]
 
 
@@ -196,7 +210,9 @@ def _counted_steps(
     elif duration is not None:
         length = positive(duration, "duration", "s")
         if not length / h < MOST_STEPS:
-            raise ValueRangeError(f"a duration of {length:g} s with a dt of {h:g} s makes more than {MOST_STEPS:.0e} steps.")
+            raise ValueRangeError(
+                f"a duration of {length:g} s with a dt of {h:g} s makes more than {MOST_STEPS:.0e} steps."
+            )
         n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
         h = length / n
     else:

@@ -105,7 +105,11 @@ def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
         )
     )
     if not fit:
-        given = ", ".join(f"{getattr(x, 'dtype', type(x).__name__)} {np.shape(x)}" for x in out) if isinstance(out, tuple) else out
+        given = (
+            ", ".join(f"{getattr(x, 'dtype', type(x).__name__)} {np.shape(x)}" for x in out)
+            if isinstance(out, tuple)
+            else out
+        )
         raise ShapeError(
             f"out= is {given}. Give a tuple of {np.dtype(dtype).name} arrays that can be written to: {wanted}; or leave it out."
         )

@@ -87,7 +87,13 @@ class Plan:
         if self.integrator == "semi_implicit":
             program = trace(self._semi_implicit(flat), [*angles, *state, *given], ["q", "dq", *said])
             return Recurrence(program, (*fed, *sources), visible=2)
-        more: Ports = [("q at start", (nq,)), ("dq at start", (nv,)), ("q sum", (nq,)), ("dq sum", (nv,)), ("stage", (5,))]
+        more: Ports = [
+            ("q at start", (nq,)),
+            ("dq at start", (nv,)),
+            ("q sum", (nq,)),
+            ("dq sum", (nv,)),
+            ("stage", (5,)),
+        ]
         fed += [Source("start", 0), Source("start", 1), Source("state", 2), Source("state", 3), Source("stage")]
         names = ["q", "dq", "q sum", "dq sum", *said]
         program = trace(self._runge_kutta(flat), [*angles, *state, *more, *given], names)

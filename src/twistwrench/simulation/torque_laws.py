@@ -31,7 +31,7 @@ class TorqueLaw(Protocol):
     def check(self, model: Model) -> None:
         """Refuse a robot that the law does not serve."""
 
-    def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
+    def torques(self, model: Model, angles: Array, q: Array, dq: Array, /, *given: Array) -> Array:
         """τ (nv,) on symbols; ``angles`` are q again, for what is computed of poses."""
 
 
@@ -50,7 +50,7 @@ class GivenTorque:
     def check(self, model: Model) -> None:
         """Any robot will do."""
 
-    def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
+    def torques(self, _model: Model, _angles: Array, _q: Array, _dq: Array, /, *given: Array) -> Array:
         """τ as it is given."""
         return given[0]
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
-from ..errors import UnknownNameError, ValueRangeError
+from ..errors import ValueRangeError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from ..robot import Robot
-
-Array = NDArray[Any]
 
 __all__ = ["answer_payload", "payload_options"]
 
@@ -84,6 +80,7 @@ def answer_payload(
     Returns whether the robot can be in the pose, and holds itself there. All options are read before anything is printed.
     Raises errors of the library.
     """
+    from ..report.joint_values import parse_configuration, parse_numbers
     from ..report.load import LoadedRobot, parse_payload
     from .map import payload_map, plane_and_samples
     from .payload import largest_payload
@@ -96,8 +93,8 @@ def answer_payload(
     count = _SAMPLES if samples is None else samples
     if plane is not None:
         plane, count = plane_and_samples(plane, count)
-    q = _configuration(robot, at, configuration, degrees=degrees)
-    place = np.array(_numbers(com, "--com", "x,y,z in metres, for example 0,0,0.1", 3))
+    q = parse_configuration(robot, at, configuration, degrees=degrees)
+    place = np.array(parse_numbers(com, "--com", "x,y,z in metres, for example 0,0,0.1", 3))
     allowed = robot.limits
     if limits_path is not None:
         from ..report.limits_file import read_limits
@@ -133,44 +130,3 @@ def answer_payload(
     for written in filter(None, (csv_path, plot_path)):
         show(f"wrote {written}")
     return bool(found.holds) and not beyond
-
-
-def _configuration(robot: Robot, at: Iterable[str], configuration: str | None, *, degrees: bool) -> Array:
-    """q of the options; ValueRangeError and UnknownNameError say what was wrong."""
-    q = robot.neutral
-    places = {b.joint.name: b for b in robot.model.leaders}
-    if configuration is not None:
-        what = f"{robot.nq} numbers, {','.join(robot.coordinate_names[:8])}"
-        q = np.array(_numbers(configuration, "--configuration", what, robot.nq))
-        if degrees:
-            for body in places.values():
-                if body.joint.nq == 1 and body.joint.kind != "prismatic":
-                    q[body.q_index] = math.radians(q[body.q_index])
-    given: set[str] = set()
-    for text in at:
-        joint, equals, value = (part.strip() for part in text.partition("="))
-        if not equals:
-            raise ValueRangeError(f"--at {text!r} is not JOINT=VALUE, for example {next(iter(places), 'joint1')}=0.5.")
-        if joint not in places:
-            raise UnknownNameError.of("joint", joint, places)
-        if joint in given:
-            raise ValueRangeError(f"--at {joint} is given twice. Keep one of them.")
-        given.add(joint)
-        body = places[joint]
-        numbers = _numbers(
-            value, f"--at {joint}", f"{body.joint.nq} number{'s' if body.joint.nq > 1 else ''}", body.joint.nq
-        )
-        if degrees and body.joint.nq == 1 and body.joint.kind != "prismatic":
-            numbers = [math.radians(x) for x in numbers]
-        q[body.q_index : body.q_index + body.joint.nq] = numbers
-    return q
-
-
-def _numbers(text: str, what: str, form: str, count: int) -> list[float]:
-    try:
-        numbers = [float(x) for x in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise ValueRangeError(f"{what} {text!r}: expected {form}.")
-    return numbers

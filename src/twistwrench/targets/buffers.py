@@ -96,7 +96,10 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
             near = w.at(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
             far = w.at(w.at(place, w.new(f"mul i64 {i}, %s0")), w.new(f"mul i64 {j}, %s1"))
             with w.loop("%n2", w.after) as k:  # all that is left to do for an element: this takes most of a single call
-                close, away = w.at(near, w.new(f"mul i64 {k}, {precision.bytes}")), w.at(far, w.new(f"mul i64 {k}, %s2"))
+                close, away = (
+                    w.at(near, w.new(f"mul i64 {k}, {precision.bytes}")),
+                    w.at(far, w.new(f"mul i64 {k}, %s2")),
+                )
                 here, there = (away, close) if inward else (close, away)
                 value = w.new(f"load {word}, ptr {here}, align {precision.bytes}")
                 w.do(f"store {word} {value}, ptr {there}, align {precision.bytes}")

@@ -33,7 +33,9 @@ class NumpySteps:
         dtype: Any = np.float32 if single else np.float64
         given = [np.asarray(a, dtype) for a in args[r.visible :]]
         axes = [a.ndim - 1 - len(port.shape) for a, port in zip(given, r.inputs[r.visible :], strict=True)]
-        batch = np.broadcast_shapes(*(o.shape[: o.ndim - 1 - len(p.shape)] for o, p in zip(out, r.outputs, strict=True)))
+        batch = np.broadcast_shapes(
+            *(o.shape[: o.ndim - 1 - len(p.shape)] for o, p in zip(out, r.outputs, strict=True))
+        )
         state = [np.broadcast_to(np.asarray(a, dtype), (*batch, *np.shape(a)[-1:])) for a in args[: r.visible]]
         state += [np.zeros((*batch, *port.shape), dtype) for port in r.states[r.visible :]]
         kept = out[0].shape[len(batch)]
@@ -44,7 +46,12 @@ class NumpySteps:
                 now = dict(zip(r.given, (np.take(a, number, k) for a, k in zip(given, axes, strict=True)), strict=True))
                 begin = list(state)
                 for stage, coefficients in enumerate(r.table):
-                    found = self.kernel(*(self._input(k, s, now, state, begin, np.array(coefficients, dtype)) for k, s in enumerate(r.sources)))
+                    found = self.kernel(
+                        *(
+                            self._input(k, s, now, state, begin, np.array(coefficients, dtype))
+                            for k, s in enumerate(r.sources)
+                        )
+                    )
                     state = list(found[: len(r.states)])
                     if stage == 0 and between == 0:
                         for k, result in zip(r.said, out[r.visible :], strict=True):
@@ -54,7 +61,9 @@ class NumpySteps:
         return out
 
     @staticmethod
-    def _input(k: int, source: Source, now: dict[int, Array], state: list[Array], begin: list[Array], row: Array) -> Any:
+    def _input(
+        k: int, source: Source, now: dict[int, Array], state: list[Array], begin: list[Array], row: Array
+    ) -> Any:
         if source.kind == "given":
             return now[k]
         if source.kind == "stage":

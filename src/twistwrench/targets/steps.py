@@ -151,9 +151,7 @@ class _Steps:
             ]
             taken, label, (*buffers, self.room) = take(w, sizes, samples, spoiled)
         else:
-            buffers = [
-                w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports
-            ]
+            buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
             self.room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
         states, starts = len(self.r.states), len(self.starts)
         given = len(self.r.given)

@@ -20,6 +20,8 @@ _CREASE = np.cos(np.radians(38.0))
 """Faces that meet at less are one smooth piece."""
 _AROUND = 32
 """Corners of a circle."""
+_PACKED = np.array([1 << 42, 1 << 21, 1])
+"""Three whole numbers below 2²¹ as one, for numbers sort faster than rows do."""
 _GRIDS = (192, 136, 96, 68, 48, 34, 24, 17, 12, 8, 5)
 """Cells along the longest side of a surface that is made lighter, tried in turn."""
 
@@ -56,8 +58,7 @@ class Surface:
         low = self.vertices.min(axis=0)
         size = float(np.ptp(self.vertices, axis=0).max()) / cells or 1.0
         cell = np.floor((self.vertices - low) / size).astype(np.int64)
-        _, group, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
-        group = group.reshape(-1)
+        _, group, count = np.unique(cell @ _PACKED, return_inverse=True, return_counts=True)
         middle = np.stack([np.bincount(group, self.vertices[:, k]) / count for k in range(3)], axis=1)
         return _without_slivers(Surface(middle, group[self.faces]))
 
@@ -199,7 +200,10 @@ def _merged(surface: Surface) -> Surface:
     """Files repeat a vertex in every face, and in every smoothing group; here it is one. NaN goes, faces and all."""
     finite = np.asarray(np.isfinite(surface.vertices).all(axis=1))
     faces = surface.faces[finite[surface.faces].all(axis=1)]
-    size = float(np.ptp(surface.vertices[finite], axis=0).max(initial=0.0)) or 1.0
-    grid = np.round(np.where(finite[:, None], surface.vertices, 0.0) / (1e-7 * size)).astype(np.int64)
-    _, first, group = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-    return _without_slivers(Surface(surface.vertices[first], group.reshape(-1)[faces]))
+    known = surface.vertices[finite]
+    if not len(known):
+        return Surface(known, np.zeros((0, 3), int))
+    low, size = known.min(axis=0), float(np.ptp(known, axis=0).max()) or 1.0
+    grid = np.round(np.where(finite[:, None], surface.vertices - low, 0.0) / (1e-6 * size)).astype(np.int64)
+    _, first, group = np.unique(grid @ _PACKED, return_index=True, return_inverse=True)
+    return _without_slivers(Surface(surface.vertices[first], group[faces]))
