@@ -9,11 +9,9 @@ To change: the step ``dt`` of all of them, or where the arm is let go.
 from argparse import ArgumentParser
 
 import numpy as np
-from matplotlib.collections import PolyCollection
 
 import twistwrench as tw
 from twistwrench.figure import BLUE, GREEN, GREY, ORANGE, VERMILION, figure, save
-from twistwrench.viz.camera import Camera, Painter
 
 parser = ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("picture", nargs="?", default="falling_ur5.png", help="where to write it")
@@ -30,20 +28,13 @@ for method, fall in falls.items():
 with figure(9.0, 4.2, "A UR5 let go: the first 0.6 s, and the energy that nothing accounts for") as drawn:
     stage, drift = drawn.subplots(1, 2, width_ratios=[1, 1.15])
 
-    painter = Painter(tw.viz.scene_of(robot), Camera(np.array([0.3, 0, -0.1]), distance=3.0, azimuth=-1.2), floor=-0.9)
     moments = np.linspace(0, 0.6, 6)
-    for t in moments:
-        triangles, colours = painter.paint(falls["variational"].q[round(t / dt)])
-        colours[:, :3] = 1 - (0.25 + 0.75 * t / moments[-1]) * (1 - colours[:, :3])  # earlier poses are paler
-        stage.add_collection(PolyCollection(triangles, facecolors=colours, edgecolors=colours, linewidths=0.3))
-    stage.autoscale_view()
-    stage.set(aspect="equal")
-    stage.set_axis_off()
+    tw.viz.draw(stage, robot, falls["variational"].q[np.rint(moments / dt).astype(int)], azimuth=-1.2)
 
     for (method, fall), colour in zip(falls.items(), methods.values(), strict=True):
         drift.semilogy(fall.times[1:], np.abs(fall.drift[1:]) + 1e-12, color=colour, label=method)
     drift.set(xlabel="time [s]", ylabel="energy gained or lost [J]")
     drift.yaxis.set_major_formatter("{x:.0e}")
     drift.margins(x=0)
-    drift.legend(frameon=False, ncols=5, fontsize=8, columnspacing=1.2, loc="lower left", bbox_to_anchor=(0, 1))
+    drawn.legend(loc="outside lower right", ncols=5, frameon=False)
     save(drawn, asked.picture)

@@ -145,7 +145,7 @@ def main(folder: Path, duration: float = 10.0, dt: float = 0.005) -> None:
     start = closed.consistent([0.0, 0.8, 1.6])
     kept = swing(closed, start, closed.project_velocity(start, [6.0, 0.0, 0.0]), duration, dt)
     picture(folder / "four_bar.png", closed, q, speed, kept)
-    print(  # noqa: T201
+    print(
         f"over {duration:g} s in steps of {dt:g} s: gap {kept['gap'].max():.1e} m, A dq {kept['slip'].max():.1e} m/s, "
         f"energy within {np.ptp(kept['energy']):.1e} J"
     )

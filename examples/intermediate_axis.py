@@ -200,7 +200,7 @@ def main(folder: Path, frames: int = 100) -> None:
     still, moving = folder / "intermediate_axis.png", folder / "intermediate_axis.gif"
     picture(still, flight)
     animation(moving, fly((0.0, 5.0, 0.02), duration=9.0), frames)
-    print(f"drift over {len(flight.times) - 1} steps: {flight.drift}\nwrote {still}\nwrote {moving}")  # noqa: T201
+    print(f"drift over {len(flight.times) - 1} steps: {flight.drift}\nwrote {still}\nwrote {moving}")
 
 
 def asked_folder() -> Path:

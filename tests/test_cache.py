@@ -480,7 +480,9 @@ def test_without_the_compiler_llvm_is_not_needed():
     assert python(code, TWISTWRENCH_JIT="0") == "(2, 2)"
 
 
-@pytest.mark.parametrize(("said", "kernel"), [("off", "NumpyKernel"), (" 0 ", "NumpyKernel"), ("", "ufunc"), ("ON", "ufunc")])
+@pytest.mark.parametrize(
+    ("said", "kernel"), [("off", "NumpyKernel"), (" 0 ", "NumpyKernel"), ("", "ufunc"), ("ON", "ufunc")]
+)
 def test_the_compiler_is_a_switch(said, kernel, monkeypatch):
     monkeypatch.setenv("TWISTWRENCH_JIT", said)
     assert type(tw.robots.pendulum().kernel("mass_matrix")).__name__ == kernel
@@ -488,5 +490,5 @@ def test_the_compiler_is_a_switch(said, kernel, monkeypatch):
 
 def test_a_switch_that_is_neither_on_nor_off_is_refused(monkeypatch):
     monkeypatch.setenv("TWISTWRENCH_JIT", "none")
-    with pytest.raises(tw.ValueRangeError, match="TWISTWRENCH_JIT: 'none' is not understood. Set 0 or off"):
+    with pytest.raises(tw.ValueRangeError, match="TWISTWRENCH_JIT: 'none' is not understood"):
         tw.robots.pendulum().kernel("mass_matrix")

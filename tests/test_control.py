@@ -10,9 +10,9 @@ from twistwrench import trajectories
 from twistwrench.control import PD, ComputedTorque, Impedance, PoseMotion, TaskSpace
 from twistwrench.lie import se3
 
-TIGHT = {"rtol": 1e-10, "atol": 1e-12}
-"""Of dopri5; what it leaves over a second is some hundred times that."""
-Q = np.array([-0.6, 0.2, 2.2])
+TIGHT = {"rtol": 1e-9, "atol": 1e-11}
+"""Of dopri5, a step; what it leaves over a second is some ten times that."""
+Q = np.array([-0.9, 1.9, 0.4])
 Q6 = np.array([0.3, -1.2, 1.5, -0.4, 0.8, 0.2])
 
 
@@ -69,7 +69,7 @@ def test_computed_torque_errors_obey_their_linear_equation(ur5, kp):
     law = ComputedTorque(ur5, sines, kp, 14.0)
     run = ur5.simulate(Q6 + 0.3, np.zeros(6), 0.6, 0.05, tau=law, **TIGHT)
     expected = second_order(run.times, np.full(6, -0.3), a * w, kp, 14.0)
-    np.testing.assert_allclose(errors(law, run), expected, atol=1e-8)
+    np.testing.assert_allclose(errors(law, run), expected, atol=3e-8)
 
 
 def test_computed_torque_follows_a_trajectory_without_error(ur5):
@@ -96,7 +96,7 @@ def test_computed_torque_makes_up_for_friction_if_asked(planar):
     rusty = planar.with_actuators(drives)
     law = ComputedTorque(rusty, Q, 100.0, 20.0, friction=True)
     run = rusty.simulate(Q + 0.3, None, 0.5, 0.1, tau=law, friction=True, **TIGHT)
-    np.testing.assert_allclose(errors(law, run), second_order(run.times, [-0.3] * 3, [0] * 3, 100, 20), atol=1e-8)
+    np.testing.assert_allclose(errors(law, run), second_order(run.times, [-0.3] * 3, [0] * 3, 100, 20), atol=3e-8)
 
 
 def test_held_torques_come_near_the_continuous_law_as_samples_come_closer(planar):
@@ -230,7 +230,7 @@ def test_a_posture_moves_what_the_task_leaves_free_and_nothing_else(panda):
 def test_without_a_posture_free_motions_come_to_rest(panda):
     q0 = np.array([0.1, -0.5, 0.2, -2.0, 0.1, 1.6, 0.4])
     law = TaskSpace(panda, panda.forward_kinematics(q0), 100.0, 20.0)
-    run = panda.simulate(q0, 0.5 * np.ones(7), 2.5, 0.5, tau=law)
+    run = panda.simulate(q0, 0.5 * np.ones(7), 2.5, 0.5, tau=law, rtol=1e-6)
     assert np.abs(run.dq[-1]).max() < 1e-6
 
 
@@ -292,8 +292,8 @@ def test_along_its_own_axes_a_hand_yields_the_same_way(ur5):
 
 def test_with_the_robots_own_inertia_a_hand_yields_just_as_much_and_nothing_is_measured(planar):
     T_d, F = planar.forward_kinematics(Q), np.array([0, 0, 3.0, 12.0, -8.0, 0])  # the plane is (x, y) of the tip
-    K = np.array([100.0, 400.0, 500.0])
-    law = Impedance(planar, T_d, K, 0.3 * K, rows="wy vx vz")
+    K, B = np.array([20.0, 200.0, 300.0]), np.array([9.0, 60.0, 80.0])
+    law = Impedance(planar, T_d, K, B, rows="wy vx vz")
     run = planar.simulate(Q, None, 7.0, 0.5, tau=law, wrench_on_robot={"tip": F}, rtol=1e-6)
     T = planar.forward_kinematics(run.q[-1])
     assert at_rest(run)
@@ -309,7 +309,7 @@ def test_a_hand_with_a_mass_given_to_it_swings_at_the_root_of_stiffness_over_mas
     T_d[[0, 2], 3] += e
     still = {"wrench_on_robot": lambda t, q, dq: np.zeros(6)}
     law = Impedance(planar, T_d, k, 0.0, mass=m, rows="vx vz", posture=Q, **still)
-    run = planar.simulate(Q, None, 1.5, 0.02, tau=law, **TIGHT)
+    run = planar.simulate(Q, None, 0.8, 0.02, tau=law)
     X, _ = tasks(law, run)
     np.testing.assert_allclose(X, e * np.cos(np.sqrt(k / m) * run.times[:, None]), atol=1e-6)
 
@@ -325,7 +325,7 @@ def test_a_pushed_hand_moves_as_the_mass_spring_and_damper_it_is_told_to_be(plan
 
     T_d = planar.forward_kinematics(Q)
     law = Impedance(planar, T_d, K, B, mass=M_d, wrench_on_robot=push, rows="vx vz", posture=Q)
-    run = planar.simulate(Q, None, 1.0, 0.05, tau=law, wrench_on_robot={"tip": push}, **TIGHT)
+    run = planar.simulate(Q, None, 0.7, 0.05, tau=law, wrench_on_robot={"tip": push})
     X, _ = tasks(law, run)
     np.testing.assert_allclose(X, second_order(run.times, f / K, [0, 0], K / M_d, B / M_d) - f / K, atol=1e-7)
 
@@ -345,7 +345,7 @@ def test_with_the_robots_own_inertia_small_swings_have_the_frequencies_of_stiffn
         dq = np.linalg.solve(
             M, J.T @ planar.task_inertia(Q, kind="world_aligned", rows="vx vz") @ small
         )  # no self-motion
-        run = planar.simulate(Q, np.sqrt(w2) * dq, 0.8, 0.02, tau=law, **TIGHT)
+        run = planar.simulate(Q, np.sqrt(w2) * dq, 0.4, 0.02, tau=law, rtol=1e-8)
         X, _ = tasks(law, run)
         expected = -small * np.sin(np.sqrt(w2) * run.times)[:, None]
         np.testing.assert_allclose(X, expected, atol=1e-6)

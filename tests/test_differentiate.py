@@ -337,6 +337,10 @@ def test_functions_that_return_no_arrays(returned):
     refuse(tw.ShapeError, "it returned", "Return an array of numbers", function=lambda x: returned)
 
 
+def test_functions_that_return_rows_of_unequal_length():
+    refuse(tw.ShapeError, "it returned", "Return an array of numbers", function=lambda x: [x, x[0]])
+
+
 def test_arguments_and_options_that_cannot_be_meant():
     refuse(tw.KernelError, "is no function", "robot.kernel(name, by=…)", function="mass_matrix")
     refuse(tw.ShapeError, "a dict {name: shape or robot}", arguments=[(3,)])

@@ -91,6 +91,7 @@ def test_robots_that_do_not_move():
     assert robot.kernel("center_of_mass", by="q")([]).shape == (3, 0)
     assert [x.shape for x in robot.inverse_dynamics_gradient([], [], [], [])] == [(0,)] * 3
     assert tw.differentiate(lambda q: 1.0, {"q": robot})([]).shape == (0,)
+    assert tw.differentiate(robot.center_of_mass, {"q": robot})([]).shape == (3, 0)
 
 
 @pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler: cc is not on the path")
@@ -120,7 +121,9 @@ def test_a_kernel_says_what_goes_in_and_what_comes_out():
 
 def test_what_takes_numbers_only_says_so():
     robot = tw.robots.planar_2r()
-    with pytest.raises(tw.ShapeError, match=r"Symbols go through the methods of robot.kernel's quantities; add takes numbers"):
+    with pytest.raises(
+        tw.ShapeError, match=r"Symbols go through the methods of robot.kernel's quantities; add takes numbers"
+    ):
         tw.differentiate(lambda q: robot.add(q, q), {"q": robot})
 
 

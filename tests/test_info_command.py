@@ -39,6 +39,22 @@ def test_info_tells_whom_a_joint_follows_and_no_limits_of_its_own(run, tmp_path,
     assert len(lines[k].split()) == 3  # name, kind, link
 
 
+def test_the_tree_of_a_long_chain_stays_in_the_terminal(run, tmp_path):
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    links = [f'<link name="link{k}">{inertial}</link>' for k in range(61)]
+    joints = [
+        f'<joint name="joint{k}" type="continuous"><parent link="link{k}"/><child link="link{k + 1}"/></joint>'
+        for k in range(60)
+    ]
+    path = tmp_path / "chain.urdf"
+    path.write_text(f'<robot name="chain">{"".join(links + joints)}</robot>')
+    code, said = run("info", path)
+    assert code == 0, said
+    for k in range(60):
+        assert f"── joint{k} (continuous) → link{k + 1}\n" in said
+    assert said.count("carries on:") == 4 and "── link48 carries on:" in said
+
+
 def test_info_names_a_defect_once(run, tmp_path):
     text = robots.path_of("planar_2r").read_text()
     path = tmp_path / "odd.urdf"

@@ -273,6 +273,14 @@ def test_element_types(bundled):
 # ── NaN, infinity and floating-point flags ──
 
 
+def test_constants_that_float32_does_not_hold_are_infinite_or_zero_there():
+    """As NumPy rounds them; Python's struct refuses to."""
+    kernel = make_ufunc(trace(lambda x: x * 1e300 - 1e-300, [("x", (2,))], ["y"]), "large", "")
+    with np.errstate(over="ignore"):
+        assert kernel(np.array([2.0, -1.0], np.float32)).tolist() == [np.inf, -np.inf]
+    assert np.isfinite(kernel([2.0, -1.0])).all()
+
+
 @kernels
 @dtypes
 def test_nan_stays_in_its_sample(bundled, name, quantity, dtype):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench import composed
 from twistwrench.kernels import code
 from twistwrench.kernels.ufunc import make_ufunc
 from twistwrench.model.builder import ModelBuilder
@@ -285,6 +286,48 @@ def test_a_long_chain_s_mass_matrix_gives_its_forces_and_agrees_with_pinocchio(m
         expected = np.triu(data.M) + np.triu(data.M, 1).T
         assert np.abs(M[k] - expected).max() < 1e-9 * np.abs(expected).max()
         assert np.array_equal(M[k], M[k].T)
+
+
+@pytest.mark.parametrize("name", ["panda", "quadruped"])
+def test_derivatives_put_together_equal_the_unrolled_ones(bundled, monkeypatch, name):
+    robot = bundled(name)
+    frame = robot.link_names[-1]
+    rng = np.random.default_rng(3)
+    q, dq, tau = robot.random_configuration(rng, (2, 3)), rng.normal(size=(3, robot.nv)), rng.normal(size=robot.nv)
+    wrench = {frame: rng.normal(size=6)}
+    usual = robot.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
+    monkeypatch.setattr(composed, "FROM", 1)
+    long = tw.robot.Robot(robot.model)
+    found = long.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
+    assert type(long.kernel("forward_dynamics_derivatives")).__name__ == "ComposedDerivatives"
+    assert (
+        long.kernel("forward_dynamics_derivatives").signature == robot.kernel("forward_dynamics_derivatives").signature
+    )
+    condition = np.linalg.cond(robot.mass_matrix(q)).max()
+    for a, b in zip(found, usual, strict=True):
+        assert a.shape == b.shape
+        assert np.abs(a - b).max() < 1e-15 * condition * np.abs(b).max()
+    single = long.forward_dynamics_derivatives(*(x.astype(np.float32) for x in (q, dq, tau)))
+    assert all(x.dtype == np.float32 for x in single)
+    out = tuple(np.empty((2, 3, robot.nv, robot.nv)) for _ in range(3))
+    again = long.kernel("forward_dynamics_derivatives")(q, dq, tau, out=out)
+    assert again is out
+    with pytest.raises(tw.ShapeError, match="dq"):
+        long.forward_dynamics_derivatives(q, dq[..., :-1], tau)
+
+
+@pytest.mark.slow
+def test_a_long_chain_has_derivatives_of_its_forward_dynamics():
+    robot = tw.robot.Robot(long_chain().model)
+    rng = np.random.default_rng(7)
+    q, dq, tau = 0.3 * rng.normal(size=(3, 100))
+    by_q, by_dq, by_tau = robot.forward_dynamics_derivatives(q, dq, tau)
+    direction, h = rng.normal(size=100), 1e-6
+    for derivative, moved in ((by_q, "q"), (by_dq, "dq"), (by_tau, "tau")):
+        state = {"q": q, "dq": dq, "tau": tau}
+        ends = [robot.forward_dynamics(**{**state, moved: state[moved] + s * h * direction}) for s in (1, -1)]
+        slope = (ends[0] - ends[1]) / (2 * h)
+        assert np.abs(derivative @ direction - slope).max() < 1e-4 * np.abs(slope).max()
 
 
 @pytest.mark.slow

@@ -10,11 +10,14 @@ import pytest
 
 import twistwrench as tw
 from simulated import rates
-from twistwrench.kernels.ufunc import owner_of
+from twistwrench.kernels.ufunc import make_ufunc, owner_of
 from twistwrench.lie import quaternion
 from twistwrench.simulation import PD, ComputedTorque, rollout_kernel
+from twistwrench.simulation.step_program import Plan
+from twistwrench.simulation.torque_laws import GivenTorque
+from twistwrench.targets import llvm
 from twistwrench.targets import steps as step_loops
-from twistwrench.targets.machine import choices
+from twistwrench.targets.machine import DOUBLE, choices, host
 from twistwrench.testing import random_robot, random_state
 
 H, STEPS = 2e-3, 12
@@ -225,7 +228,15 @@ def test_out_takes_results_even_over_what_they_start_from():
     again = robot.rollout(q[:, -1], dq[:, -1], tau, torques=True, out=(q, dq, tau))
     assert again.q is q and again.dq is dq and again.tau is tau
     assert np.array_equal(q, wanted.q) and np.array_equal(dq, wanted.dq)
-    for out in (q, (q,), (q, dq), (q, dq[:5], tau), (q, dq.astype(np.float32), tau), (q, q[..., :6], tau), (1, 2, 3)):
+    for out in (
+        q,
+        (q,),
+        (q, dq),
+        (q, dq[:5], tau),
+        (q, dq.astype(np.float32), tau),
+        (q, np.asfortranarray(dq), tau),
+        (1, 2, 3),
+    ):
         with pytest.raises(tw.ShapeError, match="out= "):
             robot.rollout(q0, dq0, steps=4, torques=True, out=out)
 
@@ -272,6 +283,11 @@ def test_every_processor_takes_the_same_steps(name, integrator, monkeypatch):
         if machine.fused == fused:
             assert np.array_equal(found.q, wanted.q) and np.array_equal(found.dq, wanted.dq)
         assert np.abs(found.dq - wanted.dq).max() < tolerance
+    with monkeypatch.context() as by_llvm:
+        by_llvm.setattr("twistwrench.targets.avx2_module.serves", lambda *_: False)
+        by_llvm.delenv("TWISTWRENCH_CPU")
+        found = tw.Robot(robot.model).rollout(q0, dq0, dt=H, steps=STEPS, integrator=integrator)
+        assert np.array_equal(found.q, wanted.q) and np.array_equal(found.dq, wanted.dq)
     monkeypatch.setenv("TWISTWRENCH_JIT", "0")
     plain = tw.Robot(robot.model).rollout(q0, dq0, dt=H, steps=STEPS, integrator=integrator, every=3, torques=True)
     assert np.abs(plain.q - wanted.q[:, ::3]).max() < tolerance and not plain.tau.any()
@@ -500,6 +516,44 @@ def test_float32_is_float64_to_its_round_off(name):
     assert robot.rollout(q0, dq0, PD(q0[0], 1.0, 0.1), steps=1).q.dtype == np.float32
 
 
+# ── when something fails ──
+
+
+def recurrence_of(robot):
+    return Plan(robot.model, GivenTorque(), "semi_implicit").recurrence()
+
+
+def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(monkeypatch):
+    kernel = make_ufunc(recurrence_of(tw.robots.cart_pole()), "rollout", "")
+    assert kernel.signature == "(2),(2),(k),(k,2)->(m,2),(m,2)"
+
+    def fails(*_):
+        raise tw.KernelError("on purpose")
+
+    x, dt, tau = np.ones((5, 2), np.float32), np.full(6, 1e-3, np.float32), np.zeros((6, 2), np.float32)
+    monkeypatch.setattr("twistwrench.kernels.ufunc.compiled", fails)
+    told = []
+    monkeypatch.setattr("sys.unraisablehook", lambda what: told.append(what.exc_type))
+    out = np.zeros((5, 4, 2), np.float32)
+    kernel(x, x, dt, tau, out=(out[:, :3], np.empty((5, 3, 2), np.float32)))
+    assert np.isnan(out[:, :3]).all() and (out[:, 3] == 0).all() and told == [tw.KernelError]
+    monkeypatch.undo()
+    assert np.isfinite(kernel(x, x, dt, tau, out=(out[:, :3], np.empty((5, 3, 2), np.float32)))[0]).all()
+
+
+def test_without_memory_results_are_nan(monkeypatch):
+    robot = tw.robots.cart_pole()
+    recurrence = recurrence_of(robot)
+    monkeypatch.setattr(step_loops, "ON_STACK", 0)
+    text = llvm.assembly(recurrence.program, DOUBLE, host(), step_loops.loop_over(recurrence))
+    none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
+    monkeypatch.setattr("twistwrench.kernels.code.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)])
+    kernel = make_ufunc(recurrence, "starved", "")
+    out = np.zeros((3, 5, 2))
+    kernel(np.ones((3, 2)), np.ones((3, 2)), np.ones(4), np.ones((4, 2)), out=(out[:, :4], np.empty((3, 4, 2))))
+    assert np.isnan(out[:, :4]).all() and (out[:, 4] == 0).all()
+
+
 # ── empty and refused ──
 
 
@@ -519,7 +573,7 @@ BAD = {
     "kd has shape (5, 6)": {"tau": PD(np.zeros(6), 1.0, np.ones((5, 6)))},
     "q_des has": {"tau": PD(None, 1.0, 1.0)},
     "kp has": {"tau": PD(np.zeros(6), "stiff", 1.0)},
-    "tau has an array of complex": {"tau": np.zeros(6, complex)},
+    "tau has shape (6,) of complex": {"tau": np.zeros(6, complex)},
     "q0 has": {"q0": "home"},
     "q_des has shape (7,)": {"tau": PD(np.zeros(7), 1.0, 1.0)},
     "do not broadcast: q0 (), dq0 (), tau (3,), the wrench at 'tool0' (2,)": {
@@ -569,6 +623,10 @@ def test_robots_and_laws_that_do_not_go_together():
     with pytest.raises(tw.ValueRangeError, match="no joint that moves"):
         fixed = tw.robots.pendulum()
         fixed.lock(dict.fromkeys(fixed.joint_names, 0.0)).rollout([], [], steps=1)
+    chain = '<robot name="light"><link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
+    for friction in (False, True):
+        with pytest.raises(tw.SingularMassMatrixError, match="joints j"):
+            tw.load(chain).rollout([0.0], [0.0], steps=1, friction=friction)
 
 
 def test_quaternion_products_are_traced_as_they_are_computed():

@@ -11,6 +11,7 @@ import numpy as np
 
 from .derived import Chart, Derivative, Shape
 from .errors import KernelError, ShapeError, TwistWrenchError
+from .program.expr import Expr
 from .program.trace import Trace, trace
 from .robot import Robot, _make_kernel
 
@@ -69,17 +70,18 @@ def differentiate(
 
     def run(*arrays: Any) -> list[Any]:
         try:
-            return _results(what, function(*arrays))
+            return _results(what, function(*(a if np.size(a) else np.zeros(a.shape) for a in arrays)))
         except TwistWrenchError:
             raise
         except Exception as problem:
             raise KernelError(f"{what}: it cannot be traced: {str(problem).rstrip('.')}. {_ADVICE}") from problem
 
     owner = Trace()
-    first = run(*(_one(owner.inputs(0, shape)) for shape in shapes.values()))  # for the shapes of its results
+    first = [x.shape for x in run(*(_one(owner.inputs(0, shape)) for shape in shapes.values()))]
+    owner.forget()
     names = [f"result{k + 1}" for k in range(len(first))] if len(first) > 1 else ["result"]
     directions = {label: (models[label].nv,) if label in models else shape for label, shape in shapes.items()}
-    more = derivative.inputs(directions, {n: np.shape(x) for n, x in zip(names, first, strict=True)})
+    more = derivative.inputs(directions, dict(zip(names, first, strict=True)))
 
     if twice := [label for label in more if label in shapes]:
         raise ShapeError(f"{what}: an argument is named {twice[0]!r}, as a further input of the kernel is. Rename it.")
@@ -129,7 +131,7 @@ def _results(what: str, returned: Any) -> list[Any]:
         try:
             array = np.asarray(result, object)
             for e in array.reshape(-1):
-                if not hasattr(e, "trace"):
+                if not isinstance(e, Expr):
                     float(e)
         except (TypeError, ValueError):
             raise ShapeError(

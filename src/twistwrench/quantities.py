@@ -281,6 +281,7 @@ def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) ->
         owner = Trace()
         found = evaluated(QUANTITIES[name], model, [owner.inputs(0, shape) for shape in ports.values()], options)
         shapes = [np.shape(x) for x in (found if isinstance(found, tuple) else (found,))]
+        owner.forget()
     directions = {x: (model.nv,) if x == "q" else shape for x, shape in ports.items()}
     return derivative.inputs(directions, {f"{name} {o}": s for o, s in zip(outputs, shapes, strict=True)})
 

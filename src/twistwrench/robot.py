@@ -111,7 +111,16 @@ def from_screws(*lists: Any, **options: Any) -> Robot:
 
 
 def from_dh(table: Any, **options: Any) -> Robot:
-    """A robot from Denavit–Hartenberg parameters; see :func:`twistwrench.io.dh.from_dh` for the table and the options."""
+    """A robot from Denavit–Hartenberg parameters: ``{"theta": …, "d": …, "a": …, "alpha": …}``, n numbers each.
+
+    Options: ``convention`` (``"standard"`` or ``"modified"``), ``columns`` of an (n, 4) table, ``joint_types``, ``masses``,
+    ``coms``, ``moments_about_com``, ``tool``, ``joint_names``, ``name``, ``gravity``, ``inertia``: what they mean, and what
+    is refused, is said by :func:`twistwrench.io.dh.from_dh`.
+
+    >>> import twistwrench as tw
+    >>> tw.from_dh({"a": [1.0, 1.0]}, masses=[1.0, 1.0]).forward_kinematics([0.0, 0.0])[:3, 3].tolist()
+    [2.0, 0.0, 0.0]
+    """
     from .io import dh
 
     return Robot(dh.from_dh(table, **options))
@@ -344,12 +353,24 @@ class Robot:
         if kernel is None:
             if any(name in quantities.NEED_INVERSE for name in wanted):
                 self._require_invertible()
+            if self._is_composed(wanted):
+                from .composed import ComposedDerivatives
+
+                self._kernels[key] = ComposedDerivatives(self, options)
+                return self._kernels[key]
             program = quantities.program_of_several(self.model, wanted)
             title = ", ".join(wanted)
             inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
             doc = f"{title} of {self.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
             kernel = self._kernels[key] = _make_kernel(program, title, doc)
         return kernel
+
+    def _is_composed(self, wanted: Mapping[str, Mapping[str, Any]]) -> bool:
+        """Whether these are derivatives that would be too long unrolled."""
+        from . import composed
+
+        plain = all(set(options) <= {"wrenches"} for options in wanted.values())
+        return plain and tuple(wanted) == ("forward_dynamics_derivatives",) and self.nv >= composed.FROM
 
     def _wanted(self, names: tuple[str, ...], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         """Each quantity with the options that are its own."""
@@ -1324,8 +1345,8 @@ def _unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> Shap
 
 
 LARGEST_COMPILED = 1_000_000
-"""Programs beyond this many instructions run on NumPy. Compiling takes some 0.02 to 0.1 ms an instruction (bench/NOTES.md), so two
-minutes at most; the regressor of a chain of 100 links has 800,000."""
+"""Programs beyond this many instructions run on NumPy. Compiling takes some 0.02 to 0.1 ms an instruction (bench/NOTES.md), so
+two minutes at most; the regressor of a chain of 100 links has 800,000."""
 
 
 def _make_kernel(given: Program | Recurrence, name: str, doc: str) -> Any:

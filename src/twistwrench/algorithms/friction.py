@@ -43,10 +43,15 @@ def _dry(model: Model, dq: Array) -> Array:
     """Coulomb friction, and static friction as far as the speed leaves it; (nv,)."""
     f = model.friction
     dry = [
-        c if c == s else c + (s - c) * _exp(-(x / v) * (x / v))
+        c if _same(c, s) else c + (s - c) * _exp(-(x / v) * (x / v))
         for c, s, v, x in zip(f.coulomb, f.static, f.stribeck, dq, strict=True)
     ]
     return np.array(dry, object).reshape(dq.shape)
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two numbers are equal; symbols differ from all but themselves."""
+    return a is b or not (hasattr(a, "trace") or hasattr(b, "trace") or a != b)
 
 
 def _exp(x: Any) -> Any:

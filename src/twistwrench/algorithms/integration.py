@@ -19,15 +19,20 @@ Array = NDArray[Any]
 __all__ = ["moved", "normalised"]
 
 TINY = 1e-30
+MOST = 2.0**14
+"""Half the angle [rad] that a step may turn, so that code need not ask whether sines can be taken: no motion has such steps."""
 
 
-def moved(model: Model, q: Array, dv: Array) -> Array:
-    """q ⊕ dv, each joint along its constant twist for unit time; (nq,). :meth:`twistwrench.Robot.add` on symbols."""
+def moved(model: Model, q: Array, dv: Array, angles: Array) -> Array:
+    """q ⊕ dv, each joint along its constant twist for unit time; (nq,). :meth:`twistwrench.Robot.add` on symbols.
+
+    ``angles`` are q again, for sines, cosines and rotations.
+    """
     found = q.copy()
     for body in model.leaders:
-        i, k = body.q_index, body.v_index
-        x, v = q[i : i + body.joint.nq], dv[k : k + body.joint.nv]
-        found[i : i + body.joint.nq] = _MOVES[body.joint.kind](x, v) if body.joint.kind in _MOVES else x + v
+        mine, k = slice(body.q_index, body.q_index + body.joint.nq), body.v_index
+        x, v = q[mine], dv[k : k + body.joint.nv]
+        found[mine] = _MOVES[body.joint.kind](x, v, angles[mine]) if body.joint.kind in _MOVES else x + v
     return found
 
 
@@ -44,7 +49,7 @@ def _floating(model: Model) -> list[Body]:
     return [body for body in model.leaders if body.joint.kind == "floating"]
 
 
-def _floating_moved(q: Array, dv: Array) -> Array:
+def _floating_moved(q: Array, dv: Array, same: Array) -> Array:
     Q, p, w, v = q[:4], q[4:], dv[:3], dv[3:]
     Q = Q / np.sqrt(Q @ Q)
     angle, half, cosine = _half_angle(w @ w)
@@ -52,22 +57,23 @@ def _floating_moved(q: Array, dv: Array) -> Array:
     wv = so3.cross(w, v)
     slide = v + 2.0 * half * half * wv + third * so3.cross(w, wv)  # the left Jacobian times v; MR eq. 3.88
     turned = quaternion.multiply(Q, np.concatenate([[cosine], half * w]))
-    return np.concatenate([turned, p + quaternion.rotation(Q) @ slide])
+    return np.concatenate([turned, p + quaternion.rotation(same[:4]) @ slide])
 
 
-def _planar_moved(q: Array, dv: Array) -> Array:
+def _planar_moved(q: Array, dv: Array, same: Array) -> Array:
     (x, y, theta), (w, vx, vy) = q, dv
     _, half, cosine = _half_angle(w * w)
     a, b = 2.0 * half * cosine, 2.0 * half * half * w  # sin(w)/w and (1 - cos w)/w
     dx, dy = a * vx - b * vy, b * vx + a * vy
-    c, s = np.cos(theta), np.sin(theta)
+    c, s = np.cos(same[2]), np.sin(same[2])
     return np.array([x + c * dx - s * dy, y + s * dx + c * dy, theta + w], object)
 
 
 def _half_angle(square: Any) -> tuple[Any, Any, Any]:
     """The angle, sin(angle/2) / angle, and cos(angle/2)."""
     angle = np.sqrt(square + TINY)
-    return angle, np.sin(0.5 * angle) / angle, np.cos(0.5 * angle)
+    half = (0.5 * angle).clip(-MOST, MOST)
+    return angle, np.sin(half) / angle, np.cos(half)
 
 
 _MOVES = {"floating": _floating_moved, "planar": _planar_moved}

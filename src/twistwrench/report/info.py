@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["info_view"]
 
+DEEPEST = 12
+"""Joints one inside the other before the tree goes on at the left."""
+
 
 def info_view(robot: Robot, *, degrees: bool = False) -> RenderableType:
     """Everything there is to say about the robot's make-up; angles in degrees if ``degrees``."""
@@ -112,10 +115,13 @@ def _inertias(model: Model) -> Table:
 
 
 def _tree(model: Model) -> Tree:
-    """Moving bodies below what carries them; the other frames fixed to each stand beside it."""
+    """Moving bodies below what carries them; the other frames fixed to each stand beside it.
+
+    What hangs deeper than a terminal is wide goes on at the left.
+    """
     fixed = {i: [name for name, f in model.frames.items() if f.body == i] for i in range(BASE, len(model.bodies))}
     root = Tree(_branch("base", fixed[BASE]))
-    branches = {BASE: root}
+    branches, depths = {BASE: root}, {BASE: 0}
     for i, b in enumerate(model.bodies):
         if b.joint.kind == "rotor" and b.follows:
             branches[b.parent].label.append(f"  · {b.link}", "dim")  # type: ignore[union-attr]
@@ -123,7 +129,10 @@ def _tree(model: Model) -> Tree:
         label = Text.assemble(
             (b.joint.name, "cyan"), (f" ({b.joint.kind}) → ", "dim"), _branch(_link(model, i), fixed[i])
         )
-        branches[i] = branches[b.parent].add(label)
+        if depths[b.parent] == DEEPEST:
+            branches[b.parent] = root.add(Text.assemble((_link(model, b.parent), "bold"), (" carries on:", "dim")))
+            depths[b.parent] = 0
+        branches[i], depths[i] = branches[b.parent].add(label), depths[b.parent] + 1
     return root
 
 

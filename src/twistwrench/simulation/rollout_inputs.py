@@ -35,9 +35,9 @@ class Inputs:
 
     plan: Plan
     arrays: list[Array]
-    """States, dt, and all else that is given for each step, with an axis of steps."""
+    """States, dt, and all else that is given for each step, with an axis of steps; the batch is one axis, or none."""
     ranks: list[int]
-    """How many axes of each array are no axes of the batch."""
+    """How many axes of each array are not the batch's."""
     batch: tuple[int, ...]
     dtype: Any
     steps: int
@@ -90,17 +90,19 @@ def cleaned(
     if names:
         rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
     dtype: Any = np.float32 if single else np.float64
-    arrays = [*states, np.broadcast_to(h, (n,)), *(np.broadcast_to(x, (*x.shape[:-2], n, x.shape[-1])) for x in rest)]
-    arrays = [_cast(x, dtype) for x in arrays]
+    arrays = [_flat(x.astype(dtype, copy=False), 1, batch) for x in states] + [np.full(n, h, dtype)]
+    for x in rest:
+        once = _flat(x.astype(dtype, copy=False), 2, batch)
+        arrays.append(np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
     return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept)
 
 
-def _cast(x: Array, dtype: Any) -> Array:
-    """An array of another type; what is broadcast stays so."""
-    if x.dtype == dtype:
-        return x
-    once = tuple(slice(0, 1) if stride == 0 else slice(None) for stride in x.strides)
-    return np.broadcast_to(x[once].astype(dtype), x.shape)
+def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
+    """With one axis for the whole batch, or with none for what is the same in all of it."""
+    own, core = x.shape[: x.ndim - rank], x.shape[x.ndim - rank :]
+    if math.prod(own) == 1:
+        return x.reshape(core)
+    return np.broadcast_to(x, (*batch, *core)).reshape(math.prod(batch), *core)
 
 
 def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
@@ -250,5 +252,9 @@ def _batch_of(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
 def _creep(robot: Robot, q0: Array, h: float) -> Array:
     """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step."""
     friction = robot.model.friction
-    light = np.diagonal(np.linalg.inv(robot.mass_matrix(np.asarray(q0, float))), axis1=-2, axis2=-1)
+    try:
+        light = np.diagonal(np.linalg.inv(robot.mass_matrix(np.asarray(q0, float))), axis1=-2, axis2=-1)
+    except np.linalg.LinAlgError:
+        robot._require_invertible()
+        raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
     return np.asarray(np.maximum(CREEP, h * np.maximum(friction.static, friction.coulomb) * light))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,38 +38,28 @@ def room_for(given: Inputs, out: Any) -> list[Array]:
 
 def computed(robot: Robot, given: Inputs, results: list[Array]) -> None:
     """Take all steps, and write the states into the results."""
+    samples = math.prod(given.batch)
     arrays = [x.copy() if any(np.may_share_memory(x, place) for place in results) else x for x in given.arrays]
-    q, dq, *said = results
-    q[..., 0, :], dq[..., 0, :] = arrays[0], arrays[1]
-    kernel, outputs = _kernel(robot, given.plan), (q[..., 1:, :], dq[..., 1:, :], *said)
+    q, dq, *said = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
+    q[:, 0], dq[:, 0] = arrays[0], arrays[1]
+    kernel, outputs = _kernel(robot, given.plan), (q[:, 1:], dq[:, 1:], *said)
     with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
-        threads.share(kernel, _parts(kernel, given, arrays, outputs))
+        threads.share(kernel, _parts(kernel, given, arrays, outputs, samples))
 
 
-def _parts(kernel: Any, given: Inputs, arrays: list[Array], outputs: tuple[Array, ...]) -> list[Part]:
+def _parts(kernel: Any, given: Inputs, arrays: list[Array], outputs: tuple[Array, ...], samples: int) -> Iterator[Part]:
     """Of the batch: for as many threads as there are, and so that Ctrl-C is heard between two."""
-    batch, owner = given.batch, owner_of(kernel)
-    if not batch or not math.prod(batch) or owner is None:
-        return [Part(tuple(arrays), outputs)] * (math.prod(batch) > 0)
-    if given.dtype == np.float32:
-        owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
-    axis = batch.index(max(batch))
-    stages = len(owner.given.table) if isinstance(owner.given, Recurrence) else 1
-    work = owner.effort * stages * given.steps * math.prod(batch) / batch[axis]
-    rows = min(int(IN_ONE_CALL / work), -(-batch[axis] // threads.get_threads()))
-    rows = max(LANES, rows // LANES * LANES)
-    return [
-        Part(
-            tuple(_cut(x, x.ndim - r - len(batch) + axis, here) for x, r in zip(arrays, given.ranks, strict=True)),
-            tuple(_cut(x, axis, here) for x in outputs),
-        )
-        for here in (slice(first, first + rows) for first in range(0, batch[axis], rows))
-    ]
-
-
-def _cut(x: Array, axis: int, here: slice) -> Array:
-    """Some samples along one axis of the batch, or the whole where it is the same for all of them."""
-    return x if axis < 0 or x.shape[axis] == 1 else x[(slice(None),) * axis + (here,)]
+    rows, owner = max(samples, 1), owner_of(kernel)
+    if owner is not None:
+        if given.dtype == np.float32:
+            owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
+        stages = len(owner.given.table) if isinstance(owner.given, Recurrence) else 1
+        rows = min(int(IN_ONE_CALL / (owner.effort * stages * given.steps)), -(-samples // threads.get_threads()))
+        rows = max(LANES, rows // LANES * LANES)
+    for first in range(0, samples, rows):
+        some = slice(first, first + rows)
+        inputs = (x if x.ndim == rank else x[some] for x, rank in zip(arrays, given.ranks, strict=True))
+        yield Part(tuple(inputs), tuple(x[some] for x in outputs))
 
 
 def _kernel(robot: Robot, plan: Plan) -> Any:
@@ -100,7 +91,11 @@ def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
         isinstance(out, tuple)
         and len(out) == len(shapes)
         and all(
-            type(x) is np.ndarray and x.shape == shape and x.dtype == dtype and x.flags.writeable
+            type(x) is np.ndarray
+            and x.shape == shape
+            and x.dtype == dtype
+            and x.flags.writeable
+            and x.flags.c_contiguous
             for x, shape in zip(out, shapes, strict=True)
         )
     )
@@ -111,7 +106,8 @@ def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
             else out
         )
         raise ShapeError(
-            f"out= is {given}. Give a tuple of {np.dtype(dtype).name} arrays that can be written to: {wanted}; or leave it out."
+            f"out= is {given}. Give a tuple of {np.dtype(dtype).name} arrays in C order that can be written to: {wanted}; "
+            "or leave it out."
         )
     if any(np.may_share_memory(x, y) for k, x in enumerate(out) for y in out[:k]):
         raise ShapeError("out= has arrays that share memory.")

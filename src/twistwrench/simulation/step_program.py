@@ -13,7 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..algorithms import integration
-from ..algorithms.control import clipped, undriven
+from ..algorithms.control import clipped
 from ..algorithms.friction import torque_past_eased_friction
 from ..algorithms.tangent import coordinate_rates
 from ..errors import UnknownNameError
@@ -78,14 +78,12 @@ class Plan:
     def recurrence(self) -> Recurrence:
         """The program, and where its inputs come from."""
         nq, nv, given = self.model.nq, self.model.nv, self.given
-        flat = not undriven(self.model)  # elsewhere steps have angles of their own
-        angles: Ports = [("angles", (nq,))] * flat
-        state: Ports = [("q", (nq,)), ("dq", (nv,))]
-        fed = [Source("state", 0)] * flat + [Source("state", 0), Source("state", 1)]
+        state: Ports = [("angles", (nq,)), ("q", (nq,)), ("dq", (nv,))]
+        fed = [Source("state", 0), Source("state", 0), Source("state", 1)]
         sources = [Source("given")] * len(given)
         said = ["tau"] * self.says_torques
         if self.integrator == "semi_implicit":
-            program = trace(self._semi_implicit(flat), [*angles, *state, *given], ["q", "dq", *said])
+            program = trace(self._semi_implicit, [*state, *given], ["q", "dq", *said])
             return Recurrence(program, (*fed, *sources), visible=2)
         more: Ports = [
             ("q at start", (nq,)),
@@ -96,34 +94,31 @@ class Plan:
         ]
         fed += [Source("start", 0), Source("start", 1), Source("state", 2), Source("state", 3), Source("stage")]
         names = ["q", "dq", "q sum", "dq sum", *said]
-        program = trace(self._runge_kutta(flat), [*angles, *state, *more, *given], names)
+        program = trace(self._runge_kutta, [*state, *more, *given], names)
         return Recurrence(program, (*fed, *sources), visible=2, hidden=2, table=stages(RK4))
 
     # ── on symbols ──
 
-    def _semi_implicit(self, flat: bool) -> Any:
-        def step(*arrays: Any) -> tuple[Array, ...]:
-            angles, (q, dq, h, *given) = arrays[0], arrays[flat:]
-            tau, ddq = self._dynamics(angles, q, dq, given)
-            dq1 = dq + h * ddq
-            found = integration.moved(self.model, q, h * dq1), dq1
-            return (*found, tau) if self.says_torques else found
+    def _semi_implicit(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
+        """dq1 = dq + h ddq, then q1 = q ⊕ h dq1."""
+        tau, ddq = self._dynamics(angles, q, dq, given)
+        dq1 = dq + h * ddq
+        found = integration.moved(self.model, q, h * dq1, angles), dq1
+        return (*found, tau) if self.says_torques else found
 
-        return step
-
-    def _runge_kutta(self, flat: bool) -> Any:
-        def stage(*arrays: Any) -> tuple[Array, ...]:
-            angles, (q, dq, q0, dq0, q_sum, dq_sum, row, h, *given) = arrays[0], arrays[flat:]
-            keep, weight, last, all_of_them, ends = row
-            tau, ddq = self._dynamics(angles, q, dq, given)
-            rates = coordinate_rates(self.model, q) @ dq
-            q_sum, dq_sum = keep * q_sum + weight * rates, keep * dq_sum + weight * ddq
-            q1 = q0 + h * (last * rates + all_of_them * q_sum)
-            dq1 = dq0 + h * (last * ddq + all_of_them * dq_sum)
-            found = integration.normalised(self.model, q1, ends), dq1, q_sum, dq_sum
-            return (*found, tau) if self.says_torques else found
-
-        return stage
+    def _runge_kutta(
+        self, angles: Array, q: Array, dq: Array, q0: Array, dq0: Array, q_sum: Array, dq_sum: Array, row: Array, h: Any,
+        *given: Array,
+    ) -> tuple[Array, ...]:  # fmt: skip
+        """One stage, by its row of :func:`stages`."""
+        keep, weight, last, all_of_them, ends = row
+        tau, ddq = self._dynamics(angles, q, dq, given)
+        rates = coordinate_rates(self.model, angles) @ dq
+        q_sum, dq_sum = keep * q_sum + weight * rates, keep * dq_sum + weight * ddq
+        q1 = q0 + h * (last * rates + all_of_them * q_sum)
+        dq1 = dq0 + h * (last * ddq + all_of_them * dq_sum)
+        found = integration.normalised(self.model, q1, ends), dq1, q_sum, dq_sum
+        return (*found, tau) if self.says_torques else found
 
     def _dynamics(self, angles: Array, q: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array]:
         """Torques and accelerations."""

@@ -50,7 +50,8 @@ class Selection:
         places: dict[int, list[int]] = {}
         for k, result in enumerate(program.results):
             places.setdefault(result, []).append(k)
-        self.waiting = list(dict.fromkeys(i.args[0] for i in program.instructions if i.op in ("sin", "cos")))
+        angles = dict.fromkeys(i.args[0] for i in program.instructions if i.op in ("sin", "cos"))
+        self.waiting = [a for a in angles if program.instructions[a].op == "input"]
         for number, instruction in enumerate(program.instructions):
             if instruction.op == "input" and number not in places and number in self.waiting:
                 continue
@@ -100,7 +101,7 @@ class Selection:
         if angle not in self.pairs:
             group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]
             self.waiting = [a for a in self.waiting if a not in group]
-            values = [self._value(self.program.instructions[a]) for a in group]
+            values = [self.values[a] if a in self.values else self._value(self.program.instructions[a]) for a in group]
             self.pairs.update(zip(group, self._several_sincos(values), strict=True))
         return self.pairs[angle]
 

@@ -28,12 +28,15 @@ straight-line code for the tiles would be longer than the first cache, and store
 MOST_IN_GROUP, FRAMES = 8, 200_000
 """Code in several parts does not fit the first cache: blocks take turns in a part, as long as their frames fit the second."""
 
+SMALL = 2.0**14
+"""Angles up to here are reduced as they are, in float32 too."""
+
 UNLIKELY = '!prof !{!"branch_weights", i32 1, i32 100000}'
 
 
 def serves(program: Program, machine: Machine) -> bool:
     """Whether this emitter can be asked: an x86-64 with AVX2 and FMA under the System V calling convention, and a program
-    whose angles are plain inputs that are nothing but angles."""
+    whose angles are plain inputs that are nothing but angles, or are clipped to numbers that need no look."""
     used: dict[int, set[bool]] = {}
     for op, args, _ in program.instructions:
         if op not in OPERATIONS:
@@ -45,9 +48,23 @@ def serves(program: Program, machine: Machine) -> bool:
     angles = [a for a, ways in used.items() if True in ways]
     return (
         _runs(machine)
-        and all(program.instructions[a].op == "input" and used[a] == {True} for a in angles)
+        and all(
+            used[a] == {True} if program.instructions[a].op == "input" else _is_within_reach(program, a) for a in angles
+        )
         and (max(_angle_columns(program), default=0) < ARRAYS_IN_REGISTERS)
     )
+
+
+def _is_within_reach(program: Program, angle: int) -> bool:
+    """Whether a value is clipped to no more than ``SMALL``."""
+    limits = []
+    for op in ("max", "min"):
+        found = program.instructions[angle]
+        if found.op != op or program.instructions[found.args[0]].op != "const":
+            return False
+        limits.append(program.instructions[found.args[0]].value)
+        angle = found.args[1]
+    return -SMALL <= limits[0] <= limits[1] <= SMALL
 
 
 def _runs(machine: Machine) -> bool:
@@ -101,6 +118,7 @@ def _group(parts: int, frame: int) -> int:
 def _angle_columns(program: Program) -> dict[int, list[int]]:
     """Which columns of which inputs are angles."""
     taken = {i.args[0] for i in program.instructions if i.op in ("sin", "cos")}
+    taken = {t for t in taken if program.instructions[t].op == "input"}
     elements = [(k, c) for k, port in enumerate(program.inputs) for c in range(port.size)]
     columns: dict[int, list[int]] = {}
     for number in sorted(int(program.instructions[t].value) for t in taken):

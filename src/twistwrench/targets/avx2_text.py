@@ -33,8 +33,8 @@ class Assembled(NamedTuple):
 def written(code: Code, precision: Precision, angles: Mapping[int, int], entries: int, prefix: str) -> Assembled:
     """The steps as functions of the frame and the arrays, to be called one after the other.
 
-    ``look`` gives 1 where an angle is huge. ``angles``: how many columns the arrays with angles have; ``entries``: vectors of
-    the frame that :meth:`Code.keep` writes.
+    ``look`` gives 1 where an angle may be huge. ``angles``: how many columns the arrays with angles have; ``entries``:
+    vectors of the frame that :meth:`Code.keep` writes.
     """
     steps = _needed(code)
     parts = max(1, round(len(steps) / PART))
@@ -49,7 +49,8 @@ def written(code: Code, precision: Precision, angles: Mapping[int, int], entries
 
 
 def _look(angles: Mapping[int, int], prefix: str) -> list[str]:
-    """Give 1 if an angle is huge. The bits of sizes order like the sizes, and the upper 32 of them are enough."""
+    """Give 1 if an angle may be huge. The bits of sizes order like the sizes; looked at are the upper 32, and what they leave
+    open is settled where angles are replaced."""
     if not angles:
         return []
     lines, first = [f"{prefix}look:", "vmovdqa ymm1, ymmword ptr [rip + twsize]"], True
@@ -79,8 +80,9 @@ def _needed(code: Code) -> list[Step]:
 def _limits(precision: Precision) -> list[str]:
     bits = precision.bits
     words, n, size = (".quad", 4, 0x7FFFFFFF_00000000) if bits == 64 else (".long", 8, 0x7FFFFFFF)
+    below = limit_pattern(precision) - 1 & size
     lines = []
-    for name, value in (("twsize", size), ("twlimit", limit_pattern(precision))):
+    for name, value in (("twsize", size), ("twlimit", below)):
         lines += [f"{name}:", f"{words} " + ", ".join([str(value)] * n)]
     return lines
 

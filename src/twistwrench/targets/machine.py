@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import os
 import struct
-import sys
 from dataclasses import dataclass
 from functools import cache
 
@@ -43,7 +42,7 @@ class Precision:
 
     def pattern(self, value: float) -> int:
         """The bits of the nearest number as a signed integer; those of positive numbers order like the numbers."""
-        return int.from_bytes(struct.pack(self.char, self.rounded(value)), sys.byteorder, signed=True)
+        return int.from_bytes(struct.pack(f"<{self.char}", self.rounded(value)), "little", signed=True)
 
 
 DOUBLE = Precision("double", 8, "d", 52)

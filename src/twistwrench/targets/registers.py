@@ -38,8 +38,8 @@ class Registers:
         self.register: dict[int, int] = {}
         self.holds: dict[int, int] = {}
         self.free = list(range(REGISTERS))
-        self.fixed = frozenset(fixed)
         self.place = dict(fixed)
+        self.slot: dict[int, int] = {}
         self.spare: list[int] = []
         self.left: list[int] = []
         self.frame = entries
@@ -77,7 +77,7 @@ class Registers:
                 n = self.spare.pop()
             else:
                 n, self.frame = self.frame, self.frame + 1
-            self.place[value] = f"[{FRAME} + {32 * n}]"
+            self.slot[value], self.place[value] = n, f"[{FRAME} + {32 * n}]"
             self.body.append(f"vmova{self.suffix} ymmword ptr {self.place[value]}, ymm{r}")
 
     def fetch(self, value: int, locked: Iterable[int] = ()) -> int:
@@ -103,8 +103,9 @@ class Registers:
                 r = self.register.pop(value)
                 del self.holds[r]
                 self.free.append(r)
-            if not later and value not in self.fixed and value in self.place:
-                self.left.append(int(self.place.pop(value)[7:-1]) // 32)
+            if not later and value in self.slot:
+                del self.place[value]
+                self.left.append(self.slot.pop(value))
 
     def next_after(self, value: int) -> int:
         """The use after the one at hand."""

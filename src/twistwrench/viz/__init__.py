@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from .camera import Camera
 from .live import LiveView
 from .motion import Motion, motion_of, read_motion
 from .movie import film, movie
 from .page import write_page
 from .plots import Energies, energies, plot_phase, plot_power, plot_split
 from .scene import Scene, Shape, scene_of
+from .stage import draw
 
 __all__ = [
+    "Camera",
     "Energies",
     "LiveView",
     "Motion",
     "Scene",
     "Shape",
+    "draw",
     "energies",
     "film",
     "motion_of",

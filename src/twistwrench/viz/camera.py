@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["Camera", "Painter"]
+__all__ = ["FAR", "Camera", "Painter", "overview"]
 
 _SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
 _SHADOW = (0.80, 0.82, 0.85)
+FAR = 2.6
+"""How far off cameras stand, in sizes of what they look at."""
 _SHADOWS = 1500
 """Triangles whose shadow is drawn."""
 _ALPHA = {"looks": 1.0, "inertia": 0.3}
@@ -49,6 +51,14 @@ class Camera:
         seen = (np.asarray(points) - self.target) @ self.axes().T
         away = np.maximum(self.distance - seen[..., 2], 1e-3 * self.distance)
         return seen[..., :2] * (self.distance / away)[..., None], away
+
+
+def overview(scene: Scene, poses: Array, azimuth: float = -0.9, elevation: float = 0.35) -> tuple[Camera, float]:
+    """A camera that looks at all of the poses (n, nq), from not too near, and the height of their lowest point."""
+    bounds = np.stack([scene.bounds(q) for q in poses])
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    size = max(scene.size, float(np.linalg.norm(high - low)))
+    return Camera((low + high) / 2, FAR * size, azimuth, elevation), float(low[2])
 
 
 class Painter:

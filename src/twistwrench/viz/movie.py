@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import MissingExtraError, ValueRangeError
 from ..figure import AXIS, INK, OVER, QUIET, SMALL, figure, require_matplotlib
 from ..outputs import replacing
-from .camera import Camera, Painter
+from .camera import FAR, Painter, overview
 from .look import share_colours
 from .motion import Motion, motion_of
 from .scene import Scene, scene_of
@@ -139,11 +139,8 @@ def _writer(suffix: str, fps: float) -> Any:
 
 
 def _painter(scene: Scene, motion: Motion, moments: Array) -> Painter:
-    some = [motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]]
-    bounds = np.stack([scene.bounds(q) for q in some])
-    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    size = max(scene.size, float(np.linalg.norm(high - low)))
-    return Painter(scene, Camera((low + high) / 2, 2.6 * size), float(low[2]))
+    some = np.array([motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]])
+    return Painter(scene, *overview(scene, some))
 
 
 class _Stage:
@@ -151,7 +148,7 @@ class _Stage:
         from matplotlib.collections import LineCollection, PolyCollection
 
         self.painter = painter
-        size = painter.camera.distance / 2.6
+        size = painter.camera.distance / FAR
         axis.set_axis_off()
         axis.set_aspect("equal")
         axis.set_xlim(-0.56 * size, 0.56 * size)

@@ -1,0 +1,74 @@
+"""A robot in the axes of a figure: one pose, or several of a motion, the earlier ones paler."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ShapeError
+from ..figure import require_matplotlib
+from ..lie import checks
+from .camera import Camera, Painter, overview
+from .scene import Scene, scene_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["draw"]
+
+_PALEST = 0.28
+
+
+def draw(
+    axes: Axes,
+    robot: Robot,
+    q: ArrayLike,
+    *,
+    azimuth: float = -0.9,
+    elevation: float = 0.35,
+    floor: float | None = None,
+    inertia: bool = True,
+    scene: Scene | None = None,
+) -> Camera:
+    """Draw a robot at q (nq,), or at some poses (n, nq) of a motion, the first the palest, into Matplotlib's axes.
+
+    ``azimuth`` about z and ``elevation`` [rad] say where it is seen from, ``floor`` [m] where its shadow falls (None: under
+    its lowest point), and ``inertia=False`` leaves out the ellipsoids drawn of bodies without looks. Returns the camera,
+    whose ``project`` says where points (..., 3) [m] of the base frame are in the axes. Raises ShapeError, ValueRangeError,
+    MissingExtraError.
+
+    >>> import twistwrench as tw
+    >>> from twistwrench.figure import figure
+    >>> with figure(4, 3, "two poses") as drawn:
+    ...     camera = draw(drawn.subplots(), tw.robots.planar_2r(), [[0.0, 0.5], [0.3, 0.8]])
+    >>> camera.project([0.0, 0.0, 0.0])[0].shape
+    (2,)
+    """
+    require_matplotlib("Drawing a robot")
+    from matplotlib.collections import PolyCollection
+
+    poses = np.atleast_2d(checks.finite(q, "draw: q", robot.nq))
+    if poses.ndim > 2 or not len(poses):
+        raise ShapeError(f"draw: q has shape {np.shape(q)}, expected ({robot.nq},), or (n, {robot.nq}) for n poses.")
+    scene = scene_of(robot) if scene is None else scene
+    camera, lowest = overview(scene, poses, azimuth, elevation)
+    painter = Painter(scene, camera, lowest if floor is None else checks.number(floor, "draw: floor"))
+    for k, pose in enumerate(poses):
+        triangles, colours = painter.paint(pose)
+        if not inertia:
+            solid = colours[:, 3] == 1.0
+            triangles, colours = triangles[solid], colours[solid]
+        shade = _PALEST + (1.0 - _PALEST) * (k + 1) / len(poses) if len(poses) > 1 else 1.0
+        colours[:, :3] = 1.0 - shade * (1.0 - colours[:, :3])
+        edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # hides the seams of what is solid
+        axes.add_collection(PolyCollection(triangles, facecolors=colours, edgecolors=edges, linewidths=0.3))
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_axis_off()
+    return camera
