@@ -1,8 +1,8 @@
 """A box thrown about its middle axis turns over, again and again.
 
 Seen from the box, the tip of the angular momentum moves where a sphere (its size stays) meets an ellipsoid (so does the
-energy). Around the first and the last axis those curves are small loops; through the middle one they cross, and a slight push is enough
-to be carried to the other side and back, in a time that an elliptic integral says.
+energy). Around the first and the last axis those curves are small loops; through the middle one they cross, and a slight push
+carries it to the other side and back, in a time that an elliptic integral says.
 
 To change: ``sides``, where two equal ones end the flip, and ``push``, which sets how long it waits.
 """

@@ -1,7 +1,7 @@
 """Three controllers follow one line, with a load that none of them knows.
 
 PD with gravity, computed torque and impedance lead the hand of a UR5 along a straight line, each first with a model that has
-the load and then with one that has not. What a model leaves out becomes error, and each law turns it into error of its own kind.
+the load and then with one that has not. What a model leaves out becomes an error, of a kind of its own in each law.
 
 To change: the load, the gains, or how fast the line is gone along.
 """

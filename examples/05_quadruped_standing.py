@@ -1,8 +1,8 @@
 """A quadruped stands on four feet, and leans forward until it tips.
 
 A linear programme finds contact forces inside the friction cones that hold it with the least torques, as shares of their
-limits. As the trunk moves, load goes from the rear feet to the front ones; past the front feet no forces hold it, and the answer is the
-motion that none of them resists.
+limits. As the trunk moves, load goes from the rear feet to the front ones; past the front feet no forces hold it, and the
+answer is the motion that none of them resists.
 
 To change: the friction, the height of the trunk, or a wrench that pushes it (``wrench_on_robot``).
 """

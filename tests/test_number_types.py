@@ -192,3 +192,14 @@ def test_kernels_refuse_what_numpy_would(robot):
     with pytest.raises(TypeError):
         kernel(np.zeros(3), out=np.zeros(3, int))
     assert kernel(np.zeros(3, np.float16)).dtype == np.float32
+
+
+def test_two_results_are_not_written_to_one_memory(robot):
+    q = np.zeros((5, 3))
+    room = np.zeros((6, 3, 3))
+    for out in ((room[:5], room[:5]), (room[:5], room[1:])):
+        with pytest.raises(tw.ShapeError, match="two arrays of out= share memory"):
+            robot.inverse_dynamics_derivatives(q, q, q, out=out)
+    both = np.zeros((5, 3, 3, 2))  # side by side, element by element
+    robot.inverse_dynamics_derivatives(q, q + 1, q, out=(both[..., 0], both[..., 1]))
+    np.testing.assert_array_equal(np.moveaxis(both, -1, 0), robot.inverse_dynamics_derivatives(q, q + 1, q))

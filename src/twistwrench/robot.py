@@ -501,6 +501,7 @@ class Robot:
         try:
             if out is not None:
                 _refuse_text(out)
+                _refuse_overlap(name, out)
             return threads.call(kernel, arrays, out)
         except (TypeError, ValueError) as problem:
             if is_symbolic(arrays):
@@ -1318,6 +1319,13 @@ def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeE
     if dtype.kind == "O" and any(hasattr(e, "trace") for e in np.ravel(np.asarray(given, object))):
         hint = f" Symbols go through the methods of robot.kernel's quantities; {name} takes numbers only."
     return ShapeError(f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}")
+
+
+def _refuse_overlap(name: str, out: Any) -> None:
+    """Two results in one memory are two wrong results, and NumPy lets them."""
+    arrays = [a for a in (out if isinstance(out, tuple) else ()) if isinstance(a, np.ndarray)]
+    if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
+        raise ShapeError(f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out.")
 
 
 def _refuse_text(out: Any) -> None:

@@ -93,7 +93,7 @@ def cleaned(
     arrays = [_flat(x.astype(dtype, copy=False), 1, batch) for x in states] + [np.full(n, h, dtype)]
     for x in rest:
         once = _flat(x.astype(dtype, copy=False), 2, batch)
-        arrays.append(np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
+        arrays.append(once if once.shape[-2] == n else np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
     return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept)
 
 
@@ -232,7 +232,7 @@ def _counted_steps(
 def _stepped(label: str, x: Array, size: int, n: int) -> Array:
     """With an axis of steps before the last, of length n or 1."""
     if x.ndim < 2:
-        return np.broadcast_to(x, (1, size))
+        return x[None] if x.ndim else np.full((1, size), x)
     if x.shape[-2] not in (1, n):
         raise ShapeError(
             f"{label} has shape {x.shape}, and the axis before the last counts the steps: {n} of them, or 1 for what stays. "
