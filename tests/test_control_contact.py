@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from test_control import Q6, Q, tasks
+from controlled import Q6, Q, tasks
 from twistwrench.control import PD, ComputedTorque, HybridMotionForce, MomentumObserver, TaskSpace
 from twistwrench.simulation import Plane
 

@@ -60,6 +60,11 @@ REFUSED = {
         tw.FrameError,
         "",
     ),
+    "a pose of another frame": (
+        lambda: TaskSpace(ARM, tw.Pose(T, to="base", of="link2"), 1, 1),
+        tw.FrameError,
+        "the pose of 'link2', and 'tip' is controlled",
+    ),
     "an unknown kind": (lambda: TaskSpace(ARM, T, 1, 1, kind="space"), tw.UnknownNameError, "'space'"),
     "an unknown row": (lambda: TaskSpace(ARM, T, 1, 1, rows="vq"), tw.UnknownNameError, "vq"),
     "gains for other rows": (lambda: TaskSpace(ARM, T, [1, 2, 3], 1, rows="vx vz"), tw.ShapeError, "vx, vz"),

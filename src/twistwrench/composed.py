@@ -31,7 +31,7 @@ class ComposedDerivatives:
         self._torque_derivatives = robot.kernel("inverse_dynamics_derivatives", **options)
         self.__name__, n = "forward_dynamics_derivatives", robot.nv
         self.__doc__ = f"forward_dynamics_derivatives of {robot.name}, from its mass matrix and ∂τ."
-        inputs = self._acceleration.signature.split("->")[0]
+        inputs = str(self._acceleration.signature).split("->")[0]
         self.signature = f"{inputs}->({n},{n}),({n},{n}),({n},{n})"
         self.nin, self.nout = self._acceleration.nin, 3
 

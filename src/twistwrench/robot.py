@@ -482,7 +482,7 @@ class Robot:
             ) from None
         return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
 
-    def _call(self, name: str, *arrays: ArrayLike, out: Array | None = None, **options: Any) -> Any:
+    def _call(self, name: str, *arrays: ArrayLike, out: Any = None, **options: Any) -> Any:
         key = (name, *options.values()) if options else name
         try:
             kernel = self._called.get(key)
@@ -498,10 +498,11 @@ class Robot:
         elif key in self._called_once:  # called again, so perhaps often
             self._called_once.discard(key)
             self._put_in_front(name, kernel)
+        if isinstance(out, tuple):
+            _refuse_overlap(name, out)
         try:
             if out is not None:
                 _refuse_text(out)
-                _refuse_overlap(name, out)
             return threads.call(kernel, arrays, out)
         except (TypeError, ValueError) as problem:
             if is_symbolic(arrays):
@@ -1321,9 +1322,9 @@ def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeE
     return ShapeError(f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}")
 
 
-def _refuse_overlap(name: str, out: Any) -> None:
+def _refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
     """Two results in one memory are two wrong results, and NumPy lets them."""
-    arrays = [a for a in (out if isinstance(out, tuple) else ()) if isinstance(a, np.ndarray)]
+    arrays = [a for a in out if isinstance(a, np.ndarray)]
     if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
         raise ShapeError(f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out.")
 

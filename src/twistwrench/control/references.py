@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.pose_paths import PosePath
-from ..errors import ShapeError, ValueRangeError
+from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie import checks, se3, so3
 from ..robot import Robot
+from ..screws.pose import Pose
 
 Array = NDArray[Any]
 Motion = Callable[[float], tuple[Array, Array, Array]]
@@ -94,8 +95,13 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
     """T_d (4, 4), its body twist V_d and dV_d/dt (6,) at a time.
 
     From a pose, a function of the time that gives the three, or a motion of the joints, whose frame is meant then. Raises
-    ShapeError, ValueRangeError.
+    FrameError for a labelled pose of another frame, ShapeError, ValueRangeError.
     """
+    name = robot.tip if frame is None else frame
+    if isinstance(given, Pose) and given.of != name:
+        raise FrameError(
+            f"{what} is the pose of {given.of!r}, and {name!r} is controlled: say frame={given.of!r}, or move it."
+        )
     if not callable(given):
         T = np.array(checks.pose(checks.one(given, what, 4, 4), what), float)
         T.setflags(write=False)

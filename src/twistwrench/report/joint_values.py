@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnknownNameError, ValueRangeError
+from .coordinates import Coordinates
 
 if TYPE_CHECKING:
     from ..model.model import Body
@@ -25,19 +26,18 @@ def parse_configuration(robot: Robot, at: Iterable[str], whole: str | None, *, d
 
     Raises ValueRangeError and UnknownNameError, which say what was wrong.
     """
-    q, bodies = robot.neutral, robot.model.leaders
+    q = robot.neutral
+    unit = np.where(Coordinates.of(robot.model).angular & degrees, math.radians(1.0), 1.0)
     if whole is not None:
         q = np.array(
             parse_numbers(
                 whole, "--configuration", f"{robot.nq} numbers, {','.join(robot.coordinate_names[:8])}", robot.nq
             )
         )
-        for body in bodies if degrees else ():
-            if _turns(body):
-                q[body.q_index] = math.radians(q[body.q_index])
+        q *= unit
     for body, numbers in _named(robot, at, "--at", velocities=False):
         here = slice(body.q_index, body.q_index + body.joint.nq)
-        q[here] = np.radians(numbers) if degrees and _turns(body) else numbers
+        q[here] = np.array(numbers) * unit[here]
     return q
 
 
@@ -79,7 +79,3 @@ def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool)
         form = f"{count} number{'s' if count > 1 else ''}"
         found[joint] = known[joint], parse_numbers(value, f"{option} {joint}", form, count)
     return list(found.values())
-
-
-def _turns(body: Body) -> bool:
-    return body.joint.nq == 1 and bool(body.joint.axes[0, :3].any())

@@ -110,7 +110,8 @@ def answer_simulate(
     from .tables import simulation_view
 
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches))
-    loaded, failure = load.loaded, None
+    loaded = load.loaded
+    failure: BaseException | None = None
     q0 = parse_configuration(loaded, at, configuration, degrees=degrees)
     dq0 = parse_rates(loaded, velocity, "--velocity", degrees=degrees)
     options: dict[str, Any] = {
@@ -129,6 +130,10 @@ def answer_simulate(
         if problem.result is None:
             raise
         result, failure = _computed(problem), problem
+    except KeyboardInterrupt as interrupt:
+        result, failure = getattr(interrupt, "result", None), interrupt
+        if result is None:
+            raise
     show(simulation_view(loaded, result, degrees=degrees))
     for path, write in ((csv_path, result.to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
         if path is not None:

@@ -82,7 +82,9 @@ def read(path: str | Path) -> SimulationResult:
     if not path.is_file():
         raise NotFoundError(f"no file of a simulation {str(path)!r}. Give a .npz or .csv that a simulation wrote.")
     try:
-        return _read_npz(path) if path.suffix.lower() == ".npz" else _read_csv(path)
+        with path.open("rb") as file:
+            archived = file.read(2) == b"PK"
+        return _read_npz(path) if archived else _read_csv(path)
     except (KeyError, TypeError, ValueError, IndexError, OSError, EOFError, zipfile.BadZipFile) as problem:
         if isinstance(problem, TrajectoryError):
             raise

@@ -44,12 +44,19 @@ class Law:
         except Exception as problem:
             kind = type(problem).__name__
             raise SimulationError(f"{self.what} failed at t = {t:.9g} s with {kind}: {problem}") from problem
+        if found.dtype.kind not in "biuf":
+            raise SimulationError(
+                f"{self.what} gave {found.tolist()!r} at t = {t:.9g} s, expected real numbers of shape {self.shape}{self.meaning}."
+            )
         if found.shape != self.shape:
             raise SimulationError(
                 f"{self.what} gave an array of shape {found.shape} at t = {t:.9g} s, expected {self.shape}{self.meaning}."
             )
-        if found.dtype.kind not in "biuf":
-            raise SimulationError(f"{self.what} gave {found!r} at t = {t:.9g} s, expected real numbers.")
+        if not self.shape and found.dtype.kind == "b":
+            raise SimulationError(
+                f"{self.what} gave {bool(found)} at t = {t:.9g} s, and takes a number whose sign changes where it happens: "
+                "q[0] - 0.5, not q[0] > 0.5."
+            )
         if not np.isfinite(found).all():
             where = "" if not self.shape else f" at place {int(np.flatnonzero(~np.isfinite(found))[0])}"
             raise SimulationError(f"{self.what} gave {found} at t = {t:.9g} s, not finite{where}.")

@@ -109,7 +109,7 @@ class SimulationResult:
 
     @staticmethod
     def load(path: str | Path) -> SimulationResult:
-        """Read what :meth:`to_csv` or :meth:`to_npz` wrote; the suffix says which.
+        """Read what :meth:`to_csv` or :meth:`to_npz` wrote, whatever the file is called.
 
         Raises NotFoundError and TrajectoryError.
         """

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import PathError, ValueRangeError
+from ..errors import PathError, ShapeError, ValueRangeError
 from ..inverse_kinematics import twist_left
 from ..lie import checks
 from .paths import JointPath, one_degree_joints
@@ -59,7 +59,8 @@ def follow_poses(
     allowed = checks.number(tolerance, "tolerance")
     if not 1e-10 <= allowed < np.inf:
         raise ValueRangeError(f"tolerance is {allowed:g}: give how far the frame may be off [m, rad], 1e-10 or more.")
-    first = poses(np.zeros(1))
+    along = _door(poses)
+    first = along(np.zeros(1))
     gap = twist_left(robot.forward_kinematics(q0, frame)[None], first, tuple(range(6)))[0]
     if np.abs(gap).max() > 1e-6:
         raise ValueRangeError(
@@ -69,7 +70,7 @@ def follow_poses(
     n = _FIRST
     while True:
         s = np.linspace(0.0, 1.0, n + 1)
-        q, why = _solved(robot, poses(s), np.asarray(q0), frame)
+        q, why = _solved(robot, along(s), np.asarray(q0), frame)
         if len(q) < len(s) and (n < 1024 and "limit" not in why):
             n *= 4  # closer places may get through
             continue
@@ -79,7 +80,7 @@ def follow_poses(
             raise PathError(f"the path of poses ends at s = {reached:.4g}: {why}.", reached=reached, partial=partial)
         path = _spline(s, q, 0.0)
         middle = 0.5 * (s[1:] + s[:-1])
-        off = twist_left(robot.forward_kinematics(path(middle)[0], frame), poses(middle), tuple(range(6)))
+        off = twist_left(robot.forward_kinematics(path(middle)[0], frame), along(middle), tuple(range(6)))
         deviation = float(max(np.linalg.norm(off[:, 3:], axis=1).max(), np.linalg.norm(off[:, :3], axis=1).max()))
         if deviation <= allowed:
             return _spline(s, q, deviation)
@@ -92,6 +93,29 @@ def follow_poses(
                 reached=float(middle[k]),
                 partial=_spline(s, q, deviation),
             )
+
+
+def _door(poses: Any) -> Callable[[Array], Array]:
+    """The function, its results held to be poses (m, 4, 4)."""
+    what = "the function of poses"
+    if not callable(poses):
+        raise ValueRangeError(
+            f"poses is {type(poses).__name__}: give a function of s (m,) to (m, 4, 4), as straight_path does."
+        )
+
+    def along(s: Array) -> Array:
+        try:
+            found = poses(s)
+        except Exception as problem:
+            raise ValueRangeError(
+                f"{what} failed with {type(problem).__name__}: {problem}. It is called with s (m,)."
+            ) from problem
+        T = checks.finite(found, what, 4, 4)
+        if T.shape != (len(s), 4, 4):
+            raise ShapeError(f"{what} gave shape {T.shape} for s of shape {s.shape}, expected {(len(s), 4, 4)}.")
+        return np.asarray(checks.pose(T, what), float)
+
+    return along
 
 
 def _spline(s: Array, q: Array, deviation: float) -> JointPath:

@@ -113,6 +113,8 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     over = moving.violations(bounds, friction=friction)
     words = " and ".join(f"{p.mass:g} kg" for p in carried)
     show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words))
+    if robot.model.friction.any and not friction:
+        show("! Joint friction is left out, and 'twistwrench torques' counts it: add --friction.")
     if given["csv_path"] is not None:
         moving.to_csv(given["csv_path"], given["step"], degrees=degrees)
     if given["plot_path"] is not None:
@@ -142,19 +144,22 @@ def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any]) 
 def _path_and_trouble(robot: Robot, *, degrees: bool, **given: Any) -> tuple[JointPath | None, PathError | None]:
     """The path asked for; where it ends early, what there is of it and why."""
     from ..algorithms.pose_paths import screw_path, straight_path
+    from ..report.joint_values import parse_numbers
     from .cartesian import follow_poses
     from .paths import joint_line, spline
 
     tip_moves = [name for name in ("straight", "screw", "by") if given[name]]
     if len(tip_moves) > 1:
         raise ValueRangeError(f"--{tip_moves[0]} and --{tip_moves[1]} ask for two paths. Keep one of them.")
-    if (given["to"] is None) == (given["by"] is None):
+    if given["to"] is not None and given["by"] is not None:
+        raise ValueRangeError("--to and --by both say where it ends. Keep one of them.")
+    if given["to"] is None and given["by"] is None:
         raise ValueRangeError("where does it end? Give --to v,v,… with all coordinates, or --by x,y,z for the tip.")
     if tip_moves and given["waypoints"] is not None:
         raise ValueRangeError(f"--waypoints are for the joints, and --{tip_moves[0]} moves the tip. Keep one of them.")
     q0 = robot.neutral if given["begin"] is None else _configuration(robot, given["begin"], "--from", degrees=degrees)
     if given["by"] is not None:
-        step = _numbers(given["by"], "--by", 3, "x,y,z in metres, for example 0,0,0.1")
+        step = parse_numbers(given["by"], "--by", "x,y,z in metres, for example 0,0,0.1", 3)
         T = robot.forward_kinematics(q0)
         end = T.copy()
         end[:3, 3] += step
@@ -175,9 +180,11 @@ def _path_and_trouble(robot: Robot, *, degrees: bool, **given: Any) -> tuple[Joi
 
 
 def _configuration(robot: Robot, text: str, what: str, *, degrees: bool) -> Array:
+    from ..report.joint_values import parse_numbers
+
     names = robot.coordinate_names
     form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}"
-    return _in_radians(robot, np.array([_numbers(text, what, robot.nq, form)]), degrees=degrees)[0]
+    return _in_radians(robot, np.array([parse_numbers(text, what, form, robot.nq)]), degrees=degrees)[0]
 
 
 def _in_radians(robot: Robot, q: Array, *, degrees: bool) -> Array:
@@ -186,17 +193,9 @@ def _in_radians(robot: Robot, q: Array, *, degrees: bool) -> Array:
     return q * np.where(Coordinates.of(robot.model).angular & degrees, math.radians(1.0), 1.0)
 
 
-def _numbers(text: str, what: str, count: int, form: str) -> list[float]:
-    try:
-        numbers = [float(x) for x in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise ValueRangeError(f"{what} {text!r}: expected {form}.")
-    return numbers
-
-
 def _waypoints(robot: Robot, file: str, *, degrees: bool) -> Array:
+    from ..report.joint_values import parse_numbers
+
     try:
         lines = Path(file).read_text("utf-8-sig").splitlines()
     except FileNotFoundError:
@@ -212,6 +211,6 @@ def _waypoints(robot: Robot, file: str, *, degrees: bool) -> Array:
         )
     found = []
     for line, cells in rows[1:]:
-        values = _numbers(",".join(cells), f"{file}: line {line}:", len(names), f"{len(names)} numbers")
+        values = parse_numbers(",".join(cells), f"{file}: line {line}:", f"{len(names)} numbers", len(names))
         found.append([values[header.index(name)] for name in names])
     return _in_radians(robot, np.array(found), degrees=degrees)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import PathError, ValueRangeError
+from .collocation import AT_REST
 from .limits import Bounds, bounds_of
 from .passes import Arc, backward, forward
 from .rows import PathRows
@@ -152,7 +153,8 @@ def fastest(
             f"the path stands still at s = {s[int(q1.argmin())]:.4g}, so its rate there says nothing of the motion's. Take one "
             "whose dq/ds is nowhere zero: a spline without times, or each part by itself."
         )
-    room = {name: getattr(bounds, name) * (1.0 - _ROOM) for name in ("velocity", "acceleration", "effort")}
+    spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
+    room = {name: getattr(bounds, name) * (1.0 - spare) for name in ("velocity", "acceleration", "effort")}
     rows = PathRows(robot, path, replace(bounds, **room), friction=friction)
     if not (~rows.flat).any():
         raise ValueRangeError(

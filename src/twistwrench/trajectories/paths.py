@@ -103,9 +103,12 @@ def spline(
         curve: Any = CubicSpline(knots, points) if degree == 3 else make_interp_spline(knots, points, k=5)
     else:
         at = np.asarray(checks.finite(times, "times"), float)
-        if at.shape != (len(points),) or not (np.diff(at) > 0).all():
+        if at.shape != (len(points),):
+            raise ShapeError(f"times has shape {at.shape}: give {len(points)}, one for each waypoint [s].")
+        if (late := np.diff(at) <= 0).any():
+            k = int(late.argmax())
             raise ValueRangeError(
-                f"times has shape {at.shape}: give {len(points)} rising times [s], one for each waypoint."
+                f"times has {at[k + 1]:g} after {at[k]:g}, at waypoint {k + 1}: give rising times [s], waypoints in that order."
             )
         T = at[-1] - at[0]
         knots = (at - at[0]) / T

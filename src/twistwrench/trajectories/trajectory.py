@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.time_scalings import quintic
-from ..errors import PathError, ValueRangeError
+from ..errors import PathError, ShapeError, ValueRangeError
 from ..lie import checks
 from ..outputs import replacing
 from .limits import Bounds, Violation, bounds_of, violations
@@ -63,6 +63,14 @@ class Trajectory:
     path: JointPath
     scaling: Scaling
 
+    def __post_init__(self) -> None:
+        wide = self.path(0.0)[0].shape[-1]
+        if wide != self.robot.nq:
+            raise ShapeError(
+                f"the path has {wide} coordinates, and robot {self.robot.name!r} {self.robot.nq}: it is another robot's. Make the "
+                "path and the motion with the same robot."
+            )
+
     @property
     def duration(self) -> float:
         """s."""
@@ -91,7 +99,7 @@ class Trajectory:
             )
         n = int(np.floor(self.duration / step * (1 + 1e-12)))
         t = step * np.arange(n + 1)
-        if self.duration - t[-1] > 1e-9 * step:
+        if self.duration - t[-1] > 1e-9 * min(step, self.duration):
             t = np.append(t, self.duration)
         t[-1] = min(t[-1], self.duration)
         return Sampled(t, *self(t))

@@ -182,6 +182,8 @@ class _Excesses:
         for kind, extreme in self.worst.items():
             bound = np.abs(getattr(self.limits, kind))
             for k in np.flatnonzero(extreme.value > _SLACK * np.maximum(1.0, np.where(np.isfinite(bound), bound, 1.0))):
-                by = f"{extreme.value[k]:.3g}" + (f" ({extreme.value[k] / bound[k]:.0%})" if bound[k] > 0 else "")
+                by = f"{extreme.value[k]:.3g}" + (
+                    f" ({100 * extreme.value[k] / bound[k]:.3g} %)" if bound[k] > 0 else ""
+                )
                 found.append(f"{self.names[k]} passes its {words[kind]} by {by} at t = {extreme.time[k]:.3f} s")
         return tuple(found)

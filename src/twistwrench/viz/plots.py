@@ -258,7 +258,7 @@ def _panels(
             list(seen.values()),
             list(seen),
             loc="outside lower left",
-            ncols=min(7, len(seen)),
+            ncols=min(int(size[0] // 2), len(seen)),  # inches: the longest label takes two
             frameon=False,
             fontsize=SMALL,
         )

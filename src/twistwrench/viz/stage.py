@@ -59,15 +59,16 @@ def draw(
     scene = scene_of(robot) if scene is None else scene
     camera, lowest = overview(scene, poses, azimuth, elevation)
     painter = Painter(scene, camera, lowest if floor is None else checks.number(floor, "draw: floor"))
+    shadows = sum(len(surface.faces) for _, surface in painter.shades)
     for k, pose in enumerate(poses):
         triangles, colours = painter.paint(pose)
-        if not inertia:
-            solid = colours[:, 3] == 1.0
-            triangles, colours = triangles[solid], colours[solid]
         shade = _PALEST + (1.0 - _PALEST) * (k + 1) / len(poses) if len(poses) > 1 else 1.0
         colours[:, :3] = 1.0 - shade * (1.0 - colours[:, :3])
         edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # hides the seams of what is solid
-        axes.add_collection(PolyCollection(triangles, facecolors=colours, edgecolors=edges, linewidths=0.3))
+        under = np.arange(len(triangles)) < shadows  # no pose shades another
+        for shown, order in ((under, 1), (~under & (inertia | (colours[:, 3] == 1.0)), 2)):
+            look = {"facecolors": colours[shown], "edgecolors": edges[shown], "linewidths": 0.3, "zorder": order}
+            axes.add_collection(PolyCollection(triangles[shown], **look))
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_axis_off()
