@@ -4,12 +4,13 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo
 
-.PHONY: help demo test test-all lint bench clean
+.PHONY: help demo test test-all lint gallery bench clean
 
 help:
 	@echo "make demo      install, and ask whether a UR5 can carry 5 kg along a bundled path"
 	@echo "make test      install, then lint, types, import layers and all tests but the slow ones"
 	@echo "make test-all  the same with the slow oracles"
+	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
 	@echo "make clean     remove what the above made"
 
@@ -43,6 +44,9 @@ test: lint
 
 test-all: lint
 	$(BIN)/pytest -n 2 -m "slow or not slow"
+
+gallery: $(VENV)/.demo
+	$(BIN)/python -m examples
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m bench

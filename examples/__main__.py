@@ -43,7 +43,7 @@ def main() -> None:
         picture = picture_of(script)
         print(f"{script.name} → {picture.relative_to(HERE.parent)}", flush=True)
         subprocess.run([sys.executable, script, picture], check=True)
-        Image.open(picture).convert("RGB").quantize(128).save(picture, optimize=True)  # they are kept in the repository
+        Image.open(picture).convert("RGB").quantize(160).save(picture, optimize=True)  # they are kept in the repository
     PAGE.write_text(page(), "utf-8")
 
 

@@ -88,7 +88,7 @@ def test_waypoints_are_met(run, tmp_path):
     [
         (("--from=1,2,3", "--to", "1,1"), "--from"),
         ((), "where does it end"),
-        (("--to", "1,1", "--by", "0,0,1"), "where does it end"),
+        (("--to", "1,1", "--by", "0,0,1"), "--to and --by"),
         (("--to", "1,1", "--straight", "--screw"), "Keep one"),
         (("--to", "1,1", "--fastest", "--duration", "1"), "--duration"),
         (("--to", "1,1", "--duration", "0"), "duration"),

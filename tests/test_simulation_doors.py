@@ -9,9 +9,11 @@ import pytest
 from click.testing import CliRunner
 
 import twistwrench as tw
+from motions import SLED
 from twistwrench.cli import main
 from twistwrench.report.trajectory import Trajectory
 from twistwrench.simulation import Event, JointStops, Plane, SimulationResult
+from twistwrench.simulation.forces import System
 from twistwrench.testing import random_robot, random_state
 
 
@@ -135,7 +137,7 @@ def fails(value):
         (np.array([np.inf, 0]), "not finite at place 0"),
         (np.zeros(3), r"shape \(3,\)"),
         (0.0, r"shape \(\)"),
-        (None, r"shape \(\)"),
+        (None, r"gave None at t = .*, expected real numbers of shape \(2,\)"),
         (["a", "b"], "expected real numbers"),
         ([1j, 0], "expected real numbers"),
         ([[1], [1, 2]], "ValueError"),
@@ -333,6 +335,25 @@ def test_files_that_are_something_else_are_refused(result, tmp_path):
         result.to_npz(tmp_path / "no folder" / "a.npz")
 
 
+def test_a_file_is_known_by_what_is_in_it(result, tmp_path):
+    for name in ("plain", "text.csv"):
+        assert np.array_equal(SimulationResult.load(result.to_npz(tmp_path / name)).q, result.q)
+
+
+@pytest.mark.parametrize("method", ["dopri5", "rk4"])
+@pytest.mark.parametrize("controller", [None, lambda t, q, dq: [0, 0]])
+def test_the_last_state_is_at_the_duration_to_the_last_bit(arm, method, controller):
+    """70 times 0.7 / 70 is more than 0.7."""
+    found = arm.simulate([1, 1], duration=0.7, dt=0.01, method=method, controller=controller)
+    assert found.times[-1] == 0.7
+    assert len(found) == 71
+
+
+def test_an_event_is_a_number_and_no_question(arm):
+    with pytest.raises(tw.SimulationError, match=r"gave False .* number whose sign changes"):
+        arm.simulate([1, 1], events=Event(lambda t, q, dq: q[0] > 2.0, "over"))
+
+
 def test_pictures_are_drawn(result, tmp_path):
     pytest.importorskip("matplotlib")
     assert result.plot(tmp_path / "motion").read_bytes()[:4] == b"\x89PNG"
@@ -359,6 +380,32 @@ def test_the_command_prints_and_writes(tmp_path):
     np.testing.assert_allclose(found.tau[0], [3, 0])
     torques = CliRunner().invoke(main, ["torques", "planar_2r", "--trajectory", str(tmp_path / "a.csv")])
     assert torques.exit_code == 0, torques.output
+
+
+def test_degrees_are_those_of_planar_joints_too(tmp_path):
+    """As in the report: theta is an angle, x and y are not."""
+    (tmp_path / "sled.urdf").write_text(SLED)
+    for given in (["--at", "slide=1,2,90"], ["--configuration", "1,2,90"]):
+        place = tmp_path / "sled.npz"
+        done = twistwrench(tmp_path / "sled.urdf", "--degrees", *given, "--duration", 0.01, "--npz", place)
+        assert done.exit_code == 0, done.output
+        np.testing.assert_allclose(SimulationResult.load(place).q[0], [1, 2, np.pi / 2])
+
+
+def test_an_interrupted_command_shows_and_writes_what_there_is(tmp_path, monkeypatch):
+    rates, pressed = System.rates, iter([KeyboardInterrupt])
+
+    def until_half(self, t, y, out):
+        if t > 0.5:
+            for interrupt in pressed:
+                raise interrupt
+        rates(self, t, y, out)
+
+    monkeypatch.setattr(System, "rates", until_half)
+    done = twistwrench("planar_2r", "--dt", 0.01, "--method", "euler", "--npz", tmp_path / "a.npz")
+    assert done.exit_code == 1, done.output
+    assert "interrupted" in done.output
+    assert 0.5 <= SimulationResult.load(tmp_path / "a.npz").times[-1] <= 0.52
 
 
 def test_the_command_knows_the_ground_and_what_is_carried():

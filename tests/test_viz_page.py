@@ -166,6 +166,12 @@ def test_limits_that_are_passed_are_notes_on_the_page(tmp_path):
     assert set(motion.warnings) <= set(header["notes"])
 
 
+def test_a_motion_of_another_robot_is_refused(demo, tmp_path):
+    with pytest.raises(tw.ValueRangeError, match="the motion is of robot 'ur5', and the one to be shown is 'panda'"):
+        write_page(tw.robots.panda(), tmp_path / "page.html", motion=demo)
+    assert not any(tmp_path.iterdir())
+
+
 def test_wrenches_are_in_the_page_with_their_arrows(tmp_path, bundled):
     wrench = {"tip": [0.0, 1.0, 0.0, 3.0, 0.0, 4.0]}
     header, _ = read_page(write_page(bundled("planar_2r"), tmp_path / "a.html", wrench_on_robot=wrench))

@@ -147,6 +147,8 @@ def test_each_limit_that_is_passed_is_a_sentence(bundled):
     robot = bundled("ur5")
     q, dq, ddq = swing(robot, 0.5)
     assert motion_of(robot, T, q, dq, ddq).warnings == ()
+    assert any("too few" in said for said in motion_of(robot, T[:5], q[:5]).warnings)
+    assert motion_of(robot, T[:5], q[:5], dq[:5], ddq[:5]).warnings == ()
     q, dq, ddq = swing(robot, 9.0)
     found = motion_of(robot, T, q, dq, ddq).warnings
     for kind in ("torque", "upper", "velocity"):

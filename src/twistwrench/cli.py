@@ -227,7 +227,7 @@ def simulate(options: RobotOptions, **given: Any) -> None:
 @view_options
 @robot_command
 def view(options: RobotOptions, trajectory: str | None, **given: Any) -> None:
-    """Show the robot in a browser: its joints to move, a motion to play, torques, forces at the tip; or write a page or a film."""
+    """Show the robot in a browser: joints to move, a motion to play, torques, forces at the tip; or write a page or a film."""
     from .viz.command import answer_view
 
     path = None if trajectory is None else _motion_path(options, trajectory)

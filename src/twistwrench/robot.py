@@ -1317,7 +1317,7 @@ def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeE
         what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
         return ShapeError(f"{name}: {label} {what}np.asarray({label}, float).")
     hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype.kind == "O" else ""
-    if dtype.kind == "O" and any(hasattr(e, "trace") for e in np.ravel(np.asarray(given, object))):
+    if is_symbolic((given,)):
         hint = f" Symbols go through the methods of robot.kernel's quantities; {name} takes numbers only."
     return ShapeError(f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}")
 

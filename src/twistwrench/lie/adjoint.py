@@ -89,7 +89,7 @@ class Ad(_Operator):
 
     @property
     def inverse(self) -> Self:
-        """Ad(T⁻¹) by the p of T, whose zeros save work: ``Ad(T_ab).inverse @ V_a = V_b``, ``Ad(T_ab).inverse.T @ F_b = F_a``."""
+        """Ad(T⁻¹) by the p of T, whose zeros save work: ``Ad(T_ab).inverse @ V_a`` is V_b, ``Ad(T_ab).inverse.T @ F_b`` F_a."""
         other = self.T
         other.transposed, other.inverted = self.transposed, not self.inverted
         return other

@@ -131,9 +131,9 @@ def answer_simulate(
             raise
         result, failure = _computed(problem), problem
     except KeyboardInterrupt as interrupt:
-        result, failure = getattr(interrupt, "result", None), interrupt
-        if result is None:
+        if not hasattr(interrupt, "result"):
             raise
+        result, failure = interrupt.result, interrupt
     show(simulation_view(loaded, result, degrees=degrees))
     for path, write in ((csv_path, result.to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
         if path is not None:

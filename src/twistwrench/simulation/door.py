@@ -58,7 +58,8 @@ def simulate(
     """The motion of a robot from q0 (nq) and dq0 (nv); see :meth:`twistwrench.Robot.simulate`."""
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
-    n, h = _steps(duration, dt, whole(every, "every"))
+    n, end = _steps(duration, dt, whole(every, "every"))
+    h = end / n
     held, law = torque_law(tau, robot.nv)
     surfaces = _contacts(robot, contacts)
     system = System(
@@ -80,7 +81,7 @@ def simulate(
         if robot.model.friction.static.any():
             remarks.append(f"joints that friction would hold creep, at up to about {slowest:.2g} rad/s or m/s")
     watched = [*_events(events), *contact_events(surfaces), *_limits(robot, limits, y0)]
-    run = Run(robot, system, scheme, h, n, every=int(every), remarks=remarks, method=method)
+    run = Run(robot, system, scheme, end, n, every=int(every), remarks=remarks, method=method)
     if watched:
         run.watch = Watch(watched, lambda e, q: limit_name(robot, q) if e.name == "limit" else e.name, system.split)
     if controller is not None:
@@ -88,7 +89,7 @@ def simulate(
         run.constant = held
     tolerances = (positive(rtol, "rtol"), positive(atol, "atol"))
     longest = positive(max_step, "max_step", "s", infinite=True) if max_step is not None else h if surfaces else np.inf
-    with progress_of(progress, f"{robot.name}: {method}", n * h) as tick:
+    with progress_of(progress, f"{robot.name}: {method}", end) as tick:
         run.tick = tick
         try:
             with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
@@ -102,11 +103,11 @@ def simulate(
         except KeyboardInterrupt as interrupt:
             interrupt.result = run.result("interrupted", completed=False)  # type: ignore[attr-defined]
             raise
-    return run.result(run.stopped or f"reached the end, {n * h:.6g} s", completed=not run.stopped)
+    return run.result(run.stopped or f"reached the end, {end:.6g} s", completed=not run.stopped)
 
 
 def _steps(duration: float, dt: float, every: int) -> tuple[int, float]:
-    """How many steps, and how long each."""
+    """How many steps, and how long all of them."""
     length, h = positive(duration, "duration", "s"), positive(dt, "dt", "s")
     if not length / h < _MOST * every:
         raise ValueRangeError(
@@ -114,7 +115,7 @@ def _steps(duration: float, dt: float, every: int) -> tuple[int, float]:
             "Take a larger dt, or keep fewer with every."
         )
     n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
-    return n, length / n
+    return n, length
 
 
 def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | None) -> Array:

@@ -46,7 +46,8 @@ class Law:
             raise SimulationError(f"{self.what} failed at t = {t:.9g} s with {kind}: {problem}") from problem
         if found.dtype.kind not in "biuf":
             raise SimulationError(
-                f"{self.what} gave {found.tolist()!r} at t = {t:.9g} s, expected real numbers of shape {self.shape}{self.meaning}."
+                f"{self.what} gave {found.tolist()!r} at t = {t:.9g} s, expected real numbers of shape "
+                f"{self.shape}{self.meaning}."
             )
         if found.shape != self.shape:
             raise SimulationError(

@@ -37,14 +37,15 @@ class Run:
         robot: Robot,
         system: System,
         scheme: Scheme,
-        h: float,
+        end: float,
         n: int,
         *,
         every: int,
         remarks: list[str],
         method: str,
     ) -> None:
-        self.robot, self.system, self.scheme, self.h, self.n, self.every = robot, system, scheme, h, n, every
+        self.robot, self.system, self.scheme, self.end, self.n, self.every = robot, system, scheme, end, n, every
+        self.h = end / n
         self.remarks, self.method = remarks, method
         self.record = Record()
         self.watch: Watch | None = None
@@ -66,25 +67,26 @@ class Run:
             self.system.rates(t, y, self.rate)
             if k % self.every == 0:
                 self._keep(t, y)
-            y1 = self._checked(t, t + self.h, self.scheme.step(t, y, self.h, self.rate))
+            t1 = (k + 1) * self.h if k + 1 < self.n else self.end
+            y1 = self._checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
             if self._ended(t, y, [(self.h, y1)]):
                 return
             y = y1
-            self._advance(t + self.h, y)
-        self.system.rates(self.n * self.h, y, self.rate)
-        self._keep(self.n * self.h, y)
+            self._advance(t1, y)
+        self.system.rates(self.end, y, self.rate)
+        self._keep(self.end, y)
 
     def adaptive(self, y: Array, stepper: Stepper) -> None:
         """Steps of any length, from sample to sample where a controller asks for it; states between by dense output."""
         self._begin(y)
         t, k, spacing = 0.0, 0, self.h * self.every
-        end = self.n * self.h
+        end = self.end
         self._sample(t, y)
         self.system.rates(t, y, self.rate)
         self._keep(t, y)
         kept = 1
         while t < end:
-            until = (k + 1) * self.h if self.controller is not None else end
+            until = (k + 1) * self.h if self.controller is not None and k + 1 < self.n else end
             t1, y1 = stepper.step(t, y, self.rate, until)
             self.rejected, rate1 = stepper.rejected, stepper.rate_after
             y1 = self._checked(t, t1, y1)

@@ -64,11 +64,6 @@ class Cell:
         """x at s."""
         return np.polynomial.polynomial.polyval((s - self.low) / (self.high - self.low), self.x)
 
-    def until(self, high: float) -> Cell:
-        """The part from its beginning to ``high``."""
-        k = (high - self.low) / (self.high - self.low)
-        return Cell(self.low, high, self.x * k ** np.arange(len(self.x)), self.active, self.side)
-
     def since(self, low: float) -> Cell:
         """The part from ``low`` to its end."""
         P = np.polynomial.Polynomial

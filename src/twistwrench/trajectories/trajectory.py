@@ -67,8 +67,8 @@ class Trajectory:
         wide = self.path(0.0)[0].shape[-1]
         if wide != self.robot.nq:
             raise ShapeError(
-                f"the path has {wide} coordinates, and robot {self.robot.name!r} {self.robot.nq}: it is another robot's. Make the "
-                "path and the motion with the same robot."
+                f"the path has {wide} coordinates, and robot {self.robot.name!r} {self.robot.nq}: it is another robot's. "
+                "Make the path and the motion with the same robot."
             )
 
     @property

@@ -78,6 +78,7 @@ class LiveView:
         except ImportError:
             raise MissingExtraError.of("viser", "viz", "The live view") from None
         if motion is not None:
+            motion.require(robot)
             robot, wrench_on_robot = motion.load.loaded, dict(motion.load.wrenches)
         self.robot, self.motion = robot, motion
         start = robot.neutral if motion is None else motion.q[0]

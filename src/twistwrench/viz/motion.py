@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,6 +61,15 @@ class Motion:
         none = np.zeros((len(self.time), 0))
         return States(self.time, self.q, self.dq, self.ddq, self.q, np.zeros(self.dq.shape, bool), none)
 
+    def require(self, robot: Robot) -> None:
+        """Raise ValueRangeError unless this is a motion of that robot, whatever it carries."""
+        own = self.load.bare
+        if own.coordinate_names != robot.coordinate_names:
+            raise ValueRangeError(
+                f"the motion is of robot {own.name!r}, and the one to be shown is {robot.name!r}. Make it with "
+                "motion_of(robot, …)."
+            )
+
     def at(self, time: float) -> tuple[Array, Array]:
         """q (nq,) and torques (nv,) at a time, between two samples on the straight way from one to the other."""
         k = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, max(0, len(self.time) - 2)))
@@ -81,8 +90,8 @@ def motion_of(
 ) -> Motion:
     """A motion from arrays: time (n,) [s], q (n, nq), and dq, ddq (n, nv), which are derived by a spline where left out.
 
-    Fewer samples than six are taken to be at rest. Torques include joint friction, as the command ``torques`` does.
-    Raises ShapeError, ValueRangeError.
+    Fewer samples than six are taken to be at rest, and a warning says so where they are not. Torques include joint friction,
+    as the command ``torques`` does. Raises ShapeError, ValueRangeError.
 
     >>> import twistwrench as tw
     >>> t = np.linspace(0, 1, 21)
@@ -109,9 +118,14 @@ def motion_of(
         derived = joint_rates(model, q, *spline_rates(t, q))
         if dq is not None:
             derived = derived[0], spline_rates(t, np.asarray(rates["dq"]))[0]
+    moves = len(t) < _FEWEST and (dq is None or ddq is None) and bool((q != q[0]).any())
     dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
     states = States(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
-    return _gathered(LoadedRobot(robot), iter([states]))
+    motion = _gathered(LoadedRobot(robot), iter([states]))
+    if not moves:
+        return motion
+    said = f"{len(t)} samples are too few to derive rates from, so torques are those at rest: give {_FEWEST}, or dq and ddq"
+    return replace(motion, warnings=(*motion.warnings, said))
 
 
 def read_motion(load: LoadedRobot, trajectory: Trajectory, progress: Callable[[int], None] | None = None) -> Motion:

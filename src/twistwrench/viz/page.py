@@ -76,6 +76,7 @@ def page_text(
 ) -> str:
     """The page as text; see :func:`write_page`."""
     if motion is not None:
+        motion.require(robot)
         robot, wrench_on_robot = motion.load.loaded, motion.load.wrenches
     start = robot.neutral if motion is None else motion.q[0]
     start = start if q is None else checks.finite(checks.one(q, "q", robot.nq), "q", robot.nq)

@@ -270,6 +270,7 @@ def _chosen(motion: Motion, joints: Sequence[str]) -> list[int]:
     model = motion.load.loaded.model
     if not joints:
         return list(range(model.nv))
+    joints = (joints,) if isinstance(joints, str) else joints
     places = {b.joint.name: range(b.v_index, b.v_index + b.joint.nv) for b in model.leaders}
     for name in joints:
         if name not in places:

@@ -67,8 +67,13 @@ def draw(
         edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # hides the seams of what is solid
         under = np.arange(len(triangles)) < shadows  # no pose shades another
         for shown, order in ((under, 1), (~under & (inertia | (colours[:, 3] == 1.0)), 2)):
-            look = {"facecolors": colours[shown], "edgecolors": edges[shown], "linewidths": 0.3, "zorder": order}
-            axes.add_collection(PolyCollection(triangles[shown], **look))
+            look: dict[str, Any] = {
+                "facecolors": colours[shown],
+                "edgecolors": edges[shown],
+                "linewidths": 0.3,
+                "zorder": order,
+            }
+            axes.add_collection(PolyCollection(list(triangles[shown]), **look))
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_axis_off()
