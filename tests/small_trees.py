@@ -31,22 +31,20 @@ def tree(name):
     return driven(robot, 6, stiffness="300 N m/rad") if name == "driven" else robot
 
 
+# Plugins serve all modules of a run, so no name here is one of random_tree_fixtures'.
+
+
 @pytest.fixture(params=TREES)
-def robot(request):
+def small_robot(request):
     return tree(request.param)
 
 
 @pytest.fixture
-def rng():
-    return np.random.default_rng(20)
+def small_state(small_robot):
+    return random_state(small_robot, np.random.default_rng(20))
 
 
 @pytest.fixture
-def state(robot, rng):
-    return random_state(robot, rng)
-
-
-@pytest.fixture
-def on_numpy(monkeypatch):
+def each_on_numpy(monkeypatch):
     """Programs run on NumPy: nothing to compile, and that compiled ones agree is another test's business."""
     monkeypatch.setenv("TWISTWRENCH_JIT", "0")

@@ -12,7 +12,22 @@ from twistwrench.quantities import QUANTITIES
 from twistwrench.testing import assert_close, derivative_along, random_state
 
 pytest_plugins = ("small_trees",)
-pytestmark = pytest.mark.usefixtures("on_numpy")
+
+
+@pytest.fixture
+def robot(small_robot):
+    return small_robot
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)
+
+
+@pytest.fixture
+def state(small_state):
+    return small_state
+pytestmark = pytest.mark.usefixtures("each_on_numpy")
 
 
 KINDS = ("body", "space", "world_aligned")

@@ -11,7 +11,22 @@ from small_trees import tree
 from twistwrench.testing import assert_close, derivative, derivative_along
 
 pytest_plugins = ("small_trees",)
-pytestmark = pytest.mark.usefixtures("on_numpy")
+
+
+@pytest.fixture
+def robot(small_robot):
+    return small_robot
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)
+
+
+@pytest.fixture
+def state(small_state):
+    return small_state
+pytestmark = pytest.mark.usefixtures("each_on_numpy")
 
 
 SECOND_DIFFERENCES = 1e-8
