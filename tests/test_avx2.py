@@ -58,7 +58,10 @@ def random_program(rng, inputs, outputs, length):
         values = [*plain, *np.sin(arrays[0]), *np.cos(arrays[0])]
         for _ in range(length):
             near = values[-12:] if rng.random() < 0.7 else values
-            a, b, c = (near[rng.integers(len(near))] if rng.random() < 0.8 else values[rng.integers(len(values))] for _ in "abc")
+            a, b, c = (
+                near[rng.integers(len(near))] if rng.random() < 0.8 else values[rng.integers(len(values))]
+                for _ in "abc"
+            )
             values.append(STEPS[rng.integers(len(STEPS))](a, b, c, float(rng.normal())))
             if rng.random() < 0.02:
                 values.append(np.sqrt(values[-1] * values[-1] + 1.0))

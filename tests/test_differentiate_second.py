@@ -26,6 +26,8 @@ def rng():
 @pytest.fixture
 def state(small_state):
     return small_state
+
+
 pytestmark = pytest.mark.usefixtures("each_on_numpy")
 
 

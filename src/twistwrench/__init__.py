@@ -90,7 +90,17 @@ if _typing.TYPE_CHECKING:
     from . import trajectories as trajectories
     from . import viz as viz
 
-_LATER = ("control", "modern_robotics", "sensing", "simulation", "statics", "symbolic", "testing", "trajectories", "viz")
+_LATER = (
+    "control",
+    "modern_robotics",
+    "sensing",
+    "simulation",
+    "statics",
+    "symbolic",
+    "testing",
+    "trajectories",
+    "viz",
+)
 """Packages that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
 
 

@@ -216,9 +216,7 @@ def simulate(options: RobotOptions, **given: Any) -> None:
     _check_extra(given["plot_path"])
     if given["plot_path"] is not None:
         given["plot_path"] = picture_path(given["plot_path"])
-    check_outputs(
-        {"--csv": given["csv_path"], "--npz": given["npz_path"], "--plot": given["plot_path"]}, options.files
-    )
+    check_outputs({"--csv": given["csv_path"], "--npz": given["npz_path"], "--plot": given["plot_path"]}, options.files)
     if not answer_simulate(options.load(), _console().print, degrees=options.degrees, **given):
         sys.exit(_FOUND_A_PROBLEM)
 

@@ -522,9 +522,7 @@ class Robot:
             if direct is not None:
                 vars(self)[name] = direct
 
-    def _explained(
-        self, problem: Exception, name: str, arrays: Sequence[Any], options: Mapping[str, Any]
-    ) -> Exception:
+    def _explained(self, problem: Exception, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> Exception:
         """A shape error that names the argument, or the original problem where shapes are not to blame."""
         wanted = quantities.inputs_of(self.model, name, quantities.checked_options(self.model, name, options))
         wanted = [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
@@ -931,7 +929,9 @@ class Robot:
             raise ShapeError(
                 f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first."
             )
-        small = np.can_cast(np.asarray(F).dtype, np.float32)  # as a kernel takes it: float16 does not make results double
+        small = np.can_cast(
+            np.asarray(F).dtype, np.float32
+        )  # as a kernel takes it: float16 does not make results double
         return array.astype(np.float32, copy=False) if small else array
 
     # ── task space and constraints ──
@@ -1217,7 +1217,12 @@ class Robot:
     # ── motion ──
 
     def simulate(
-        self, q0: ArrayLike | None = None, dq0: ArrayLike | None = None, duration: float = 1.0, dt: float = 1e-3, **options: Any
+        self,
+        q0: ArrayLike | None = None,
+        dq0: ArrayLike | None = None,
+        duration: float = 1.0,
+        dt: float = 1e-3,
+        **options: Any,
     ) -> SimulationResult:
         """The motion from q0 (nq,) and dq0 (nv,), None: neutral and at rest; a state every ``dt`` s for ``duration`` s.
 
@@ -1241,7 +1246,13 @@ class Robot:
         return simulate(self, q0, dq0, duration, dt, **options)
 
     def rollout(
-        self, q0: ArrayLike, dq0: ArrayLike, tau: ArrayLike | TorqueLaw | None = None, *, dt: float = 1e-3, **options: Any
+        self,
+        q0: ArrayLike,
+        dq0: ArrayLike,
+        tau: ArrayLike | TorqueLaw | None = None,
+        *,
+        dt: float = 1e-3,
+        **options: Any,
     ) -> Rollout:
         """Motions from any batch of states, all steps of ``dt`` s in one kernel; (..., nq), (..., nv) → (..., n, nq).
 
@@ -1319,19 +1330,25 @@ def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeE
     hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype.kind == "O" else ""
     if is_symbolic((given,)):
         hint = f" Symbols go through the methods of robot.kernel's quantities; {name} takes numbers only."
-    return ShapeError(f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}")
+    return ShapeError(
+        f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}"
+    )
 
 
 def _refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
     """Two results in one memory are two wrong results, and NumPy lets them."""
     arrays = [a for a in out if isinstance(a, np.ndarray)]
     if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
-        raise ShapeError(f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out.")
+        raise ShapeError(
+            f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out."
+        )
 
 
 def _refuse_text(out: Any) -> None:
     """NumPy would write numbers into an array of text, cut to its width."""
-    if any(getattr(getattr(a, "dtype", None), "kind", "f") in "SUT" for a in (out if isinstance(out, tuple) else (out,))):
+    if any(
+        getattr(getattr(a, "dtype", None), "kind", "f") in "SUT" for a in (out if isinstance(out, tuple) else (out,))
+    ):
         raise TypeError
 
 

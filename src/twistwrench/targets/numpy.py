@@ -64,7 +64,9 @@ class NumpyKernel:
                 raise ValueError(
                     f"{self.__name__}: operand {number} has shape {a.shape}, core shape {port.shape} wanted."
                 )
-        single = all(np.can_cast(a.dtype, np.float32) for a in arrays)  # the loop that NumPy would take of a ufunc's two
+        single = all(
+            np.can_cast(a.dtype, np.float32) for a in arrays
+        )  # the loop that NumPy would take of a ufunc's two
         dtype: Any = np.float32 if single else np.float64
         batch = np.broadcast_shapes(
             *(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, self.program.inputs, strict=True))

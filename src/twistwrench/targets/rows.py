@@ -29,7 +29,9 @@ class _Rows:
         self.groups = w.lanes // self.width
         self.align = w.precision.bytes
         self.piece = f"<{self.width} x {w.element}>"
-        self.starts = _pieces(columns, self.width) if self.groups else []  # fewer lanes than a piece is wide: one by one
+        self.starts = (
+            _pieces(columns, self.width) if self.groups else []
+        )  # fewer lanes than a piece is wide: one by one
 
     def address(self, row: int, column: int) -> str:
         return self.w.at(self.base, (row * self.columns + column) * self.w.precision.bytes)
