@@ -10,7 +10,7 @@ Run it: ``python examples/four_bar.py [FOLDER]``. It writes four_bar.png. Needs 
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import matplotlib as mpl
@@ -152,4 +152,11 @@ def main(folder: Path, duration: float = 10.0, dt: float = 0.005) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path())
+    asked = argparse.ArgumentParser(description="Draw what a four-bar linkage's motor gives and its pins carry.")
+    asked.add_argument("folder", nargs="?", default=".", type=Path, help="where to write it; this one if not given")
+    where = asked.parse_args().folder
+    try:
+        where.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        asked.error(f"cannot write to the folder {where}: {problem.strerror}")
+    main(where)

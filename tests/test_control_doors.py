@@ -69,6 +69,16 @@ REFUSED = {
     "an unknown row": (lambda: TaskSpace(ARM, T, 1, 1, rows="vq"), tw.UnknownNameError, "vq"),
     "gains for other rows": (lambda: TaskSpace(ARM, T, [1, 2, 3], 1, rows="vx vz"), tw.ShapeError, "vx, vz"),
     "what is no pose": (lambda: TaskSpace(ARM, 2 * T, 1, 1), tw.ValueRangeError, "TaskSpace: reference is not a pose"),
+    "a pose of nan": (
+        lambda: TaskSpace(ARM, np.full((4, 4), np.nan), 1, 1),
+        tw.ValueRangeError,
+        "TaskSpace: reference has the entry nan",
+    ),
+    "a pose seen from a frame that moves": (
+        lambda: TaskSpace(ARM, tw.Pose(T, to="link2", of="tip"), 1, 1),
+        tw.FrameError,
+        "seen from 'link2', which moves",
+    ),
     "a pose of a wrong shape": (lambda: TaskSpace(ARM, Q, 1, 1), tw.ShapeError, "reference has shape (3,)"),
     "a motion of poses without twists": (
         lambda: TaskSpace(ARM, lambda t: (T, 0, 0), 1, 1),
@@ -104,6 +114,16 @@ REFUSED = {
         tw.ValueRangeError,
         "go together",
     ),
+    "a sensor that is none": (
+        lambda: HybridMotionForce(WALL, HOLD, [1], force_gain=1, measured=[1.0]),
+        tw.ValueRangeError,
+        "measured is a function of (t, q, dq)",
+    ),
+    "a sample at no time": (
+        lambda: MomentumObserver(ARM, 1).update(np.nan, Q, Q, Q),
+        tw.ValueRangeError,
+        "t has the entry nan",
+    ),
     "an observer's gain of zero": (lambda: MomentumObserver(ARM, 0), tw.ValueRangeError, "rates [1/s] above zero"),
     "an observer's gains of a wrong number": (lambda: MomentumObserver(ARM, [1, 1]), tw.ValueRangeError, "3 of them"),
     "an observer of nothing": (lambda: MomentumObserver("ur5", 1), tw.ValueRangeError, "str"),
@@ -116,6 +136,26 @@ REFUSED = {
     "a record without instants": (lambda: MomentumObserver(ARM, 1).over(0.0, Q, Q, Q), tw.ShapeError, "(n,)"),
     "an observer's frame": (lambda: MomentumObserver(ARM, 1).wrench(Q, "hand"), tw.UnknownNameError, "hand"),
     "an observer's kind": (lambda: MomentumObserver(ARM, 1).wrench(Q, kind="tip"), tw.UnknownNameError, "'tip'"),
+    "a sample of nan": (
+        lambda: MomentumObserver(ARM, 1).update(0.0, Q, [0, np.nan, 0], Q),
+        tw.ValueRangeError,
+        "dq has the entry nan",
+    ),
+    "the wrench of a residual of nan": (
+        lambda: MomentumObserver(ARM, 1).wrench(Q, residual=[0, 0, np.nan]),
+        tw.ValueRangeError,
+        "residual has the entry nan",
+    ),
+    "the wrench at a state of nan": (
+        lambda: MomentumObserver(ARM, 1).wrench([0, 0, np.nan]),
+        tw.ValueRangeError,
+        "q has the entry nan",
+    ),
+    "a scaling that gives one thing": (
+        lambda: PoseMotion(trajectories.screw_path(T, T), lambda t: t)(0.5),
+        tw.ShapeError,
+        "PoseMotion: the scaling gave 0.5",
+    ),
     "what is no path": (lambda: PoseMotion(T, trajectories.cubic(1)), tw.ValueRangeError, "screw_path"),
     "what is no scaling": (
         lambda: PoseMotion(trajectories.screw_path(T, T), 1.0),
@@ -170,9 +210,48 @@ def test_in_a_simulation_they_say_when():
     assert len(problem.value.result) == 6
 
 
+def test_a_damping_too_much_for_the_samples_is_blamed_on_them():
+    """Held for h, a damping kd turns dq into (1 - kd h / M) dq, which grows from kd h = 2 M on; asked at every time it decays."""
+    wheel = tw.robots.pendulum().with_gravity([0, 0, 0])
+    kd = 3.0 * float(wheel.mass_matrix([0.0])[0, 0]) / 0.01
+    brake = PD(wheel, [0.0], 0.0, kd)
+    with pytest.raises(tw.SimulationError, match=r"held for 0\.01 s each, too long for a damping"):
+        wheel.simulate([0.0], [1.0], 1.0, 0.01, controller=brake)
+    assert abs(wheel.simulate([0.0], [1.0], 0.1, 0.01, tau=brake).dq[-1, 0]) < 1e-3
+
+
 def test_gains_are_kept_from_later_changes():
     K = 100.0 * np.eye(3)
     law = PD(ARM, np.zeros(3), K, 1.0)
     before = law(0.0, Q, Q)
     K[:] = 0.0
     np.testing.assert_array_equal(law(0.0, Q, Q), before)
+
+
+def test_references_are_kept_from_later_changes():
+    """Arrays that already are float64 are copied too: of the joints, of a wall's force, of an observer's gain and its last sample."""
+    q, force, K = np.zeros(3), np.array([1.0]), np.full(3, 50.0)
+    follow, press, observer = PD(ARM, q, 9, 1), HybridMotionForce(WALL, HOLD, force), MomentumObserver(ARM, K)
+    rubbing = tw.robots.panda()
+    kept, other = (MomentumObserver(rubbing, 50.0, friction=True) for _ in range(2))
+    before = follow(0.0, Q, Q), press(0.0, Q, Q)
+    q[:], force[:], K[:] = 1.0, 2.0, 1.0
+    np.testing.assert_array_equal(follow(0.0, Q, Q), before[0])
+    np.testing.assert_array_equal(press(0.0, Q, Q), before[1])
+    np.testing.assert_array_equal(observer.gain, 50.0)
+    dq, rest = np.zeros(7), np.zeros(7)
+    at = np.array([0.1, -0.5, 0.2, -2.0, 0.1, 1.6, 0.4])
+    for watching, speed in ((kept, dq), (other, dq.copy())):
+        watching.update(0.0, at, speed, rest)
+    dq += 1.0
+    np.testing.assert_array_equal(kept.update(0.01, at, dq, rest), other.update(0.01, at, dq, rest))
+
+
+@pytest.mark.parametrize("rows", ["vx vy", "vx vy vz", "wz vx", "wx"])
+def test_rows_of_a_twist_that_turning_moves_are_not_taken_alone(rows):
+    ur5 = tw.robots.ur5()
+    T = ur5.forward_kinematics(ur5.neutral)
+    with pytest.raises(tw.ValueRangeError, match="do not go by themselves"):
+        tw.control.TaskSpace(ur5, T, 64.0, 16.0, kind="body", rows=rows)
+    tw.control.TaskSpace(ur5, T, 64.0, 16.0, kind="world_aligned", rows=rows)
+    tw.control.TaskSpace(ur5, T, 64.0, 16.0, kind="body", rows="vx wz vy")

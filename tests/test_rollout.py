@@ -170,6 +170,23 @@ def test_friction_costs_what_it_costs_in_a_simulation():
         assert np.abs(many.dq - robot.rollout(*start, dt=1e-3, steps=200, integrator=integrator).dq).max() > 0.01
 
 
+def test_dry_friction_and_masses_that_are_parameters_act_like_those_of_the_robot():
+    """At rest, too: dry friction is eased off below a speed that depends on both, and too low a one makes joints chatter."""
+
+    def rubbed(coulomb, static):
+        laws = {"friction": {"coulomb": f"{coulomb} N m", "static": f"{static} N m", "stribeck": "0.2 rad/s"}}
+        return tw.robots.planar_2r().with_actuators({"actuators": dict.fromkeys(("joint1", "joint2"), laws)})
+
+    heavy, light = rubbed(0.5, 0.8), rubbed(20.0, 30.0)
+    said = {f"{j}.{law}": x for j in ("joint1", "joint2") for law, x in (("coulomb", 20.0), ("static", 30.0))}
+    start, given = ([0.3, -0.8], [0.1, 0.1]), {"dt": 1e-3, "steps": 200, "friction": True}
+    many = heavy.rollout(*start, parameters={**said, "joint1.static": np.array([30.0, 40.0])}, **given)
+    assert np.abs(many.dq[0] - light.rollout(*start, **given).dq).max() < 1e-9
+    masses = {name: x / 20 for name, x in light.varying("*.mass").items() if x}
+    steps = np.diff(light.rollout(*start, parameters=masses, **given).dq[100:], axis=0)
+    assert (np.abs(steps) < 1e-3).all()  # creeps evenly; chatter would change speeds by h f / m, some rad/s
+
+
 # ── the same bits everywhere ──
 
 
@@ -412,6 +429,9 @@ def test_torques_are_clipped(name):
     law = PD(robot.neutral, 1e4, 1.0)
     held = robot.rollout(q0, dq0, law, steps=STEPS, torque_limits=True, torques=True)
     assert (np.abs(held.tau) <= robot.limits.effort).all()
+    for said in (True, False):  # NumPy's own truth is no number
+        one, other = (robot.rollout(q0, dq0, law, steps=STEPS, torque_limits=x) for x in (said, np.bool_(said)))
+        assert np.array_equal(one.q, other.q)
     driven = np.isfinite(robot.limits.effort)
     assert (np.abs(held.tau[..., driven]) == robot.limits.effort[driven]).any() or not driven.any()
 
@@ -580,6 +600,10 @@ BAD = {
         "tau": np.zeros((3, 1, 6)), "wrench_on_robot": {"tool0": np.zeros((2, 1, 6))},
     },
     "tau is a function": {"tau": lambda t, q, dq: q},
+    "tau is the class PD, not a law": {"tau": PD},
+    "an input of shape (2, 10, 6) for each of a batch (1000000000000, 2)": {
+        "q0": np.broadcast_to(np.zeros(6), (10**12, 1, 6)), "tau": np.zeros((2, 10, 6)),
+    },
     "dt is -0.001": {"dt": -1e-3},
     "dt is 0": {"dt": 0.0},
     "dt is nan": {"dt": np.nan},

@@ -75,11 +75,15 @@ class HybridMotionForce:
             object.__setattr__(self, "_force", force)
         else:
             what = f"HybridMotionForce: force (one for each of {', '.join(names)})"
-            constant = checks.finite(checks.one(force, what, k), what, k)
+            constant = np.array(checks.finite(checks.one(force, what, k), what, k))
             object.__setattr__(self, "_force", lambda _t: constant)
         object.__setattr__(self, "_gain", gain(self.force_gain, "HybridMotionForce: force_gain", names))
         if (self.measured is None) != (not np.any(self._gain)):
             raise ValueRangeError("HybridMotionForce: force_gain acts on λ_d - λ, so it and measured go together.")
+        if self.measured is not None and not callable(self.measured):
+            raise ValueRangeError(
+                "HybridMotionForce: measured is a function of (t, q, dq) that gives λ (k,), from a sensor."
+            )
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""

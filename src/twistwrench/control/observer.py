@@ -83,7 +83,7 @@ class MomentumObserver:
                 f"MomentumObserver: gain is {gain!r}. Give rates [1/s] above zero, one number or {robot.nv} of them; "
                 "np.inf does not filter."
             )
-        self.gain = np.broadcast_to(np.asarray(K, float), (robot.nv,))
+        self.gain = np.broadcast_to(np.array(K, float), (robot.nv,))
         self._terms = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
         self._last: tuple[float, Array, Array, Array] | None = None
         self._residual = np.zeros(robot.nv)
@@ -109,7 +109,9 @@ class MomentumObserver:
         now, nv = checks.number(t, "MomentumObserver: t"), self.robot.nv
         q, dq = one_state(self.robot, "MomentumObserver", q, dq)
         tau = checks.one(tau, "MomentumObserver: tau", nv)
-        state = (now, dq, *self._momentum(q, dq))
+        for name, x in (("t", t), ("q", q), ("dq", dq), ("tau", tau)):  # one NaN would stay in the residual for ever
+            checks.finite(x, f"MomentumObserver: {name}")
+        state = (now, dq.copy(), *self._momentum(q, dq))  # the caller may go on writing into dq
         if self._last is not None:
             self._residual = self._filtered(self._residual, self._last, state, tau)
         self._last = state
@@ -170,8 +172,9 @@ class MomentumObserver:
         robot, chosen = self.robot, list(row_numbers(rows))
         if kind not in KINDS:
             raise UnknownNameError.of("kind", kind, KINDS)
-        q = checks.one(q, "MomentumObserver.wrench: q", robot.nq)
-        r = self._residual if residual is None else checks.one(residual, "MomentumObserver.wrench: residual", robot.nv)
+        q = checks.finite(checks.one(q, "MomentumObserver.wrench: q", robot.nq), "MomentumObserver.wrench: q")
+        r = checks.one(self._residual if residual is None else residual, "MomentumObserver.wrench: residual", robot.nv)
+        r = checks.finite(r, "MomentumObserver.wrench: residual")
         J = robot.jacobian(q, frame, kind)[chosen]
         U, s, Vt = np.linalg.svd(J)  # r = J'F
         rank = int(np.count_nonzero(s > SINGULAR * s.max(initial=0.0)))

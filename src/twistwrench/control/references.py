@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..algorithms.pose_paths import PosePath
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie import checks, se3, so3
+from ..model.model import BASE
 from ..robot import Robot
 from ..screws.pose import Pose
 
@@ -59,7 +60,7 @@ class PoseMotion:
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """T (4, 4), the body twist V (6,) and dV/dt (6,) at t [s]."""
-        s, ds, dds = (float(x) for x in self.scaling(t))
+        s, ds, dds = (float(x) for x in _three(self.scaling(t), "PoseMotion: the scaling", t))
         V = self.path.body_twist(s)
         dV = np.zeros(6)
         if self.path.straight:
@@ -73,7 +74,8 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
     Raises ShapeError, ValueRangeError.
     """
     if not callable(given):
-        q = checks.finite(checks.one(given, what, robot.nq), what, robot.nq)
+        q = np.array(checks.finite(checks.one(given, what, robot.nq), what, robot.nq))
+        q.setflags(write=False)
         zero = np.zeros(robot.nv)
         return lambda _t: (q, zero, zero)
     _require_one_argument(given, what)
@@ -95,15 +97,20 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
     """T_d (4, 4), its body twist V_d and dV_d/dt (6,) at a time.
 
     From a pose, a function of the time that gives the three, or a motion of the joints, whose frame is meant then. Raises
-    FrameError for a labelled pose of another frame, ShapeError, ValueRangeError.
+    FrameError for a labelled pose of another frame or seen from a link that moves, ShapeError, ValueRangeError.
     """
     name = robot.tip if frame is None else frame
     if isinstance(given, Pose) and given.of != name:
         raise FrameError(
             f"{what} is the pose of {given.of!r}, and {name!r} is controlled: say frame={given.of!r}, or move it."
         )
+    if isinstance(given, Pose) and given.to in robot.model.frames and robot.model.frames[given.to].body != BASE:
+        raise FrameError(
+            f"{what} is a pose seen from {given.to!r}, which moves, and a reference is one seen from {{s}}: "
+            f"T_s{given.to} @ T, with Pose(robot.forward_kinematics(q, {given.to!r}), to='s', of={given.to!r})."
+        )
     if not callable(given):
-        T = np.array(checks.pose(checks.one(given, what, 4, 4), what), float)
+        T = np.array(checks.pose(checks.finite(checks.one(given, what, 4, 4), what), what), float)
         T.setflags(write=False)
         zero = np.zeros(6)
         return lambda _t: (T, zero, zero)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.task_space import ROWS, row_numbers
-from ..errors import UnknownNameError
+from ..errors import UnknownNameError, ValueRangeError
 from ..robot import Robot, Rows
 from .gains import gain, one_state, require_driven
 from .references import Motion, Reference, in_body, in_world, joint_motion, pose_motion
@@ -50,13 +50,17 @@ class TaskState(NamedTuple):
     """(4, 4)."""
 
 
+_TOGETHER = frozenset(map(frozenset, ((0, 1, 2, 3, 4, 5), (0, 1, 2), (0, 4, 5), (1, 3, 5), (2, 3, 4))))
+"""Rows of a twist that make a group of motions: an error on them is made up for by motions on them."""
+
+
 @dataclass(frozen=True, eq=False)
 class TaskLaw:
     """What task-space laws have in common: a robot as the law knows it, a reference of a frame, rows of it, and a posture.
 
     ``kind="world_aligned"``: turning and moving each by itself along the axes of {s}, X_e = (log(R_d R'), p_d - p), so that
-    any rows can be chosen. ``kind="body"``: the book's [X_e] = log(X⁻¹ X_d) along the frame's axes, for all rows, or those of
-    a plane.
+    any rows can be chosen. ``kind="body"``: the book's [X_e] = log(X⁻¹ X_d) along the frame's axes, for all rows, those of
+    turning, or those of a plane; ValueRangeError for others.
     """
 
     robot: Robot
@@ -87,6 +91,11 @@ class TaskLaw:
         if self.kind not in KINDS:
             raise UnknownNameError.of("kind of task", self.kind, KINDS)
         put(self, "_rows", row_numbers(self.rows))
+        if self.kind == "body" and frozenset(self._rows) not in _TOGETHER:
+            raise ValueRangeError(
+                f"{what}: rows={self.rows!r} of kind 'body' do not go by themselves: the error is a twist, whose turning moves "
+                "the origin too. Take all six, 'wx wy wz', a plane ('wx vy vz', 'wy vx vz', 'wz vx vy'), or kind='world_aligned'."
+            )
         put(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{what}: reference"))
         posture = None if self.posture is None else joint_motion(robot, self.posture, f"{what}: posture")
         put(self, "_posture", posture)

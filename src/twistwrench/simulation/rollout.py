@@ -78,7 +78,9 @@ class Rollout:
         if bad:
             first = np.unravel_index(np.argmin(self.unstable_from), self.batch)
             where = f", first {tuple(map(int, first))}" if self.batch else ""
-            said.append(f"{bad} unstable{where} at {self.unstable_from[first]:g} s: take a smaller dt")
+            begun = self.unstable_from[first] > 0
+            advice = "take a smaller dt" if begun else "look at its q0 and dq0"
+            said.append(f"{bad} unstable{where} at {self.unstable_from[first]:g} s: {advice}")
         return f"<Rollout of {self.robot!r}, {self.integrator}: {'; '.join(said)}>"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from glob import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,6 +63,8 @@ def cleaned(
         raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
     law = _law_of(tau)
     law.check(robot.model)
+    if isinstance(torque_limits, np.bool_):
+        torque_limits = bool(torque_limits)
     limits, frames = _limits(robot, torque_limits), _wrenches_by_frame(robot, wrench_on_robot)
     names, values = _parameter_values(robot, parameters)
     plan = Plan(
@@ -86,11 +89,11 @@ def cleaned(
     batch = _batch_of(batches)
     rest = [x for _, x in labelled]
     if friction:
-        rest.append(_creep(robot, states[0], h)[..., None, :])
+        rest.append(_creep(robot, states[0], h, dict(zip(names, values, strict=True)))[..., None, :])
     if names:
         rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
     dtype: Any = np.float32 if single else np.float64
-    arrays = [_flat(x.astype(dtype, copy=False), 1, batch) for x in states] + [np.full(n, h, dtype)]
+    arrays = [_flat(x.astype(dtype, copy=False), 1, batch) for x in states] + [np.broadcast_to(np.asarray(h, dtype), n)]
     for x in rest:
         once = _flat(x.astype(dtype, copy=False), 2, batch)
         arrays.append(once if once.shape[-2] == n else np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
@@ -102,7 +105,14 @@ def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
     own, core = x.shape[: x.ndim - rank], x.shape[x.ndim - rank :]
     if math.prod(own) == 1:
         return x.reshape(core)
-    return np.broadcast_to(x, (*batch, *core)).reshape(math.prod(batch), *core)
+    try:
+        return np.broadcast_to(x, (*batch, *core)).reshape(math.prod(batch), *core)
+    except (MemoryError, ValueError):
+        size = math.prod((*batch, *core)) * x.itemsize
+        raise ValueRangeError(
+            f"an input of shape {x.shape} for each of a batch {batch} takes {size / 1e9:.3g} GB, more than there is. Take "
+            "fewer samples at a time."
+        ) from None
 
 
 def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
@@ -123,6 +133,8 @@ def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
 
 def _law_of(tau: Any) -> TorqueLaw:
     if hasattr(tau, "torques") and hasattr(tau, "names"):
+        if isinstance(tau, type):
+            raise ValueRangeError(f"tau is the class {tau.__name__}, not a law: call it, as in PD(q_des, kp, kd).")
         return tau
     if callable(tau):
         raise ValueRangeError(
@@ -249,12 +261,30 @@ def _batch_of(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
         raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None
 
 
-def _creep(robot: Robot, q0: Array, h: float) -> Array:
+def _creep(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
     """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step."""
-    friction = robot.model.friction
+    inertia, inputs = robot.mass_matrix, [q0]
+    if parameters:
+        inertia = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
+        inputs.append(np.stack(np.broadcast_arrays(*parameters.values()), axis=-1))
     try:
-        light = np.diagonal(np.linalg.inv(robot.mass_matrix(np.asarray(q0, float))), axis1=-2, axis2=-1)
+        with np.errstate(all="ignore"):  # states that are not finite end in a motion that is named
+            M = inertia(*(np.asarray(x, float) for x in inputs))
+            light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
     except np.linalg.LinAlgError:
         robot._require_invertible()
         raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
-    return np.asarray(np.maximum(CREEP, h * np.maximum(friction.static, friction.coulomb) * light))
+    return np.asarray(np.maximum(CREEP, h * _dry_friction(robot, parameters) * light))
+
+
+def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
+    """The most that dry friction takes from each joint before its load counts, (..., nv)."""
+    friction = robot.model.friction
+    most = np.maximum(friction.static, friction.coulomb)
+    most = np.broadcast_to(most, (*np.broadcast_shapes(*(x.shape for x in parameters.values())), robot.nv)).copy()
+    for body in robot.model.leaders:
+        if body.joint.nv == 1:
+            k, laws = body.v_index, {"static": friction.static, "coulomb": friction.coulomb}
+            given = [parameters.get(f"{body.joint.name}.{law}", x[k]) for law, x in laws.items()]
+            most[..., k] = np.maximum(*given)
+    return most

@@ -103,7 +103,7 @@ def _lent(out: Any, shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
         given = (
             ", ".join(f"{getattr(x, 'dtype', type(x).__name__)} {np.shape(x)}" for x in out)
             if isinstance(out, tuple)
-            else out
+            else f"of type {type(out).__name__}"
         )
         raise ShapeError(
             f"out= is {given}. Give a tuple of {np.dtype(dtype).name} arrays in C order that can be written to: {wanted}; "

@@ -176,6 +176,11 @@ class Run:
             advice = f"Take a smaller dt than {self.h:g} s, or method={ADAPTIVE!r}."
             if self.method == ADAPTIVE:
                 advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
+                if self.controller is not None:  # held for h, a damping kd turns dq into (1 - kd h / M) dq
+                    advice += (
+                        f" The controller's torques are held for {self.h:g} s each, too long for a damping above twice the "
+                        "inertia over that time: take a smaller dt, less damping, or tau= in place of controller=."
+                    )
             raise SimulationError(
                 f"the step from {t0:.9g} s to {t1:.9g} s is unstable: joint {self.robot.model.velocity_names[bad]!r} moves at "
                 f"{y[s.moving][bad]:.3g} rad/s or m/s after it. {advice}"
