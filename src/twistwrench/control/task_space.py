@@ -94,7 +94,7 @@ class TaskLaw:
         if self.kind == "body" and frozenset(self._rows) not in _TOGETHER:
             raise ValueRangeError(
                 f"{what}: rows={self.rows!r} of kind 'body' do not go by themselves: the error is a twist, whose turning moves "
-                "the origin too. Take all six, 'wx wy wz', a plane ('wx vy vz', 'wy vx vz', 'wz vx vy'), or kind='world_aligned'."
+                "the origin too. Take six, 'wx wy wz', a plane ('wx vy vz', 'wy vx vz', 'wz vx vy'), or kind='world_aligned'."
             )
         put(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{what}: reference"))
         posture = None if self.posture is None else joint_motion(robot, self.posture, f"{what}: posture")
