@@ -25,8 +25,8 @@ from .algorithms.gaps import closure_gaps, settled
 from .algorithms.jacobians import KINDS
 from .algorithms.reach import Reach, doubtful, independent_rows
 from .algorithms.task_space import ROWS, row_numbers
+from .core import arguments
 from .errors import ConstraintError, UnknownNameError, ValueRangeError
-from .lie import checks
 from .model.model import BASE
 from .robot import Robot, Rows, Wrenches
 
@@ -128,7 +128,7 @@ class ClosedRobot:
             raise ConstraintError(
                 f"{frame_a!r} and {frame_b!r} are fixed to one body, so nothing between them can be closed."
             )
-        T_ac = np.eye(4) if pose is None else checks.pose(checks.one(pose, "pose", 4, 4), "pose")
+        T_ac = np.eye(4) if pose is None else arguments.pose(arguments.one(pose, "pose", 4, 4), "pose")
         closure = Closure(frame_a, frame_b, chosen, tuple(tuple(row) for row in T_ac.tolist()))
         return self._with(closure, near, redundant)
 
@@ -201,9 +201,9 @@ class ClosedRobot:
         ([-0.6096, 0.1992, 2.2203], [0.0904, -0.9008, 1.0203])
         """
         (q,) = self._state("consistent", q=q)
-        if not checks.number(tolerance, "tolerance") > 0:
+        if not arguments.number(tolerance, "tolerance") > 0:
             raise ValueRangeError(f"tolerance={tolerance!r} is not allowed: a positive number, such as {CLOSED:g}.")
-        if not checks.number(within, "within") >= 0:
+        if not arguments.number(within, "within") >= 0:
             raise ValueRangeError(f"within={within!r} is not allowed: rad or m, 0 or more, such as {closing.NEAR:g}.")
         flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
         closing.require_found(left, tolerance, q.shape[:-1])
@@ -287,7 +287,7 @@ class ClosedRobot:
 
         A closure's is what {b} applies to {a}, at the origin of {b}, along the axes of {c}.
         """
-        lam = checks.finite(lam, "lam", len(self.sizes))
+        lam = arguments.finite(lam, "lam", len(self.sizes))
         found, first = {}, 0
         for name, c in zip(names(self.constraints), self.constraints, strict=True):
             found[name] = np.zeros((*lam.shape[:-1], 6))
@@ -369,7 +369,9 @@ class ClosedRobot:
         by, on = wrench_by_robot, wrench_on_robot
         with np.errstate(all="ignore"):
             f = self.robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=by, wrench_on_robot=on, friction=friction)
-        f = checks.finite(f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv)
+        f = arguments.finite(
+            f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
+        )
         A, reach = self._reach(q)
         lam, left = balance(f, A, self.sizes, driven)
         closing.require_made(self, left, f, driven)
@@ -390,11 +392,11 @@ class ClosedRobot:
     def _state(self, name: str, **arrays: ArrayLike) -> list[Array]:
         """Arrays of finite numbers of the right last axis whose batch shapes broadcast."""
         found = [
-            checks.finite(array, f"{name}: {label}", self.nq if label == "q" else self.nv)
+            arguments.finite(array, f"{name}: {label}", self.nq if label == "q" else self.nv)
             for label, array in arrays.items()
         ]
         try:
             np.broadcast_shapes(*(array.shape[:-1] for array in found))
         except ValueError:
-            raise checks.mismatch(**dict(zip(arrays, found, strict=True))) from None
+            raise arguments.mismatch(**dict(zip(arrays, found, strict=True))) from None
         return found

@@ -14,8 +14,8 @@ from .algorithms.balance import UNBALANCED
 from .algorithms.constraints import Closure, Constraint, row_names
 from .algorithms.reach import through, usual_sizes
 from .algorithms.task_space import ROWS
+from .core import arguments
 from .errors import ConstraintError, ConstraintWarning, UnknownNameError
-from .lie import checks
 
 if TYPE_CHECKING:
     from .closed import ClosedRobot
@@ -113,7 +113,7 @@ def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
         starts = np.concatenate([robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
     else:
         spread = np.repeat([0.0, 0.01, 0.1, 0.3], STARTS // 4)[:, None]
-        starts = robot.add(checks.one(near, "near", robot.nq), spread * rng.standard_normal((STARTS, robot.nv)))
+        starts = robot.add(arguments.one(near, "near", robot.nq), spread * rng.standard_normal((STARTS, robot.nv)))
     q, left = closed.settled(starts, 0.01 * FOUND)
     if not (left <= FOUND).any():
         raise ConstraintError(

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .algorithms.task_space import row_numbers
+from .core import arguments
 from .errors import ShapeError, ValueRangeError
-from .lie import checks, se3, so3
+from .lie import se3, so3
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -89,7 +90,9 @@ def solve(
     distance: float = DISTANCE,
 ) -> InverseKinematics:
     """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`."""
-    target = np.asarray(checks.pose(checks.real(T, "inverse_kinematics: T", 4, 4), "inverse_kinematics: T"), float)
+    target = np.asarray(
+        arguments.pose(arguments.real(T, "inverse_kinematics: T", 4, 4), "inverse_kinematics: T"), float
+    )
     chosen = row_numbers(rows)
     try:
         again = operator.index(restarts)
@@ -98,7 +101,7 @@ def solve(
         again = -1
     if again < 0:
         raise ValueRangeError(f"restarts={restarts!r}, rng={rng!r}: give a whole number of at least 0, and a seed.")
-    allowed = [checks.number(x, name) for name, x in (("angle", angle), ("distance", distance))]
+    allowed = [arguments.number(x, name) for name, x in (("angle", angle), ("distance", distance))]
     if not all(0 < x < np.inf for x in allowed):
         raise ValueRangeError(f"angle={angle!r}, distance={distance!r}: give what may be left, finite and above 0.")
     if robot.nv == 0:
@@ -110,7 +113,7 @@ def solve(
     if q0 is None:
         start = search.inside(np.broadcast_to(robot.neutral, (*shape, robot.nq)))
     else:
-        given = np.asarray(checks.finite(q0, "inverse_kinematics: q0", robot.nq), float)
+        given = np.asarray(arguments.finite(q0, "inverse_kinematics: q0", robot.nq), float)
         try:
             shape = np.broadcast_shapes(shape, given.shape[:-1])
         except ValueError:

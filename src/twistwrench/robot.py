@@ -21,6 +21,7 @@ from .algorithms.reach import Reach, doubtful, independent_rows, usual_sizes
 from .algorithms.regressor import PARAMETER_NAMES
 from .algorithms.task_space import ROWS, row_numbers
 from .bodies.inertia import SpatialInertia
+from .core import arguments
 from .derived import is_symbolic
 from .errors import (
     FrameError,
@@ -34,7 +35,6 @@ from .errors import (
 )
 from .kernels import threads
 from .kernels.interpreter import compiles
-from .lie import checks
 from .model import configuration, edit
 from .model.actuator import Actuator
 from .model.model import Limits, Model
@@ -972,7 +972,7 @@ class Robot:
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
-        q = np.asarray(checks.finite(q, "lost_directions: q", self.nq), float)
+        q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq), float)
         chosen = list(row_numbers(rows))
         sizes = self._usual_ways(frame, kind)[2][chosen]
         return Reach.of(self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes).lost
@@ -1049,7 +1049,7 @@ class Robot:
         ((12, 2), (12, 12), (2, 2))
         """
         q, dq = (
-            checks.finite(checks.one(x, f"closed_form: {name}", n), f"closed_form: {name}", n)
+            arguments.finite(arguments.one(x, f"closed_form: {name}", n), f"closed_form: {name}", n)
             for name, x, n in (("q", q, self.nq), ("dq", dq, self.nv))
         )
         _check_mapping(wrench_by_robot)

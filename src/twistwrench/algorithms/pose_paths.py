@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError
-from ..lie import checks, se3, so3
+from ..lie import se3, so3
 
 Array = NDArray[Any]
 
@@ -35,7 +36,7 @@ class PosePath:
         A straight path is R(s) = R0 exp(log(R0' R1) s), p(s) = p0 + s (p1 - p0), MR eq. 9.24 and 9.25; a screw
         T(s) = T0 exp(log(T0⁻¹ T1) s), MR eq. 9.23.
         """
-        s = checks.real(s, "s")[..., None]
+        s = arguments.real(s, "s")[..., None]
         if not self.straight:
             return np.asarray(self.start @ se3.exp(s * self.twist))
         R = self.start[:3, :3] @ so3.exp(s * self.twist[:3])
@@ -43,7 +44,7 @@ class PosePath:
 
     def body_twist(self, s: ArrayLike) -> Array:
         """V(s) with dT/ds = T [V]; (...) → (..., 6)."""
-        s = checks.real(s, "s")
+        s = arguments.real(s, "s")
         if not self.straight:
             return np.broadcast_to(self.twist, (*s.shape, 6)).copy()
         R = self(s)[..., :3, :3]
@@ -77,7 +78,7 @@ def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
 def _poses(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
     found = []
     for name, T in (("start", start), ("end", end)):
-        M = np.asarray(checks.pose(checks.finite(T, name, 4, 4), name), float)
+        M = np.asarray(arguments.pose(arguments.finite(T, name, 4, 4), name), float)
         if M.shape != (4, 4):
             raise ShapeError(f"{name} has shape {M.shape}: a path leads from one pose (4, 4) to another.")
         found.append(M)

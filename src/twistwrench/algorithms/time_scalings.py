@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ValueRangeError
-from ..lie import checks
 
 Array = NDArray[Any]
 
@@ -32,7 +32,7 @@ class Polynomial:
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
-        t = checks.real(t, "t")
+        t = arguments.real(t, "t")
         x = np.clip(t / self.duration, 0.0, 1.0)
         moving = (t >= 0) & (t <= self.duration) | np.isnan(t)
         p = np.polynomial.Polynomial(self.coefficients)
@@ -101,7 +101,7 @@ class Trapezoid:
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
-        t = checks.real(t, "t")
+        t = arguments.real(t, "t")
         T, ta, v, a = self.duration, self.ramp, self.v, self.a
         up, down = np.clip(t, 0.0, ta), np.clip(T - t, 0.0, ta)
         coast = np.clip(t - ta, 0.0, max(T - 2 * ta, 0.0))
@@ -153,7 +153,7 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
 
 
 def _positive(x: Any, name: str) -> float:
-    value = checks.number(x, name)
+    value = arguments.number(x, name)
     if not 0 < value < np.inf:
         raise ValueRangeError(f"{name} is {value:g}: a motion takes a finite {name} above zero.")
     return value

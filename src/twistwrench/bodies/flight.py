@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import InertiaError, ValueRangeError
-from ..lie import checks, quaternion, se3, so3
+from ..lie import quaternion, se3, so3
 from .inertia import SpatialInertia
 from .labels import common_frame
 from .splitting import COMPOSITIONS, Quat, Rotor, Vec
@@ -193,12 +194,12 @@ def fly(
     body = _Body(float(inertia.mass), moments, se3.pose(axes, inertia.com))
     n = _steps(duration, dt, every)
     h = float(duration) / n
-    if checks.number(order, "order") not in COMPOSITIONS:
+    if arguments.number(order, "order") not in COMPOSITIONS:
         raise ValueRangeError(f"order {order} is not available; choose one of {sorted(COMPOSITIONS)}.")
-    if tolerance is not None and not 1e-13 <= checks.number(tolerance, "tolerance") <= 1e-2:
+    if tolerance is not None and not 1e-13 <= arguments.number(tolerance, "tolerance") <= 1e-2:
         raise ValueRangeError(f"tolerance is {tolerance}, and must be between 1e-13 and 1e-2.")
     frame = common_frame(T0=T0, V0=V0, wrench=wrench)
-    pose = checks.pose(checks.finite(checks.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
+    pose = arguments.pose(arguments.finite(arguments.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
     start = body.state(pose, _six("V0", V0))
     kept = np.append(np.arange(0, n, every), n)
     law = None if wrench is None else _called(wrench, frame) if callable(wrench) else _constant(wrench)
@@ -333,9 +334,9 @@ def _adaptive(body: _Body, start: tuple[Array, ...], times: Array, law: WrenchLa
 
 def _steps(duration: float, dt: float, every: int) -> int:
     for name, x in (("duration", duration), ("dt", dt)):
-        if not 0.0 < checks.number(x, name) < np.inf:
+        if not 0.0 < arguments.number(x, name) < np.inf:
             raise ValueRangeError(f"{name} is {x}, and must be a positive number of seconds.")
-    if not (checks.number(every, "every") >= 1 and every % 1 == 0):
+    if not (arguments.number(every, "every") >= 1 and every % 1 == 0):
         raise ValueRangeError(f"every is {every}, and must be a whole number of steps, at least 1.")
     if not float(duration) < 1e8 * every * dt:
         raise ValueRangeError(
@@ -346,7 +347,7 @@ def _steps(duration: float, dt: float, every: int) -> int:
 
 
 def _six(name: str, x: ArrayLike) -> Array:
-    return checks.finite(checks.one(x, name, 6), name, 6)
+    return arguments.finite(arguments.one(x, name, 6), name, 6)
 
 
 def _constant(wrench: ArrayLike) -> WrenchLaw:

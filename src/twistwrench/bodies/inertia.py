@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import FrameError, InertiaError, ShapeError, ValueRangeError
-from ..lie import checks, so3
+from ..lie import so3
 from ..screws.labelled import Labelled
 from ..screws.words import tuple_of, without_noise
 from . import mesh as meshes
@@ -49,7 +50,7 @@ class SpatialInertia:
 
     def __post_init__(self) -> None:
         what = "inertial parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz:"
-        pi = np.array(checks.one(self.parameters, f"{what} the array", 10, symbols=True))
+        pi = np.array(arguments.one(self.parameters, f"{what} the array", 10, symbols=True))
         pi.setflags(write=False)
         object.__setattr__(self, "parameters", pi)
 
@@ -70,14 +71,14 @@ class SpatialInertia:
     @classmethod
     def from_parameters(cls, pi: ArrayLike) -> SpatialInertia:
         """From the ten parameters, in the order of :attr:`parameters`."""
-        return cls(np.asarray(checks.array(pi, "inertial parameters", 10)))
+        return cls(np.asarray(arguments.array(pi, "inertial parameters", 10)))
 
     @classmethod
     def from_com(
         cls, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), moment_about_com: ArrayLike | None = None
     ) -> SpatialInertia:
         """From mass [kg], centre of mass (3,) [m] and rotational inertia (3, 3) about it [kg m²], in the frame's axes."""
-        m, c = checks.number(mass, "mass"), checks.one(com, "com", 3)
+        m, c = arguments.number(mass, "mass"), arguments.one(com, "com", 3)
         I = np.zeros((3, 3)) if moment_about_com is None else _moment(moment_about_com)
         with np.errstate(over="ignore", invalid="ignore"):  # defects() says what is not finite
             if not (gap := float(np.abs(I - I.T).max())) <= 1e-9 * float(np.abs(I).max()) and np.isfinite(I).all():
@@ -90,7 +91,7 @@ class SpatialInertia:
     @classmethod
     def from_matrix(cls, G: ArrayLike) -> SpatialInertia:
         """From the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]]; an InertiaError if it has not that form."""
-        G = checks.one(G, "a spatial inertia matrix", 6, 6)
+        G = arguments.one(G, "a spatial inertia matrix", 6, 6)
         if not np.isfinite(G).all():
             raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
         h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
@@ -184,7 +185,7 @@ class SpatialInertia:
 
     def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
         """The same body's inertia in {a}, when this one is in {b}: G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks."""
-        T = checks.pose(checks.one(T_ab, "T_ab", 4, 4, symbols=True), "T_ab")
+        T = arguments.pose(arguments.one(T_ab, "T_ab", 4, 4, symbols=True), "T_ab")
         R, p, m = T[:3, :3], T[:3, 3], self.mass
         h = R @ self.first_moment
         u = h + 0.5 * m * p
@@ -199,7 +200,7 @@ class SpatialInertia:
         """
         if k not in (0, 1, 2):
             raise ValueRangeError(f"no coordinate axis {k!r}; choose 0, 1 or 2.")
-        checks.one(angle, "angle", symbols=True)
+        arguments.one(angle, "angle", symbols=True)
         x, y, z = (k + 1) % 3, (k + 2) % 3, k
         s, c, h = np.sin(angle), np.cos(angle), self.first_moment.astype(object)
         h[x], h[y] = c * h[x] - s * h[y], s * h[x] + c * h[y]
@@ -222,7 +223,7 @@ class SpatialInertia:
                 f"SpatialInertia @ {V.symbol}: an inertia names no frame, so that of {V.symbol} cannot be checked. If the "
                 f"inertia is about the origin of {V.frame!r}, write G @ {V.symbol}.values."
             )
-        V = checks.array(V, "V", 6)
+        V = arguments.array(V, "V", 6)
         w, v, h = V[..., :3], V[..., 3:], self.first_moment
         return np.concatenate(
             [w @ self.moment_about_origin + so3.cross(h, v), self.mass * v - so3.cross(h, w)], axis=-1
@@ -300,7 +301,7 @@ class SpatialInertia:
 def _moment(I: ArrayLike) -> Array:
     """A rotational inertia (3, 3); three numbers, which could only be its diagonal, are told how to become one."""
     try:
-        return checks.one(I, "moment_about_com", 3, 3)
+        return arguments.one(I, "moment_about_com", 3, 3)
     except ShapeError as problem:
         try:
             three = np.shape(I) == (3,)

@@ -6,8 +6,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ..core import arguments
 from ..errors import FrameError
-from ..lie import checks
 from ..screws.pose import Pose
 from ..screws.twist import Twist
 from ..screws.wrench import Wrench
@@ -42,4 +42,4 @@ def common_frame(known: str | None = None, **given: Any) -> str | None:
 def numbers(**vectors: Any) -> list[Array]:
     """The numbers (..., 6), those of labelled twists and wrenches once their kinds and frames are found to agree."""
     common_frame(**vectors)
-    return [checks.real(x, name, 6) for name, x in vectors.items()]
+    return [arguments.real(x, name, 6) for name, x in vectors.items()]

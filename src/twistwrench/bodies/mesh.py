@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import MissingExtraError, ModelError, NotFoundError, ShapeError, ValueRangeError
-from ..lie import checks
 from .solids import total_mass
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def mesh(
     >>> round(G.mass, 12), G.com.round(12).tolist()
     (1.0, [0.25, 0.25, 0.25])
     """
-    if not 0.0 < checks.number(scale, "mesh: scale") < np.inf:
+    if not 0.0 < arguments.number(scale, "mesh: scale") < np.inf:
         raise ValueRangeError(f"mesh: scale is {scale}, and must be positive and finite.")
     name, vertices, faces = _read(surface)
     _require_closed(name, vertices, faces)
@@ -70,7 +70,7 @@ def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array
         return (str(surface), *_load(Path(surface)))
     try:
         corners, triangles = surface
-        vertices, faces = checks.real(corners, "vertices"), np.asarray(triangles)
+        vertices, faces = arguments.real(corners, "vertices"), np.asarray(triangles)
     except (TypeError, ValueError):
         raise ShapeError("a mesh is a file name or a pair (vertices (n, 3), faces (k, 3)).") from None
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not faces.size:

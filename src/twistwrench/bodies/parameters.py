@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import InertiaError, ValueRangeError
-from ..lie import checks, so3
+from ..lie import so3
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
@@ -32,7 +33,7 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
     >>> bool(np.allclose(SpatialInertia.from_pseudo_inertia(G.pseudo_inertia).parameters, G.parameters))
     True
     """
-    P = checks.one(J, "a pseudo-inertia", 4, 4)
+    P = arguments.one(J, "a pseudo-inertia", 4, 4)
     P = 0.5 * (P + P.T)
     I = P[:3, :3].trace() * np.eye(3) - P[:3, :3]
     return cls.from_parameters([P[3, 3], *P[:3, 3], I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
@@ -68,7 +69,7 @@ def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialIne
     >>> SpatialInertia.from_log_cholesky(np.linspace(-1, 2, 10)).defects()
     []
     """
-    x = checks.one(theta, "log-Cholesky parameters", 10)
+    x = arguments.one(theta, "log-Cholesky parameters", 10)
     if not np.isfinite(x).all():
         raise ValueRangeError(f"log-Cholesky parameters must be finite, got {x}.")
     alpha, d1, d2, d3, s12, s23, s13, *t = x.tolist()

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import InertiaError, SingularMassMatrixError
-from ..lie import checks, so3
+from ..lie import so3
 from .inertia import SpatialInertia
 from .labels import numbers
 
@@ -96,19 +97,19 @@ class RigidBody:
 
     def weight(self, T_sb: ArrayLike, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> Array:
         """Gravity's wrench (..., 6) on the body at pose T_sb (..., 4, 4), in {b}; ``gravity`` (3,) [m/s²] in {s}."""
-        checks.pose(T_sb, "T_sb")
-        T, g = checks.real(T_sb, "T_sb", 4, 4), checks.real(gravity, "gravity", 3)
+        arguments.pose(T_sb, "T_sb")
+        T, g = arguments.real(T_sb, "T_sb", 4, 4), arguments.real(gravity, "gravity", 3)
         try:
             f = (np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None])[..., 0]
         except ValueError:
-            raise checks.mismatch(T_sb=T, gravity=g) from None
+            raise arguments.mismatch(T_sb=T, gravity=g) from None
         return np.concatenate([so3.cross(self.inertia.first_moment, f), self.inertia.mass * f], axis=-1)
 
     # ── points, frames, flight ──
 
     def point_velocity(self, V: ArrayLike, r: ArrayLike) -> Array:
         """Velocity (..., 3) [m/s] of the body's point at r (..., 3), in the axes of {b}: v + ω × r."""
-        (V,), r = numbers(V=V), checks.real(r, "r", 3)
+        (V,), r = numbers(V=V), arguments.real(r, "r", 3)
         return V[..., 3:] + so3.cross(V[..., :3], r)
 
     def point_acceleration(self, V: ArrayLike, dV: ArrayLike, r: ArrayLike) -> Array:
@@ -116,8 +117,8 @@ class RigidBody:
 
         In the axes of {b} and relative to {s}: what an accelerometer fixed there feels, without gravity.
         """
-        (V, dV), r = numbers(V=V, dV=dV), checks.real(r, "r", 3)
-        V, dV = checks.together(V=V, dV=dV)
+        (V, dV), r = numbers(V=V, dV=dV), arguments.real(r, "r", 3)
+        V, dV = arguments.together(V=V, dV=dV)
         return dV[..., 3:] + so3.cross(dV[..., :3], r) + so3.cross(V[..., :3], self.point_velocity(V, r))
 
     def in_frame(self, T_ab: ArrayLike) -> RigidBody:
@@ -157,7 +158,7 @@ class RigidBody:
 
     def _by_rows(self, law: Callable[..., Array], **vectors: ArrayLike) -> Array:
         """Apply ``law(G, *columns)`` to (..., 6) arrays, some thousand rows at a time as contiguous (6, n) columns."""
-        arrays = checks.together(**dict(zip(vectors, numbers(**vectors), strict=True)))
+        arrays = arguments.together(**dict(zip(vectors, numbers(**vectors), strict=True)))
         dtype = np.result_type(*arrays)
         G = self._matrix.astype(dtype)
         shape = arrays[0].shape

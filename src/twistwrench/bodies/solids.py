@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
@@ -31,7 +31,7 @@ def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike)
     >>> G.mass, G.com.tolist(), G.moment_about_origin.diagonal().tolist()
     (4.0, [0.0, 0.0, -0.5], [4.0, 4.0, 0.0])
     """
-    m, r = np.asarray(checks.real(masses, "masses"), float), np.asarray(checks.real(points, "points"), float)
+    m, r = np.asarray(arguments.real(masses, "masses"), float), np.asarray(arguments.real(points, "points"), float)
     if m.ndim != 1 or r.shape != (m.size, 3):
         raise ShapeError(f"masses have shape {m.shape} and points {r.shape}, expected (n,) and (n, 3).")
     bad = np.flatnonzero(~((m >= 0) & (m < np.inf) & np.isfinite(r).all(axis=1)))
@@ -153,14 +153,14 @@ def total_mass(shape: str, volume: float, mass: float | None, density: float | N
         given = "neither" if mass is None else "both"
         raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {given}.")
     name, number = ("mass", mass) if mass is not None else ("density", density)
-    value = checks.number(number, f"{shape}: {name}")
+    value = arguments.number(number, f"{shape}: {name}")
     if not 0.0 < value < np.inf:
         raise ValueRangeError(f"{shape}: {name} is {value}, and must be positive and finite.")
     return value if name == "mass" else value * volume
 
 
 def _lengths(name: str, value: ArrayLike, count: int) -> Array:
-    a = checks.one(value, name, count) if count > 1 else np.array([checks.number(value, name)])
+    a = arguments.one(value, name, count) if count > 1 else np.array([arguments.number(value, name)])
     if not ((a >= 1e-100) & (a <= 1e100)).all():  # beyond, their squares and products are no numbers
         given = a.tolist() if count > 1 else a[0]
         raise ValueRangeError(f"{name} is {given}; lengths must be positive and finite, 1e-100 to 1e100 m.")

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.control import undriven
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks
 from ..robot import Robot
 
 Array = NDArray[Any]
@@ -42,7 +42,7 @@ def require_driven(robot: object, what: str) -> Robot:
 
 def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
     """q (nq,) and dq (nv,) of one state. Raises ShapeError, ValueRangeError."""
-    return checks.one(q, f"{what}: q", robot.nq), checks.one(dq, f"{what}: dq", robot.nv)
+    return arguments.one(q, f"{what}: q", robot.nq), arguments.one(dq, f"{what}: dq", robot.nv)
 
 
 def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
@@ -50,7 +50,7 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
 
     Raises ShapeError, and ValueRangeError for one that is not positive semidefinite, or not definite where it must be.
     """
-    n, given = len(names), checks.finite(K, what)
+    n, given = len(names), arguments.finite(K, what)
     if given.shape not in ((), (n,), (n, n)):
         raise ShapeError(
             f"{what} has shape {given.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "

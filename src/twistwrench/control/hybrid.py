@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..closed import ClosedRobot
+from ..core import arguments
 from ..errors import ValueRangeError
-from ..lie import checks
 from .gains import gain, one_state
 from .impedance import Measured
 
@@ -75,7 +75,7 @@ class HybridMotionForce:
             object.__setattr__(self, "_force", force)
         else:
             what = f"HybridMotionForce: force (one for each of {', '.join(names)})"
-            constant = np.array(checks.finite(checks.one(force, what, k), what, k))
+            constant = np.array(arguments.finite(arguments.one(force, what, k), what, k))
             object.__setattr__(self, "_force", lambda _t: constant)
         object.__setattr__(self, "_gain", gain(self.force_gain, "HybridMotionForce: force_gain", names))
         if (self.measured is None) != (not np.any(self._gain)):
@@ -89,7 +89,7 @@ class HybridMotionForce:
         """τ (nv,)."""
         closed, robot = self.closed, self.closed.robot
         q, dq = one_state(robot, "HybridMotionForce", q, dq)
-        tau = checks.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {t:g} s", robot.nv)
+        tau = arguments.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {t:g} s", robot.nv)
         free = robot.forward_dynamics(q, dq, tau)
         ddq = closed.project_acceleration(q, dq, free)  # M ddq = P (τ - h) - A'(A M⁻¹ A')⁻¹ dA/dt dq
         pressed = closed.constraint_jacobian(q).T @ self._commanded(t, q, dq)
@@ -98,8 +98,8 @@ class HybridMotionForce:
     def _commanded(self, t: float, q: Array, dq: Array) -> Array:
         """λ_d + K_f (λ_d - λ)."""
         k = len(self.closed.sizes)
-        lam = checks.one(self._force(t), f"force of HybridMotionForce at t = {t:g} s", k)
+        lam = arguments.one(self._force(t), f"force of HybridMotionForce at t = {t:g} s", k)
         if self.measured is None:
             return lam
-        felt = checks.one(self.measured(t, q, dq), f"measured of HybridMotionForce at t = {t:g} s", k)
+        felt = arguments.one(self.measured(t, q, dq), f"measured of HybridMotionForce at t = {t:g} s", k)
         return lam + self._gain @ (lam - felt)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ValueRangeError
-from ..lie import checks
 from .gains import gain
 from .task_space import TaskLaw, TaskState
 
@@ -73,7 +73,7 @@ class Impedance(TaskLaw):
         if self.wrench_on_robot is None:
             return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
         measured = self.wrench_on_robot(t, np.asarray(q, float), np.asarray(dq, float))
-        F = self._felt(q, checks.one(measured, f"wrench_on_robot of Impedance at t = {t:g} s", 6), now)
+        F = self._felt(q, arguments.one(measured, f"wrench_on_robot of Impedance at t = {t:g} s", 6), now)
         a = now.feedforward + self._inverse_mass @ (pull + F)
         return self._torques(t, q, dq, now, now.Lambda @ a - F)
 

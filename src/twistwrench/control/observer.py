@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.jacobians import KINDS
 from ..algorithms.task_space import row_numbers
+from ..core import arguments
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
-from ..lie import checks
 from ..robot import Robot, Rows
 from .gains import one_state, require_robot
 
@@ -77,7 +77,7 @@ class MomentumObserver:
 
     def __init__(self, robot: Robot, gain: ArrayLike, *, friction: bool = False) -> None:
         self.robot, self.friction = require_robot(robot, "MomentumObserver"), bool(friction)
-        K = checks.real(gain, "MomentumObserver: gain")
+        K = arguments.real(gain, "MomentumObserver: gain")
         if K.shape not in ((), (robot.nv,)) or not (K > 0).all():
             raise ValueRangeError(
                 f"MomentumObserver: gain is {gain!r}. Give rates [1/s] above zero, one number or {robot.nv} of them; "
@@ -106,11 +106,11 @@ class MomentumObserver:
         The first call says where it begins, and its torques are of no account. Raises ValueRangeError for a time that is not
         after the last one.
         """
-        now, nv = checks.number(t, "MomentumObserver: t"), self.robot.nv
+        now, nv = arguments.number(t, "MomentumObserver: t"), self.robot.nv
         q, dq = one_state(self.robot, "MomentumObserver", q, dq)
-        tau = checks.one(tau, "MomentumObserver: tau", nv)
+        tau = arguments.one(tau, "MomentumObserver: tau", nv)
         for name, x in (("t", t), ("q", q), ("dq", dq), ("tau", tau)):  # one NaN would stay in the residual for ever
-            checks.finite(x, f"MomentumObserver: {name}")
+            arguments.finite(x, f"MomentumObserver: {name}")
         state = (now, dq.copy(), *self._momentum(q, dq))  # the caller may go on writing into dq
         if self._last is not None:
             self._residual = self._filtered(self._residual, self._last, state, tau)
@@ -123,12 +123,12 @@ class MomentumObserver:
         ``tau[k]`` is what is applied from ``times[k]`` on, as in the result of a simulation with a controller. What
         :meth:`update` knows stays as it is.
         """
-        t = checks.finite(times, "MomentumObserver: times")
+        t = arguments.finite(times, "MomentumObserver: times")
         states = {"q": (q, self.robot.nq), "dq": (dq, self.robot.nv), "tau": (tau, self.robot.nv)}
         if t.ndim != 1 or not len(t):
             raise ShapeError(f"MomentumObserver: times have shape {t.shape}, expected (n,), the instants of a record.")
         q, dq, tau = (
-            checks.finite(checks.one(x, f"MomentumObserver: {n}", len(t), k), f"MomentumObserver: {n}", k)
+            arguments.finite(arguments.one(x, f"MomentumObserver: {n}", len(t), k), f"MomentumObserver: {n}", k)
             for n, (x, k) in states.items()
         )
         p, beta = self._momentum(q, dq)
@@ -150,7 +150,7 @@ class MomentumObserver:
         def watched(t: float, q: Array, dq: Array) -> Array:
             nonlocal held
             self.update(t, q, dq, held)
-            held = checks.one(controller(t, q, dq), "the torques of the controller watched", self.robot.nv)
+            held = arguments.one(controller(t, q, dq), "the torques of the controller watched", self.robot.nv)
             return held
 
         return watched
@@ -172,9 +172,11 @@ class MomentumObserver:
         robot, chosen = self.robot, list(row_numbers(rows))
         if kind not in KINDS:
             raise UnknownNameError.of("kind", kind, KINDS)
-        q = checks.finite(checks.one(q, "MomentumObserver.wrench: q", robot.nq), "MomentumObserver.wrench: q")
-        r = checks.one(self._residual if residual is None else residual, "MomentumObserver.wrench: residual", robot.nv)
-        r = checks.finite(r, "MomentumObserver.wrench: residual")
+        q = arguments.finite(arguments.one(q, "MomentumObserver.wrench: q", robot.nq), "MomentumObserver.wrench: q")
+        r = arguments.one(
+            self._residual if residual is None else residual, "MomentumObserver.wrench: residual", robot.nv
+        )
+        r = arguments.finite(r, "MomentumObserver.wrench: residual")
         J = robot.jacobian(q, frame, kind)[chosen]
         U, s, Vt = np.linalg.svd(J)  # r = J'F
         rank = int(np.count_nonzero(s > SINGULAR * s.max(initial=0.0)))

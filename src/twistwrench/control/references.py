@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.pose_paths import PosePath
+from ..core import arguments
 from ..errors import FrameError, ShapeError, ValueRangeError
-from ..lie import checks, se3, so3
+from ..lie import se3, so3
 from ..model.model import BASE
 from ..robot import Robot
 from ..screws.pose import Pose
@@ -74,7 +75,7 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
     Raises ShapeError, ValueRangeError.
     """
     if not callable(given):
-        q = np.array(checks.finite(checks.one(given, what, robot.nq), what, robot.nq))
+        q = np.array(arguments.finite(arguments.one(given, what, robot.nq), what, robot.nq))
         q.setflags(write=False)
         zero = np.zeros(robot.nv)
         return lambda _t: (q, zero, zero)
@@ -84,9 +85,9 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
         q, dq, ddq = _three(given(t), what, t)
         named = f"{what} at t = {t:g} s"
         return (
-            checks.one(q, f"q of {named}", robot.nq),
-            checks.one(dq, f"dq of {named}", robot.nv),
-            checks.one(ddq, f"ddq of {named}", robot.nv),
+            arguments.one(q, f"q of {named}", robot.nq),
+            arguments.one(dq, f"dq of {named}", robot.nv),
+            arguments.one(ddq, f"ddq of {named}", robot.nv),
         )
 
     motion(0.0)
@@ -110,7 +111,7 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
             f"T_s{given.to} @ T, with Pose(robot.forward_kinematics(q, {given.to!r}), to='s', of={given.to!r})."
         )
     if not callable(given):
-        T = np.array(checks.pose(checks.finite(checks.one(given, what, 4, 4), what), what), float)
+        T = np.array(arguments.pose(arguments.finite(arguments.one(given, what, 4, 4), what), what), float)
         T.setflags(write=False)
         zero = np.zeros(6)
         return lambda _t: (T, zero, zero)
@@ -129,8 +130,8 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
     def of_pose(t: float) -> tuple[Array, Array, Array]:
         T, V, dV = _three(given(t), what, t)
         named = f"{what} at t = {t:g} s"
-        pose = checks.pose(checks.one(T, f"T of {named}", 4, 4), f"T of {named}")
-        return pose, checks.one(V, f"V of {named}", 6), checks.one(dV, f"dV of {named}", 6)
+        pose = arguments.pose(arguments.one(T, f"T of {named}", 4, 4), f"T of {named}")
+        return pose, arguments.one(V, f"V of {named}", 6), arguments.one(dV, f"dV of {named}", 6)
 
     of_pose(0.0)
     return of_pose

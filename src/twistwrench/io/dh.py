@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bodies.inertia import SpatialInertia
+from ..core import arguments
 from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
-from ..lie import checks, se3
+from ..lie import se3
 from ..model.builder import ModelBuilder
 from ..model.model import Model
 
@@ -104,7 +105,7 @@ def from_dh(
     tip = f"link{n}"
     if tool is not None:
         builder.add_link("tool")
-        builder.add_joint("tool_fixed", "fixed", tip, "tool", placement=checks.pose(tool, "tool"))
+        builder.add_joint("tool_fixed", "fixed", tip, "tool", placement=arguments.pose(tool, "tool"))
         tip = "tool"
     return builder.build(tip=tip, gravity=gravity, inertia=inertia)
 
@@ -123,12 +124,12 @@ def _screw(axis: int, angle: float, distance: float) -> Array:
 def _columns(table: Any, columns: Sequence[str] | None) -> list[Array]:
     """theta, d, a, alpha, (n,) each."""
     if isinstance(table, Mapping):
-        found = {name: checks.finite(x, f"column {name!r} of the table") for name, x in _known(table).items()}
+        found = {name: arguments.finite(x, f"column {name!r} of the table") for name, x in _known(table).items()}
         found = {name: x if x.ndim else x[None] for name, x in found.items()}
     elif _is_rows(table):
         rows = [_known(row) for row in table]
         found = {
-            name: checks.finite([row.get(name, 0.0) for row in rows], f"column {name!r} of the table")
+            name: arguments.finite([row.get(name, 0.0) for row in rows], f"column {name!r} of the table")
             for name in COLUMNS
         }
     else:
@@ -154,7 +155,7 @@ def _known(named: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _by_position(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
-    array = checks.finite(table, "the Denavit–Hartenberg table")
+    array = arguments.finite(table, "the Denavit–Hartenberg table")
     if array.ndim != 2 or array.shape[1] != len(COLUMNS):
         raise ShapeError(f"the Denavit–Hartenberg table has shape {array.shape}, expected (n, 4).")
     if columns is None:
@@ -171,9 +172,9 @@ def _inertias(
     n: int, masses: ArrayLike | None, coms: ArrayLike | None, moments: ArrayLike | None
 ) -> list[SpatialInertia]:
     """The inertia of each link in its own frame, zero where nothing is given."""
-    m = np.zeros(n) if masses is None else checks.finite(masses, "masses")
-    c = np.zeros((n, 3)) if coms is None else checks.finite(coms, "coms")
-    I = np.zeros((n, 3, 3)) if moments is None else checks.finite(moments, "moments_about_com")
+    m = np.zeros(n) if masses is None else arguments.finite(masses, "masses")
+    c = np.zeros((n, 3)) if coms is None else arguments.finite(coms, "coms")
+    I = np.zeros((n, 3, 3)) if moments is None else arguments.finite(moments, "moments_about_com")
     for what, x, shape in (("masses", m, (n,)), ("coms", c, (n, 3)), ("moments_about_com", I, (n, 3, 3))):
         if x.shape != shape:
             raise ShapeError(f"{what} has shape {x.shape}, but the table has {n} rows: expected {shape}.")

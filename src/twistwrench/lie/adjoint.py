@@ -14,8 +14,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import FrameError
-from . import checks
 from .so3 import cross
 
 Array = NDArray[Any]
@@ -47,11 +47,11 @@ class _Operator(ABC):
     def __matmul__(self, x: Any) -> Any:
         if hasattr(x, "frame"):
             return NotImplemented  # its __rmatmul__ knows frames
-        x = checks.array(x, f"{type(self).__name__}(…) @ x: x", 6)
+        x = arguments.array(x, f"{type(self).__name__}(…) @ x: x", 6)
         try:
             return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)
         except ValueError:
-            checks.together(**{type(self).__name__: np.empty((*self._batch, 1)), "x": x[..., :1]})
+            arguments.together(**{type(self).__name__: np.empty((*self._batch, 1)), "x": x[..., :1]})
             raise
 
     @property
@@ -84,7 +84,7 @@ class Ad(_Operator):
     """
 
     def __init__(self, T: ArrayLike) -> None:
-        self._pose, self.transposed, self.inverted = checks.pose(T, "Ad: T"), False, False
+        self._pose, self.transposed, self.inverted = arguments.pose(T, "Ad: T"), False, False
         self.frames = (T.to, T.of) if hasattr(T, "to") and hasattr(T, "of") else None
 
     @property
@@ -122,7 +122,7 @@ class ad(_Operator):
     def __init__(self, V: ArrayLike) -> None:
         if getattr(V, "_kind", "twist") != "twist":
             raise FrameError("ad: V is a wrench, and ad(V) is of a twist.")
-        self._twist, self.transposed = checks.array(V, "ad: V", 6), False
+        self._twist, self.transposed = arguments.array(V, "ad: V", 6), False
         self.frames = (V.frame, V.frame) if hasattr(V, "frame") else None
 
     @property

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ValueRangeError
-from . import checks, series
+from . import series
 from .quadratic import within_reach
 
 Array = NDArray[Any]
@@ -21,7 +22,7 @@ def rotation(quat: ArrayLike) -> Array:
 
     One of length zero is a :class:`~twistwrench.ValueRangeError`.
     """
-    quat = checks.array(quat, "quaternion.rotation: quat", 4)
+    quat = arguments.array(quat, "quaternion.rotation: quat", 4)
     w, x, y, z = np.moveaxis(quat, -1, 0)
     square = w * w + x * x + y * y + z * z
     if quat.dtype != object:
@@ -35,7 +36,7 @@ def rotation(quat: ArrayLike) -> Array:
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """The product a b (first b, then a); (..., 4), (..., 4) → (..., 4)."""
-    a, b = checks.array(a, "quaternion.multiply: a", 4), checks.array(b, "quaternion.multiply: b", 4)
+    a, b = arguments.array(a, "quaternion.multiply: a", 4), arguments.array(b, "quaternion.multiply: b", 4)
     (a0, a1, a2, a3), (b0, b1, b2, b3) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     try:
         return np.stack(
@@ -48,13 +49,13 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
             axis=-1,
         )
     except ValueError:
-        checks.together(a=a, b=b)
+        arguments.together(a=a, b=b)
         raise
 
 
 def exp(w: ArrayLike) -> Array:
     """Unit quaternion of the exponential coordinates w; (..., 3) → (..., 4)."""
-    w, angle = within_reach(np.asarray(checks.real(w, "quaternion.exp: w", 3), float))
+    w, angle = within_reach(np.asarray(arguments.real(w, "quaternion.exp: w", 3), float))
     half = 0.5 * angle[..., None]
     return np.concatenate([np.cos(half), 0.5 * series.sinc(half) * w], axis=-1)
 
@@ -64,7 +65,7 @@ def log(quat: ArrayLike) -> Array:
 
     One of length zero is a :class:`~twistwrench.ValueRangeError`.
     """
-    q = np.asarray(checks.real(quat, "quaternion.log: quat", 4), float)
+    q = np.asarray(arguments.real(quat, "quaternion.log: quat", 4), float)
     size = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
     _turning(size[..., 0], "quaternion.log: quat")
     q = np.ldexp(q, -np.frexp(size)[1])  # no square to overflow or underflow
@@ -94,7 +95,7 @@ def from_matrix(R: ArrayLike) -> Array:
     A matrix that is no rotation is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
-    R = np.asarray(checks.rotation(checks.real(R, _MATRIX, 3, 3), _MATRIX), float)
+    R = np.asarray(arguments.rotation(arguments.real(R, _MATRIX, 3, 3), _MATRIX), float)
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)
     # Row k is 4 q_k q: the outer product of the quaternion with itself, and the row of the largest q_k is the safest.

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import MissingExtraError
-from . import checks, series, so3
+from . import series, so3
 from .adjoint import Ad, ad
 from .quadratic import angle, quadratic, slope, within_reach
 
@@ -42,7 +43,7 @@ __all__ = [
 
 def pose(R: ArrayLike, p: ArrayLike) -> Array:
     """The 4×4 matrix of a rotation and a position; (..., 3, 3), (..., 3) → (..., 4, 4). Works on symbols too."""
-    R, p = checks.array(R, "se3.pose: R", 3, 3), checks.array(p, "se3.pose: p", 3)
+    R, p = arguments.array(R, "se3.pose: R", 3, 3), arguments.array(p, "se3.pose: p", 3)
     if R.shape[:-2] != p.shape[:-1]:
         R, p = _broadcast(R, p)
     top = np.concatenate([R, p[..., None]], axis=-1)
@@ -52,14 +53,14 @@ def pose(R: ArrayLike, p: ArrayLike) -> Array:
 
 def hat(V: ArrayLike) -> Array:
     """The 4×4 matrix [V]; (..., 6) → (..., 4, 4). MR eq. 3.71."""
-    V = checks.array(V, "se3.hat: V", 6)
+    V = arguments.array(V, "se3.hat: V", 6)
     top = np.concatenate([so3.hat(V[..., :3]), V[..., 3:, None]], axis=-1)
     return np.concatenate([top, np.zeros_like(top[..., :1, :])], axis=-2)
 
 
 def vee(X: ArrayLike) -> Array:
     """The twist of a 4×4 matrix [V]; (..., 4, 4) → (..., 6)."""
-    X = checks.array(X, "se3.vee: X", 4, 4)
+    X = arguments.array(X, "se3.vee: X", 4, 4)
     return np.concatenate([so3.vee(X[..., :3, :3]), X[..., :3, 3]], axis=-1)
 
 
@@ -68,7 +69,7 @@ def inverse(T: ArrayLike) -> Array:
 
     A matrix that is no pose is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
     """
-    T = checks.pose(T, "se3.inverse: T")
+    T = arguments.pose(T, "se3.inverse: T")
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     return pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
 
@@ -79,7 +80,7 @@ def exp(V: ArrayLike) -> Array:
     >>> exp([0, 0, 0, 1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    V = checks.real(V, "se3.exp: V", 6)
+    V = arguments.real(V, "se3.exp: V", 6)
     (w, theta), v = within_reach(V[..., :3]), V[..., 3:]
     b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
     wv = so3.cross(w, v)
@@ -98,7 +99,7 @@ def log(T: ArrayLike) -> Array:
     >>> log(exp([0.1, 0.2, 0.3, 4, 5, 6])).round(12).tolist()
     [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
     """
-    T = checks.pose(checks.real(T, "se3.log: T", 4, 4), "se3.log: T")
+    T = arguments.pose(arguments.real(T, "se3.log: T", 4, 4), "se3.log: T")
     w = so3.log(T[..., :3, :3])
     return np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
 
@@ -112,7 +113,7 @@ def left_jacobian(V: ArrayLike) -> Array:
     >>> left_jacobian([0, 0, 0, 2, 0, 0])[3:, :3].tolist()
     [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     """
-    V = checks.real(V, "se3.left_jacobian: V", 6)
+    V = arguments.real(V, "se3.left_jacobian: V", 6)
     (w, theta), v = within_reach(V[..., :3]), V[..., 3:]
     b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
     db, dc = series.one_minus_cos_slope(theta), series.theta_minus_sin_slope(theta)
@@ -128,7 +129,7 @@ def left_jacobian_inverse(V: ArrayLike) -> Array:
     >>> bool(abs(left_jacobian(V) @ left_jacobian_inverse(V) - np.eye(6)).max() < 1e-15)
     True
     """
-    V = checks.real(V, "se3.left_jacobian_inverse: V", 6)
+    V = arguments.real(V, "se3.left_jacobian_inverse: V", 6)
     w, v = V[..., :3], V[..., 3:]
     theta = angle(w)
     b, c = np.full_like(theta, -0.5), series.cot_term(theta)
@@ -145,8 +146,8 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     >>> bool(abs(project(T.round(3)) - T).max() < 1e-3)
     True
     """
-    M, within = checks.real(M, "se3.project: M", 4, 4), checks.number(within, "se3.project: within")
-    checks.last_row(M, "se3.project: M", within)
+    M, within = arguments.real(M, "se3.project: M", 4, 4), arguments.number(within, "se3.project: within")
+    arguments.last_row(M, "se3.project: M", within)
     return pose(so3.project(M[..., :3, :3], within), M[..., :3, 3])
 
 
@@ -162,19 +163,19 @@ def as_scipy(T: ArrayLike) -> RigidTransform:
         raise MissingExtraError(
             "se3.as_scipy needs RigidTransform, which came with SciPy 1.16: pip install 'scipy>=1.16'."
         ) from None
-    return RigidTransform.from_matrix(checks.pose(checks.finite(T, "se3.as_scipy: T", 4, 4), "se3.as_scipy: T"))
+    return RigidTransform.from_matrix(arguments.pose(arguments.finite(T, "se3.as_scipy: T", 4, 4), "se3.as_scipy: T"))
 
 
 def from_scipy(transform: RigidTransform) -> Array:
     """The pose (..., 4, 4) of a ``scipy.spatial.transform.RigidTransform``."""
-    return checks.as_matrix(transform, "se3.from_scipy", "scipy.spatial.transform.RigidTransform")
+    return arguments.as_matrix(transform, "se3.from_scipy", "scipy.spatial.transform.RigidTransform")
 
 
 def _broadcast(R: Array, p: Array) -> tuple[Array, Array]:
     try:
         batch = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
     except ValueError:
-        raise checks.mismatch(R=R, p=p) from None
+        raise arguments.mismatch(R=R, p=p) from None
     return np.broadcast_to(R, (*batch, 3, 3)), np.broadcast_to(p, (*batch, 3))
 
 

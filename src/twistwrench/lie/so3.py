@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import checks, quaternion, series
+from ..core import arguments
+from . import quaternion, series
 from .quadratic import angle, quadratic, within_reach
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def hat(w: ArrayLike) -> Array:
     >>> hat([1, 2, 3]).tolist()
     [[0.0, -3.0, 2.0], [3.0, 0.0, -1.0], [-2.0, 1.0, 0.0]]
     """
-    w = checks.array(w, "so3.hat: w", 3)
+    w = arguments.array(w, "so3.hat: w", 3)
     x, y, z = w[..., 0], w[..., 1], w[..., 2]
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*w.shape, 3)
@@ -51,18 +52,18 @@ def hat(w: ArrayLike) -> Array:
 
 def vee(W: ArrayLike) -> Array:
     """The vector w of a skew-symmetric matrix [w]; (..., 3, 3) → (..., 3)."""
-    W = checks.array(W, "so3.vee: W", 3, 3)
+    W = arguments.array(W, "so3.vee: W", 3, 3)
     return np.stack([W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]], axis=-1)
 
 
 def cross(a: ArrayLike, b: ArrayLike) -> Array:
     """a × b; (..., 3), (..., 3) → (..., 3). Works on any element type, symbols included."""
-    a, b = checks.array(a, "so3.cross: a", 3), checks.array(b, "so3.cross: b", 3)
+    a, b = arguments.array(a, "so3.cross: a", 3), arguments.array(b, "so3.cross: b", 3)
     (a0, a1, a2), (b0, b1, b2) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     try:
         return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
     except ValueError:
-        checks.together(a=a, b=b)
+        arguments.together(a=a, b=b)
         raise
 
 
@@ -75,7 +76,7 @@ def exp(w: ArrayLike) -> Array:
     >>> np.allclose(exp([0, 0, np.pi / 2]) @ [1, 0, 0], [0, 1, 0])
     True
     """
-    w, theta = within_reach(checks.real(w, "so3.exp: w", 3))
+    w, theta = within_reach(arguments.real(w, "so3.exp: w", 3))
     return quadratic(w, series.sinc(theta), series.one_minus_cos_over_square(theta))
 
 
@@ -88,7 +89,7 @@ def log(R: ArrayLike) -> Array:
     >>> log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(12).tolist()
     [0.0, 0.0, 1.570796326795]
     """
-    R = checks.rotation(checks.real(R, "so3.log: R", 3, 3), "so3.log: R")
+    R = arguments.rotation(arguments.real(R, "so3.log: R", 3, 3), "so3.log: R")
     return quaternion.log(quaternion.from_matrix(R)).astype(R.dtype, copy=False)
 
 
@@ -100,7 +101,7 @@ def left_jacobian(w: ArrayLike) -> Array:
     >>> left_jacobian([0, 0, 0]).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """
-    w, theta = within_reach(checks.real(w, "so3.left_jacobian: w", 3))
+    w, theta = within_reach(arguments.real(w, "so3.left_jacobian: w", 3))
     return quadratic(w, series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta))
 
 
@@ -113,7 +114,7 @@ def left_jacobian_inverse(w: ArrayLike) -> Array:
     >>> bool(abs(left_jacobian(w) @ left_jacobian_inverse(w) - np.eye(3)).max() < 1e-15)
     True
     """
-    w = checks.real(w, "so3.left_jacobian_inverse: w", 3)
+    w = arguments.real(w, "so3.left_jacobian_inverse: w", 3)
     theta = angle(w)
     return quadratic(w, np.full_like(theta, -0.5), series.cot_term(theta))
 
@@ -127,12 +128,12 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     >>> project([[0.707, -0.707, 0], [0.707, 0.707, 0], [0, 0, 1]]).round(9)[0].tolist()
     [0.707106781, -0.707106781, 0.0]
     """
-    M, within = checks.real(M, "so3.project: M", 3, 3), checks.number(within, "so3.project: within")
+    M, within = arguments.real(M, "so3.project: M", 3, 3), arguments.number(within, "so3.project: within")
     solvable = np.isfinite(M).all(axis=(-2, -1), keepdims=True)  # LAPACK would refuse the whole batch
     U, _, Vt = np.linalg.svd(np.where(solvable, M, np.eye(3, dtype=M.dtype)))
     U[..., :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1, 1)[..., None]
     R = np.where(solvable, U @ Vt, np.nan)
-    checks.refuse(
+    arguments.refuse(
         np.where(np.isinf(M), np.inf, np.abs(R - M)),
         within,
         "so3.project: not a rotation with rounding: the nearest one is {gap:.3g} away, allowed {allowed:g}",
@@ -148,9 +149,9 @@ def as_scipy(R: ArrayLike) -> Rotation:
     """
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_matrix(checks.rotation(checks.finite(R, "so3.as_scipy: R", 3, 3), "so3.as_scipy: R"))
+    return Rotation.from_matrix(arguments.rotation(arguments.finite(R, "so3.as_scipy: R", 3, 3), "so3.as_scipy: R"))
 
 
 def from_scipy(rotation: Rotation) -> Array:
     """The rotation matrix (..., 3, 3) of a ``scipy.spatial.transform.Rotation``."""
-    return checks.as_matrix(rotation, "so3.from_scipy", "scipy.spatial.transform.Rotation")
+    return arguments.as_matrix(rotation, "so3.from_scipy", "scipy.spatial.transform.Rotation")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError
-from ..lie import checks
 from ..robot import Robot, from_screws
 from . import door
 
@@ -85,7 +85,7 @@ class Chain:
         try:
             return kernel(*arrays.values())
         except ValueError:
-            raise checks.mismatch(**arrays) from None
+            raise arguments.mismatch(**arrays) from None
 
 
 def chain_of(Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Chain:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import MissingExtraError
-from ..lie import checks
 from . import door
 from .chain import Chain, chain_of
 from .dynamics import euler, rows, start, tip_wrenches
@@ -49,14 +49,14 @@ def ComputedTorque(
         "thetalist": thetalist, "dthetalist": dthetalist, "eint": eint,
         "thetalistd": thetalistd, "dthetalistd": dthetalistd, "ddthetalistd": ddthetalistd,
     }  # fmt: skip
-    states = checks.together(**{name: chain.joints(x, name) for name, x in given.items()})
+    states = arguments.together(**{name: chain.joints(x, name) for name, x in given.items()})
     gains = _gains(chain, Kp=Kp, Ki=Ki, Kd=Kd)
     return _torque(chain, door.array(g, "g", 3), *states, *gains)
 
 
 def _gains(chain: Chain, **gains: ArrayLike) -> list[Array]:
     """Numbers, or one for each joint."""
-    return [checks.one(K, name, chain.n) if np.ndim(K) else checks.one(K, name) for name, K in gains.items()]
+    return [arguments.one(K, name, chain.n) if np.ndim(K) else arguments.one(K, name) for name, K in gains.items()]
 
 
 def _torque(
@@ -109,8 +109,8 @@ def SimulateControl(
     wanted = {"thetamatd": thetamatd, "dthetamatd": dthetamatd, "ddthetamatd": ddthetamatd}
     q_d, dq_d, ddq_d = (rows(robot, x, name) for name, x in wanted.items())
     door.same_length(thetamatd=q_d, dthetamatd=dq_d, ddthetamatd=ddq_d)
-    gains, dt = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd), checks.number(dt, "dt")
-    gravity, believed = checks.one(g, "g", 3), checks.one(gtilde, "gtilde", 3)
+    gains, dt = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd), arguments.number(dt, "dt")
+    gravity, believed = arguments.one(g, "g", 3), arguments.one(gtilde, "gtilde", 3)
     F, steps = tip_wrenches(Ftipmat, len(q_d)), door.count(intRes, "intRes", 1)
     eint, taumat, thetamat = np.zeros(robot.n), np.empty(q_d.shape), np.empty(q_d.shape)
     for i in range(len(q_d)):

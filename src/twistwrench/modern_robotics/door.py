@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks, se3, so3
+from ..lie import se3, so3
 
 Array = NDArray[Any]
 
@@ -22,17 +23,17 @@ ROUNDED = 0.01
 
 def array(x: ArrayLike, name: str, *core: int) -> Array:
     """x as real numbers, its last axes of the shape ``core``; float32 stays that."""
-    return checks.real(x, name, *core)
+    return arguments.real(x, name, *core)
 
 
 def rotation(R: ArrayLike, name: str) -> Array:
     """R (..., 3, 3) as it is where it is a rotation to 1e-6, and the nearest one where it was rounded more than that."""
-    return _nearest(array(R, name, 3, 3), name, checks.rotation, so3.project)
+    return _nearest(array(R, name, 3, 3), name, arguments.rotation, so3.project)
 
 
 def pose(T: ArrayLike, name: str) -> Array:
     """T (..., 4, 4), its rotation as :func:`rotation` takes it."""
-    return _nearest(array(T, name, 4, 4), name, checks.pose, se3.project)
+    return _nearest(array(T, name, 4, 4), name, arguments.pose, se3.project)
 
 
 def _nearest(
@@ -57,8 +58,8 @@ def skew(W: ArrayLike, name: str) -> Array:
             return W
     with np.errstate(all="ignore"):
         off = np.abs(W + np.swapaxes(W, -1, -2))
-        largest = np.maximum(checks.TOLERANCE / ROUNDED, np.abs(W).max(axis=(-2, -1), keepdims=True))
-    checks.refuse(
+        largest = np.maximum(arguments.TOLERANCE / ROUNDED, np.abs(W).max(axis=(-2, -1), keepdims=True))
+    arguments.refuse(
         off / largest,
         ROUNDED,
         f"{name} is not skew-symmetric: with its transpose added it is {{gap:.3g}} of its largest entry, allowed "
@@ -74,7 +75,7 @@ def twist_matrix(X: ArrayLike, name: str) -> Array:
     skew(X[..., :3, :3], name)
     if X.ndim != 2 or X[3].tolist() != [0.0, 0.0, 0.0, 0.0]:
         complaint = f"{name} has no last row of zeros: an entry is {{gap:.3g}} off, allowed {{allowed:g}}"
-        checks.refuse(np.abs(X[..., 3:, :]), checks.TOLERANCE, complaint)
+        arguments.refuse(np.abs(X[..., 3:, :]), arguments.TOLERANCE, complaint)
     return X
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError
-from ..lie import checks
 from . import door
 from .chain import Chain, chain_of
 
@@ -161,7 +161,7 @@ def EulerStep(
     try:
         return q + step * dq, dq + step * ddq
     except ValueError:
-        raise checks.mismatch(thetalist=q, dthetalist=dq, ddthetalist=ddq, dt=step) from None
+        raise arguments.mismatch(thetalist=q, dthetalist=dq, ddthetalist=ddq, dt=step) from None
 
 
 def InverseDynamicsTrajectory(
@@ -220,7 +220,7 @@ def ForwardDynamicsTrajectory(
     """
     chain = chain_of(Mlist, Glist, Slist)
     q, dq = start(chain, thetalist, dthetalist)
-    tau, gravity, dt = rows(chain, taumat, "taumat"), checks.one(g, "g", 3), checks.number(dt, "dt")
+    tau, gravity, dt = rows(chain, taumat, "taumat"), arguments.one(g, "g", 3), arguments.number(dt, "dt")
     F, steps = tip_wrenches(Ftipmat, len(tau)), door.count(intRes, "intRes", 1)
     thetamat, dthetamat = np.empty(tau.shape), np.empty(tau.shape)
     thetamat[0], dthetamat[0] = q, dq

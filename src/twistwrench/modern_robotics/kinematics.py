@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ValueRangeError
-from ..lie import checks, se3
+from ..lie import se3
 from ..lie.adjoint import Ad
 from . import door
 from .chain import screws_of
@@ -32,7 +33,7 @@ def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
     [-5.0, 4.0, 1.68584073]
     """
     chain = screws_of(Blist, "Blist")
-    return checks.one(M, "M", 4, 4) @ chain.pose(chain.joints(thetalist, "thetalist"))
+    return arguments.one(M, "M", 4, 4) @ chain.pose(chain.joints(thetalist, "thetalist"))
 
 
 def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
@@ -44,7 +45,7 @@ def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
     [-5.0, 4.0, 1.68584073]
     """
     chain = screws_of(Slist, "Slist")
-    return chain.pose(chain.joints(thetalist, "thetalist")) @ checks.one(M, "M", 4, 4)
+    return chain.pose(chain.joints(thetalist, "thetalist")) @ arguments.one(M, "M", 4, 4)
 
 
 def JacobianBody(Blist: ArrayLike, thetalist: ArrayLike) -> Array:
@@ -115,11 +116,11 @@ def IKinSpace(
 
 
 def _pose(T: ArrayLike, name: str) -> Array:
-    return door.pose(checks.finite(checks.one(T, name, 4, 4), name, 4, 4), name)
+    return door.pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
 
 
 def _bound(x: float, name: str) -> float:
-    if not (bound := checks.number(x, name)) >= 0:
+    if not (bound := arguments.number(x, name)) >= 0:
         raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
     return bound
 
@@ -135,7 +136,7 @@ def _newton(
 ) -> tuple[Array, bool]:
     """theta := theta + J⁺ V until the twist V that is left is small."""
     guess = f"{caller}: thetalist0"
-    theta = checks.finite(checks.one(thetalist0, guess, n), guess, n)
+    theta = arguments.finite(arguments.one(thetalist0, guess, n), guess, n)
     eomg, ev = _bound(eomg, f"{caller}: eomg"), _bound(ev, f"{caller}: ev")
 
     def there(V: Array) -> bool:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..lie import checks, se3, so3
+from ..core import arguments
+from ..lie import se3, so3
 from . import door, single
 
 Array = NDArray[Any]
@@ -214,7 +215,7 @@ def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Array:
     if q.ndim == s.ndim == 1 and h.ndim == 0:
         moment = single.cross(q.tolist(), s.tolist())
         return np.concatenate([s, moment + h * s])
-    q, s, h = checks.together(q=q, s=s, h=h[..., None])
+    q, s, h = arguments.together(q=q, s=s, h=h[..., None])
     return np.concatenate([s, so3.cross(q, s) + h * s], axis=-1)
 
 

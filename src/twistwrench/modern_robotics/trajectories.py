@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.pose_paths import PosePath
 from ..algorithms.time_scalings import cubic_share, quintic_share
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks, se3
+from ..lie import se3
 from . import door
 from .rigid_motion import log6
 
@@ -40,7 +41,7 @@ def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
 def _fraction(Tf: Any, t: Any) -> Any:
     if type(t) is float and type(Tf) in (float, int) and Tf > 0:  # NumPy takes ten times as long for one number
         return t / Tf
-    duration, instants = checks.together(Tf=door.array(Tf, "Tf"), t=door.array(t, "t"))
+    duration, instants = arguments.together(Tf=door.array(Tf, "Tf"), t=door.array(t, "t"))
     if not np.all(duration > 0):
         raise ValueRangeError(f"Tf is {Tf!r}: a motion takes more than no time.")
     return (instants / duration)[()]
@@ -99,5 +100,5 @@ def _scaling(Tf: float, N: float, method: int) -> Array:
     scalings = {3: CubicTimeScaling, 5: QuinticTimeScaling}
     if method not in tuple(scalings):
         raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
-    _fraction(checks.number(Tf, "Tf"), 0.0)
+    _fraction(arguments.number(Tf, "Tf"), 0.0)
     return np.asarray(scalings[method](1.0, np.arange(n) / (n - 1.0)))

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ValueRangeError
-from ..lie import checks
 from ..lie.so3 import cross
 
 Array = NDArray[Any]
@@ -47,7 +47,7 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
     if not np.all(length > 0) or not np.isfinite(length).all():
         raise ValueRangeError("an axis needs a direction: three finite numbers that are not all zero.")
     q, h = _doubles(point, "the point of an axis", 3), _doubles(pitch, "the pitch of an axis")[..., None]
-    s, q, h = checks.together(direction=s, point=q, pitch=h)
+    s, q, h = arguments.together(direction=s, point=q, pitch=h)
     translation = np.isinf(h)
     linear = np.where(translation, np.sign(h) * s, cross(q, s) + np.where(translation, 0.0, h) * s)
     return np.concatenate([np.where(translation, 0.0, s), linear], axis=-1)
@@ -102,7 +102,7 @@ def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
     >>> float(reciprocal_product(screw_axis([0, 0, 1]), screw_axis([1, 0, 0], point=[0, 2, 0])))
     -2.0
     """
-    S1, S2 = checks.together(S1=_doubles(S1, _SCREW, 6), S2=_doubles(S2, _SCREW, 6))
+    S1, S2 = arguments.together(S1=_doubles(S1, _SCREW, 6), S2=_doubles(S2, _SCREW, 6))
     return np.asarray(np.sum(S1[..., :3] * S2[..., 3:] + S1[..., 3:] * S2[..., :3], axis=-1))
 
 
@@ -123,7 +123,7 @@ _SCREW = "a screw, angular part first,"
 
 
 def _doubles(x: ArrayLike, what: str, *shape: int) -> Array:
-    return np.asarray(checks.real(x, what, *shape), float)
+    return np.asarray(arguments.real(x, what, *shape), float)
 
 
 def _length(x: Array) -> Array:

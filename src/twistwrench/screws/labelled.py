@@ -10,8 +10,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import FrameError, ShapeError, ValueRangeError
-from ..lie import checks
 from ..lie.adjoint import Ad, ad
 from .words import tuple_of
 
@@ -65,9 +65,9 @@ class Labelled(ABC):
                 "brings it to another frame."
             )
         what = f"a {self._kind}, angular part first,"
-        values = np.array(checks.array(given, what, 6))
+        values = np.array(arguments.array(given, what, 6))
         if values.dtype != object:  # symbols stay what they are
-            checks.finite(values, what, 6)
+            arguments.finite(values, what, 6)
         values.setflags(write=False)
         object.__setattr__(self, "values", values)
         frame_name(self.frame, f"the frame of a {self._kind}")
@@ -124,14 +124,14 @@ class Labelled(ABC):
     def __mul__(self, factor: ArrayLike) -> Self:
         if isinstance(factor, Labelled):
             raise ValueRangeError(f"{self._kind} * {factor._kind}: power is F @ V, and * is for numbers.")
-        each = checks.array(factor, f"the factor of a {self._kind}")[..., None]
-        return type(self)(np.multiply(*checks.together(**{self._kind: self.values, "factor": each})), self.frame)
+        each = arguments.array(factor, f"the factor of a {self._kind}")[..., None]
+        return type(self)(np.multiply(*arguments.together(**{self._kind: self.values, "factor": each})), self.frame)
 
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: ArrayLike) -> Self:
         with np.errstate(divide="ignore"):  # what is not finite then is refused, not warned of
-            return self * (1.0 / checks.array(divisor, f"the divisor of a {self._kind}"))
+            return self * (1.0 / arguments.array(divisor, f"the divisor of a {self._kind}"))
 
     def __matmul__(self, other: Labelled) -> Any:
         if not isinstance(other, Labelled) or type(other) is type(self):
@@ -141,7 +141,7 @@ class Labelled(ABC):
                 "V1.bracket(V2)."
             )
         self._in_frame_of(other, f"{self._kind} in {self.frame!r} @ {other._kind}")
-        F, V = checks.together(**{self._kind: self.values, other._kind: other.values})
+        F, V = arguments.together(**{self._kind: self.values, other._kind: other.values})
         return np.sum(F * V, axis=-1)
 
     def __rmatmul__(self, operator: Any) -> Self:
@@ -181,7 +181,7 @@ class Labelled(ABC):
                 "two is F @ V."
             )
         self._in_frame_of(other, f"{self._kind} in {self.frame!r} {sign} {other._kind}")
-        return checks.together(first=self.values, second=other.values)
+        return arguments.together(first=self.values, second=other.values)
 
     def _in_frame_of(self, other: Labelled, what: str) -> None:
         if other.frame != self.frame:

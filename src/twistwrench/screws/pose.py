@@ -8,8 +8,9 @@ from typing import Any, final, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import arguments
 from ..errors import FrameError
-from ..lie import checks, se3, so3
+from ..lie import se3, so3
 from ..lie.adjoint import Ad
 from .labelled import frame_name, missing_pose, symbol
 from .twist import Twist
@@ -52,9 +53,9 @@ class Pose:
             raise FrameError(
                 f"a pose of {given.symbol}, which has names already; its numbers are {given.symbol}.matrix."
             )
-        matrix = np.array(checks.array(given, "a pose", 4, 4))
+        matrix = np.array(arguments.array(given, "a pose", 4, 4))
         if matrix.dtype != object:  # symbols are taken as they are
-            checks.pose(checks.finite(matrix, "a pose", 4, 4), "the matrix")
+            arguments.pose(arguments.finite(matrix, "a pose", 4, 4), "the matrix")
         matrix.setflags(write=False)
         object.__setattr__(self, "matrix", matrix)
         frame_name(self.to, "the frame that a pose leads to")
@@ -124,7 +125,7 @@ class Pose:
             try:
                 return _follows(self.matrix @ other.matrix, to=self.to, of=other.of)
             except ValueError:
-                checks.together(**{self.symbol: self.matrix, other.symbol: other.matrix})
+                arguments.together(**{self.symbol: self.matrix, other.symbol: other.matrix})
                 raise
         moved: Twist | Wrench = Ad(self) @ other if isinstance(other, Twist) else Ad(self.inverse).T @ other
         return moved

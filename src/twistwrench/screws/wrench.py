@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..lie import checks, se3, so3
+from ..core import arguments
+from ..lie import se3, so3
 from ..lie.adjoint import Ad
 from .axis import Axis, kinds, line_of_action
 from .labelled import Labelled, symbol
@@ -40,14 +41,14 @@ class Wrench(Labelled):
     @classmethod
     def of_force(cls, f: ArrayLike, frame: str, at: ArrayLike = (0.0, 0.0, 0.0)) -> Wrench:
         """The wrench (r × f, f) of a pure force f (..., 3) [N] that acts at the point r = ``at`` (..., 3) [m]."""
-        force, point = checks.real(f, "the force f", 3), checks.real(at, "its point at", 3)
-        force, point = checks.together(f=force, at=point)
+        force, point = arguments.real(f, "the force f", 3), arguments.real(at, "its point at", 3)
+        force, point = arguments.together(f=force, at=point)
         return cls(np.concatenate([so3.cross(point, force), force], axis=-1), frame)
 
     @classmethod
     def of_couple(cls, m: ArrayLike, frame: str) -> Wrench:
         """The wrench (m, 0) of a pure couple m (..., 3) [N m]: the same about every point."""
-        couple = checks.real(m, "the couple m", 3)
+        couple = arguments.real(m, "the couple m", 3)
         return cls(np.concatenate([couple, np.zeros_like(couple)], axis=-1), frame)
 
     @property
@@ -83,7 +84,7 @@ class Wrench(Labelled):
         power = self @ V
         norm = np.linalg.norm
         size = norm(self.m, axis=-1) * norm(V.omega, axis=-1) + norm(self.f, axis=-1) * norm(V.v, axis=-1)
-        return abs(power) <= checks.number(within, "within") * size
+        return abs(power) <= arguments.number(within, "within") * size
 
 
 def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
@@ -97,11 +98,13 @@ def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
     >>> np.diag(move_covariance(T_ab, C_b)).tolist()
     [0.0, 4.0, 4.0, 1.0, 1.0, 1.0]
     """
-    C = checks.real(C_b, "the covariance of a wrench", 6, 6)
-    T_ba = T_ab.inverse if hasattr(T_ab, "inverse") else se3.inverse(checks.real(T_ab, "move_covariance: T_ab", 4, 4))
+    C = arguments.real(C_b, "the covariance of a wrench", 6, 6)
+    T_ba = (
+        T_ab.inverse if hasattr(T_ab, "inverse") else se3.inverse(arguments.real(T_ab, "move_covariance: T_ab", 4, 4))
+    )
     X = Ad(T_ba).T.matrix
     try:
         moved = X @ C @ np.swapaxes(X, -1, -2)
     except ValueError:
-        raise checks.mismatch(T_ab=X, C_b=C) from None
+        raise arguments.mismatch(T_ab=X, C_b=C) from None
     return np.asarray(0.5 * (moved + np.swapaxes(moved, -1, -2)))

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
-from ..lie import checks, so3
+from ..lie import so3
 from .given import positive
 
 if TYPE_CHECKING:
@@ -63,16 +64,16 @@ class Plane:
     """m/s."""
 
     def __post_init__(self) -> None:
-        points = np.atleast_2d(np.asarray(checks.finite(self.points, "Plane: points", 3), float))
+        points = np.atleast_2d(np.asarray(arguments.finite(self.points, "Plane: points", 3), float))
         if points.ndim != 2 or not len(points):
             raise ShapeError(f"Plane: points have shape {points.shape}, expected (3,) or (n, 3).")
-        normal = np.asarray(checks.finite(checks.one(self.normal, "Plane: normal", 3), "Plane: normal", 3), float)
+        normal = np.asarray(arguments.finite(arguments.one(self.normal, "Plane: normal", 3), "Plane: normal", 3), float)
         size = float(np.linalg.norm(normal))
         if size == 0.0:
             raise ValueRangeError("Plane: the normal is zero. Give the direction out of the ground, as (0, 0, 1).")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normal", normal / size)
-        checks.finite(checks.one(self.height, "Plane: height"), "Plane: height")
+        arguments.finite(arguments.one(self.height, "Plane: height"), "Plane: height")
         _check_law("Plane", self.stiffness, self.exponent, self.dissipation)
         positive(self.friction, "Plane: friction", zero=True)
         positive(self.slip, "Plane: slip", "m/s")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, SimulationError, ValueRangeError
-from ..lie import checks
 from .adaptive import Stepper
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .events import Event, Watch, contact_events, limit_event, limit_name
@@ -129,7 +129,7 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
             raise ShapeError(
                 f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). Loop over them."
             )
-        y[place] = checks.finite(checks.one(given, name, n), name, n)
+        y[place] = arguments.finite(arguments.one(given, name, n), name, n)
     for i, _ in system.manifold.floating:
         if not np.linalg.norm(y[i : i + 4]) > 1e-150:
             raise ValueRangeError("q0 has a quaternion of zeros, which is no rotation; none is (1, 0, 0, 0).")

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import arguments
 from ..errors import ShapeError
-from ..lie import checks
 from ..screws.wrench import Wrench
 from .contact import Contact
 from .given import Law
@@ -116,7 +116,7 @@ def torque_law(tau: Any, nv: int) -> tuple[Array, Law | None]:
         return np.zeros(nv), None
     if callable(tau):
         return np.zeros(nv), Law.of(tau, "tau", (nv,), ", a torque for each velocity")
-    return np.array(checks.finite(checks.one(tau, "tau", nv), "tau", nv), float), None
+    return np.array(arguments.finite(arguments.one(tau, "tau", nv), "tau", nv), float), None
 
 
 def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, Law]:
@@ -133,6 +133,6 @@ def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, Law]:
             found[frame] = Law.of(given, what, (6,), ", (m, f), moment first")
         else:
             labelled = robot._wrench(frame, given)  # checks a label
-            F = np.array(checks.finite(checks.one(labelled, what, 6), what, 6), float)
+            F = np.array(arguments.finite(arguments.one(labelled, what, 6), what, 6), float)
             found[frame] = Law(lambda _t, _q, _dq, F=F: F, what, (6,))  # type: ignore[misc]
     return found

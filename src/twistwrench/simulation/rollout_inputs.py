@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks
 from ..model.varied import matching, nominal
 from .given import positive, whole
 from .step_program import Plan, integrator_named
@@ -146,7 +146,7 @@ def _law_of(tau: Any) -> TorqueLaw:
 
 def _real(x: Any, what: str) -> Array:
     """Real numbers, float32 or float64, of any shape."""
-    array = checks.array(x, what)
+    array = arguments.array(x, what)
     if array.dtype == object:
         raise ValueRangeError(f"{what} is of symbols, and a rollout is of numbers.")
     return array

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -24,7 +24,7 @@ def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
 
     Raises ShapeError, ValueRangeError.
     """
-    array = np.asarray(checks.real(q, f"{what}: q", robot.nq), float)
+    array = np.asarray(arguments.real(q, f"{what}: q", robot.nq), float)
     if array.ndim != 1:
         raise ShapeError(
             f"{what} takes one q ({robot.nq},) of robot {robot.name!r}, got shape {array.shape}: {why}. "
@@ -44,7 +44,7 @@ def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
         given = ()
     n = given[0] if given and given[0] in sizes else sizes[0]
     try:
-        d = np.asarray(checks.real(direction, "direction", n), float)
+        d = np.asarray(arguments.real(direction, "direction", n), float)
     except ShapeError as problem:
         more = "".join(f" Or give {k} numbers." for k in sizes[1:])
         raise ShapeError(f"{problem}{more}") from None
@@ -59,7 +59,7 @@ def same_batch(**arrays: Array) -> None:
     try:
         np.broadcast_shapes(*(x.shape[:-1] for x in arrays.values()))
     except ValueError:
-        raise checks.mismatch(**arrays) from None
+        raise arguments.mismatch(**arrays) from None
 
 
 def whole(x: Any, what: str, least: int) -> int:
@@ -75,7 +75,7 @@ def whole(x: Any, what: str, least: int) -> int:
 
 def positive(x: Any, what: str, advice: str) -> float:
     """``x`` as a finite number above zero. Raises ShapeError, ValueRangeError with ``advice``."""
-    value = checks.number(x, what)
+    value = arguments.number(x, what)
     if not 0 < value < np.inf:
         raise ValueRangeError(f"{what} is {value:g}. {advice}")
     return value

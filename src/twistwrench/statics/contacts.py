@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ValueRangeError
-from ..lie import checks
 from ..screws.words import tuple_of
 from .checks import whole
 
@@ -42,9 +42,9 @@ class Contact:
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
             what = f"a contact's {name}"
-            value = checks.finite(checks.one(getattr(self, name), what, 3), what, 3).copy()
+            value = arguments.finite(arguments.one(getattr(self, name), what, 3), what, 3).copy()
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "friction", checks.number(self.friction, "a contact's friction"))
+        object.__setattr__(self, "friction", arguments.number(self.friction, "a contact's friction"))
         size = float(np.linalg.norm(self.normal))
         if size == 0:
             raise ValueRangeError("a contact's normal has no length. Give the direction in which the world can push.")
@@ -79,7 +79,7 @@ class Contact:
 
         Raises ShapeError, ValueRangeError.
         """
-        f = checks.finite(force, "force", 3)
+        f = arguments.finite(force, "force", 3)
         along = f @ self.normal
         sideways = np.linalg.norm(f - along[..., None] * self.normal, axis=-1)
         return sideways <= self.friction * along + slack * np.maximum(1.0, np.linalg.norm(f, axis=-1))

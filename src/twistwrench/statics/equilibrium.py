@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import FrameError, ValueRangeError
-from ..lie import checks
 from .checks import one_configuration, whole
 from .contacts import Contact
 from .limits import effort_limits
@@ -105,7 +105,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
                 f"contacts[{k}] is at {c.frame!r}, a link of a robot: on one body all points and normals are in the one frame "
                 "of its wrench. Give them in that frame, with frame=None, or ask robot_equilibrium."
             )
-    F = checks.finite(checks.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
+    F = arguments.finite(arguments.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
     maps = [np.vstack([_hat(c.point), np.eye(3)]) for c in contacts]  # f → (p × f, f)
     return _decide(contacts, maps, F, np.zeros(6), edges, _TWIST_NAMES, _OF_A_BODY)
 

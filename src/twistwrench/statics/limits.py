@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -36,7 +36,7 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     """
     names = robot.model.velocity_names
     try:
-        effort = checks.one(robot.limits.effort if limits is None else limits, "limits", robot.nv).copy()
+        effort = arguments.one(robot.limits.effort if limits is None else limits, "limits", robot.nv).copy()
     except ShapeError as problem:
         listed = f"{', '.join(names[:12])}{', …' if len(names) > 12 else ''}"
         raise ShapeError(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import UnknownNameError, ValueRangeError
-from ..lie import checks
 from .checks import positive, whole
 from .limits import require_fixed_base
 from .payload import largest_payload
@@ -92,7 +92,7 @@ def payload_map(
     plane, samples = plane_and_samples(plane, samples)
     cells = None if cells is None else whole(cells, "cells", 1)
     thickness = positive(thickness, "thickness [m]", "Give a positive thickness.")
-    at = checks.number(at, "at [m]")
+    at = arguments.number(at, "at [m]")
     if not np.isfinite(at):
         raise ValueRangeError(f"at is {at:g}. Give where the slice lies on the axis across it [m].")
     require_fixed_base(robot, "a payload map")

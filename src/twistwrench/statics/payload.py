@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError
-from ..lie import checks
 from .checks import one_configuration, same_batch
 from .limits import effort_limits, growth, require_fixed_base, span
 
@@ -189,4 +189,4 @@ def _best_mixture(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
 
 def points(com: ArrayLike) -> Array:
     """``com`` as finite float64 (..., 3), x, y, z [m] in the frame. Raises ShapeError, ValueRangeError."""
-    return np.asarray(checks.finite(com, "com", 3), float)
+    return np.asarray(arguments.finite(com, "com", 3), float)

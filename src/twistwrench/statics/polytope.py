@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import UnknownNameError, ValueRangeError
-from ..lie import checks
 from .checks import one_configuration
 from .ellipsoid import effort_weights, part_rows
 from .limits import effort_limits, require_fixed_base
@@ -47,7 +47,7 @@ class WrenchPolytope:
 
         Raises ShapeError, ValueRangeError.
         """
-        x = checks.finite(x, "x", self.normals.shape[1])
+        x = arguments.finite(x, "x", self.normals.shape[1])
         return np.all(x @ self.normals.T <= self.offsets + slack, axis=-1)
 
     def support(self, direction: ArrayLike) -> Array:
@@ -55,7 +55,7 @@ class WrenchPolytope:
 
         Raises ShapeError, ValueRangeError.
         """
-        d = checks.finite(direction, "direction", self.normals.shape[1])
+        d = arguments.finite(direction, "direction", self.normals.shape[1])
         most = (d @ self.vertices.T).max(axis=-1)
         size = np.linalg.norm(d, axis=-1)
         return np.where(np.linalg.norm(d @ self.borne, axis=-1) > RANK_TOLERANCE * size, np.inf, most)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..lie import checks
+from ..core import arguments
 from .checks import one_configuration, positive
 
 if TYPE_CHECKING:
@@ -100,7 +100,9 @@ def wrench_from_torques(
     True
     """
     q = one_configuration(robot, q, "wrench_from_torques", "the rank of J differs from pose to pose")
-    tau = checks.finite(checks.one(tau, "wrench_from_torques: tau", robot.nv), "wrench_from_torques: tau", robot.nv)
+    tau = arguments.finite(
+        arguments.one(tau, "wrench_from_torques: tau", robot.nv), "wrench_from_torques: tau", robot.nv
+    )
     length = positive(length, "length [m]", "Give a positive length, such as the robot's reach.")
     g = np.asarray(robot.holding_torques(q))  # springs too, where joints are elastic
     J = np.asarray(robot.jacobian(q, frame, kind))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import PathError, ShapeError, ValueRangeError
 from ..inverse_kinematics import twist_left
-from ..lie import checks
 from .paths import JointPath, one_degree_joints
 
 if TYPE_CHECKING:
@@ -55,8 +55,8 @@ def follow_poses(
     True
     """
     one_degree_joints(robot, "following poses")
-    q0 = np.array(checks.one(checks.finite(q0, "q0", robot.nq), "q0", robot.nq))
-    allowed = checks.number(tolerance, "tolerance")
+    q0 = np.array(arguments.one(arguments.finite(q0, "q0", robot.nq), "q0", robot.nq))
+    allowed = arguments.number(tolerance, "tolerance")
     if not 1e-10 <= allowed < np.inf:
         raise ValueRangeError(f"tolerance is {allowed:g}: give how far the frame may be off [m, rad], 1e-10 or more.")
     along = _door(poses)
@@ -110,10 +110,10 @@ def _door(poses: Any) -> Callable[[Array], Array]:
             raise ValueRangeError(
                 f"{what} failed with {type(problem).__name__}: {problem}. It is called with s (m,)."
             ) from problem
-        T = checks.finite(found, what, 4, 4)
+        T = arguments.finite(found, what, 4, 4)
         if T.shape != (len(s), 4, 4):
             raise ShapeError(f"{what} gave shape {T.shape} for s of shape {s.shape}, expected {(len(s), 4, 4)}.")
-        return np.asarray(checks.pose(T, what), float)
+        return np.asarray(arguments.pose(T, what), float)
 
     return along
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -67,7 +67,7 @@ def bounds_of(
         if values is None:
             found[name] = np.asarray(own[name], float)
             continue
-        array = np.asarray(checks.real(values, name), float)
+        array = np.asarray(arguments.real(values, name), float)
         if array.shape not in ((), (robot.nv,)):
             raise ShapeError(
                 f"{name} has shape {array.shape}: give one number, or {robot.nv}, one for each of "

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..lie import checks
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -33,7 +33,7 @@ class JointPath:
 
     def __call__(self, s: ArrayLike) -> tuple[Array, Array, Array]:
         """q (..., nq), dq/ds and d²q/ds² (..., nv) at s (...) from 0 to 1."""
-        return self.coordinates(checks.real(s, "s"))
+        return self.coordinates(arguments.real(s, "s"))
 
 
 def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
@@ -46,7 +46,9 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
     >>> [x.tolist() for x in path(0.25)]
     [[0.25, -0.5], [1.0, -2.0], [0.0, 0.0]]
     """
-    q0, q1 = (np.array(checks.one(checks.finite(q, n, robot.nq), n, robot.nq)) for n, q in (("q0", q0), ("q1", q1)))
+    q0, q1 = (
+        np.array(arguments.one(arguments.finite(q, n, robot.nq), n, robot.nq)) for n, q in (("q0", q0), ("q1", q1))
+    )
     way = robot.subtract(q1, q0)
     if not np.abs(way).max(initial=0.0) > 0:
         raise ValueRangeError("q0 and q1 are the same place, so no path leads from one to the other.")
@@ -102,7 +104,7 @@ def spline(
         knots[-1] = 1.0
         curve: Any = CubicSpline(knots, points) if degree == 3 else make_interp_spline(knots, points, k=5)
     else:
-        at = np.asarray(checks.finite(times, "times"), float)
+        at = np.asarray(arguments.finite(times, "times"), float)
         if at.shape != (len(points),):
             raise ShapeError(f"times has shape {at.shape}: give {len(points)}, one for each waypoint [s].")
         if (late := np.diff(at) <= 0).any():
@@ -116,7 +118,9 @@ def spline(
         if velocities is None:
             curve = CubicSpline(knots, points, bc_type="clamped")
         else:
-            rates = checks.one(checks.finite(velocities, "velocities", robot.nv), "velocities", len(points), robot.nv)
+            rates = arguments.one(
+                arguments.finite(velocities, "velocities", robot.nv), "velocities", len(points), robot.nv
+            )
             curve = CubicHermiteSpline(knots, points, rates * T)
     first, second = curve.derivative(1), curve.derivative(2)
     return JointPath("spline", lambda s: (curve(s), first(s), second(s)), knots)
@@ -134,7 +138,7 @@ def one_degree_joints(robot: Robot, what: str) -> None:
 
 def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
     """q (m, nq), finite."""
-    array = np.asarray(checks.finite(q, name, robot.nq), float)
+    array = np.asarray(arguments.finite(q, name, robot.nq), float)
     if array.ndim != 2:
         raise ShapeError(f"{name} has shape {array.shape[1:] or array.shape}, expected ({robot.nq},) each.")
     return array

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..lie import checks
+from ..core import arguments
 from .collocation import Cell
 
 Array = NDArray[Any]
@@ -78,7 +78,7 @@ class FastestScaling:
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
-        given = np.asarray(checks.real(t, "t"), float)
+        given = np.asarray(arguments.real(t, "t"), float)
         flat = np.clip(given.ravel(), 0.0, self.duration)
         known = ~np.isnan(flat)
         flat = np.where(known, flat, 0.0)

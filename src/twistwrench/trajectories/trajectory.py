@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.time_scalings import quintic
+from ..core import arguments
 from ..errors import PathError, ShapeError, ValueRangeError
-from ..lie import checks
 from ..outputs import replacing
 from .limits import Bounds, Violation, bounds_of, violations
 from .paths import JointPath, joint_line, spline
@@ -92,7 +92,7 @@ class Trajectory:
         >>> moving.sample(0.25).q[:, 0].tolist()
         [0.0, 0.15625, 0.5, 0.84375, 1.0]
         """
-        step = checks.number(dt, "dt")
+        step = arguments.number(dt, "dt")
         if not 0 < step < np.inf or self.duration / step > 1e8:
             raise ValueRangeError(
                 f"dt is {dt!r}: give a step [s] above zero, in which {self.duration:.4g} s has at most 1e8."
@@ -156,9 +156,9 @@ def move(
     if waypoints is None:
         path = joint_line(robot, q0, q1)
     else:
-        between = np.atleast_2d(np.asarray(checks.finite(waypoints, "waypoints", robot.nq), float))
+        between = np.atleast_2d(np.asarray(arguments.finite(waypoints, "waypoints", robot.nq), float))
         ends = [
-            np.asarray(checks.one(checks.finite(q, n, robot.nq), n, robot.nq), float)
+            np.asarray(arguments.one(arguments.finite(q, n, robot.nq), n, robot.nq), float)
             for n, q in (("q0", q0), ("q1", q1))
         ]
         path = spline(robot, np.concatenate([ends[:1], between, ends[1:]]))

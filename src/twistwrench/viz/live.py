@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import MissingExtraError, ValueRangeError
-from ..lie import checks, quaternion
+from ..lie import quaternion
 from ..report.coordinates import Coordinates
 from .hands import hands_of
 from .look import share_colours
@@ -82,8 +83,10 @@ class LiveView:
             robot, wrench_on_robot = motion.load.loaded, dict(motion.load.wrenches)
         self.robot, self.motion = robot, motion
         start = robot.neutral if motion is None else motion.q[0]
-        self.q = np.array(start if q is None else checks.finite(checks.one(q, "q", robot.nq), "q", robot.nq), float)
-        self.wrenches = {n: checks.one(F, f"the wrench on {n!r}", 6) for n, F in (wrench_on_robot or {}).items()}
+        self.q = np.array(
+            start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq), float
+        )
+        self.wrenches = {n: arguments.one(F, f"the wrench on {n!r}", 6) for n, F in (wrench_on_robot or {}).items()}
         self.time = 0.0 if motion is None else float(motion.time[0])
         self.posed = motion is None
         self.playing, self.speed = False, 1.0
@@ -137,7 +140,7 @@ class LiveView:
     def pose(self, q: ArrayLike) -> None:
         """Go to a pose, at rest; q (nq,). A motion that plays stops."""
         with self._lock:
-            self.q = np.array(checks.finite(checks.one(q, "q", self.robot.nq), "q", self.robot.nq))
+            self.q = np.array(arguments.finite(arguments.one(q, "q", self.robot.nq), "q", self.robot.nq))
             self.posed, self.playing = True, False
             self.refresh()
 

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..lie import checks, se3
+from ..core import arguments
+from ..lie import se3
 from ..outputs import replacing
 from ..report.coordinates import Coordinates
 from .hands import hands_of
@@ -79,7 +80,7 @@ def page_text(
         motion.require(robot)
         robot, wrench_on_robot = motion.load.loaded, motion.load.wrenches
     start = robot.neutral if motion is None else motion.q[0]
-    start = start if q is None else checks.finite(checks.one(q, "q", robot.nq), "q", robot.nq)
+    start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
     box = _Box()
     data = _robot_data(robot, start) | _scene_data(scene, box, start, motion)
@@ -234,7 +235,8 @@ def _wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, A
     """The wrenches on the robot, and their arrows: a moment's around its axis, a force's along it."""
     frames = list(robot.frame_names)
     given = {
-        name: checks.finite(checks.one(F, f"the wrench on {name!r}", 6), "a wrench", 6) for name, F in wrenches.items()
+        name: arguments.finite(arguments.one(F, f"the wrench on {name!r}", 6), "a wrench", 6)
+        for name, F in wrenches.items()
     }
     largest = max((float(np.linalg.norm(F[3:])) for F in given.values()), default=0.0)
     data: list[dict[str, Any]] = []

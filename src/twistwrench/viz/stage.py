@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import arguments
 from ..errors import ShapeError
 from ..figure import require_matplotlib
-from ..lie import checks
 from .camera import Camera, Painter, overview
 from .scene import Scene, scene_of
 
@@ -53,12 +53,12 @@ def draw(
     require_matplotlib("Drawing a robot")
     from matplotlib.collections import PolyCollection
 
-    poses = np.atleast_2d(checks.finite(q, "draw: q", robot.nq))
+    poses = np.atleast_2d(arguments.finite(q, "draw: q", robot.nq))
     if poses.ndim > 2 or not len(poses):
         raise ShapeError(f"draw: q has shape {np.shape(q)}, expected ({robot.nq},), or (n, {robot.nq}) for n poses.")
     scene = scene_of(robot) if scene is None else scene
     camera, lowest = overview(scene, poses, azimuth, elevation)
-    painter = Painter(scene, camera, lowest if floor is None else checks.number(floor, "draw: floor"))
+    painter = Painter(scene, camera, lowest if floor is None else arguments.number(floor, "draw: floor"))
     shadows = sum(len(surface.faces) for _, surface in painter.shades)
     for k, pose in enumerate(poses):
         triangles, colours = painter.paint(pose)

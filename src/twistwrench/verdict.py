@@ -1,0 +1,98 @@
+"""The verdict of a report, and what a command's exit code says of it: one table for all commands.
+
+====  ==================================================
+code  meaning
+====  ==================================================
+0     done, and where a question was asked the answer is yes
+1     the answer is no, or not sure
+2     bad input
+70    a fault of the program
+130   interrupted
+====  ==================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+__all__ = ["ExitCode", "Verdict", "Word"]
+
+
+class ExitCode(IntEnum):
+    """What a command ends with."""
+
+    FINE = 0
+    NO = 1
+    """The answer is no, or not sure."""
+    BAD_INPUT = 2
+    FAULT = 70
+    """An error that is the program's own; the number is that of ``sysexits.h``."""
+    INTERRUPTED = 130
+    """128 + SIGINT, as shells have it."""
+
+
+class Word(StrEnum):
+    """The first word of a report."""
+
+    OK = "OK"
+    UNSURE = "UNSURE"
+    OVER_LIMIT = "OVER LIMIT"
+    LOOK_AGAIN = "LOOK AGAIN"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A report's answer, in one word and its reasons.
+
+    Parameters
+    ----------
+    word
+        OK only where nothing speaks against it. UNSURE where the data cannot tell. OVER LIMIT where a limit is passed
+        for certain. LOOK AGAIN where the input contradicts itself, so that no number of the report can be trusted.
+    reasons
+        A sentence for each thing that speaks against OK. Only OK may have none.
+
+    Raises
+    ------
+    ValueError
+        For a verdict other than OK without a reason.
+
+    Examples
+    --------
+    >>> verdict = Verdict.of(over=[], unsure=["elbow: noise alone may exceed the limit"])
+    >>> print(verdict)
+    UNSURE: elbow: noise alone may exceed the limit
+    >>> verdict.exit_code
+    <ExitCode.NO: 1>
+    """
+
+    word: Word
+    reasons: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.word is not Word.OK and not self.reasons:
+            raise ValueError(f"the verdict {self.word} needs a reason")
+
+    @classmethod
+    def of(
+        cls, *, look_again: list[str] | None = None, over: list[str] | None = None, unsure: list[str] | None = None
+    ) -> Verdict:
+        """The verdict that these reasons give: input that contradicts itself first, then certain excesses, then doubts."""
+        for word, reasons in ((Word.LOOK_AGAIN, look_again), (Word.OVER_LIMIT, over), (Word.UNSURE, unsure)):
+            if reasons:
+                return cls(word, tuple(reasons))
+        return cls(Word.OK)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the answer is a plain yes."""
+        return self.word is Word.OK
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """What a command that gives this verdict ends with."""
+        return ExitCode.FINE if self.ok else ExitCode.NO
+
+    def __str__(self) -> str:
+        return f"{self.word}: {'; '.join(self.reasons)}" if self.reasons else str(self.word)
