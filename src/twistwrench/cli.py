@@ -149,10 +149,17 @@ def torques(
 
 
 @main.command()
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON, in SI units and radians.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the joints as CSV, in SI units and radians.")
 @robot_command
-def info(options: RobotOptions) -> None:
+def info(options: RobotOptions, as_json: bool, as_csv: bool) -> None:
     """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
     from .report.info import info_view
+
+    if as_json and as_csv:
+        raise ValueRangeError("--json and --csv both write to the standard output. Choose one.")
+    if options.degrees and (as_json or as_csv):
+        raise ValueRangeError("--json and --csv are in SI units and radians. Leave --degrees out.")
 
     with warnings.catch_warnings(record=True) as remarks:
         warnings.simplefilter("always", ModelWarning)
@@ -160,7 +167,22 @@ def info(options: RobotOptions) -> None:
     for remark in remarks:  # those of the model itself stand below its tree
         if not any(defect in str(remark.message) for defect in robot.defects):
             warnings.warn_explicit(remark.message, remark.category, remark.filename, remark.lineno)
+    if as_json or as_csv:
+        from .report.robot_summary import as_text
+
+        click.echo(as_text(robot, "json" if as_json else "csv"), nl=False)
+        return
     _console().print(info_view(robot, degrees=options.degrees))
+
+
+@main.command(name="robots")
+@click.argument("word", default="")
+def list_robots(word: str) -> None:
+    """The bundled robots, by name; those with WORD in their name or description if it is given."""
+    with plain_errors():
+        from .report.bundled import bundled_table
+
+        _console().print(bundled_table(word))
 
 
 @main.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import sys
 import warnings
@@ -102,8 +103,10 @@ class RobotOptions:
             make: Callable[..., Robot] = getattr(robots, self.source)
             return make
         if not Path(self.source).exists():
+            near = difflib.get_close_matches(self.source.lower(), robots.names(), n=1)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
             raise NotFoundError(
-                f"no robot file {self.source!r}, and no bundled robot of that name. "
+                f"no robot file {self.source!r}, and no bundled robot of that name.{hint} "
                 f"Give a path, or one of: {', '.join(robots.names())}."
             )
         return partial(load, self.source)
@@ -176,8 +179,10 @@ def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
     path = folder / f"{robot}_{_DEMO}{suffix}"
     if not path.is_file():
         have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
+        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
         raise UnknownNameError(
-            f"no {what} is bundled with {robot!r}. With: {', '.join(have)}. Give the path of a {suffix[1:].upper()} file "
-            "instead."
+            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
+            f"Give the path of a {suffix[1:].upper()} file instead."
         )
     return path
