@@ -1082,7 +1082,7 @@ class Robot:
                 f"independently at any configuration: {lost}. Λ is 0 where no motion is possible, and no inertia is defined "
                 f"there; {advice}.",
                 ModelWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
 
     def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
@@ -1374,7 +1374,7 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     return found if len(found) > 1 else found[0]
 
 
-def _numbers(name: str, names: Mapping[str, Sequence[str]] | None = None, **arrays: ArrayLike) -> list[Array]:
+def _numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
     """Arrays of float64, or of float32 where that is what was given; tables by ``names``, Dask arrays lazy."""
     found = []
     for label, given in arrays.items():
