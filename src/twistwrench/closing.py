@@ -113,7 +113,10 @@ def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
         starts = np.concatenate([robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
     else:
         spread = np.repeat([0.0, 0.01, 0.1, 0.3], STARTS // 4)[:, None]
-        starts = robot.add(arguments.one(near, "near", robot.nq), spread * rng.standard_normal((STARTS, robot.nv)))
+        starts = robot.add(
+            arguments.one(near, "near", robot.nq, names=robot.coordinate_names),
+            spread * rng.standard_normal((STARTS, robot.nv)),
+        )
     q, left = closed.settled(starts, 0.01 * FOUND)
     if not (left <= FOUND).any():
         raise ConstraintError(
@@ -174,7 +177,7 @@ def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
         f"{_in_words(row)}, and {within:g} is called near. robot.subtract(found, q) is how far each one went; start nearer to "
         "the configuration meant, or allow more: consistent(q, within=…).",
         ConstraintWarning,
-        stacklevel=3,
+        stacklevel=4,
     )
 
 
@@ -185,7 +188,7 @@ def warn_of_singular(rank: Array, usual: int) -> None:
             f"singular configuration: {lost.sum()} of these states hold the constraints by {rank.min()} "
             f"directions, not {usual}; λ is the one of least norm.",
             ConstraintWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

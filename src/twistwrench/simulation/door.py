@@ -129,7 +129,8 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
             raise ShapeError(
                 f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). Loop over them."
             )
-        y[place] = arguments.finite(arguments.one(given, name, n), name, n)
+        names = robot.coordinate_names if name == "q0" else robot.model.velocity_names
+        y[place] = arguments.finite(arguments.one(given, name, n, names=names), name, n)
     for i, _ in system.manifold.floating:
         if not np.linalg.norm(y[i : i + 4]) > 1e-150:
             raise ValueRangeError("q0 has a quaternion of zeros, which is no rotation; none is (1, 0, 0, 0).")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from glob import escape
 from typing import TYPE_CHECKING, Any
@@ -118,7 +118,7 @@ def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
 def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
     if asked is None or asked is False:
         return []
-    limits = robot.limits.effort if asked is True else _real(asked, "torque_limits")
+    limits = robot.limits.effort if asked is True else _real(asked, "torque_limits", robot.model.velocity_names)
     if limits.shape[-1:] != (robot.nv,) and limits.ndim:
         raise ShapeError(
             f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number "
@@ -144,9 +144,9 @@ def _law_of(tau: Any) -> TorqueLaw:
     return GivenTorque(tau)
 
 
-def _real(x: Any, what: str) -> Array:
-    """Real numbers, float32 or float64, of any shape."""
-    array = arguments.array(x, what)
+def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
+    """Real numbers, float32 or float64, of any shape; a table by the names of its columns."""
+    array = arguments.array(x, what, names=names)
     if array.dtype == object:
         raise ValueRangeError(f"{what} is of symbols, and a rollout is of numbers.")
     return array
@@ -158,7 +158,7 @@ def _is_single(x: Array) -> bool:
 
 
 def _state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
-    x = _real(given, what)
+    x = _real(given, what, robot.coordinate_names if what == "q0" else robot.model.velocity_names)
     if x.shape[-1:] != (size,):
         raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
     if what == "q0":
@@ -178,7 +178,9 @@ def _given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
         size = robot.nq if name == "q_des" else robot.nv
         given = getattr(law, name)
         none = given is None and isinstance(law, GivenTorque)
-        x = _real(0.0 if none else given, name)
+        x = _real(
+            0.0 if none else given, name, robot.coordinate_names if name == "q_des" else robot.model.velocity_names
+        )
         one_for_all = none or name not in ("tau", "q_des")
         if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
             more = ", or one number for all" if one_for_all else ""

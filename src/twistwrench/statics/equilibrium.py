@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core import arguments
 from ..errors import FrameError, ValueRangeError
-from .checks import one_configuration, whole
+from .checks import one_configuration
 from .contacts import Contact
 from .limits import effort_limits
 
@@ -161,7 +161,7 @@ def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...]
     for k, c in enumerate(given):
         if not isinstance(c, Contact):
             raise ValueRangeError(f"contacts[{k}] is {c!r}. Give a list of statics.Contact.")
-    return given, whole(edges, "edges", 3)  # cones of fewer have no inside
+    return given, arguments.whole(edges, "edges", 3)  # cones of fewer have no inside
 
 
 def _decide(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import arguments
-from .checks import one_configuration, positive
+from .checks import one_configuration
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -100,10 +100,9 @@ def wrench_from_torques(
     True
     """
     q = one_configuration(robot, q, "wrench_from_torques", "the rank of J differs from pose to pose")
-    tau = arguments.finite(
-        arguments.one(tau, "wrench_from_torques: tau", robot.nv), "wrench_from_torques: tau", robot.nv
-    )
-    length = positive(length, "length [m]", "Give a positive length, such as the robot's reach.")
+    tau = arguments.one(tau, "wrench_from_torques: tau", robot.nv, names=robot.model.velocity_names)
+    tau = arguments.finite(tau, "wrench_from_torques: tau")
+    length = arguments.positive(length, "length", "m")
     g = np.asarray(robot.holding_torques(q))  # springs too, where joints are elastic
     J = np.asarray(robot.jacobian(q, frame, kind))
     scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m

@@ -67,7 +67,7 @@ def bounds_of(
         if values is None:
             found[name] = np.asarray(own[name], float)
             continue
-        array = np.asarray(arguments.real(values, name), float)
+        array = np.asarray(arguments.real(values, name, names=robot.model.velocity_names), float)
         if array.shape not in ((), (robot.nv,)):
             raise ShapeError(
                 f"{name} has shape {array.shape}: give one number, or {robot.nv}, one for each of "

@@ -100,14 +100,16 @@ def motion_of(
     ((21, 1), 21)
     """
     model = robot.model
-    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq)
+    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq, names=robot.coordinate_names)
     if t.ndim != 1 or q.shape != (len(t), model.nq) or not len(t):
         raise ShapeError(f"a motion has time (n,) and q (n, {model.nq}), got {t.shape} and {q.shape}.")
     if (np.diff(t) <= 0).any():
         k = int(np.argmax(np.diff(t) <= 0))
         raise ValueRangeError(f"time does not increase from sample {k} ({t[k]:g} s) to the next ({t[k + 1]:g} s).")
     given = {"dq": dq, "ddq": ddq}
-    rates = {n: None if x is None else arguments.finite(x, n, model.nv) for n, x in given.items()}
+    rates = {
+        n: None if x is None else arguments.finite(x, n, model.nv, names=model.velocity_names) for n, x in given.items()
+    }
     for name, x in rates.items():
         if x is not None and x.shape != (len(t), model.nv):
             raise ShapeError(f"{name} has shape {x.shape}, expected ({len(t)}, {model.nv}).")
