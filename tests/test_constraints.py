@@ -55,7 +55,6 @@ def test_how_far_a_loop_may_be_open_goes_by_the_size_of_the_mechanism(scale):
     assert np.isfinite(closed.forward_dynamics(little, np.zeros(3), np.zeros(3)).ddq).all()
 
 
-
 def test_two_rows_of_turning_make_a_hinge_that_turns_all_the_way():
     """The gap of a hinge's rows is that of its axes, zero for any turn about it, π for opposite ones; its slope is A."""
     arm = random_robot(3, joints=3, kinds=("revolute",))
