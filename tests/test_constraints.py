@@ -48,10 +48,10 @@ def test_how_far_a_loop_may_be_open_goes_by_the_size_of_the_mechanism(scale):
     gap = np.abs(closed.constraint_error(q)).max()
     assert gap <= 1e-12 * min(1.0, scale * 2.2), "closed to 1e-12 of the mechanism's length, or of a metre"
     open_by = min(1.0, scale) * 0.05 * 0.6
-    ajar = q + [0.0, 0.0, open_by / (0.6 * scale)]
+    ajar = q + np.array([0.0, 0.0, open_by / (0.6 * scale)])
     with pytest.raises(tw.ConstraintError, match="leaves loops open"):
         closed.forward_dynamics(ajar, np.zeros(3), np.zeros(3))
-    little = q + [0.0, 0.0, 0.02 * open_by / (0.6 * scale)]
+    little = q + np.array([0.0, 0.0, 0.02 * open_by / (0.6 * scale)])
     assert np.isfinite(closed.forward_dynamics(little, np.zeros(3), np.zeros(3)).ddq).all()
 
 

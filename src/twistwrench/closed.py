@@ -187,7 +187,7 @@ class ClosedRobot:
         return self.gaps(q)
 
     def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = closing.NEAR) -> Array:
-        """A configuration near q with every loop closed to ``tolerance`` (rad, m, part of a shorter robot's length); (nq) → (nq).
+        """A configuration near q with loops closed to ``tolerance`` (rad, m, part of a shorter robot's length); (nq) → (nq).
 
         Steps are the least in the kinetic metric, and where loops are far open they add up: ``robot.subtract(found, q)`` is how
         far each joint went. A ConstraintWarning says so where one went further than ``within`` (rad or m; ``np.inf``: never).

@@ -35,8 +35,8 @@ OPEN, ASTRAY = 1e-2, 0.1
 to be asked for. The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the
 step."""
 STILL = 1e-3
-"""rad/s, and part of the robot's length per s (and per s): joints this slow are at rest. Where a motion turns round, the stages of an integrator's step add
-up to velocities as small as their errors, of which any part may break the constraints."""
+"""rad/s, and part of the robot's length per s (and per s): joints this slow are at rest. Where a motion turns round, the stages
+of an integrator's step add up to velocities as small as their errors, of which any part may break the constraints."""
 FADED = 1e-2
 """Rows that see this part of what they usually see of a motion are near a singular configuration, where rounding and an
 integrator's errors are all that is left of them."""
@@ -152,7 +152,7 @@ def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
     if not (left <= FOUND).any():
         raise ConstraintError(
             f"no configuration found at which {closed.constraints[-1].name!r} closes: from {STARTS} starts the nearest "
-            f"leaves a gap of {left.min():.3g} ({_in_units(closed)}). Check pose and rows, or give near=q, a configuration near one."
+            f"leaves a gap of {left.min():.3g} ({_in_units(closed)}). Check pose and rows, or give near=q, one near it."
         )
     return np.asarray(q[left <= FOUND])
 

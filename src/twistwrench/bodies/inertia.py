@@ -110,8 +110,8 @@ class SpatialInertia:
         gap = np.abs(found.matrix - G)
         if not (gap <= 1e-6 * np.outer(root, root)).all():
             raise InertiaError(
-                f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by {gap.max():.3g}. Is its "
-                "linear part first? Then swap the blocks."
+                f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by {gap.max():.3g}. Is "
+                "its linear part first? Then swap the blocks."
             )
         if moment > _GIANT**2 * mass > 0:
             raise InertiaError(

@@ -47,9 +47,9 @@ def mesh(
     need nothing. ``scale`` turns the mesh's unit into metres: 0.001 for millimetres.
 
     Shells (faces that hang together by edges) are looked at one by one, and which way their faces are turned says nothing:
-    a shell by itself bounds a solid, one inside another a cavity, one inside a cavity a solid again. Where shells cut each other
-    or coincide, each counts as a solid, so that what they have in common counts twice: a ModelWarning says so. Another one
-    speaks of a size or a density that no part of a robot has.
+    a shell by itself bounds a solid, one inside another a cavity, one inside a cavity a solid again. Where shells cut each
+    other or coincide, each counts as a solid, so that what they have in common counts twice: a ModelWarning says so. Another
+    one speaks of a size or a density that no part of a robot has.
 
     Raises :class:`~twistwrench.ModelError`, saying where, for a surface that is not closed and so has no inside.
 

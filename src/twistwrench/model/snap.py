@@ -40,7 +40,7 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
         rest = np.ix_([k for k in range(3) if k != i], [k for k in range(3) if k != j])
         snapped[rest] = _nearest_of_two(snapped[rest])
     elif zero.sum() == 1:
-        snapped = _with_one_zero(snapped, *np.argwhere(zero)[0])
+        snapped = _with_one_zero(snapped, int(zero.any(axis=1).argmax()))
     return snapped if _is_rotation(snapped, _ROUNDING[1]) else R
 
 
@@ -57,8 +57,8 @@ def _nearest_of_two(B: Array) -> Array:
     return np.array([[x, -side * y], [y, side * x]])
 
 
-def _with_one_zero(R: Array, i: int, j: int) -> Array:
-    """R orthonormal again by Gram and Schmidt, from the row that has the zero; determinant 1."""
+def _with_one_zero(R: Array, i: int) -> Array:
+    """R orthonormal again by Gram and Schmidt, from row i, which has the zero; determinant 1."""
     first, second = R[i] / np.linalg.norm(R[i]), R[(i + 1) % 3]
     for _ in range(2):  # once more, for what rounding left
         second = second - (first @ second) * first
