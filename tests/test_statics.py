@@ -88,7 +88,9 @@ def test_how_many_wrenches_torques_make_does_not_depend_on_the_length_of_the_arm
 
 
 def test_a_slide_and_a_crank_of_a_nanometre_make_two_wrenches():
-    robot = tw.from_dh({"a": [0.0, 1e-9], "alpha": [np.pi / 2, 0.0]}, joint_types=["prismatic", "revolute"], masses=[1.0, 1.0])
+    robot = tw.from_dh(
+        {"a": [0.0, 1e-9], "alpha": [np.pi / 2, 0.0]}, joint_types=["prismatic", "revolute"], masses=[1.0, 1.0]
+    )
     robot = robot.with_gravity((0, 0, 0))
     found = statics.wrench_from_torques(robot, [0.1, 0.4], [2.0, 3e-9])
     assert found.rank == 2
