@@ -8,6 +8,7 @@ import pytest
 from twistwrench.errors import (
     ModelError,
 )
+from twistwrench.io.urdf import rotation_of_rpy
 from twistwrench.lie import se3
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.model.snap import snap_rotation
@@ -80,6 +81,25 @@ def test_right_angles_become_exact():
 def test_a_small_angle_is_left_to_the_last_bit(angle):
     R = se3.exp([0, 0, angle, 0, 0, 0])[:3, :3]
     assert np.array_equal(snap_rotation(R, 1e-9), R)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_snapped_stays_a_rotation_to_the_last_bit(seed):
+    # Angles about three axes, of which some are right, as a file with eleven digits has them.
+    rng = np.random.default_rng(seed)
+    for _ in range(300):
+        angles = np.where(rng.random(3) < 0.6, 0.5 * np.pi * rng.integers(-2, 3, 3), rng.uniform(-np.pi, np.pi, 3))
+        small = np.where(rng.random(3) < 0.3, rng.choice([1e-4, 1e-5, 3e-10], 3), 0.0)
+        exact = rotation_of_rpy(angles + small)
+        typed = rotation_of_rpy(np.round(angles + small + 3e-10 * rng.uniform(-1, 1, 3), 11))
+        R = snap_rotation(typed, 1e-9)
+        # Sums of three products of numbers up to 1, each rounded: 1e-15 is a few units of the last place.
+        assert np.abs(R @ R.T - np.eye(3)).max() <= 1e-15
+        assert np.linalg.det(R) > 0
+        assert np.abs(R - exact).max() <= 3e-9
+        assert np.array_equal(snap_rotation(R, 1e-9), R), "once is enough"
+        if not small.any() and (angles % (0.5 * np.pi) == 0).all():
+            assert np.array_equal(R, np.round(exact))
 
 
 def test_products_of_fixed_rotations_are_snapped_too():

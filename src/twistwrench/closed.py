@@ -34,7 +34,7 @@ from .robot import Robot, Rows, Wrenches
 Array = NDArray[Any]
 
 CLOSED = 1e-12
-"""rad and m: loops closed to this are closed; rounding of positions within a metre is some 1e-15."""
+"""rad, and part of the robot's length: loops closed to this are closed; positions are rounded to some 1e-15 of it."""
 
 __all__ = ["ClosedRobot", "ConstrainedMotion", "ConstrainedTorques", "MotionForceSplit"]
 
@@ -169,7 +169,7 @@ class ClosedRobot:
 
     @lazy.by_blocks(lambda closed, _: [(closed.nq,)])
     def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = closing.NEAR) -> Array:
-        """A configuration near q with every loop closed to ``tolerance`` (rad, m); (nq) → (nq).
+        """A configuration near q with loops closed to ``tolerance`` (rad, m, part of a shorter robot's length); (nq) → (nq).
 
         Steps are the least in the kinetic metric, and where loops are far open they add up: ``robot.subtract(found, q)`` is how
         far each joint went. A ConstraintWarning says so where one went further than ``within`` (rad or m; ``np.inf``: never).
@@ -188,7 +188,7 @@ class ClosedRobot:
         if not arguments.number(within, "within") >= 0:
             raise ValueRangeError(f"within={within!r} is not allowed: rad or m, 0 or more, such as {closing.NEAR:g}.")
         flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
-        closing.require_found(left, tolerance, q.shape[:-1])
+        closing.require_found(self, left, tolerance, q.shape[:-1])
         found = flat.reshape(q.shape).astype(q.dtype, copy=False)
         closing.warn_of_far(self.robot, q, found, within)
         return found
@@ -204,6 +204,7 @@ class ClosedRobot:
             lambda q: (self.robot._call("constraint_jacobian", q, constraints=closures), self.robot.mass_matrix(q)),
             self.robot.add,
             self.sizes[closing.with_gaps(self.constraints)],
+            closing.gap_units(self),
             tolerance,
         )
 

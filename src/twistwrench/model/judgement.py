@@ -11,20 +11,21 @@ from ..bodies.inertia import SpatialInertia
 from ..errors import InertiaError
 from .model import Body, Model
 
-__all__ = ["INERTIA_POLICIES", "judge", "reasons"]
+__all__ = ["INERTIA_POLICIES", "judge", "moved_moments", "reasons"]
 
 INERTIA_POLICIES = ("error", "accept", "repair")
 """What happens to a moving body that cannot exist: refused, kept as it is, or given the nearest inertia that can be."""
 
 
-def reasons(inertia: SpatialInertia) -> list[str]:
+def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
     """Why no body has this inertia, in words with amounts. Rotational inertia without mass is judged by itself.
 
-    Files use it for rotors whose mass is counted elsewhere; a remark is made of it, never an error.
+    Files use it for rotors whose mass is counted elsewhere; a remark is made of it, never an error. ``size`` [kg m²] is
+    that of the moments it was made of, which rounding goes by.
     """
     if inertia.mass == 0 and inertia.parameters[4:].any():
         return SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).defects()
-    return inertia.defects()
+    return inertia.defects(size=size)
 
 
 def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model, list[str]]:
@@ -35,7 +36,7 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
     remarks: list[str] = []
     refused: list[str] = []
     bodies = list(model.bodies)
-    bad = {i: found for i, body in enumerate(bodies) if (found := reasons(body.inertia))}
+    bad = {i: found for i, body in enumerate(bodies) if (found := reasons(body.inertia, moved_moments(model, i)))}
     for i, found in bad.items():
         text = f"{_who(model, i, link)} cannot exist: {'; '.join(found)}"
         if policy == "error":
@@ -52,6 +53,16 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
         )
     remarks.extend(_on_links(model, set(bad), link))
     return replace(model, bodies=tuple(bodies)), remarks
+
+
+def moved_moments(model: Model, index: int) -> float:
+    """The moments [kg m²] that those of a fused body are sums and differences of: each link's, moved along its own levers."""
+    total = 0.0
+    for name, frame in model.frames.items():
+        if frame.body == index:
+            G, p = model.link_inertias[name], frame.pose[:3, 3]
+            total += abs(float(G.moment_about_origin.trace())) + float(G.mass * p @ p)
+    return total
 
 
 def _who(model: Model, index: int, link: Callable[[str], str]) -> str:
