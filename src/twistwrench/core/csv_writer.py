@@ -63,11 +63,12 @@ class CsvWriter:
     def row(self, cells: Iterable[str | float | None]) -> None:
         """Add one row; numbers with the digits that give them back exactly, None as an empty cell."""
         line = io.StringIO()
-        writer = csv.writer(line, lineterminator="\n")
-        writer.writerow(
+        csv.writer(
+            line, lineterminator="\r\n"
+        ).writerow(  # a carriage return in a name is quoted only if it may end lines
             [harmless_text(c) if isinstance(c, str) else "" if c is None else repr(float(c)) for c in cells]
         )
-        self.file.write(line.getvalue().encode())
+        self.file.write((line.getvalue().removesuffix("\r\n") + "\n").encode())
 
     def numbers(self, rows: Array) -> None:
         """Add rows (n, columns) of numbers, each with the digits that give it back exactly."""
