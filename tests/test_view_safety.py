@@ -113,7 +113,7 @@ def test_names_of_others_that_lead_here_are_refused(view):
     for host in (
         "evil.example",
         f"evil.example:{port}",
-        "localhost",
+        f"localhost.evil.example:{port}",
         f"localhost:{port}.evil.example",
         "",
         [f"localhost:{port}"] * 2,

@@ -100,7 +100,7 @@ class PageAccess:
         return f"/{rest}" if slash else f"/{mark}{query}"
 
     def _from_here(self, connection: Any, request: Any) -> bool:
-        """Whether Host names this computer, and Origin the same as Host, where there is one, as there is of all that pages send.
+        """Whether Host names this computer, and Origin says the same as Host where there is one; pages always send one.
 
         The port in Host is that of the browser's end, which may be another where the port is forwarded by SSH.
         """
