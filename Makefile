@@ -4,13 +4,14 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo
 
-.PHONY: help demo check test test-all lint gallery bench clean
+.PHONY: help demo check test test-all lowest lint gallery bench clean
 
 help:
 	@echo "make demo      install, and ask whether a UR5 can carry 10 kg, and then 5 kg, along a bundled path"
 	@echo "make check     install, then lint, types, import layers and the tests of the core: some two minutes"
 	@echo "make test      install, then lint, types, import layers and all tests but the slow ones"
 	@echo "make test-all  the same with the slow oracles"
+	@echo "make lowest    install the oldest versions that pyproject.toml allows, and run the tests but the slow ones on them"
 	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
 	@echo "make clean     remove what the above made"
@@ -54,6 +55,17 @@ test: lint
 test-all: lint
 	$(BIN)/pytest -n 2 -m "slow or not slow"
 
+# Run-time extras and what tests need; linters and peers are tried in their newest versions only. What those old versions are
+# told by newer ones below them is not our business, so their deprecations pass.
+$(VENV)-lowest/.made: pyproject.toml
+	$(PYTHON) -m venv --clear $(VENV)-lowest
+	$(VENV)-lowest/bin/python -m pip install --quiet uv
+	$(VENV)-lowest/bin/uv pip install --quiet --python $(VENV)-lowest/bin/python --resolution lowest-direct -e ".[all,test]"
+	touch $@
+
+lowest: $(VENV)-lowest/.made
+	$(VENV)-lowest/bin/python -m pytest -n 2 -W ignore::DeprecationWarning
+
 gallery: $(VENV)/.demo
 	$(BIN)/python -m examples
 
@@ -62,4 +74,4 @@ bench: $(VENV)/.dev
 	$(BIN)/python -m bench.book
 
 clean:
-	rm -rf $(VENV) $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-lowest $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import stat
 import subprocess
 import sys
@@ -379,6 +380,47 @@ def test_a_folder_in_an_entry_s_place_is_no_error(place):
 
 
 # ── side by side ──
+
+
+@POSIX
+@pytest.mark.parametrize("kind", ["pipe", "link to a device", "link to nothing", "empty folder", "huge"])
+def test_what_stands_in_an_entry_s_place_is_cleared_away(place, kind, monkeypatch):
+    """A pipe that nobody writes to would be waited for, a device read without end: each is refused unread, and rebuilt."""
+    assert works()
+    (entry,) = place.iterdir()
+    entry.unlink()
+    if kind == "pipe":
+        os.mkfifo(entry)
+    elif kind == "empty folder":
+        entry.mkdir()
+    elif kind == "huge":
+        monkeypatch.setattr(cache, "MOST_BYTES", 1 << 16)
+        with entry.open("wb") as file:
+            file.truncate((1 << 16) + 1)
+    else:
+        entry.symlink_to("/dev/zero" if "device" in kind else place / "nowhere")
+    with never_waiting():
+        assert works()
+    assert [p.name for p in place.iterdir()] == [entry.name]
+    assert entry.is_file()
+    assert not entry.is_symlink()
+    assert entry.read_bytes().startswith(cache.MAGIC)
+
+
+@contextmanager
+def never_waiting(seconds: int = 60) -> Iterator[None]:
+    """An alarm in place of a test that would hang; the time is no claim."""
+
+    def ring(*_):
+        raise AssertionError("it waits")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_a_reader_never_sees_half_an_entry(place):

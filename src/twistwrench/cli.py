@@ -1,7 +1,7 @@
 """The shell. Commands read options, call one function of the library, and turn errors into one line and an exit code.
 
-Exit codes: 0 done; 1 ran, and found a problem it was asked to look for; 2 bad input. Everything heavy is imported
-inside the command that needs it, so that ``--help`` answers at once.
+Exit codes are those of :mod:`twistwrench.verdict`. Everything heavy is imported inside the command that needs it, so that
+``--help`` answers at once.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from .simulation.command import simulate_options
 from .statics.command import payload_options
 from .symbolic.command import derive_options
 from .trajectories.command import move_options
+from .verdict import ExitCode
 from .viz.command import plot_options, view_options
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-_FOUND_A_PROBLEM = 1
+_FOUND_A_PROBLEM = ExitCode.NO
 _LONG_FILE = 1 << 23  # bytes from which a progress bar is worth its flicker
 _DEMO = "demo"
 
@@ -328,9 +329,13 @@ def _check_extra(plot_path: str | None) -> None:
 def _console() -> Console:
     from rich.console import Console
 
-    console = Console(highlight=False)
+    class Output(Console):
+        def on_broken_pipe(self) -> None:
+            raise
+
+    console = Output(highlight=False)
     # Files and pipes have no width of their own; 110 columns hold the tables without folding.
-    return console if console.is_terminal else Console(highlight=False, width=110)
+    return console if console.is_terminal else Output(highlight=False, width=110)
 
 
 @contextmanager

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
+import secrets
+import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -87,7 +88,8 @@ def _check_writable(path: Path) -> None:
 def replacing(path: str | Path) -> Iterator[Path]:
     """A scratch name in the same folder; on leaving without an error the file there becomes ``path``, else it goes.
 
-    :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
+    A file that is replaced keeps its mode, and its owner and group where the system allows it; a new one gets the mode that
+    the process gives to new files. :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
     """
     path = Path(path)
     if path.is_dir():
@@ -95,18 +97,23 @@ def replacing(path: str | Path) -> Iterator[Path]:
     if path.exists() and not path.is_file():  # a pipe or a device is written to, never replaced
         yield path
         return
+    advice = "Name a file in a folder that exists and is writable."
     try:
         target = path.resolve()  # a link stays a link
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent)
-    except OSError as problem:
-        raise ValueRangeError(
-            f"cannot write {str(path)!r}: {problem.strerror}. Name a file in a folder that exists and is writable."
-        ) from None
-    os.close(handle)
-    scratch = Path(name)
+        before = target.stat() if target.exists() else None
+    except (OSError, RuntimeError) as problem:  # a name too long, links in a circle
+        reason = getattr(problem, "strerror", None) or str(problem)
+        raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. {advice}") from None
+    scratch = target.with_name(f".{target.stem[:20]}.{secrets.token_hex(8)}{target.suffix[-20:]}")
     try:
+        try:
+            # With the mode of new files the system itself takes the umask off; what will be private is so from the start.
+            os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666 if before is None else 0o600))
+        except OSError as problem:
+            raise ValueRangeError(f"cannot write {str(path)!r}: {problem.strerror}. {advice}") from None
         yield scratch
-        scratch.chmod(0o666 & ~_umask())  # temporary files are private; what replaces a file is as others are
+        if before is not None:
+            _keep(scratch, before)
         os.replace(scratch, target)  # noqa: PTH105  the atomic one, by its plain name
     except OSError as problem:
         raise ValueRangeError(
@@ -116,7 +123,14 @@ def replacing(path: str | Path) -> Iterator[Path]:
         scratch.unlink(missing_ok=True)
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _keep(scratch: Path, before: os.stat_result) -> None:
+    """Give the new file owner, group and mode of the one it replaces; a group that cannot be kept passes on no rights."""
+    mode = stat.S_IMODE(before.st_mode)
+    if hasattr(os, "chown"):
+        with contextlib.suppress(OSError):
+            os.chown(scratch, before.st_uid, -1)
+        with contextlib.suppress(OSError):
+            os.chown(scratch, -1, before.st_gid)
+        if scratch.stat().st_gid != before.st_gid:
+            mode &= ~0o070 | (mode & 0o007) << 3
+    scratch.chmod(mode)

@@ -17,15 +17,15 @@ import click
 
 from .errors import ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
 from .report.usage import in_shell_words
+from .verdict import ExitCode
 
 if TYPE_CHECKING:
     from .robot import Robot
 
-__all__ = ["BAD_INPUT", "RobotOptions", "bundled", "plain_errors", "robot_command"]
+__all__ = ["RobotOptions", "bundled", "plain_errors", "robot_command"]
 
-BAD_INPUT = 2
-"""The exit code of input that cannot be used."""
 _DEMO = "demo"
+_STANDARD_INPUT = "-"
 
 
 @dataclass(frozen=True)
@@ -97,11 +97,16 @@ class RobotOptions:
 
     def _maker(self) -> Callable[..., Robot]:
         from . import robots
+        from .core.files import is_stream
+        from .io.source import read_robot_text, standard_input_text
         from .robot import load
 
         if self.source in robots.names() and not Path(self.source).is_file():
             make: Callable[..., Robot] = getattr(robots, self.source)
             return make
+        if self.source == _STANDARD_INPUT or is_stream(Path(self.source)):  # read once, and perhaps loaded twice
+            text = standard_input_text() if self.source == _STANDARD_INPUT else read_robot_text(self.source)[0]
+            return partial(load, text)
         if not Path(self.source).exists():
             near = difflib.get_close_matches(self.source.lower(), robots.names(), n=1)
             hint = f" Did you mean {near[0]!r}?" if near else ""
@@ -158,7 +163,7 @@ def plain_errors() -> Iterator[None]:
             yield
         except TwistWrenchError as error:
             click.echo(f"error: {' '.join(in_shell_words(str(error)).split())}", err=True)
-            sys.exit(BAD_INPUT)
+            sys.exit(ExitCode.BAD_INPUT)
 
 
 def _parse_lock(text: str) -> tuple[str, float]:

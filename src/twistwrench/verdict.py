@@ -8,6 +8,8 @@ code  meaning
 2     bad input
 70    a fault of the program
 130   interrupted
+141   nobody reads the output any more
+143   told to end
 ====  ==================================================
 """
 
@@ -30,6 +32,10 @@ class ExitCode(IntEnum):
     """An error that is the program's own; the number is that of ``sysexits.h``."""
     INTERRUPTED = 130
     """128 + SIGINT, as shells have it."""
+    PIPE_CLOSED = 141
+    """128 + SIGPIPE: what reads the output has ended, as ``head`` does."""
+    TERMINATED = 143
+    """128 + SIGTERM."""
 
 
 class Word(StrEnum):

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import arguments
+from ..core.foreign_errors import foreign_errors
 from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
 from .shells import edges_of, nest, shell_numbers
 from .solids import total_mass
@@ -138,10 +139,8 @@ def _load(path: Path) -> tuple[Array, Array]:
         raise MissingExtraError.of("trimesh", "mesh", f"Reading the mesh {path.name}") from None
     if not path.is_file():
         raise NotFoundError(f"no mesh file {str(path)!r}.")
-    try:
+    with foreign_errors(lambda reason: ModelError(f"{path} cannot be read as a mesh: {reason}.")):
         loaded: Any = trimesh.load(path, force="mesh")
-    except Exception as error:
-        raise ModelError(f"{path} cannot be read as a mesh: {error}") from error
     if not hasattr(loaded, "faces") or not len(loaded.faces):
         raise ModelError(f"{path} holds no triangles.")
     loaded.merge_vertices(merge_tex=True, merge_norm=True)  # files such as STL repeat each corner

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import reprlib
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ..core.files import is_stream, read_text
+from ..core.foreign_errors import foreign_errors
 from ..errors import ModelError, ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
 from ..model.actuation import with_actuators, with_friction, with_link_friction
 from ..model.actuator import Actuator, Motor, Rotor
@@ -31,6 +35,12 @@ _FRICTION = {"viscous": "viscous", "coulomb": "torque", "static": "torque", "str
 _SLIDING = {
     "viscous": "viscous, sliding", "torque": "force", "speed": "speed, sliding", "stiffness": "stiffness, sliding",
 }  # fmt: skip
+
+
+_MOST_BYTES = 2**18
+"""Larger files are refused: YAML is read slowly, and a robot of a hundred motors takes 40 kB."""
+_MOST_LEVELS = 50
+"""Deeper nesting is refused; an actuator file needs five levels, and YAML takes quadratic time for more."""
 
 
 def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model:
@@ -54,15 +64,16 @@ def _read(source: Source) -> tuple[object, str]:
     if "\n" not in text and ":" not in Path(text).name:
         path = Path(source)
         try:
-            found = path.is_file()
+            found = path.is_file() or is_stream(path)
         except (OSError, ValueError):
             found = False
         if not found:
-            raise NotFoundError(f"no actuator file {text[:200]!r}. It is YAML; docs/actuation.md shows one.")
-        try:
-            text, origin = path.read_text(encoding="utf-8"), str(path)
-        except (OSError, UnicodeDecodeError) as error:
-            raise ModelError(f"cannot read {str(path)!r}: {error}.") from None
+            raise NotFoundError(
+                f"no actuator file {text[:200]!r}. It is YAML with an entry 'actuators:', and the joints below it."
+            )
+        origin = str(path)
+        with foreign_errors(lambda reason: ModelError(f"cannot read {origin!r}: {reason}.")):
+            text = read_text(path, _MOST_BYTES)
     return _parsed(text, origin), origin
 
 
@@ -70,18 +81,37 @@ def _parsed(text: str, origin: str) -> object:
     """The text's mappings, lists and strings: YAML itself would read 101:1 as a number to the base of sixty."""
     import yaml
 
+    def no_deeper(levels: int) -> None:
+        if levels > _MOST_LEVELS:
+            raise ModelError(
+                f"{origin} nests its entries more than {_MOST_LEVELS} deep. An actuator file needs five levels."
+            )
+
     class Loader(yaml.BaseLoader):
+        def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+            no_deeper(self.flow_level)
+            super().fetch_flow_collection_start(TokenClass)
+
+        def add_indent(self, column: int) -> bool:
+            no_deeper(len(self.indents))
+            return bool(super().add_indent(column))
+
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-            keys = [key.value for key, _ in node.value]
-            if twice := {str(key) for key in keys if keys.count(key) > 1}:
+            keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+            if twice := sorted(key for key, count in keys.items() if count > 1):
                 line = node.start_mark.line + 1
-                raise ModelError(f"{origin}, line {line}: {', '.join(sorted(twice))} given twice. Keep one of them.")
+                raise ModelError(f"{origin}, line {line}: {', '.join(twice)} given twice. Keep one of them.")
             return super().construct_mapping(node, deep)
 
-    try:
+    with foreign_errors(lambda reason: ModelError(f"{origin} is no YAML: {reason}.")):
         return yaml.load(text, Loader)  # a BaseLoader makes nothing but text
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ModelError(f"{origin} is no YAML: {' '.join(str(error).split())}.") from None
+
+
+def _shown(value: object) -> str:
+    """What stands there, shortened: with aliases a short file may mean a value of endless length."""
+    short = reprlib.Repr()
+    short.maxlevel, short.maxstring, short.maxother = 2, 60, 60
+    return short.repr(value)
 
 
 @dataclass(frozen=True)
@@ -94,9 +124,7 @@ class _Section:
 
     def __post_init__(self) -> None:
         if not isinstance(self.content, Mapping):
-            raise ModelError(
-                f"{self.path or 'the file'} is {str(self.content)[:60]!r}, expected entries 'name: value'."
-            )
+            raise ModelError(f"{self.path or 'the file'} is {_shown(self.content)}, expected entries 'name: value'.")
 
     def where(self, key: str) -> str:
         return f"{self.path} → {key}" if self.path else key
@@ -114,12 +142,12 @@ class _Section:
         value = self.content[key]
         if kind:
             return in_si(value, kind, self.where(key))
-        return _plain(value, f"{self.where(key)} is {value!r}, expected a plain number.")
+        return _plain(value, f"{self.where(key)} is {_shown(value)}, expected a plain number.")
 
     def vector(self, key: str, kind: str) -> Any:
         values = self.content[key]
         if isinstance(values, str | Mapping) or np.ndim(np.asarray(values, object)) != 1 or len(values) != 3:
-            raise ModelError(f"{self.where(key)} is {values!r}, expected three entries in brackets.")
+            raise ModelError(f"{self.where(key)} is {_shown(values)}, expected three entries in brackets.")
         items = _Section({str(k): v for k, v in zip("xyz", values, strict=True)}, self.where(key))
         return np.array([items.number(k, kind) for k in "xyz"])
 
@@ -130,7 +158,7 @@ class _Section:
 def _added(model: Model, file: _Section, stiff: bool) -> Model:
     file.only("robot", "motors", "actuators")
     if file.content.get("robot", model.name) != model.name:
-        raise ModelError(f"it is for robot {str(file.content['robot'])!r}, and this one is {model.name!r}.")
+        raise ModelError(f"it is for robot {_shown(file.content['robot'])}, and this one is {model.name!r}.")
     motors = _motors(file.section("motors")) if "motors" in file.content else {}
     if "actuators" not in file.content:
         raise ModelError("it has no entry 'actuators:' with the joints below it.")
@@ -196,17 +224,17 @@ def _rotor(section: _Section) -> Rotor:
     section.only(*_ROTOR)
     if "inertia" not in section.content:
         raise ModelError(f"{section.path} has no inertia, which is all there is to a rotor.")
-    said = str(section.content.get("extra", False)).lower()
-    if said not in ("true", "false"):
-        raise ModelError(f"{section.where('extra')} is {said!r}, expected true or false.")
-    extra = said == "true"
+    said = section.content.get("extra", False)
+    if not isinstance(said, str | bool) or str(said).lower() not in ("true", "false"):
+        raise ModelError(f"{section.where('extra')} is {_shown(said)}, expected true or false.")
+    extra = str(said).lower() == "true"
     if "mass" in section.content and not extra:
         raise ModelError(
             f"{section.where('mass')} is of no use unless the rotor is extra: the link has weighed it already."
         )
     link = section.content.get("link")
     if link is not None and not isinstance(link, str):
-        raise ModelError(f"{section.where('link')} is {link!r}, expected the name of a link.")
+        raise ModelError(f"{section.where('link')} is {_shown(link)}, expected the name of a link.")
     return Rotor(
         inertia=section.number("inertia", "inertia"),
         extra=extra,
@@ -219,7 +247,7 @@ def _rotor(section: _Section) -> Rotor:
 
 def _share(value: object, where: str) -> float:
     """A plain number, or a percentage."""
-    problem = f"{where} is {value!r}, expected a number such as 0.75, or 75 %."
+    problem = f"{where} is {_shown(value)}, expected a number such as 0.75, or 75 %."
     if isinstance(value, str) and value.rstrip().endswith("%"):
         return _plain(value.rstrip()[:-1], problem) / 100
     return _plain(value, problem)
@@ -238,13 +266,13 @@ def _ratio(value: object, where: str, *, sliding: bool) -> float:
     if sliding and isinstance(value, str):
         for unit, per_metre in _LEADS.items():
             if value.rstrip().endswith(unit):
-                problem = f"{where} is {value!r}, expected a number before {unit}."
+                problem = f"{where} is {_shown(value)}, expected a number before {unit}."
                 number = _plain(value.rstrip()[: -len(unit)], problem)
                 if number == 0:
                     raise ModelError(problem)
                 return float(per_metre(number))
     units = f", or with one of {', '.join(_LEADS)}" if sliding else ", or 101:1"
-    problem = f"{where} is {value!r}, expected a number such as 101{units}."
+    problem = f"{where} is {_shown(value)}, expected a number such as 101{units}."
     turns, colon, per = value.partition(":") if isinstance(value, str) else (value, "", "")
     divisor = _plain(per, problem) if colon else 1.0
     if divisor == 0:

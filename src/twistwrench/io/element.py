@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.foreign_errors import foreign_errors
 from ..errors import RobotFileError
 
 Array = NDArray[Any]
@@ -169,19 +170,20 @@ def parse(text: str) -> Element:
             f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
         )
     maker = _TreeMaker(text[: len(text) - len(body)].count("\n"))
-    try:
-        maker.parser.Parse(body, True)
-    except ExpatError as error:
-        what = str(error).partition(":")[0]
-        raise RobotFileError(
-            f"line {error.lineno + maker.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
-            "Correct that line; every element that opens must close."
-        ) from None
-    except _Forbidden as problem:
-        raise RobotFileError(
-            f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and remove "
-            "the <!DOCTYPE …>."
-        ) from None
+    with foreign_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
+        try:
+            maker.parser.Parse(body, True)
+        except ExpatError as error:
+            what = str(error).partition(":")[0]
+            raise RobotFileError(
+                f"line {error.lineno + maker.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
+                "Correct that line; every element that opens must close."
+            ) from None
+        except _Forbidden as problem:
+            raise RobotFileError(
+                f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and "
+                "remove the <!DOCTYPE …>."
+            ) from None
     if maker.root is None:
         raise RobotFileError("it has no elements. A robot file begins with <robot name=…>.")
     return maker.root

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import os
 import re
 from pathlib import Path
 
+from ..core.files import read_bytes, read_standard_input
+from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, RobotFileError
 
-__all__ = ["MAX_BYTES", "read_robot_text"]
+__all__ = ["MAX_BYTES", "read_robot_text", "standard_input_text"]
 
 MAX_BYTES = 64 * 2**20
 """Larger files are refused; the largest robot descriptions in use are a few MiB."""
 
 _BUNDLED_ROBOTS = Path(__file__).parents[1] / "robots"
+_NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
+"""What Python calls encodings, and no XML file is in."""
+
 _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
 
 
 def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
     """The text of a robot description, and a name for it in messages: the path, or "the text given".
 
-    ``source`` is a path, or the XML text itself, told by its first non-blank character being "<".
+    ``source`` is a path, or the XML text itself, told by its first non-blank character being "<". A path may lead to a pipe,
+    which can be read once.
     Raises :class:`~twistwrench.NotFoundError`, naming similar files, or :class:`~twistwrench.RobotFileError`.
     """
     if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
@@ -38,24 +45,29 @@ def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
     return _decoded(_bytes_of(path), str(path)), str(path)
 
 
+def standard_input_text() -> str:
+    """The text of a robot description that comes by standard input. Raises :class:`~twistwrench.RobotFileError`."""
+    with foreign_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
+        text = _decoded(read_standard_input(MAX_BYTES), "standard input")
+    if not text.lstrip("\ufeff \t\r\n").startswith("<"):
+        beginning = f"it begins with {text.strip()[:20]!r}" if text.strip() else "it is empty"
+        raise RobotFileError(f"standard input is no XML: {beginning}. XML text begins with '<'.")
+    return text
+
+
 def _bytes_of(path: Path) -> bytes:
     name = str(path)
     clipped = name if len(name) <= 200 else name[:200] + "…"
-    try:
+    # A name no file system takes (too long, a NUL in it) is most often text that was meant to be XML.
+    advice = "Pass a path, or XML text that begins with '<'."
+    with foreign_errors(lambda reason: RobotFileError(f"cannot read {clipped!r}: {reason}. {advice}")):
         if path.is_dir():
             raise RobotFileError(f"{clipped!r} is a folder. Pass the robot file in it{_offer(_robot_files(path))}.")
-        if not path.is_file():
+        if not path.exists():
             raise NotFoundError(f"no file {clipped!r}. {_similar(path)}{_bundled(path)}")
-        _check_size(path.stat().st_size, repr(name))
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        if isinstance(error, NotFoundError | RobotFileError):
-            raise
-        reason = getattr(error, "strerror", None) or error
-        # A name no file system takes (too long, a NUL in it) is most often text that was meant to be XML.
-        raise RobotFileError(
-            f"cannot read {clipped!r}: {reason}. Pass a path, or XML text that begins with '<'."
-        ) from error
+        if path.is_file():
+            _check_size(path.stat().st_size, repr(name))
+        return read_bytes(path, MAX_BYTES)
 
 
 def _check_size(size: int, name: str) -> None:
@@ -101,15 +113,17 @@ def _decoded(data: bytes, name: str) -> str:
         encoding = "utf-16"
     else:
         encoding = declared[1].decode("ascii") if declared else "utf-8"
-    try:
-        return data.decode(encoding)
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise RobotFileError(
-            f"{name}: line {line} has a byte that is not {encoding} text. Save the file as UTF-8, or declare its "
-            'encoding in the first line: <?xml version="1.0" encoding="latin-1"?>.'
-        ) from None
-    except LookupError:
-        raise RobotFileError(
-            f"{name}: declares the encoding {encoding!r}, which is not known. Save the file as UTF-8."
-        ) from None
+    unknown = f"{name}: declares the encoding {encoding!r}, which is not known. Save the file as UTF-8."
+    with foreign_errors(lambda reason: RobotFileError(f"{name}: cannot be read as {encoding} text: {reason}.")):
+        try:
+            if codecs.lookup(encoding).name.replace("-", "_") in _NO_ENCODINGS:
+                raise RobotFileError(unknown)
+            return data.decode(encoding)
+        except UnicodeDecodeError as error:
+            line = data.count(b"\n", 0, error.start) + 1
+            raise RobotFileError(
+                f"{name}: line {line} has a byte that is not {encoding} text. Save the file as UTF-8, or declare its "
+                'encoding in the first line: <?xml version="1.0" encoding="latin-1"?>.'
+            ) from None
+        except LookupError:
+            raise RobotFileError(unknown) from None

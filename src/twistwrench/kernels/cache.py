@@ -7,6 +7,7 @@ cache off. A folder that others could write to, an unreadable entry and a full d
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
@@ -22,10 +23,16 @@ __all__ = ["folder", "load", "store"]
 
 MAGIC = b"twistwrench code 1\n"
 MOST_ENTRIES = 2000
+MOST_BYTES = 2**28
+"""Of an entry; the code of the largest robots has a few MiB."""
 VARIABLE = "TWISTWRENCH_CACHE_DIR"
 
 _OURS = re.compile(r"[0-9a-f]{64}|\.new-\w+")
 """Names of entries, and of those that are being written: a folder may hold other files, which are none of our business."""
+
+_BINARY = getattr(os, "O_BINARY", 0)
+_NO_ENTRY = (errno.EINVAL, errno.ELOOP, errno.EMLINK, errno.ENXIO)
+"""What the system says of links and sockets, and we of whatever else is no plain file."""
 
 _REMARKS: set[str] = set()
 
@@ -78,16 +85,37 @@ def load(key: str) -> bytes | None:
         return None
     entry = place / key
     try:
-        raw = entry.read_bytes()
-    except OSError:
+        raw = _bytes_of(entry)
+    except OSError as problem:
+        if problem.errno in _NO_ENTRY:
+            _clear(entry)
         return None
     head = len(MAGIC)
     checksum, code = raw[head : head + 32], raw[head + 32 :]
     if raw[:head] == MAGIC and hashlib.sha256(key.encode() + code).digest() == checksum:
         return code
-    with suppress(OSError):
-        entry.unlink()
+    _clear(entry)
     return None
+
+
+def _bytes_of(entry: Path) -> bytes:
+    """The bytes of an entry; OSError for a link, a pipe, a folder, a device, and what is larger than code ever is."""
+    handle = os.open(entry, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY)
+    about = os.fstat(handle)
+    if not stat.S_ISREG(about.st_mode) or about.st_size > MOST_BYTES:
+        os.close(handle)
+        raise OSError(errno.EINVAL, "no entry of the cache", str(entry))
+    with os.fdopen(handle, "rb") as file:
+        return file.read(MOST_BYTES)
+
+
+def _clear(entry: Path) -> None:
+    """Remove what stands under an entry's name, an empty folder too; a full folder stays, and nothing is kept there."""
+    with suppress(OSError):
+        if entry.is_dir() and not entry.is_symlink():
+            entry.rmdir()
+        else:
+            entry.unlink()
 
 
 def store(key: str, code: bytes) -> None:

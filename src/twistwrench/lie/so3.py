@@ -149,7 +149,8 @@ def as_scipy(R: ArrayLike) -> Rotation:
     """
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_matrix(arguments.rotation(arguments.finite(R, "so3.as_scipy: R", 3, 3), "so3.as_scipy: R"))
+    M = arguments.rotation(arguments.finite(R, "so3.as_scipy: R", 3, 3), "so3.as_scipy: R")
+    return Rotation.from_matrix(np.require(M, requirements="W"))  # SciPy 1.13 takes no arrays that are read-only
 
 
 def from_scipy(rotation: Rotation) -> Array:

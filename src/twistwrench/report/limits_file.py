@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.csv_writer import meant_text
+from ..core.files import read_text
+from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, UnknownNameError, ValueRangeError
 from ..model.model import Limits, Model
 from .coordinates import Coordinates
@@ -15,6 +18,7 @@ from .coordinates import Coordinates
 __all__ = ["read_limits"]
 
 _KINDS = ("lower", "upper", "velocity", "effort")
+_MOST_BYTES = 2**24
 _Line = tuple[int, list[str]]
 """A line's number, counting from 1, and its cells."""
 
@@ -48,17 +52,15 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
 
 def _open(path: Path) -> tuple[list[str], list[_Line]]:
     """The header, and the lines after it that are neither blank nor comments."""
-    try:
-        lines = path.read_text("utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise NotFoundError(f"no limits file {str(path)!r}. Give a CSV file: joint,{','.join(_KINDS)}.") from None
-    except (OSError, UnicodeDecodeError) as problem:
-        raise ValueRangeError(
-            f"{path}: cannot be read: {problem}. Give a CSV file in UTF-8: joint,{','.join(_KINDS)}."
-        ) from None
-    rows = [
-        (n, next(csv.reader([line]))) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")
-    ]
+    columns = f"joint,{','.join(_KINDS)}"
+    with foreign_errors(
+        lambda reason: ValueRangeError(f"{path}: cannot be read: {reason}. Give a CSV file in UTF-8: {columns}.")
+    ):
+        try:
+            lines = enumerate(read_text(path, _MOST_BYTES).splitlines(), 1)
+        except FileNotFoundError:
+            raise NotFoundError(f"no limits file {str(path)!r}. Give a CSV file: {columns}.") from None
+        rows = [(n, next(csv.reader([line]))) for n, line in lines if line.strip() and not line.startswith("#")]
     if not rows:
         raise ValueRangeError(
             f"{path}: the file is empty. Its header is joint,{','.join(_KINDS)}, then a line per joint."
@@ -73,7 +75,7 @@ def _row(header: list[str], cells: list[str], where: str) -> tuple[str, dict[str
             f"{where} has {len(cells)} values, and the header names {len(header)}. Leave blanks, keep commas."
         )
     row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
-    joint = row.pop("joint")
+    joint = meant_text(row.pop("joint"))
     return joint, {kind: _limit(text, kind, where) for kind, text in row.items() if text}
 
 

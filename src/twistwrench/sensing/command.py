@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ModelWarning, ValueRangeError
+from ..verdict import ExitCode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["sensor_group"]
 
-_FOUND_A_PROBLEM = 1
+_FOUND_A_PROBLEM = ExitCode.NO
 _DEMOS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
 _HERE = Path(__file__).parent
 _SIGN = click.option(

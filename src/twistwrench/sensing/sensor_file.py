@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.files import read_text
+from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..outputs import replacing
 from .noise import checked_noise
 from .sensor import ForceTorqueSensor
 
 __all__ = ["read_sensor", "write_sensor"]
+
+_MOST_BYTES = 2**20
+_ADVICE = "`sensor identify LOG --save FILE` writes one."
 
 
 def write_sensor(sensor: ForceTorqueSensor, path: str | Path, noise: tuple[float, float]) -> None:
@@ -50,7 +55,7 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
         raise ShapeError(f"read_sensor takes the path of a sensor file, got {type(path).__name__}.")
     path = Path(path)
     try:
-        content = json.loads(path.read_text("utf-8"))
+        content = _content(path)
         load = SpatialInertia.from_parameters(content["load"])
         if load.mass < 0:
             raise ValueRangeError(f"the load's mass, {load.mass} kg, is negative. Identify the sensor again.")
@@ -59,12 +64,23 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
         )
         moment, force = checked_noise(content["noise"], none_at_all=True).tolist()
     except FileNotFoundError:
-        raise NotFoundError(f"no sensor file {str(path)!r}. `sensor identify LOG --save FILE` writes one.") from None
+        raise NotFoundError(f"no sensor file {str(path)!r}. {_ADVICE}") from None
     except TwistWrenchError as problem:
         raise ValueRangeError(f"{path}: {problem}") from None
-    except (OSError, ValueError, TypeError, KeyError):
-        raise ValueRangeError(f"{path}: is no sensor file. `sensor identify LOG --save FILE` writes one.") from None
+    except (ValueError, TypeError, KeyError):
+        raise ValueRangeError(f"{path}: is no sensor file. {_ADVICE}") from None
     return sensor, (moment, force)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    with foreign_errors(lambda reason: ValueRangeError(f"is no sensor file: {reason}. {_ADVICE}")):
+        try:
+            content = json.loads(read_text(path, _MOST_BYTES))
+        except FileNotFoundError:
+            raise NotFoundError(str(path)) from None
+    if not isinstance(content, dict):
+        raise ValueRangeError(f"is no sensor file: it holds one value of kind {type(content).__name__}. {_ADVICE}")
+    return content
 
 
 def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:

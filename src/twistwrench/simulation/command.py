@@ -103,7 +103,7 @@ def answer_simulate(
 ) -> bool:
     """Print the answer with ``show``, and write the files; whether the simulation could go on to where it was to end.
 
-    What was computed before a failure is printed and written too. Raises errors of the library.
+    What was computed before a failure or an interrupt is printed and written too. Raises errors of the library.
     """
     from ..report.joint_values import parse_configuration, parse_rates
     from ..report.load import LoadedRobot, parse_payload, parse_wrenches
@@ -138,6 +138,8 @@ def answer_simulate(
     for path, write in ((csv_path, result.to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
         if path is not None:
             show(f"wrote {write(path)}")
+    if isinstance(failure, KeyboardInterrupt):
+        raise failure
     return failure is None
 
 

@@ -132,8 +132,11 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
         names = robot.coordinate_names if name == "q0" else robot.model.velocity_names
         y[place] = arguments.finite(arguments.one(given, name, n, names=names), name, n)
     for i, _ in system.manifold.floating:
-        if not np.linalg.norm(y[i : i + 4]) > 1e-150:
+        largest = float(np.abs(y[i : i + 4]).max())
+        if not largest > 1e-150:
             raise ValueRangeError("q0 has a quaternion of zeros, which is no rotation; none is (1, 0, 0, 0).")
+        if largest > 1e150:  # its square would be infinite
+            y[i : i + 4] /= largest
     system.manifold.normalise(y[: robot.nq])
     return y
 

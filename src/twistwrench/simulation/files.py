@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
-import zipfile
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.csv_writer import CsvWriter, meant_text
+from ..core.files import MOST_BYTES, is_stream, read_bytes
+from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, TrajectoryError
 from ..outputs import replacing
-from ..report.table_file import TableFile
 from .events import Happening
 from .forces import WORKS
 from .result import SimulationResult
@@ -24,32 +28,25 @@ __all__ = ["read", "write_csv", "write_npz"]
 
 _MARK = "twistwrench simulation 1"
 _ARRAYS = ("times", "q", "dq", "ddq", "tau", "kinetic_energy", "potential_energy", "momentum")
-_SAID: tuple[str, ...] = (
-    "robot",
-    "coordinate_names",
-    "velocity_names",
-    "stopped",
-    "completed",
-    "method",
-    "dt",
-    "steps",
-    "rejected",
-)
-_SAID += ("evaluations", "remarks")
+_SAID = {
+    "robot": str,
+    "coordinate_names": list,
+    "velocity_names": list,
+    "stopped": str,
+    "completed": bool,
+    "method": str,
+    "dt": float,
+    "steps": int,
+    "rejected": int,
+    "evaluations": int,
+    "remarks": list,
+}
+"""What is said in words, and of which kind it is; lists are of text. Events stand beside it."""
 _MOMENTUM = tuple(f"momentum.{x}" for x in ("mx", "my", "mz", "fx", "fy", "fz"))
 
 
 def write_csv(result: SimulationResult, path: str | Path) -> Path:
     """Comments with what is said in words, a header, and a row for each state."""
-    v = result.velocity_names
-    header = ["time", *result.coordinate_names, *(f"{n}.vel" for n in v), *(f"{n}.acc" for n in v)]
-    header += [
-        *(f"{n}.torque" for n in v),
-        "kinetic_energy",
-        "potential_energy",
-        *(f"work.{w}" for w in WORKS),
-        *_MOMENTUM,
-    ]
     columns = [
         result.times,
         result.q,
@@ -62,9 +59,16 @@ def write_csv(result: SimulationResult, path: str | Path) -> Path:
     columns += [*(result.work[w] for w in WORKS), result.momentum]
     path = Path(path)
     with replacing(path) as scratch, scratch.open("wb") as file:
-        file.write(f"# {_MARK}\n# {_said(result)}\n{','.join(header)}\n".encode())
-        TableFile(file).write(np.column_stack(columns))
+        file.write(f"# {_MARK}\n# {_said(result)}\n".encode())
+        writer = CsvWriter(file)
+        writer.row(_header(result.coordinate_names, result.velocity_names))
+        writer.numbers(np.column_stack(columns))
     return path
+
+
+def _header(coordinates: Sequence[str], v: Sequence[str]) -> list[str]:
+    header = ["time", *coordinates, *(f"{n}.vel" for n in v), *(f"{n}.acc" for n in v), *(f"{n}.torque" for n in v)]
+    return [*header, "kinetic_energy", "potential_energy", *(f"work.{w}" for w in WORKS), *_MOMENTUM]
 
 
 def write_npz(result: SimulationResult, path: str | Path) -> Path:
@@ -79,51 +83,56 @@ def write_npz(result: SimulationResult, path: str | Path) -> Path:
 def read(path: str | Path) -> SimulationResult:
     """What one of the two wrote; NotFoundError and TrajectoryError for anything else."""
     path = Path(path)
-    if not path.is_file():
-        raise NotFoundError(f"no file of a simulation {str(path)!r}. Give a .npz or .csv that a simulation wrote.")
+    advice = "Give a .npz or .csv that SimulationResult wrote, whole."
     try:
-        with path.open("rb") as file:
-            archived = file.read(2) == b"PK"
-        return _read_npz(path) if archived else _read_csv(path)
-    except (KeyError, TypeError, ValueError, IndexError, OSError, EOFError, zipfile.BadZipFile) as problem:
-        if isinstance(problem, TrajectoryError):
-            raise
-        raise TrajectoryError(
-            f"{path}: cannot be read as a simulation: {type(problem).__name__}: {problem}. Give a .npz or .csv that "
-            "SimulationResult wrote, whole."
+        with foreign_errors(lambda reason: TrajectoryError(f"cannot be read as a simulation: {reason}. {advice}")):
+            return _read(path)
+    except TrajectoryError as problem:
+        raise TrajectoryError(f"{path}: {problem}") from None
+
+
+def _read(path: Path) -> SimulationResult:
+    try:
+        data = read_bytes(path, MOST_BYTES if is_stream(path) else sys.maxsize)
+    except FileNotFoundError:
+        raise NotFoundError(
+            f"no file of a simulation {str(path)!r}. Give a .npz or .csv that a simulation wrote."
         ) from None
+    return _read_npz(data) if data[:2] == b"PK" else _read_csv(data)
 
 
-def _read_npz(path: Path) -> SimulationResult:
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+def _read_npz(data: bytes) -> SimulationResult:
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         if "format" not in archive or str(archive["format"]) != _MARK:
-            raise TrajectoryError(f"{path}: an archive of NumPy, but not of a simulation.")
+            raise TrajectoryError("an archive of NumPy, but not of a simulation.")
         arrays = {name: archive[name] for name in _ARRAYS}
         work = {w: archive[f"work_{w}"] for w in WORKS}
-        return _result(json.loads(str(archive["said"])), arrays, work)
+        return _result(_words(json.loads(str(archive["said"]))), arrays, work)
 
 
-def _read_csv(path: Path) -> SimulationResult:
-    with path.open(encoding="utf-8") as file:
-        if file.readline().strip() != f"# {_MARK}":
-            raise TrajectoryError(
-                f"{path}: does not begin with '# {_MARK}', so it is not the file of a simulation. A motion of another kind is "
-                "what twistwrench torques reads."
-            )
-        said = json.loads(file.readline()[1:])
-        file.readline()
-        rows = file.readlines()
+def _read_csv(data: bytes) -> SimulationResult:
+    lines = io.StringIO(data.decode().replace("\r\n", "\n"))
+    if lines.readline().strip() != f"# {_MARK}":
+        raise TrajectoryError(
+            f"does not begin with '# {_MARK}', so it is not the file of a simulation. A motion of another kind is "
+            "what twistwrench torques reads."
+        )
+    words = _words(json.loads(lines.readline()[1:]))
+    coordinates, velocities = words["coordinate_names"], words["velocity_names"]
+    if [meant_text(cell) for cell in next(csv.reader(lines), [])] != _header(coordinates, velocities):
+        raise TrajectoryError("columns other than those that were written. Write it again, whole.")
+    rows = lines.readlines()
     if not rows or not rows[-1].endswith("\n"):
-        raise TrajectoryError(f"{path}: the file is cut short. Write it again, whole.")
+        raise TrajectoryError("the file is cut short. Write it again, whole.")
     table = np.loadtxt(rows, delimiter=",", comments=None, ndmin=2)
-    nq, nv = len(said["coordinate_names"]), len(said["velocity_names"])
+    nq, nv = len(coordinates), len(velocities)
     sizes = [1, nq, nv, nv, nv, 1, 1, *([1] * len(WORKS)), 6]
     if table.shape[1] != sum(sizes):
-        raise TrajectoryError(f"{path}: rows of {table.shape[1]} numbers, {sum(sizes)} wanted.")
+        raise TrajectoryError(f"rows of {table.shape[1]} numbers, {sum(sizes)} wanted.")
     parts = [part.copy() for part in np.split(table, np.cumsum(sizes)[:-1], axis=1)]
     times, q, dq, ddq, tau, kinetic, potential, *work, momentum = parts
     arrays = dict(zip(_ARRAYS, (times[:, 0], q, dq, ddq, tau, kinetic[:, 0], potential[:, 0], momentum), strict=True))
-    return _result(said, arrays, {w: x[:, 0] for w, x in zip(WORKS, work, strict=True)})
+    return _result(words, arrays, {w: x[:, 0] for w, x in zip(WORKS, work, strict=True)})
 
 
 def _said(result: SimulationResult) -> str:
@@ -131,10 +140,51 @@ def _said(result: SimulationResult) -> str:
     return json.dumps({**{name: getattr(result, name) for name in _SAID}, "events": events})
 
 
-def _result(said: Mapping[str, Any], arrays: Mapping[str, Array], work: Mapping[str, Array]) -> SimulationResult:
-    words: dict[str, Any] = {name: tuple(said[name]) if isinstance(said[name], list) else said[name] for name in _SAID}
-    events = tuple(Happening(e["name"], e["time"], np.array(e["q"]), np.array(e["dq"])) for e in said["events"])
-    n = len(arrays["times"])
-    if not n or any(len(x) != n for x in (*arrays.values(), *work.values())):
-        raise TrajectoryError("the file of a simulation has arrays of different lengths, or no state.")
-    return SimulationResult(**{**words, **arrays}, work=dict(work), events=events)
+def _words(said: Any) -> dict[str, Any]:
+    """What the file says in words, each of the kind that was written."""
+    if not isinstance(said, dict):
+        raise _other_kind("what it says in words")
+    for name, kind in _SAID.items():
+        if not _is_of(said.get(name), kind):
+            raise _other_kind(repr(name))
+    if not isinstance(said.get("events"), list):
+        raise _other_kind("'events'")
+    words: dict[str, Any] = {n: tuple(said[n]) if kind is list else said[n] for n, kind in _SAID.items()}
+    nq, nv = len(words["coordinate_names"]), len(words["velocity_names"])
+    return {**words, "events": tuple(_happening(event, nq, nv) for event in said["events"])}
+
+
+def _is_of(value: object, kind: type) -> bool:
+    if kind is float:
+        return isinstance(value, float | int) and not isinstance(value, bool)
+    if kind is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, kind) and (kind is not list or all(isinstance(part, str) for part in cast("Any", value)))
+
+
+def _happening(event: Any, nq: int, nv: int) -> Happening:
+    if not isinstance(event, dict) or not isinstance(event.get("name"), str):
+        raise _other_kind("an event")
+    time, q, dq = (_numbers(f"an event's {x}", event.get(x), n) for x, n in (("time", ()), ("q", (nq,)), ("dq", (nv,))))
+    return Happening(event["name"], float(time), q, dq)
+
+
+def _numbers(what: str, x: Any, shape: tuple[int, ...]) -> Array:
+    found = np.asarray(x)
+    if found.dtype.kind not in "iuf" or found.shape != shape:
+        raise _other_kind(what)
+    return found.astype(float)
+
+
+def _other_kind(what: str) -> TrajectoryError:
+    return TrajectoryError(f"the file of a simulation has {what} of another kind or size. Write it again, whole.")
+
+
+def _result(words: Mapping[str, Any], arrays: Mapping[str, Array], work: Mapping[str, Array]) -> SimulationResult:
+    n, nq, nv = np.size(arrays["times"]), len(words["coordinate_names"]), len(words["velocity_names"])
+    widths: dict[str, tuple[int, ...]] = {"q": (nq,), "dq": (nv,), "ddq": (nv,), "tau": (nv,), "momentum": (6,)}
+    if not n:
+        raise TrajectoryError("the file of a simulation has no state.")
+    found = {name: _numbers(repr(name), x, (n, *widths.get(name, ()))) for name, x in arrays.items()}
+    done = {name: _numbers(f"the work of {name}", x, (n,)) for name, x in work.items()}
+    return SimulationResult(**{**words, **found}, work=done)

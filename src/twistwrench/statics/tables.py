@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..core.csv_writer import CsvWriter
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..report.load import Payload
@@ -192,12 +192,12 @@ def write_payload(robot: Robot, found: LargestPayload, q: Array, path: str | Pat
     )
     torques = (without_noise(x) for x in (found.unloaded, found.per_kilogram, found.torques))
     data = (_places(robot, q, degrees=degrees), *torques, found.limits, found.per_joint, without_noise(found.share))
-    with replacing(path) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("joint", *columns))
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        writer = CsvWriter(file)
+        writer.row(("joint", *columns))
         for k, name in enumerate(found.joint_names):
             row = (float(column[k]) for column in data)
-            writer.writerow((name, *("" if math.isnan(x) else repr(x) for x in row)))
+            writer.row((name, *(None if math.isnan(x) else x for x in row)))
 
 
 def _force(value: Any) -> str:

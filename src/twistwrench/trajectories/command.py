@@ -12,6 +12,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.csv_writer import meant_text
+from ..core.files import read_text
+from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, PathError, ValueRangeError
 
 if TYPE_CHECKING:
@@ -196,15 +199,14 @@ def _in_radians(robot: Robot, q: Array, *, degrees: bool) -> Array:
 def _waypoints(robot: Robot, file: str, *, degrees: bool) -> Array:
     from ..report.joint_values import parse_numbers
 
-    try:
-        lines = Path(file).read_text("utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise NotFoundError(f"no waypoint file {file!r}. Give a CSV file with a column for each joint.") from None
-    except (OSError, UnicodeDecodeError) as problem:
-        raise ValueRangeError(f"{file}: cannot be read: {problem}. Give a CSV file in UTF-8.") from None
-    rows = [(n, next(csv.reader([x]))) for n, x in enumerate(lines, 1) if x.strip() and not x.startswith("#")]
+    with foreign_errors(lambda reason: ValueRangeError(f"{file}: cannot be read: {reason}. Give a CSV file in UTF-8.")):
+        try:
+            lines = enumerate(read_text(Path(file)).splitlines(), 1)
+        except FileNotFoundError:
+            raise NotFoundError(f"no waypoint file {file!r}. Give a CSV file with a column for each joint.") from None
+        rows = [(n, next(csv.reader([x]))) for n, x in lines if x.strip() and not x.startswith("#")]
     names = robot.coordinate_names
-    header = [cell.strip() for cell in rows[0][1]] if rows else []
+    header = [meant_text(cell.strip()) for cell in rows[0][1]] if rows else []
     if sorted(header) != sorted(names) or len(rows) < 2:
         raise ValueRangeError(
             f"{file}: name the columns {', '.join(names[:12])}, each once, and give at least one row."

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..algorithms.time_scalings import quintic
 from ..core import arguments
 from ..errors import PathError, ShapeError, ValueRangeError
-from ..outputs import replacing
 from .limits import Bounds, Violation, bounds_of, violations
 from .paths import JointPath, joint_line, spline
 
@@ -119,6 +118,7 @@ class Trajectory:
         time,joint1,joint2,joint1.vel,joint2.vel,joint1.acc,joint2.acc
         """
         from ..report.coordinates import Coordinates
+        from ..report.table_file import TableFile
 
         names, sampled = Coordinates.of(self.robot.model), self.sample(dt)
         unit = np.degrees(1.0) if degrees else 1.0
@@ -127,9 +127,9 @@ class Trajectory:
         header = ["time", *names.names]
         header += [n + suffix for suffix in (".vel", ".acc") for n in names.velocity_names]
         rows = [sampled.time[:, None], sampled.q * q_unit, sampled.dq * v_unit, sampled.ddq * v_unit]
-        with replacing(path) as scratch, scratch.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(",".join(header) + "\n")
-            np.savetxt(file, np.concatenate(rows, axis=1), fmt="%.15g", delimiter=",")
+        with TableFile.writing(path, header) as file:
+            if file is not None:
+                file.write(np.concatenate(rows, axis=1))
         return Path(path)
 
     def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:

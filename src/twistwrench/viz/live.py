@@ -21,9 +21,12 @@ from ..report.coordinates import Coordinates
 from .hands import hands_of
 from .look import share_colours
 from .nodes import LAYERS, Nodes
+from .page_access import PageAccess
 from .scene import Scene, scene_of
 
 if TYPE_CHECKING:
+    import viser
+
     from ..robot import Robot
     from .motion import Motion
 
@@ -56,6 +59,9 @@ def check_port(port: int, host: str = "127.0.0.1") -> None:
 class LiveView:
     """A robot on a page of this computer, at :attr:`url`; the torques on it are computed by the robot's kernels.
 
+    The address has a token in it that is drawn anew for each page; requests without it, from pages of others, or for names of
+    others are refused, and the page cannot be shared by viser's tunnel.
+
     ``motion`` plays; without one, and when a slider is moved, torques are those that hold the pose. ``q`` (nq,) is where it
     starts; ``wrench_on_robot`` {frame: (m, f)}, in the frame, is drawn and counts.
 
@@ -75,7 +81,7 @@ class LiveView:
     ) -> None:
         check_port(port, host)
         try:
-            import viser
+            server = _private_server()
         except ImportError:
             raise MissingExtraError.of("viser", "viz", "The live view") from None
         if motion is not None:
@@ -93,13 +99,19 @@ class LiveView:
         self.tau = np.zeros(robot.nv)
         self._lock = threading.RLock()
         scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
-        with _silence():  # what is to be said of the page, its maker says
-            self.server = viser.ViserServer(host=host, port=port, label=robot.name, verbose=False)
+        self.access = PageAccess(host)
+        with _silence(), self.access.guarding():  # what is to be said of the page, its maker says
+            self.server = server(host=host, port=port, label=robot.name, verbose=False)
+        try:
+            self.access.require()
+        except MissingExtraError:
+            self.close()
+            raise
         if port and self.server.get_port() != port:  # taken since it was looked at
             self.close()
             check_port(port, host)
             raise ValueRangeError(f"port {port} of {host} cannot be used. Give another, or 0 for any that is free.")
-        self.url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
+        self.url = self.access.url(self.server.get_port())
         self._arrange(scene)
         self._panel(scene)
         self.refresh()
@@ -271,6 +283,17 @@ class LiveView:
             rows.append(f"<tr>{''.join(f'<td style={_CELL!r}>{cell}</td>' for cell in cells)}</tr>")
         title = "Torques that hold this pose" if self.posed else f"Torques of the motion at {self.time:.2f} s"
         return f"<div style='{_TEXT}'><b>{title}</b><table style='width:100%'>{''.join(rows)}</table></div>"
+
+
+def _private_server() -> type[viser.ViserServer]:
+    """viser's server with its tunnel to the public closed: any page that is connected may ask for one."""
+    import viser
+
+    class PrivateServer(viser.ViserServer):
+        def request_share_url(self, verbose: bool = True) -> None:
+            """Refuse."""
+
+    return PrivateServer
 
 
 def _silence() -> contextlib.redirect_stdout[io.StringIO]:

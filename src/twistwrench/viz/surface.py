@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.foreign_errors import foreign_errors
 from ..errors import MissingExtraError, ModelError
 
 Array = NDArray[Any]
@@ -167,7 +168,7 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
         import trimesh
     except ImportError:
         raise MissingExtraError.of("trimesh", "viz", "Showing meshes") from None
-    try:
+    with foreign_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
         scene: Any = trimesh.load_scene(path)
         parts: dict[tuple[float, float, float] | None, list[Surface]] = {}
         for node in scene.graph.nodes_geometry:
@@ -176,8 +177,6 @@ def read_mesh(path: Path) -> list[tuple[Surface, tuple[float, float, float] | No
             if len(getattr(mesh, "faces", ())):
                 surface = Surface(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)).placed(T)
                 parts.setdefault(_colour_of(mesh), []).append(surface)
-    except Exception as problem:
-        raise ModelError(f"cannot be read as a mesh: {str(problem)[:200] or type(problem).__name__}") from problem
     found = [(_merged(joined(surfaces)), colour) for colour, surfaces in parts.items()]
     found = [(s, colour) for s, colour in found if len(s.faces)]
     if not found:
