@@ -231,7 +231,8 @@ def payload(options: RobotOptions, **given: Any) -> None:
 def simulate(options: RobotOptions, **given: Any) -> None:
     """How the robot moves, falls or is thrown: states, energies with their drift, events, and why it stopped.
 
-    Exit code 1 if the simulation could not go on; what was computed until then is printed and written.
+    Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
+    what was computed until then is printed and written.
     """
     from .outputs import check_outputs, picture_path
     from .simulation.command import answer_simulate
@@ -240,8 +241,8 @@ def simulate(options: RobotOptions, **given: Any) -> None:
     if given["plot_path"] is not None:
         given["plot_path"] = picture_path(given["plot_path"])
     check_outputs({"--csv": given["csv_path"], "--npz": given["npz_path"], "--plot": given["plot_path"]}, options.files)
-    if not answer_simulate(options.load(), _console().print, degrees=options.degrees, **given):
-        sys.exit(_FOUND_A_PROBLEM)
+    if code := answer_simulate(options.load(), _console().print, degrees=options.degrees, **given):
+        sys.exit(code)
 
 
 @main.command()

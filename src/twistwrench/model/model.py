@@ -16,6 +16,7 @@ from ..errors import FrameError, UnknownNameError
 from .actuator import Actuator
 from .friction import Friction
 from .joint import Joint
+from .limits import Limits
 from .spring import Spring
 
 Array = NDArray[Any]
@@ -58,16 +59,6 @@ class Frame:
 
     body: int
     pose: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """Joint limits, one entry per velocity, (nv,) each: rad or m, rad/s or m/s, N m or N; inf where none is given."""
-
-    lower: Array
-    upper: Array
-    velocity: Array
-    effort: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +117,15 @@ class Model:
     def nv(self) -> int:
         """Number of velocities."""
         return sum(b.joint.nv for b in self.leaders)
+
+    def positions(self, q: Any) -> Array:
+        """The coordinate of each velocity, (..., nq) → (..., nv); zero for planar and floating joints, which have none."""
+        q = np.asarray(q, float)
+        found = np.zeros((*q.shape[:-1], self.nv))
+        for b in self.leaders:
+            if b.joint.nv == 1:
+                found[..., b.v_index] = q[..., b.q_index]
+        return found
 
     @cached_property
     def leaders(self) -> tuple[Body, ...]:

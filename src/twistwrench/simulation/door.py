@@ -13,9 +13,10 @@ from ..core import arguments
 from ..errors import ShapeError, SimulationError, ValueRangeError
 from .adaptive import Stepper
 from .contact import JointStops, Plane, PlaneContact, StopContact
-from .events import Event, Watch, contact_events, limit_event, limit_name
+from .events import Event, Watch, contact_events
 from .forces import JointFriction, System, torque_law, wrench_laws
 from .given import Function, Law, positive, whole
+from .position_limits import PositionLimits
 from .progress import Progress, progress_of
 from .result import SimulationResult
 from .run import Run
@@ -80,10 +81,10 @@ def simulate(
         slowest = system.friction.creep.max()
         if robot.model.friction.static.any():
             remarks.append(f"joints that friction would hold creep, at up to about {slowest:.2g} rad/s or m/s")
-    watched = [*_events(events), *contact_events(surfaces), *_limits(robot, limits, y0)]
+    watched, stops = [*_events(events), *contact_events(surfaces)], _limits(robot, limits, y0)
     run = Run(robot, system, scheme, end, n, every=int(every), remarks=remarks, method=method)
-    if watched:
-        run.watch = Watch(watched, lambda e, q: limit_name(robot, q) if e.name == "limit" else e.name, system.split)
+    if watched or stops is not None:
+        run.watch = Watch(watched, system.split, stops)
     if controller is not None:
         run.controller = Law.of(controller, "the controller", (robot.nv,), ", a torque for each velocity")
         run.constant = held
@@ -183,16 +184,15 @@ def _events(given: Any) -> list[Event]:
     return [e if isinstance(e, Event) else Event(e, getattr(e, "__name__", "event")) for e in listed]
 
 
-def _limits(robot: Robot, asked: str | None, y0: Array) -> list[Event]:
+def _limits(robot: Robot, asked: str | None, y0: Array) -> PositionLimits | None:
     if asked is None:
-        return []
+        return None
     if asked != "stop":
         raise ValueRangeError(
             f"limits is {asked!r}; choose 'stop', which ends the simulation where a joint reaches a limit, or None. For stops "
             "that push back, contacts=tw.simulation.JointStops(stiffness=…)."
         )
-    event = limit_event(robot)
-    q = y0[: robot.nq]
-    if event.function(0.0, q, q) < 0.0:
-        raise ValueRangeError(f"limits='stop', and q0 is outside already: {limit_name(robot, q)}. Start inside.")
-    return [event]
+    found = PositionLimits.of(robot)
+    if outside := found.outside(y0[: robot.nq]):
+        raise ValueRangeError(f"limits='stop', and q0 is outside already: {outside}. Start inside.")
+    return found

@@ -69,7 +69,7 @@ class Run:
                 self._keep(t, y)
             t1 = (k + 1) * self.h if k + 1 < self.n else self.end
             y1 = self._checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
-            if self._ended(t, y, [(self.h, y1)]):
+            if (k == 0 and self._leaves_at_once(y, y1, self.h)) or self._ended(t, y, [(self.h, y1)]):
                 return
             y = y1
             self._advance(t1, y)
@@ -90,6 +90,8 @@ class Run:
             t1, y1 = stepper.step(t, y, self.rate, until)
             self.rejected, rate1 = stepper.rejected, stepper.rate_after
             y1 = self._checked(t, t1, y1)
+            if t == 0.0 and self._leaves_at_once(y, y1, t1):
+                return
             points = []
             while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
                 points.append((kept * spacing - t, stepper.between(kept * spacing)))
@@ -139,6 +141,15 @@ class Run:
         self.last = (0.0, y.copy())
         if self.watch is not None:
             self.watch.begin(0.0, y)
+
+    def _leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
+        """Whether a joint begins at a limit and moves beyond it; the first state is kept already, and is the last one too."""
+        happened = None if self.watch is None else self.watch.leaves_at_once(y, y1, h)
+        if happened is None:
+            return False
+        self.record.events.append(happened)
+        self.stopped = str(happened)
+        return True
 
     def _sample(self, t: float, y: Array) -> None:
         if self.controller is not None:
