@@ -14,9 +14,9 @@ from twistwrench import robots
 from twistwrench.errors import ModelWarning, NotFoundError, TrajectoryError
 from twistwrench.io import load_model
 from twistwrench.motion import csv_file as csv_module
+from twistwrench.motion.csv_numbers import parse_table
 from twistwrench.report.coordinates import Coordinates
 from twistwrench.report.derivatives import Differentiation
-from twistwrench.motion.csv_numbers import parse_table
 from twistwrench.report.trajectory import Trajectory
 
 GOOD = "time,joint1,joint2\n0.0,0.1,0.2\n0.1,0.3,0.4\n"

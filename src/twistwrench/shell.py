@@ -124,7 +124,10 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
     @click.argument("source", metavar="ROBOT")
     @click.option("--floating-base", is_flag=True, help="Let the base move freely.")
     @click.option(
-        "--lock", metavar="JOINT=VALUE", multiple=True, help="Hold a joint still there, or all of '*wheel*'; may be repeated."
+        "--lock",
+        metavar="JOINT=VALUE",
+        multiple=True,
+        help="Hold a joint still there, or all of '*wheel*'; may be repeated.",
     )
     @click.option("--tip", metavar="FRAME", help="The frame meant where none is named.")
     @click.option("--mimic", type=click.Choice(["follow", "independent"]), default="follow", show_default=True)

@@ -15,7 +15,7 @@ from .units import split_unit, time_factor
 __all__ = ["Choice", "Chosen", "absent_joints", "choose"]
 
 _EXACT = {"q": ("",), "dq": (".vel",), "ddq": (".acc",), "tau": (".tau", ".torque", ".effort")}
-_SHOWN = 40
+_SHOWN, _FEW = 12, 4
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,9 @@ def _time(header: _Header, told: Choice | None, rate: float | None, notes: list[
     if rate is not None:
         if told or first:
             name = header.cells[told.column if told else first[0]]
-            raise TrajectoryError(f"{header.where}: --rate is given, and column {name!r} is time. Leave out one of them.")
+            raise TrajectoryError(
+                f"{header.where}: --rate is given, and column {name!r} is time. Leave out one of them."
+            )
         return None
     if told is None and not first:
         raise TrajectoryError(
@@ -167,11 +169,13 @@ def _time(header: _Header, told: Choice | None, rate: float | None, notes: list[
             f"{header.where}: two time columns, {_listed([header.cells[k] for k in first])}. Keep one of them, or say which: "
             f"--columns 'time={header.cells[first[0]]}'."
         )
-    choice = told or Choice(first[0], header.split[first[0]][1] or (time_meaning(header.split[first[0]][0]) or (0, None))[1])
+    choice = told or Choice(
+        first[0], header.split[first[0]][1] or (time_meaning(header.split[first[0]][0]) or (0, None))[1]
+    )
     if choice.unit is not None and time_factor(choice.unit) is None:
         raise TrajectoryError(
-            f"{header.where}, column {header.cells[choice.column]!r}: {choice.unit!r} is no unit of time. Known: s, ms, us, ns, "
-            "min."
+            f"{header.where}, column {header.cells[choice.column]!r}: {choice.unit!r} is no unit of time. Known: s, ms, us, "
+            "ns, min."
         )
     if choice.unit is not None and time_factor(choice.unit) != 1.0:
         notes.append(f"Time is read in {choice.unit} from column {header.cells[choice.column]!r}.")
@@ -179,9 +183,7 @@ def _time(header: _Header, told: Choice | None, rate: float | None, notes: list[
     return choice
 
 
-def _by_exact_name(
-    header: _Header, names: Mapping[str, Sequence[str]], given: dict[str, dict[int, Choice]]
-) -> None:
+def _by_exact_name(header: _Header, names: Mapping[str, Sequence[str]], given: dict[str, dict[int, Choice]]) -> None:
     by_text: dict[str, list[int]] = {}
     for k in header.free:
         by_text.setdefault(header.split[k][0], []).append(k)
@@ -255,7 +257,8 @@ def _by_number(
         if not numbers:
             continue
         notes.append(
-            f"Columns {header.cells[numbers[0][1]]} … {header.cells[numbers[-1][1]]} are taken by their order: {_listed(pairs)}."
+            f"Columns {header.cells[numbers[0][1]]} … {header.cells[numbers[-1][1]]} are taken in their order: "
+            f"{_listed(pairs)}."
             if len(numbers) > 1
             else f"Column {header.cells[numbers[0][1]]!r} is taken to be that of {names[part][0]}, the only joint."
         )
@@ -273,18 +276,22 @@ def _check(
         near = {name: difflib.get_close_matches(name, extra, n=1, cutoff=0.6) for name in missing}
         alike = next(((name, c[0]) for name, c in near.items() if c), None)
         hint = f" Column {alike[1]!r} is no joint of this robot. Did you mean {alike[0]!r}?" if alike else ""
-        choices = " ".join(f"--columns '{name}={near[name][0] if near[name] else 'COLUMN'}'" for name in missing[:3])
-        more = " …" if len(missing) > 3 else ""
+        first = [name for name in missing if near[name]][:_FEW] or missing[:2]
+        choices = " ".join(f"--columns '{name}={near[name][0] if near[name] else 'COLUMN'}'" for name in first)
+        more = " …" if len(missing) > len(first) else ""
         joints = list(dict.fromkeys(_joint(name) for name in missing))
-        locks = " ".join(f"--lock {name}=0" for name in joints[:_SHOWN])
+        held = f", or {' '.join(f'--lock {name}=0' for name in joints)}" if len(joints) <= _FEW else ""
+        held = f"--lock-missing{held}" if len(missing) < len(names["q"]) else "--lock 'PATTERN*=0'"
         raise TrajectoryError(
             f"{header.where}: no column for {_listed(missing)}.{hint} Expected: {_listed(names['q'])}; {header.found()} "
-            f"Say which they are: {choices}{more}; or hold joints that never move still (--lock-missing, or {locks})."
+            f"Say which they are: {choices}{more}; or hold joints still that never move: {held}."
         )
     for part, ending in (("dq", ".vel"), ("ddq", ".acc")):
         absent = [f"{name}{ending}" for k, name in enumerate(names[part]) if k not in given[part]]
         if absent and len(absent) < len(names[part]):
-            near = next((c[0] for name in extra if (c := difflib.get_close_matches(name, absent, n=1, cutoff=0.6))), None)
+            near = next(
+                (c[0] for name in extra if (c := difflib.get_close_matches(name, absent, n=1, cutoff=0.6))), None
+            )
             hint = f" Did you mean {near!r}?" if near else ""
             raise TrajectoryError(
                 f"{header.where}: no column {_listed(absent)}, although others of its kind are there.{hint} "

@@ -47,7 +47,9 @@ class NamedJoints:
         known = {self._key(name): k for k, name in enumerate(names)}
         for k, name in enumerate(names):  # elbow for elbow_joint, where that is no other joint
             short = re.sub(r"(_joint$|^joint_)", "", name, flags=re.IGNORECASE)
-            others = [n for n in names if n != name and re.sub(r"(_joint$|^joint_)", "", n, flags=re.IGNORECASE) == short]
+            others = [
+                n for n in names if n != name and re.sub(r"(_joint$|^joint_)", "", n, flags=re.IGNORECASE) == short
+            ]
             if len(short) > 2 and not short.isdigit() and not others:
                 known.setdefault(self._key(short), k)
         self._known = sorted(known.items(), key=lambda item: -len(item[0]))

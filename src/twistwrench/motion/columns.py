@@ -69,7 +69,10 @@ class Columns:
         ignored.
         """
         chosen = choose(header, coordinates, where, locked=locked, columns=columns or {}, rate=rate)
-        used = [*([chosen.time.column] if chosen.time else []), *(c.column for part in chosen.parts.values() for c in part)]
+        used = [
+            *([chosen.time.column] if chosen.time else []),
+            *(c.column for part in chosen.parts.values() for c in part),
+        ]
         place = {column: k for k, column in enumerate(used)}
         names = [header[k] for k in used]
         if chosen.time is None:

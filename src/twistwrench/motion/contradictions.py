@@ -108,14 +108,15 @@ class Contradictions:
         """What was put right by itself."""
         found = np.flatnonzero((self._wraps > 0) & self._within_a_turn())
         return [
-            f"{self._names[self._single[k]]} steps by a full turn {self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}, first "
-            f"at t = {self._wrapped[k][1]:.4f} s: the log keeps within a turn, so it is taken to turn on."
+            f"{self._names[self._single[k]]} steps by a full turn {self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}, "
+            f"first at t = {self._wrapped[k][1]:.4f} s: the log keeps within a turn, so it is taken to turn on."
             for k in found.tolist()
         ]
 
     def sentences(self, limits: Limits | None = None) -> tuple[str, ...]:
         """A sentence for each contradiction; limits of velocity help to tell a jump from a fast motion."""
-        return (*self._of_time(), *self._of_jumps(limits), *self._of_rates())
+        of_time = tuple(self._of_time())
+        return (*of_time, *self._of_jumps(limits), *self._of_rates(time_told=bool(of_time)))
 
     def _of_time(self) -> Iterable[str]:
         step = float(np.median(self._steps)) if self._steps else 0.0
@@ -125,8 +126,8 @@ class Contradictions:
             return
         unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
         yield (
-            f"the usual step of time is {step:.4g} s, and within one no joint moves by more than {self._move.max():.2g} rad or m: "
-            f"time seems to be in {unit}. Say its unit in the column's name, time [{unit}] or time [s], or by --columns "
+            f"the usual step of time is {step:.4g} s, and within one no joint moves by more than {self._move.max():.2g} rad or "
+            f"m: time seems to be in {unit}. Say its unit in the column's name, time [{unit}] or time [s], or by --columns "
             f"'time=COLUMN [{unit}]'"
         )
 
@@ -140,11 +141,11 @@ class Contradictions:
             known = float(limits.velocity[joint]) if limits is not None else math.inf
             if jump[0] > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
                 yield (
-                    f"{self._names[joint]} jumps by {jump[2]:.4g} rad after t = {jump[1]:.4f} s, at {jump[0]:.3g} rad/s, and is no "
-                    "joint that turns on for ever: remove the rows, or add the turns that the log left out"
+                    f"{self._names[joint]} jumps by {jump[2]:.4g} rad after t = {jump[1]:.4f} s, at {jump[0]:.3g} rad/s, and is "
+                    "no joint that turns on for ever: remove the rows, or add the turns that the log left out"
                 )
 
-    def _of_rates(self) -> Iterable[str]:
+    def _of_rates(self, *, time_told: bool) -> Iterable[str]:
         every = np.arange(len(self._names))
         cases = (
             (self._velocity, self._single, "velocity", "positions", "/s"),
@@ -156,19 +157,24 @@ class Contradictions:
             gains = tally.result(angular)
             said: dict[str, list[str]] = {}
             for k in np.flatnonzero(~((gains > _LEAST) & (gains < _MOST))).tolist():
+                if time_told and math.isfinite(gains[k]) and any(_near(gains[k], f) for f in (1e3, 1e6, 1e9)):
+                    continue
                 what = _described(float(gains[k]), bool(angular[k]), base, per)
                 said.setdefault(what, []).append(self._names[joints[k]])
             for what, names in said.items():
-                yield f"the {rate} column{'s' if len(names) > 1 else ''} of {_listed(names)} {what}"
+                yield f"{_listed(names)}: the {rate} column {what}"
 
 
 def _described(gain: float, angular: bool, base: str, per: str) -> str:
     slope = f"the slope of the {base}"
     if math.isinf(gain):
-        return f"move, and the {base} stand"
+        return f"moves, and the {base} stand"
     if abs(gain) < 0.02 and not (angular and _near(gain, 1 / _DEGREES)) and not _near(gain, 1e-3):
-        return f"say next to nothing, and the {base} move: leave the column out, then it is derived"
-    known = [("1000", 1e3, "time seems to be in ms"), ("1/1000", 1e-3, "time, or the column, seems to be in another unit")]
+        return f"is next to nothing, and the {base} move: leave the column out, then it is derived"
+    known = [
+        ("1000", 1e3, "time seems to be in ms"),
+        ("1/1000", 1e-3, "time, or the column, seems to be in another unit"),
+    ]
     if angular:
         known += [
             ("57.3", _DEGREES, f"it seems to be in deg{per}; name the unit, as in 'JOINT [deg{per}]'"),

@@ -53,7 +53,7 @@ class CsvFile:
         source = TextSource.of(Path(path))
         with source.open() as file:
             text, line, offset, comment = _header(file, source.path)
-            row = _first_row(file, source.path)
+            row = _first_row(file)
         dialect = Dialect.of(text, row)
         cells = dialect.cells(text)
         if comment is not None and all(map(_numeric, cells)):
@@ -113,7 +113,9 @@ class CsvFile:
             raise blame(text, self.path, line, self.header, used, self.dialect)
 
         def place(row: int) -> str:
-            lines = [k for k, raw in enumerate(text.split(b"\n")) if raw.strip() and not raw.lstrip(b" \t").startswith(b"#")]
+            lines = [
+                k for k, raw in enumerate(text.split(b"\n")) if raw.strip() and not raw.lstrip(b" \t").startswith(b"#")
+            ]
             return f"line {line + lines[row]}"
 
         return Block(table, size, place)
@@ -142,7 +144,7 @@ def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, 
     )
 
 
-def _first_row(file: BinaryIO, path: Path) -> str | None:
+def _first_row(file: BinaryIO) -> str | None:
     while raw := file.readline(_LONGEST_LINE):
         text = raw.decode("utf-8", "replace").strip(" \r\n")
         if text.strip() and not text.lstrip().startswith("#"):

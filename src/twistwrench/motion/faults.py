@@ -25,7 +25,9 @@ def blame(
             continue
         reason = _bytes_fault(raw) or _shape_fault(raw, header, dialect)
         cells = dialect.cells(raw)
-        reason = reason or _number_fault([cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma)
+        reason = reason or _number_fault(
+            [cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma
+        )
         if reason:
             return TrajectoryError(f"{path}: line {line + count}{reason}")
     return TrajectoryError(f"{path}: rows that cannot be read as numbers. Save the motion as plain CSV.")
@@ -42,12 +44,12 @@ def _bytes_fault(raw: str) -> str | None:
 
 def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | None:
     fields = dialect.cells(raw)
+    if raw.count('"') % 2:
+        return f" has a quote that never ends: {_shown(raw)}. Remove the quote."
     if len(fields) == len(header):
         return None
     if dialect.separator == "," and ";" in raw:
         return f": semicolons between values: {_shown(raw)}, and commas in the header. Separate all rows as the header."
-    if raw.count('"') % 2:
-        return f" has a quote that never ends: {_shown(raw)}. Remove the quote."
     counted = f" has {len(fields)} values, and the header names {len(header)} columns: {_shown(raw)}."
     if len(fields) < len(header):
         return f"{counted} The row is cut short; complete or remove it."

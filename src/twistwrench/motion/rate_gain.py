@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ def segments(time: Array) -> list[slice]:
     steps = np.diff(time)
     cuts = set(np.flatnonzero(steps > _GAP * np.median(steps)) + 1) | set(range(0, len(time), _ROWS)) | {len(time)}
     edges = sorted(int(k) for k in cuts)
-    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= _FEWEST]
+    return [slice(a, b) for a, b in pairwise(edges) if b - a >= _FEWEST]
 
 
 class RateGain:

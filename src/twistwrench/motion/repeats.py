@@ -81,7 +81,9 @@ class Repeats:
         """A sentence for what was dropped, and one for what was averaged."""
         said = []
         if self.dropped:
-            said.append(f"{self.dropped} row{'s that repeat the row' if self.dropped > 1 else ' that repeats the row'} before dropped.")
+            said.append(
+                f"{self.dropped} row{'s that repeat the row' if self.dropped > 1 else ' that repeats the row'} before dropped."
+            )
         if self.averaged:
             said.append(
                 f"{self.averaged} rows have a time that others have too, the first at t = {self.first:.6g} s: the mean of each "

@@ -45,23 +45,25 @@ class TextSource:
     @classmethod
     def of(cls, path: Path) -> TextSource:
         """Look at the file; raises NotFoundError, and TrajectoryError where it cannot be read."""
+        if _is_folder(path):
+            raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
         try:
-            if path.is_dir():
-                raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
             with path.open("rb") as file:
                 regular = stat.S_ISREG(path.stat().st_mode)
                 head = file.read(_LOOK)
                 if regular and head[:2] != _GZIP and _encoding(head) is None and not _old_line_ends(head):
                     return cls(path, file.seek(0, 2))
                 return _copied(path, head, file)
-        except TrajectoryError:
-            raise
         except FileNotFoundError:
             raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
         except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
-            raise TrajectoryError(f"{path}: cannot be unpacked: {problem}. Pack it again, or give it unpacked.") from None
+            raise TrajectoryError(
+                f"{path}: cannot be unpacked: {problem}. Pack it again, or give it unpacked."
+            ) from None
         except UnicodeError as problem:
-            raise TrajectoryError(f"{path}: is not the text that its first bytes say: {problem}. Save it as UTF-8.") from None
+            raise TrajectoryError(
+                f"{path}: is not the text that its first bytes say: {problem}. Save it as UTF-8."
+            ) from None
         except (OSError, ValueError) as problem:  # ValueError: a path with a NUL
             said = getattr(problem, "strerror", None) or problem
             raise TrajectoryError(f"{path}: cannot be read: {said}. A file that can be read is needed.") from None
@@ -100,11 +102,22 @@ class _Window(io.RawIOBase):
         return self._at
 
 
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):  # no path at all; opening it says so
+        return False
+
+
 def _copied(path: Path, head: bytes, file: BinaryIO) -> TextSource:
     copy = cast("IO[bytes]", tempfile.SpooledTemporaryFile(_KEPT_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
     size = 0
-    for portion in _plain(head, file):
-        size += copy.write(portion)
+    try:
+        for portion in _plain(head, file):
+            size += copy.write(portion)
+    except BaseException:
+        copy.close()
+        raise
     source = TextSource(path, size, copy)
     weakref.finalize(source, copy.close)
     return source

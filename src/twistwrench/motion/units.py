@@ -12,7 +12,10 @@ __all__ = ["split_unit", "time_factor", "unit_factor"]
 _DEG, _TURN = math.radians(1.0), math.tau
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": _DEG, "°": _DEG, "rev": _TURN, "turn": _TURN}
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_ANGLES |= {long: _ANGLES[short] for long, short in (("radian", "rad"), ("radians", "rad"), ("degree", "deg"), ("degrees", "deg"))}
+_ANGLES |= {
+    long: _ANGLES[short]
+    for long, short in (("radian", "rad"), ("radians", "rad"), ("degree", "deg"), ("degrees", "deg"))
+}
 _TIMES = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
     **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
@@ -79,7 +82,9 @@ def time_factor(unit: str) -> float | None:
 
 
 def _plain(unit: str, *, products: bool = False) -> str:
-    text = unit.strip().casefold().replace("²", "2").replace("^", "").replace("**", "").replace("µ", "u").replace("μ", "u")
+    text = (
+        unit.strip().casefold().replace("²", "2").replace("^", "").replace("**", "").replace("µ", "u").replace("μ", "u")
+    )
     text = text.replace("deg.", "deg").replace("sec", "s") if "/" in text else text
     text = re.sub(r"[\s·*.⋅-]" if products else r"\s", "", text)
     return re.sub(r"/s/s$", "/s2", text)

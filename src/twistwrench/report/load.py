@@ -16,8 +16,8 @@ from ..model.model import BASE
 from .derivatives import States
 
 if TYPE_CHECKING:
-    from ..model.model import Model
     from ..explanation import Explanation
+    from ..model.model import Model
     from ..robot import Robot
 
 Array = NDArray[Any]

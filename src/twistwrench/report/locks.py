@@ -40,11 +40,19 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
                 turns = bodies[joint].joint.kind != "prismatic"
                 value = math.radians(value) if degrees and turns else value
             if _is_pattern(name, bodies) and joint in found and found[joint] != value:
-                raise ValueRangeError(f"--lock {said[joint]!r} and --lock {name!r} both hold {joint!r}. Keep one of them.")
+                raise ValueRangeError(
+                    f"--lock {said[joint]!r} and --lock {name!r} both hold {joint!r}. Keep one of them."
+                )
             found[joint], said[joint] = value, name
     for b in model.leaders:
         if b.joint.name in found and b.joint.nv == 1:
-            _check(model, b, found[b.joint.name], f"--lock {said[b.joint.name]}={lock[said[b.joint.name]]:g}", degrees=degrees)
+            _check(
+                model,
+                b,
+                found[b.joint.name],
+                f"--lock {said[b.joint.name]}={lock[said[b.joint.name]]:g}",
+                degrees=degrees,
+            )
     return found
 
 
@@ -63,5 +71,6 @@ def _check(model: Model, body: Body, value: float, told: str, *, degrees: bool) 
     if turns and not degrees and low <= math.radians(value) <= high:
         hint = f" If {value:g} are degrees, add --degrees, or write {math.radians(value):.6g}."
     raise ValueRangeError(
-        f"{told} is outside the joint's limits,{joint} {unit * low:.5g} to {unit * high:.5g} {shown}. Hold it within them.{hint}"
+        f"{told} is outside the joint's limits,{joint} {unit * low:.5g} to {unit * high:.5g} {shown}. "
+        f"Hold it within them.{hint}"
     )

@@ -25,8 +25,12 @@ the robot's model that are to be held at neutral besides."""
 def motion_options(*, required: bool) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """The options that say which motion is meant, and how its file is read."""
     options = (
-        click.option("--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it."),
-        click.option("--lock-missing", is_flag=True, help="Hold joints still, at neutral, that the motion has no column for."),
+        click.option(
+            "--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it."
+        ),
+        click.option(
+            "--lock-missing", is_flag=True, help="Hold joints still, at neutral, that the motion has no column for."
+        ),
         click.option("--rate", type=float, metavar="HZ", help="Rows a second, where the motion has no column of time."),
         click.option(
             "--columns",

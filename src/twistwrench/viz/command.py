@@ -178,7 +178,9 @@ def _loaded(
     from .motion import read_motion
 
     if path is None and (columns or rate is not None or lock_missing or smooth):
-        raise ValueRangeError("--columns, --rate, --lock-missing and --smooth are about a motion, and none is given. Add --trajectory.")
+        raise ValueRangeError(
+            "--columns, --rate, --lock-missing and --smooth are about a motion, and none is given. Add --trajectory."
+        )
     trajectory = None
     if path is None:
         robot, _ = load()

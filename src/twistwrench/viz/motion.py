@@ -159,7 +159,7 @@ def _continuous(model: Model, q: Array) -> Array:
 
 
 def _gathered(load: LoadedRobot, every: Iterator[States]) -> Motion:
-    """One pass in bounded memory; what pictures draw of every row, torques, velocities, positions and power, keeps its peaks."""
+    """One pass in bounded memory; torques, velocities, positions and power keep the peaks of every row."""
     nq, nv = load.bare.nq, load.bare.nv
     kept = Thinned(2 * _MOST, slice(1, 2 + 2 * nv + nq))
     peaks = Extreme(nv)
