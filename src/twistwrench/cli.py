@@ -17,6 +17,7 @@ import click
 
 from .errors import ModelWarning, ValueRangeError
 from .export.command import export_options
+from .report.motion_options import motion_options, open_motion
 from .report.usage import Commands
 from .sensing.command import sensor_group
 from .shell import RobotOptions, bundled, plain_errors, robot_command
@@ -30,7 +31,7 @@ from .viz.command import plot_options, view_options
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .report.trajectory import Trajectory
+    from .motion.trajectory import Trajectory
 
 __all__ = ["main"]
 
@@ -46,13 +47,7 @@ def main() -> None:
 
 
 @main.command()
-@click.option(
-    "--trajectory",
-    "motion",
-    metavar="FILE.csv",
-    required=True,
-    help="The motion; 'demo' is the one bundled with a robot.",
-)
+@motion_options(required=True)
 @click.option(
     "--payload",
     "payloads",
@@ -74,12 +69,14 @@ def main() -> None:
 )
 @click.option("--motor-plot", metavar="OUT.png", help="Draw what each motor does in its speed–torque region.")
 @click.option("--why", is_flag=True, help="Split the worst joint's peak by link, payload and rotor too.")
-@click.option("--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it.")
 @click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
 @robot_command
 def torques(
     options: RobotOptions,
-    motion: str,
+    trajectory: str,
+    columns: tuple[str, ...],
+    rate: float | None,
+    lock_missing: bool,
     payloads: tuple[str, ...],
     wrenches: tuple[str, ...],
     csv_path: str | None,
@@ -100,9 +97,7 @@ def torques(
 
     if split and csv_path is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
-    path = bundled(motion, options.source, ".csv", "motion")
-    if options.degrees and path != Path(motion):
-        raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
+    path = _motion_path(options, trajectory)
     _check_extra(plot_path or motor_plot)
     plot_path = None if plot_path is None else picture_path(plot_path)
     motor_plot = None if motor_plot is None else picture_path(motor_plot)
@@ -117,18 +112,17 @@ def torques(
     from .report.load import LoadedRobot, parse_payload, parse_wrenches
     from .report.tables import report_view
     from .report.torques import analyse
-    from .report.trajectory import Trajectory, moves_motors
 
-    robot, locked = options.load_and_locked(stiff=not moves_motors(path))
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
+    robot, read = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
     )
-    trajectory = Trajectory.open(path, robot.model, degrees=options.degrees, locked=locked)
-    differentiation = Differentiation.plan(trajectory, robot.model, smoothing=smooth)
+    differentiation = Differentiation.plan(read, robot.model, smoothing=smooth)
     if smooth and not differentiation.derives:
         click.echo("note: --smooth changes nothing: the file gives velocities and accelerations.", err=True)
-    with _progress(trajectory) as progress:
+    with _progress(read) as progress:
         report = analyse(load, differentiation, limits, csv=csv_path, split=split, progress=progress)
     _console().print(report_view(report, degrees=options.degrees, why=why))
     if plot_path is not None:
@@ -145,7 +139,7 @@ def torques(
         plot_motors(report, motor_plot)
     for written in filter(None, (csv_path, plot_path, motor_plot)):
         click.echo(f"wrote {written}")
-    if report.excesses or any(use.too_small for use in report.motors):
+    if report.contradictions or report.excesses or any(use.too_small for use in report.motors):
         sys.exit(_FOUND_A_PROBLEM)
 
 
