@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import pickle
+import warnings
+
 import numpy as np
 import pytest
 
+import twistwrench as tw
 from twistwrench.errors import (
     ModelError,
 )
@@ -112,3 +116,21 @@ def test_products_of_fixed_rotations_are_snapped_too():
     exact = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     assert builder.build().bodies[0].placement.tolist() == exact
     assert builder.build(snap=0).bodies[0].placement.tolist() != exact
+
+
+def test_remarks_that_say_the_same_are_one_sentence():
+    """Six joints with effort=0 are one warning and one line of info; each remark by itself stays in the defects."""
+    links = "".join(f'<link name="l{k}"><inertial><mass value="1"/></inertial></link>' for k in range(9))
+    joints = "".join(
+        f'<joint name="j{k}" type="prismatic"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        f'<limit lower="-1" upper="1" effort="0" velocity="1"/></joint>'
+        for k in range(8)
+    )
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        robot = tw.load(f'<robot name="r">{links}{joints}</robot>')
+    efforts = [str(w.message) for w in said if "effort=0" in str(w.message)]
+    assert len(efforts) == 1
+    assert "joint 'j0'" in efforts[0] and "the same of joint 'j1'" in efforts[0] and "and 3 more" in efforts[0]
+    assert sum("effort=0" in defect for defect in robot.defects) == 8
+    assert pickle.loads(pickle.dumps(robot)).defects == robot.defects

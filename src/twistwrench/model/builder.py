@@ -30,6 +30,7 @@ from .joint import Joint
 from .judgement import INERTIA_POLICIES, judge
 from .mimic import MIMIC_POLICIES, find_drives
 from .model import Model
+from .remark import Remark, grouped
 from .snap import DEFAULT_SNAP
 from .tip import check_tip
 from .tree import Tree, find_tree
@@ -109,7 +110,7 @@ class ModelBuilder:
         for what, value in loss.items():
             loss[what] = float(numbers(value, (), f"the {what} of {who}"))
             if loss[what] < 0:
-                remarks.append(f"{who} has a negative {what}, {value:g}, so it feeds energy into the robot")
+                remarks.append(Remark(who, f"has a negative {what}, {value:g}, so it feeds energy into the robot"))
         self._joints[name] = JointEntry(
             joint=joint,
             parent=parent,
@@ -165,7 +166,7 @@ class ModelBuilder:
         model = _locked(model, lock or {})
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *found))
-        for text in model.defects:
+        for text in grouped(model.defects):
             warnings.warn(f"robot {self.name!r}: {text}.", ModelWarning, stacklevel=_frames_to_user())
         return model
 

@@ -10,9 +10,12 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..errors import InertiaError
 from .model import Body, Model
+from .remark import Remark
 
 __all__ = ["INERTIA_POLICIES", "judge", "moved_moments", "reasons"]
 
+_LISTED = 3
+"""Bodies that cannot exist that an error describes; a file with many has one cause most often."""
 INERTIA_POLICIES = ("error", "accept", "repair")
 """What happens to a moving body that cannot exist: refused, kept as it is, or given the nearest inertia that can be."""
 
@@ -47,8 +50,9 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
             bodies[i], change = _repaired(bodies[i])
             remarks.append(f"{text}; repaired, {change}")
     if refused:
+        more = f" {len(refused) - _LISTED} more cannot exist either." if len(refused) > _LISTED else ""
         raise InertiaError(
-            f"{'. '.join(refused)}. Correct the numbers, or load with inertia='repair' to take the nearest valid ones, "
+            f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with inertia='repair' to take the nearest valid ones, "
             "or with inertia='accept' to keep them."
         )
     remarks.extend(_on_links(model, set(bad), link))
@@ -91,11 +95,11 @@ def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[s
         body = model.frames[name].body
         moments = inertia.parameters[4:]
         if inertia.mass == 0 and moments.any():
-            remarks.append(f"{link(name)} has rotational inertia but no mass")
+            remarks.append(Remark(link(name), "has rotational inertia but no mass"))
         # Through the parallel-axis theorem a zero comes back as rounding of the moments about the origin.
         elif inertia.mass and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
-            remarks.append(f"{link(name)} has mass but zero inertia, as a point mass has")
+            remarks.append(Remark(link(name), "has mass but zero inertia, as a point mass has"))
         if body not in bad and (found := reasons(inertia)):
             effect = "is fused into a body that can exist" if body >= 0 else "does not move"
-            remarks.append(f"{link(name)} cannot exist by itself ({'; '.join(found)}) but {effect}")
+            remarks.append(Remark(link(name), f"cannot exist by itself ({'; '.join(found)}) but {effect}"))
     return remarks

@@ -12,6 +12,7 @@ from rich.text import Text
 from rich.tree import Tree
 
 from ..model.model import BASE, Body, Model
+from ..model.remark import grouped
 from .coordinates import Coordinates
 from .robot_summary import link_of
 
@@ -31,7 +32,7 @@ def info_view(robot: Robot, *, degrees: bool = False) -> RenderableType:
     parts: list[RenderableType] = [
         _heading(model), _joints(model, degrees=degrees), *actuators, _inertias(model), _tree(model)
     ]  # fmt: skip
-    return Group(*parts, *(Text.assemble(("! ", "yellow"), defect) for defect in model.defects))
+    return Group(*parts, *(Text.assemble(("! ", "yellow"), remark) for remark in grouped(model.defects)))
 
 
 def _heading(model: Model) -> Text:
