@@ -120,7 +120,8 @@ def test_products_of_fixed_rotations_are_snapped_too():
 
 def test_remarks_that_say_the_same_are_one_sentence():
     """Six joints with effort=0 are one warning and one line of info; each remark by itself stays in the defects."""
-    links = "".join(f'<link name="l{k}"><inertial><mass value="1"/></inertial></link>' for k in range(9))
+    inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    links = "".join(f'<link name="l{k}"><inertial><mass value="1"/>{inertia}</inertial></link>' for k in range(9))
     joints = "".join(
         f'<joint name="j{k}" type="prismatic"><parent link="l{k}"/><child link="l{k + 1}"/>'
         f'<limit lower="-1" upper="1" effort="0" velocity="1"/></joint>'

@@ -52,8 +52,8 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
     if refused:
         more = f" {len(refused) - _LISTED} more cannot exist either." if len(refused) > _LISTED else ""
         raise InertiaError(
-            f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with inertia='repair' to take the nearest valid ones, "
-            "or with inertia='accept' to keep them."
+            f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with inertia='repair' to take the nearest "
+            "valid ones, or with inertia='accept' to keep them."
         )
     remarks.extend(_on_links(model, set(bad), link))
     return replace(model, bodies=tuple(bodies)), remarks
@@ -90,7 +90,7 @@ def _repaired(body: Body) -> tuple[Body, str]:
 
 def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[str]:
     """Remarks on links that are doubtful by themselves and do no harm."""
-    remarks = []
+    remarks: list[str] = []
     for name, inertia in model.link_inertias.items():
         body = model.frames[name].body
         moments = inertia.parameters[4:]
