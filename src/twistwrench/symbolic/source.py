@@ -40,18 +40,18 @@ FUNCTIONS = {
 
 _FIELDS = {"inverse_dynamics": "tau", "bias_forces": "tau"}
 _RESERVED = frozenset(
-    """q dq ddq tau M C c g h p out batch parameters PARAMETERS np float ValueError f
-    math double int char const void return if else for while do long short signed unsigned static struct union enum switch case
-    default break continue goto auto register volatile extern inline restrict sizeof typedef asm typeof fortran
-    bool true false nullptr alignas alignof constexpr thread_local static_assert typeof_unqual complex imaginary noreturn
-    class new delete this namespace template typename operator private protected public friend virtual explicit export mutable
-    using try catch throw and or not xor bitand bitor compl and_eq or_eq xor_eq not_eq wchar_t main
-    sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh sincos exp exp2 exp10 expm1 log log2 log10 log1p logb
-    ilogb pow pow10 sqrt cbrt hypot fabs fmod fmin fmax fma fdim floor ceil round trunc rint nearbyint lround llround lrint
-    llrint modf remainder remquo drem frexp ldexp scalb scalbn scalbln significand copysign nan nextafter nexttoward gamma
-    lgamma tgamma erf erfc j0 j1 jn y0 y1 yn isnan isinf isfinite isnormal signbit fpclassify finite signgam matherr float_t
-    double_t math_errhandling abs labs div errno stdin stdout stderr I NAN INFINITY NULL EOF DOMAIN SING OVERFLOW UNDERFLOW PLOSS TLOSS X_TLOSS MAXFLOAT
-    HUGE linux unix i386 near far huge min max""".split()  # noqa: SIM905
+    """q dq ddq tau M C c g h p out batch parameters PARAMETERS np float ValueError f math double int char const void
+    return if else for while do long short signed unsigned static struct union enum switch case default break
+    continue goto auto register volatile extern inline restrict sizeof typedef asm typeof fortran bool true false
+    nullptr alignas alignof constexpr thread_local static_assert typeof_unqual complex imaginary noreturn class new
+    delete this namespace template typename operator private protected public friend virtual explicit export mutable
+    using try catch throw and or not xor bitand bitor compl and_eq or_eq xor_eq not_eq wchar_t main sin cos tan asin
+    acos atan atan2 sinh cosh tanh asinh acosh atanh sincos exp exp2 exp10 expm1 log log2 log10 log1p logb ilogb pow
+    pow10 sqrt cbrt hypot fabs fmod fmin fmax fma fdim floor ceil round trunc rint nearbyint lround llround lrint
+    llrint modf remainder remquo drem frexp ldexp scalb scalbn scalbln significand copysign nan nextafter nexttoward
+    gamma lgamma tgamma erf erfc j0 j1 jn y0 y1 yn isnan isinf isfinite isnormal signbit fpclassify finite signgam
+    matherr float_t double_t math_errhandling abs labs div errno stdin stdout stderr I NAN INFINITY NULL EOF DOMAIN
+    SING OVERFLOW UNDERFLOW PLOSS TLOSS X_TLOSS MAXFLOAT HUGE linux unix i386 near far huge min max""".split()  # noqa: SIM905
 )
 """What means something else in Python, C or C++, in their mathematics headers, or in the functions written here."""
 _MACRO = re.compile(r"(M_\w*[A-Z]|FP_|HUGE_|MATH_|DBL_|FLT_|LDBL_|INT|UINT|SIZE_|E[A-Z0-9]{3,}$)\w*")

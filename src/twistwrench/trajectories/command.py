@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import NotFoundError, PathError, ValueRangeError
+from ..errors import ConstraintWarning, NotFoundError, PathError, ValueRangeError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -104,7 +105,9 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     try:
         if given["fastest"] and trouble is None:
             limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
-            moving: Trajectory = fastest(robot, path, friction=friction, **limits)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
+                moving: Trajectory = fastest(robot, path, friction=friction, **limits)
         else:
             moving = Trajectory(robot, path, _scaling(robot, path, bounds, given))
     except PathError as problem:

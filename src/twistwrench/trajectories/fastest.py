@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import PathError, ValueRangeError
+from ..errors import ConstraintWarning, PathError, ValueRangeError
 from .collocation import AT_REST
-from .limits import Bounds, bounds_of
+from .limits import Bounds, beyond_positions, bounds_of
 from .passes import Arc, backward, forward
 from .rows import PathRows
 from .timing import FastestScaling
@@ -136,9 +137,9 @@ def fastest(
 
     One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and acceleration that bring the robot
     to its velocity limit within a millionth of the path count as lower, which costs no more of the time than that. A path
-    beyond the joints' positions is followed with a ConstraintWarning that names them: ``violations`` lists all. Raises PathError
-    where the robot cannot hold itself on the path, naming s, joint and amount; ValueRangeError where nothing limits the
-    motion, or the path stands still somewhere. The method: :mod:`twistwrench.trajectories.passes`.
+    beyond the joints' positions is followed with a ConstraintWarning that names them; ``violations`` lists all. Raises
+    PathError where the robot cannot hold itself on the path, naming s, joint and amount; ValueRangeError where nothing limits
+    the motion, or the path stands still somewhere. The method: :mod:`twistwrench.trajectories.passes`.
 
     >>> import twistwrench as tw
     >>> from twistwrench import trajectories
@@ -175,8 +176,24 @@ def fastest(
         arcs = backward(rows, 40_001)
         cells = forward(rows, arcs)
     found = Fastest(robot, path, FastestScaling(tuple(cells)), bounds, rows, tuple(arcs))
-    # warn_of_positions(robot, path, bounds)
+    _warn_of_positions(robot, path, bounds)
     return found
+
+
+def _warn_of_positions(robot: Robot, path: JointPath, bounds: Bounds) -> None:
+    s = np.linspace(0.0, 1.0, 2001)
+    found = [
+        f"{name} reaches {value:.5g} beyond {limit:.5g} at s = {s[i]:.4g}"
+        for name, value, limit, i, _ in beyond_positions(robot, path(s)[0], bounds)
+    ]
+    if found:
+        more = f" and {len(found) - 4} more" if len(found) > 4 else ""
+        warnings.warn(
+            f"the path leaves the positions that joints of {robot.name!r} can take: {'; '.join(found[:4])}{more}. No timing "
+            "mends that: take another path.",
+            ConstraintWarning,
+            stacklevel=3,
+        )
 
 
 def _felt(rows: PathRows) -> Bounds:
@@ -186,8 +203,10 @@ def _felt(rows: PathRows) -> Bounds:
     if not np.isfinite(x):
         return bounds
     u = x / (2.0 * _SHORTEST)
-    most = 2.0 * (np.abs(found.a) * u + np.abs(found.b) * x + np.abs(found.d) * np.sqrt(x) + np.abs(found.c)).max(axis=0)
-    if (rows.L <= most).all():
+    most = 2.0 * (np.abs(found.a) * u + np.abs(found.b) * x + np.abs(found.d) * np.sqrt(x) + np.abs(found.c)).max(
+        axis=0
+    )
+    if (most >= rows.L).all():
         return bounds
     effort, acceleration = bounds.effort.copy(), bounds.acceleration.copy()
     lower, n = np.minimum(rows.L, most), len(rows.torque)
