@@ -21,6 +21,7 @@ from twistwrench.testing import assert_close
 
 FUNCTIONS = {
     "inverse_dynamics": ("q", "dq", "ddq"),
+    "bias_forces": ("q", "dq"),
     "mass_matrix": ("q",),
     "coriolis_forces": ("q", "dq"),
     "coriolis_matrix": ("q", "dq"),
