@@ -143,8 +143,17 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
     @classmethod
     def of(cls, package: str, extra: str, purpose: str) -> MissingExtraError:
-        """Build the error for ``package``, which ``pip install twistwrench[extra]`` brings."""
-        return cls(f"{purpose} needs {package!r}, which is not installed: pip install 'twistwrench[{extra}]'.")
+        """Build the error for ``package``, which an extra brings."""
+        return cls(f"{purpose} needs {package!r}, which is not installed: {cls.advice(extra)}.")
+
+    @staticmethod
+    def advice(extra: str) -> str:
+        """How an extra is installed, from an index and from a checkout.
+
+        >>> MissingExtraError.advice("plot")
+        "pip install 'twistwrench[plot]', or in a checkout pip install -e '.[plot]'"
+        """
+        return f"pip install 'twistwrench[{extra}]', or in a checkout pip install -e '.[{extra}]'"
 
 
 class CacheWarning(UserWarning):

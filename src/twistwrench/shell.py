@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import logging
 import math
 import sys
 import warnings
@@ -168,6 +169,7 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
 @contextmanager
 def plain_errors() -> Iterator[None]:
     """Errors of the library end the program with one line on stderr; its warnings are a line each."""
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of broken meshes, our errors say
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelWarning)
         warnings.showwarning = lambda message, *_args, **_rest: click.echo(

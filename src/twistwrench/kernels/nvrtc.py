@@ -114,8 +114,8 @@ def compiler() -> Compiler:
         except (OSError, AttributeError):  # not there, or not what its name says
             continue
     raise MissingExtraError(
-        "robot.cuda needs 'nvrtc', NVIDIA's run-time compiler, which is not installed: pip install 'twistwrench[cuda]'. "
-        "That of a CUDA toolkit is found through CUDA_HOME or CUDA_PATH."
+        "robot.cuda needs 'nvrtc', NVIDIA's run-time compiler, which is not installed: "
+        f"{MissingExtraError.advice('cuda')}. That of a CUDA toolkit is found through CUDA_HOME or CUDA_PATH."
     )
 
 

@@ -27,7 +27,7 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     """
     try:
         T = np.asarray(pose, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ShapeError(
             f"{where} is no array of numbers; expected rotations (..., 3, 3) or poses (..., 4, 4)."
         ) from None

@@ -24,7 +24,7 @@ def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
     """
     try:
         sigma = np.asarray(noise, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         sigma = np.empty(0)
     if sigma.shape != (2,) or not np.isfinite(sigma).all() or (sigma < 0 if none_at_all else sigma <= 0).any():
         what = "numbers from 0 on" if none_at_all else "positive numbers"

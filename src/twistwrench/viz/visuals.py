@@ -114,7 +114,7 @@ class _Reader:
                 try:
                     self.meshes[uri] = read_mesh(path)
                 except MissingExtraError:
-                    self.problems[uri] = "needs 'trimesh', which is not installed: pip install 'twistwrench[viz]'"
+                    self.problems[uri] = f"needs 'trimesh', which is not installed: {MissingExtraError.advice('viz')}"
                 except ModelError as problem:
                     self.problems[uri] = str(problem)
         return self.meshes[uri]
