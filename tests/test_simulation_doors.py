@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
@@ -113,6 +114,26 @@ def test_quaternions_of_any_length_are_taken():
     box = tw.robots.floating_box()
     found = box.simulate([3.0, 0, 0, 4.0, 0, 0, 0], None, 0.1, 0.1)
     np.testing.assert_allclose(found.q[0, :4], [0.6, 0, 0, 0.8])
+
+
+@pytest.mark.parametrize("size", [1e160, 1e300, 1e-160, 1e-300, 5e-324])
+@pytest.mark.parametrize("method", ["dopri5", "rk4", "variational"])
+def test_quaternions_whose_squares_no_float_holds_are_taken_too(size, method):
+    box = tw.robots.floating_box()
+    found = box.simulate([size, 0, 0, -size, 0, 0, 0], None, 0.1, 0.1, method=method)
+    np.testing.assert_allclose(found.q[0, :4], np.array([1, 0, 0, -1]) / np.sqrt(2), rtol=1e-15)
+    assert np.isfinite(found.q).all()
+
+
+@pytest.mark.parametrize("q0", [[1, 0, 0, 0, 1e200, 0, 0], [1, 0, 0, 0, 1e308, 1e308, 1e308]])
+@pytest.mark.parametrize("method", ["dopri5", "rk4", "variational"])
+def test_enormous_numbers_end_in_a_result_or_in_an_error_of_ours(q0, method):
+    box = tw.robots.floating_box()
+    for dq0 in (None, [1e200] * 6):
+        try:
+            assert len(box.simulate(q0, dq0, 0.1, 0.01, method=method, contacts=Plane("box")))
+        except tw.TwistWrenchError as problem:
+            assert str(problem)
 
 
 # ── nothing is lost ──
@@ -336,6 +357,71 @@ def test_files_that_are_something_else_are_refused(result, tmp_path):
         result.to_csv(tmp_path)
     with pytest.raises(tw.ValueRangeError):
         result.to_npz(tmp_path / "no folder" / "a.npz")
+
+
+SAID_WRONGLY = [
+    ("robot", 3), ("coordinate_names", "abc"), ("velocity_names", [1, 2]), ("stopped", None), ("completed", "yes"),
+    ("method", ["rk4"]), ("dt", "0.1"), ("steps", 1.5), ("steps", True), ("rejected", None), ("evaluations", {}),
+    ("remarks", "none"), ("relative_error", "small"), ("error_estimate", 3.0), ("error_estimate", ["a"] * 6),
+    ("events", 5), ("events", [5]), ("events", [{"name": 1, "time": 0.0, "q": [0] * 7, "dq": [0] * 6}]),
+    ("events", [{"name": "e", "time": "now", "q": [0] * 7, "dq": [0] * 6}]),
+    ("events", [{"name": "e", "time": 0.0, "q": [0] * 3, "dq": [0] * 6}]),
+    ("events", [{"name": "e", "time": 0.0, "q": ["a"] * 7, "dq": [0] * 6}]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["csv", "npz"])
+@pytest.mark.parametrize(("word", "value"), SAID_WRONGLY, ids=[f"{k}-{w}" for k, (w, _) in enumerate(SAID_WRONGLY)])
+def test_files_whose_words_are_of_another_type_are_refused(result, tmp_path, kind, word, value):
+    path = getattr(result, f"to_{kind}")(tmp_path / "a")
+    if kind == "csv":
+        first, said, *rest = path.read_text().split("\n")
+        path.write_text("\n".join([first, "# " + json.dumps({**json.loads(said[1:]), word: value}), *rest]))
+    else:
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        arrays["said"] = np.array(json.dumps({**json.loads(str(arrays["said"])), word: value}))
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+    with pytest.raises(tw.TrajectoryError):
+        SimulationResult.load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("q", np.zeros((3, 7))),
+        ("times", np.zeros((51, 1))),
+        ("dq", np.array(["a"] * 51)),
+        ("work_torques", np.float64(0)),
+    ],
+)
+def test_archives_whose_arrays_do_not_fit_are_refused(result, tmp_path, name, value):
+    path = result.to_npz(tmp_path / "a.npz")
+    with np.load(path) as archive:
+        arrays = {**archive, name: value}
+    np.savez(path, **arrays)
+    with pytest.raises(tw.TrajectoryError):
+        SimulationResult.load(path)
+
+
+def test_a_csv_whose_words_are_nested_without_end_is_refused(result, tmp_path):
+    first, _, rest = result.to_csv(tmp_path / "a.csv").read_text().split("\n", 2)
+    (tmp_path / "deep.csv").write_text(f"{first}\n# {'[' * 200_000}\n{rest}")
+    with pytest.raises(tw.TrajectoryError, match=r"deep\.csv"):
+        SimulationResult.load(tmp_path / "deep.csv")
+
+
+def test_files_from_before_the_error_was_estimated_are_read(result, tmp_path):
+    path = result.to_csv(tmp_path / "a.csv")
+    first, said, rest = path.read_text().split("\n", 2)
+    words = json.loads(said[1:])
+    del words["relative_error"], words["error_estimate"]
+    path.write_text(f"{first}\n# {json.dumps(words)}\n{rest}")
+    again = SimulationResult.load(path)
+    assert np.isnan(again.error_estimate).all()
+    assert np.isnan(again.relative_error)
+    np.testing.assert_array_equal(again.q, result.q)
 
 
 def test_a_file_is_known_by_what_is_in_it(result, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,18 +25,28 @@ __all__ = ["read", "write_csv", "write_npz"]
 
 _MARK = "twistwrench simulation 1"
 _ARRAYS = ("times", "q", "dq", "ddq", "tau", "kinetic_energy", "potential_energy", "momentum")
-_SAID: tuple[str, ...] = (
-    "robot",
-    "coordinate_names",
-    "velocity_names",
-    "stopped",
-    "completed",
-    "method",
-    "dt",
-    "steps",
-    "rejected",
-)
-_SAID += ("evaluations", "remarks")
+_SAID: dict[str, type | tuple[type, ...]] = {
+    "robot": str,
+    "coordinate_names": tuple,
+    "velocity_names": tuple,
+    "stopped": str,
+    "completed": bool,
+    "method": str,
+    "dt": (float, int),
+    "steps": int,
+    "rejected": int,
+    "evaluations": int,
+    "remarks": tuple,
+    "relative_error": (float, int),
+}
+"""What a result says beside its arrays, and of which type it is; tuples are of texts."""
+_ADDED = ("relative_error", "error_estimate")
+"""What files from before lack: nothing is known of it."""
+_UNREADABLE = (
+    KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, OSError, EOFError, MemoryError, RuntimeError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What the standard library and NumPy raise for damaged files; RecursionError and NotImplementedError are RuntimeErrors."""
 _MOMENTUM = tuple(f"momentum.{x}" for x in ("mx", "my", "mz", "fx", "fy", "fz"))
 
 
@@ -85,7 +96,7 @@ def read(path: str | Path) -> SimulationResult:
         with path.open("rb") as file:
             archived = file.read(2) == b"PK"
         return _read_npz(path) if archived else _read_csv(path)
-    except (KeyError, TypeError, ValueError, IndexError, OSError, EOFError, zipfile.BadZipFile) as problem:
+    except _UNREADABLE as problem:
         if isinstance(problem, TrajectoryError):
             raise
         raise TrajectoryError(
@@ -128,13 +139,47 @@ def _read_csv(path: Path) -> SimulationResult:
 
 def _said(result: SimulationResult) -> str:
     events = [{"name": e.name, "time": e.time, "q": e.q.tolist(), "dq": e.dq.tolist()} for e in result.events]
-    return json.dumps({**{name: getattr(result, name) for name in _SAID}, "events": events})
+    words = {name: getattr(result, name) for name in _SAID}
+    return json.dumps({**words, "error_estimate": result.error_estimate.tolist(), "events": events})
 
 
-def _result(said: Mapping[str, Any], arrays: Mapping[str, Array], work: Mapping[str, Array]) -> SimulationResult:
-    words: dict[str, Any] = {name: tuple(said[name]) if isinstance(said[name], list) else said[name] for name in _SAID}
-    events = tuple(Happening(e["name"], e["time"], np.array(e["q"]), np.array(e["dq"])) for e in said["events"])
-    n = len(arrays["times"])
-    if not n or any(len(x) != n for x in (*arrays.values(), *work.values())):
-        raise TrajectoryError("the file of a simulation has arrays of different lengths, or no state.")
-    return SimulationResult(**{**words, **arrays}, work=dict(work), events=events)
+def _result(said: Any, arrays: Mapping[str, Array], work: Mapping[str, Array]) -> SimulationResult:
+    if not isinstance(said, dict):
+        raise TrajectoryError("the file of a simulation has no words to its arrays, but something else.")
+    words = {name: _word(said, name, kind) for name, kind in _SAID.items()}
+    nq, nv = len(words["coordinate_names"]), len(words["velocity_names"])
+    off = _numbers(said.get("error_estimate", [np.nan] * nv), "error_estimate", nv)
+    events = tuple(
+        Happening(_word(e, "name", str), float(_word(e, "time", (float, int))), *_state(e, nq, nv))
+        for e in said["events"]
+    )
+    n = len(arrays["times"]) if arrays["times"].ndim == 1 else 0
+    wide = {"q": (n, nq), "momentum": (n, 6), **dict.fromkeys(("dq", "ddq", "tau"), (n, nv))}
+    for name, array in {**arrays, **work}.items():
+        if not n or array.shape != wide.get(name, (n,)) or array.dtype != float:
+            raise TrajectoryError(
+                f"the file of a simulation has {array.dtype} of shape {array.shape} for {name}, expected float64 of shape "
+                f"{wide.get(name, (n,))} and at least one state."
+            )
+    return SimulationResult(**{**words, **arrays}, work=dict(work), events=events, error_estimate=off)
+
+
+def _word(said: Mapping[str, Any], name: str, kind: type | tuple[type, ...]) -> Any:
+    """One of the words, of the type that it is to have."""
+    found = said.get(name, np.nan) if name in _ADDED else said[name]
+    if kind is tuple and isinstance(found, list) and all(isinstance(x, str) for x in found):
+        return tuple(found)
+    if kind is tuple or not isinstance(found, kind) or (isinstance(found, bool) and kind is not bool):
+        raise TrajectoryError(f"the file of a simulation has {found!r} for {name}, which is of another type.")
+    return found
+
+
+def _state(said: Mapping[str, Any], nq: int, nv: int) -> tuple[Array, Array]:
+    return _numbers(said["q"], "q of an event", nq), _numbers(said["dq"], "dq of an event", nv)
+
+
+def _numbers(given: Any, name: str, n: int) -> Array:
+    found = np.array(given)
+    if found.shape != (n,) or found.dtype.kind not in "if":
+        raise TrajectoryError(f"the file of a simulation has {given!r} for {name}, expected {n} numbers.")
+    return found.astype(float)
