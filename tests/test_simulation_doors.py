@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -446,6 +447,55 @@ def test_an_event_is_a_number_and_no_question(arm):
 def test_pictures_are_drawn(result, tmp_path):
     pytest.importorskip("matplotlib")
     assert result.plot(tmp_path / "motion").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_pictures_have_a_panel_for_each_unit_and_no_colour_twice(tmp_path, monkeypatch):
+    """Lengths, angles and quaternions apart; up to 14 curves in a panel, each of its own colour."""
+    pytest.importorskip("matplotlib")
+    from twistwrench.simulation import picture
+
+    drawn = []
+    save = picture.save
+    monkeypatch.setattr(picture, "save", lambda figure, path: drawn.append(figure) or save(figure, path))
+    dog = tw.robots.quadruped()
+    dog.simulate(None, np.ones(dog.nv), 0.02, 0.01).plot(tmp_path / "a.png")
+    cart = tw.robots.cart_pole()
+    cart.simulate(None, np.ones(cart.nv), 0.02, 0.01).plot(tmp_path / "b.png")
+    shown = [{a.get_title(loc="left"): [x.get_label() for x in a.lines] for a in f.axes[:-2]} for f in drawn]
+    assert {title: len(labels) for title, labels in shown[0].items()} == {
+        "Angles [rad]": 12, "Positions [m]": 3, "Orientations: quaternions": 4,
+    }  # fmt: skip
+    assert shown[0]["Orientations: quaternions"] == [f"root_joint.q{x}" for x in "wxyz"]
+    assert sorted(map(len, shown[1].values())) == [1, 1]
+    for axes in (a for f in drawn for a in f.axes[:-2]):
+        colours = [str(x.get_color()) for x in axes.lines]
+        assert len(set(colours)) == len(colours)
+
+
+@pytest.mark.parametrize("width", [60, 80, 110])
+def test_tables_fold_names_and_cut_no_number(width):
+    """In a terminal of any width, and in a pipe."""
+    from rich.console import Console
+
+    from twistwrench.simulation.tables import simulation_view
+
+    base = tw.robots.quadruped()
+    long = "a_rather_long_namespace/and_a_long_name_of_a_link_"
+    text = tw.robots.path_of("quadruped").read_text().replace("FL_", long + "FL_")
+    robot = tw.load(text, floating_base=True)
+    assert robot.nv == base.nv
+    rates = -1.23456e-5 * np.arange(1.0, robot.nv + 1)
+    found = robot.simulate(None, rates, 0.02, 0.01)
+    console = Console(width=width, record=True, file=StringIO())
+    console.print(simulation_view(robot, found))
+    said = console.export_text()
+    assert max(map(len, said.splitlines())) <= width
+    numbers = set(re.findall(r"(?<![\w.])-?\d[\d.]*(?:e[-+]\d+)?(?![\w.])", said))
+    for x in (found.q[-1], found.dq[-1], found.q.min(axis=0)):
+        assert {f"{v:.5g}" if abs(v) > 1e-12 else "0" for v in x} <= numbers
+    assert "…" not in said.split("Energies")[0]
+    names = "".join(line.split()[0] for line in said.splitlines() if line.split())  # folded names, put together again
+    assert f"{long}FL_thigh_joint" in names
 
 
 # ── the command ──

@@ -38,9 +38,10 @@ _SAID: dict[str, type | tuple[type, ...]] = {
     "evaluations": int,
     "remarks": tuple,
     "relative_error": (float, int),
+    "coordinate_units": tuple,
 }
 """What a result says beside its arrays, and of which type it is; tuples are of texts."""
-_ADDED = ("relative_error", "error_estimate")
+_ADDED = {"relative_error": np.nan, "coordinate_units": []}
 """What files from before lack: nothing is known of it."""
 _UNREADABLE = (
     KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, OSError, EOFError, MemoryError, RuntimeError,
@@ -148,6 +149,10 @@ def _result(said: Any, arrays: Mapping[str, Array], work: Mapping[str, Array]) -
         raise TrajectoryError("the file of a simulation has no words to its arrays, but something else.")
     words = {name: _word(said, name, kind) for name, kind in _SAID.items()}
     nq, nv = len(words["coordinate_names"]), len(words["velocity_names"])
+    if len(words["coordinate_units"]) not in (0, nq):
+        raise TrajectoryError(
+            f"the file of a simulation has units of {len(words['coordinate_units'])} coordinates of {nq}."
+        )
     off = _numbers(said.get("error_estimate", [np.nan] * nv), "error_estimate", nv)
     events = tuple(
         Happening(_word(e, "name", str), float(_word(e, "time", (float, int))), *_state(e, nq, nv))
@@ -166,7 +171,7 @@ def _result(said: Any, arrays: Mapping[str, Array], work: Mapping[str, Array]) -
 
 def _word(said: Mapping[str, Any], name: str, kind: type | tuple[type, ...]) -> Any:
     """One of the words, of the type that it is to have."""
-    found = said.get(name, np.nan) if name in _ADDED else said[name]
+    found = said.get(name, _ADDED[name]) if name in _ADDED else said[name]
     if kind is tuple and isinstance(found, list) and all(isinstance(x, str) for x in found):
         return tuple(found)
     if kind is tuple or not isinstance(found, kind) or (isinstance(found, bool) and kind is not bool):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..report.coordinates import Coordinates
 from .events import Happening
 
 if TYPE_CHECKING:
@@ -72,6 +73,8 @@ class SimulationResult:
     """The largest of them, over the largest travel of the joints that turn, or of those that slide."""
     remarks: tuple[str, ...] = ()
     """What to know before the result is used, in words; empty if nothing."""
+    coordinate_units: tuple[str, ...] = ()
+    """Of the entries of q: ``"rad"``, ``"m"``, and ``""`` for those of a quaternion."""
     energy: Array = field(init=False)
     """(n,) J, kinetic and potential."""
     drift: Array = field(init=False)
@@ -173,6 +176,7 @@ class Record:
         return SimulationResult(
             robot=robot.name,
             coordinate_names=robot.coordinate_names,
+            coordinate_units=_units(robot),
             velocity_names=robot.model.velocity_names,
             times=np.array(self.times),
             q=q.copy(),
@@ -186,3 +190,11 @@ class Record:
             events=tuple(self.events),
             **said,
         )
+
+
+def _units(robot: Robot) -> tuple[str, ...]:
+    coordinates = Coordinates.of(robot.model)
+    units = ["rad" if angular else "m" for angular in coordinates.angular]
+    for place in coordinates.quaternions:
+        units[place] = [""] * 4
+    return tuple(units)
