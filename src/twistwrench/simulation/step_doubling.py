@@ -27,7 +27,7 @@ __all__ = ["StepDoubling", "probed_steps"]
 _LEAST = 32
 """Steps probed of a run, if it has so many."""
 _SPACING = 50
-"""Steps between two that are probed, in a long run; one in 50 costs some 5 % of the run's time."""
+"""Steps between two that are probed, in a long run. A probe is the work of 2.5 steps, of 6 for a method of one evaluation."""
 _MOST = 2000
 """Steps probed of a run, and as many again in which a contact begins or ends."""
 _LAGGING = ("semi_implicit",)
