@@ -94,7 +94,7 @@ def test_two_joints_at_their_limits_end_it_by_the_one_that_moves_outward():
 
 def test_a_start_beyond_a_limit_is_refused_and_one_beyond_it_by_rounding_is_not():
     door = doors((0.0, 1.5))
-    with pytest.raises(tw.ValueRangeError, match="joint 'hinge0' is at 1.50001, beyond its upper limit 1.5"):
+    with pytest.raises(tw.ValueRangeError, match=r"joint 'hinge0' is at 1\.50001, beyond its upper limit 1\.5"):
         door.simulate([1.50001], limits="stop")
     rounded = door.simulate([float(np.float32(1.5) * (1 + 1e-7))], [-1.0], 0.1, limits="stop")
     assert rounded.completed

@@ -13,7 +13,7 @@ from ..core import arguments
 from ..errors import ShapeError, SimulationError, ValueRangeError
 from .adaptive import Stepper
 from .contact import JointStops, Plane, PlaneContact, StopContact
-from .events import Event, Watch, contact_events
+from .events import Event, Watch
 from .forces import JointFriction, System, torque_law, wrench_laws
 from .given import Function, Law, positive, whole
 from .position_limits import PositionLimits
@@ -81,10 +81,10 @@ def simulate(
         slowest = system.friction.creep.max()
         if robot.model.friction.static.any():
             remarks.append(f"joints that friction would hold creep, at up to about {slowest:.2g} rad/s or m/s")
-    watched, stops = [*_events(events), *contact_events(surfaces)], _limits(robot, limits, y0)
+    watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, end, n, every=int(every), remarks=remarks, method=method)
-    if watched or stops is not None:
-        run.watch = Watch(watched, system.split, stops)
+    if watched or surfaces or stops is not None:
+        run.watch = Watch(watched, system.split, stops, surfaces)
     if controller is not None:
         run.controller = Law.of(controller, "the controller", (robot.nv,), ", a torque for each velocity")
         run.constant = held
@@ -98,7 +98,10 @@ def simulate(
                     run.adaptive(y0, Stepper(system, *tolerances, longest))
                 else:
                     run.fixed(y0)
+                run.judge()
         except SimulationError as problem:
+            with np.errstate(all="ignore"):
+                run.judge()
             problem.result = run.result(str(problem), completed=False)
             raise
         except KeyboardInterrupt as interrupt:
@@ -134,10 +137,9 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
         y[place] = arguments.finite(arguments.one(given, name, n, names=names), name, n)
     for i, _ in system.manifold.floating:
         largest = float(np.abs(y[i : i + 4]).max())
-        if not largest > 1e-150:
+        if largest == 0.0:
             raise ValueRangeError("q0 has a quaternion of zeros, which is no rotation; none is (1, 0, 0, 0).")
-        if largest > 1e150:  # its square would be infinite
-            y[i : i + 4] /= largest
+        y[i : i + 4] /= largest  # before it is squared: its square may be more or less than floats hold
     system.manifold.normalise(y[: robot.nq])
     return y
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ValueRangeError
@@ -65,16 +64,18 @@ Step = Callable[[float], Array]
 
 
 class Watch:
-    """Events and limits of position, and the values they had when last looked at; limits come after the events."""
+    """Events, contacts and limits of position, in this order, and the values they had when last looked at."""
 
     def __init__(
         self,
         events: Sequence[Event],
         split: Callable[[Array], tuple[Array, Array]],
         limits: PositionLimits | None = None,
+        contacts: Sequence[Contact] = (),
     ) -> None:
-        self.events, self.split, self.limits = tuple(events), split, limits
-        self.laws = [Law(e.function, f"event {e.name!r}", (), ", one number") for e in events]
+        self.asked = len(events)
+        self.events, self.split, self.limits = (*events, *contact_events(contacts)), split, limits
+        self.laws = [Law(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
 
     def values(self, t: float, y: Array) -> list[float]:
@@ -82,6 +83,11 @@ class Watch:
         q, dq = self.split(y)
         found = [float(law(t, q, dq)) for law in self.laws]
         return found if self.limits is None else found + self.limits.margins(q).tolist()
+
+    @property
+    def gaps(self) -> list[float]:
+        """Of the contacts, when last looked at [m or rad]."""
+        return self.before[self.asked : len(self.events)]
 
     def begin(self, t: float, y: Array) -> None:
         """Take the values of the first state."""
