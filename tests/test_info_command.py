@@ -84,10 +84,11 @@ def test_names_are_not_taken_for_markup(run, tmp_path):
         assert "[/]2" in text
 
 
-def test_a_lock_outside_the_limits_is_noted(run):
-    assert "outside the joint's limits" in run("info", "ur5", "--lock", "elbow_joint=9")[1]
-    assert "outside the joint's limits" in run("info", "ur5", "--lock", "elbow_joint=200", "--degrees")[1]
-    assert "outside the joint's limits" not in run("info", "ur5", "--lock", "elbow_joint=1")[1]
+def test_a_lock_outside_the_limits_is_refused(run):
+    for flags in (["elbow_joint=9"], ["elbow_joint=200", "--degrees"]):
+        code, text = run("info", "ur5", "--lock", *flags)
+        assert (code, "outside the joint's limits" in text) == (2, True), text
+    assert run("info", "ur5", "--lock", "elbow_joint=1")[0] == 0
 
 
 def test_a_robot_without_joints_has_nothing_to_verify(run):

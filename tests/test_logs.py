@@ -281,6 +281,18 @@ def test_our_own_simulations_are_read_from_both_kinds_of_file(arm, tmp_path):
         assert log.contradictions(arm.limits) == ()
 
 
+def test_our_own_simulations_do_not_contradict_themselves(arm, tmp_path):
+    """Coarse samples of fast motions, and joints that rest but for rounding, are nobody's wrong unit."""
+    for robot, options in (
+        (arm, {"dt": 0.02}),
+        (robots.quadruped(), {"dt": 0.001}),
+        (robots.quadruped(), {"dt": 0.02}),
+    ):
+        robot.simulate(duration=1.0, **options).to_npz(tmp_path / "sim.npz")
+        _, log = read(tmp_path / "sim.npz", robot.model)
+        assert log.contradictions(robot.limits) == ()
+
+
 # ── repeated rows ──
 
 

@@ -86,7 +86,7 @@ def choose(
         raise TrajectoryError(
             f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
         )
-    header, notes = _Header(cells, where), []
+    header, notes = _Header(cells, where), list[str]()
     names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
     told = _told(header, names, columns)
     time = _time(header, told.pop(("time", 0), None), rate, notes)
@@ -274,8 +274,8 @@ def _check(
     missing = [name for k, name in enumerate(names["q"]) if k not in given["q"]]
     if missing:
         near = {name: difflib.get_close_matches(name, extra, n=1, cutoff=0.6) for name in missing}
-        alike = next(((name, c[0]) for name, c in near.items() if c), None)
-        hint = f" Column {alike[1]!r} is no joint of this robot. Did you mean {alike[0]!r}?" if alike else ""
+        meant = next(((name, c[0]) for name, c in near.items() if c), None)
+        hint = f" Column {meant[1]!r} is no joint of this robot. Did you mean {meant[0]!r}?" if meant else ""
         first = [name for name in missing if near[name]][:_FEW] or missing[:2]
         choices = " ".join(f"--columns '{name}={near[name][0] if near[name] else 'COLUMN'}'" for name in first)
         more = " …" if len(missing) > len(first) else ""
@@ -289,10 +289,8 @@ def _check(
     for part, ending in (("dq", ".vel"), ("ddq", ".acc")):
         absent = [f"{name}{ending}" for k, name in enumerate(names[part]) if k not in given[part]]
         if absent and len(absent) < len(names[part]):
-            near = next(
-                (c[0] for name in extra if (c := difflib.get_close_matches(name, absent, n=1, cutoff=0.6))), None
-            )
-            hint = f" Did you mean {near!r}?" if near else ""
+            alike = [c[0] for name in extra if (c := difflib.get_close_matches(name, absent, n=1, cutoff=0.6))]
+            hint = f" Did you mean {alike[0]!r}?" if alike else ""
             raise TrajectoryError(
                 f"{header.where}: no column {_listed(absent)}, although others of its kind are there.{hint} "
                 f"Give them for every joint, or for none: then they are derived. Or say which it is: --columns "

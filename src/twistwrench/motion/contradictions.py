@@ -141,8 +141,8 @@ class Contradictions:
             known = float(limits.velocity[joint]) if limits is not None else math.inf
             if jump[0] > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
                 yield (
-                    f"{self._names[joint]} jumps by {jump[2]:.4g} rad after t = {jump[1]:.4f} s, at {jump[0]:.3g} rad/s, and is "
-                    "no joint that turns on for ever: remove the rows, or add the turns that the log left out"
+                    f"{self._names[joint]} jumps by {jump[2]:.4g} rad after t = {jump[1]:.4f} s, at {jump[0]:.3g} rad/s, "
+                    "and is no joint that turns on for ever: remove the rows, or add the turns that the log left out"
                 )
 
     def _of_rates(self, *, time_told: bool) -> Iterable[str]:

@@ -27,7 +27,7 @@ Array = NDArray[Any]
 __all__ = ["Motion", "motion_of", "read_motion"]
 
 _MOST = 4000
-"""Half the states kept of a long motion."""
+"""Evenly spaced states kept of a long motion; those at peaks may be three times as many."""
 _CHUNK = 8192
 _FEWEST = 6
 """Samples that velocities and accelerations can be derived from."""
@@ -161,9 +161,9 @@ def _continuous(model: Model, q: Array) -> Array:
 
 
 def _gathered(load: LoadedRobot, every: Iterator[States]) -> Motion:
-    """One pass in bounded memory; torques, velocities, positions and power keep the peaks of every row."""
+    """One pass in bounded memory; torques, velocities and power keep the peaks of every row."""
     nq, nv = load.bare.nq, load.bare.nv
-    kept = Thinned(2 * _MOST, slice(1, 2 + 2 * nv + nq))
+    kept = Thinned(4 * _MOST, slice(1, 2 + 2 * nv))
     peaks = Extreme(nv)
     excesses = _Excesses(load)
     for s in every:

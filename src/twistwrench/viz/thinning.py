@@ -15,7 +15,7 @@ __all__ = ["Thinned"]
 class Thinned:
     """Rows (n, k) come in any portions; ``most`` of many are kept.
 
-    Half of them at most are evenly spaced. The others are, for every bin of equally many consecutive rows and every watched
+    A quarter of them at most is evenly spaced. The others are, for every bin of equally many consecutive rows and every watched
     column, the rows of its least and greatest value with their neighbours: a spike of one sample is drawn at its height, and
     is no wider than it was, so that integrals over the kept rows stay right.
     """
@@ -37,7 +37,7 @@ class Thinned:
             self._thin()
         while len(self._rows) > self._most and self._bin < 2 * self.count:
             self._bin *= 2
-            while self.count > self._most // 2 * self._step:
+            while self.count > self._most // 4 * self._step:
                 self._step *= 2
             self._thin()
 
