@@ -195,7 +195,8 @@ def test_dry_friction_and_masses_that_are_parameters_act_like_those_of_the_robot
         many = heavy.rollout(*start, parameters={**said, "joint1.static": np.array([30.0, 40.0])}, **given)
         assert np.abs(many.dq[0] - light.rollout(*start, **given).dq).max() < 1e-9
         steps = np.diff(light.rollout(*start, parameters=masses, **given).dq[100:], axis=0)
-        assert (np.abs(steps) < 1e-3).all()  # rests, or creeps evenly; chatter would change speeds by h f / m, some rad/s
+        # rests, or creeps evenly; chatter would change speeds by h f / m, some rad/s
+        assert (np.abs(steps) < 1e-3).all()
 
 
 # ── the same bits everywhere ──

@@ -37,7 +37,7 @@ def solved(L: Array, inverse: Array, b: Array) -> Array:
 
 def lowered(L: Array, b: Array) -> Array:
     """z with L' z = b."""
-    z = b.astype(L.dtype)
+    z = b.astype(np.result_type(L, b))
     for k in reversed(range(len(z))):
         for i in range(k):
             z[i] = z[i] - L[k, i] * z[k]
@@ -46,7 +46,7 @@ def lowered(L: Array, b: Array) -> Array:
 
 def raised(L: Array, b: Array) -> Array:
     """x with L x = b."""
-    x = b.astype(L.dtype)
+    x = b.astype(np.result_type(L, b))
     for k in range(len(x)):
         for i in range(k):
             x[k] = x[k] - L[k, i] * x[i]

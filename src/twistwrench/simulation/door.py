@@ -155,7 +155,9 @@ def _ragged(given: Any) -> bool:
 def _rate_gains(robot: Robot, tau: Any) -> Array | None:
     """-∂τ/∂dq of a law that tells it, (nv,)."""
     told = getattr(tau, "rate_gains", None) if callable(tau) else None
-    return None if told is None else np.asarray(arguments.finite(arguments.one(told, "rate_gains", robot.nv), "rate_gains"))
+    if told is None:
+        return None
+    return np.array(arguments.finite(arguments.one(told, "rate_gains", robot.nv), "rate_gains", robot.nv), float)
 
 
 def _creep(robot: Robot, y0: Array, h: float, asked: float | None) -> Array:

@@ -35,6 +35,6 @@ def easing_remark(model: Model, creep: Array) -> str | None:
     worst = int(np.argmax(most))
     return (
         f"dry friction is eased off at low speeds: joints that it would hold creep, at up to about {most[worst]:.2g} rad/s or "
-        f"m/s (most of all {model.velocity_names[worst]!r}), and one that moves as slowly keeps only three quarters of its friction. "
-        "Semi-implicit steps ease nothing"
+        f"m/s (most of all {model.velocity_names[worst]!r}), and one that moves as slowly keeps three quarters of its "
+        "friction; semi-implicit steps ease nothing"
     )

@@ -280,6 +280,7 @@ def _creep(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -
         robot._require_invertible()
         raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
 
+
 def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
     """The most that dry friction takes from each joint before its load counts, (..., nv)."""
     friction = robot.model.friction
