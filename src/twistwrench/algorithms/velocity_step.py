@@ -2,12 +2,12 @@
 
 For the velocities v after a step of length h, with what else acts known at its beginning:
 
-    (1)  M (v - dq) / h = τ - h(q, dq) - V v - φ
+    (1)  M (v - dq) / h = τ - c - g - V v - φ
     (2)  τ_i = τ0_i - kd_i (v_i - dq_i), or the limit that this is beyond
     (3)  φ_i = sign(v_i) F_i where v_i is not 0, and there what holds the joint, in [-F_i, F_i]
 
-V is viscous friction, F dry friction, kd the gain of the rates in a law of ours whose torque at dq is τ0. Linear parts stand
-beside M. The rest are two corners a joint: it sticks or slides, its torque is within the limits or at one. Which of them holds
+c + g are the forces at the beginning, V is viscous friction, F dry friction, kd the gain of the rates in a law of ours whose
+torque at dq is τ0. Linear parts stand beside M. The rest are two corners a joint: it sticks or slides, its torque is within the limits or at one. Which of them holds
 is guessed, the linear equations are solved, and the guess is mended by what they say: Newton's method on a function with
 corners, which ends exactly where a guess confirms itself. A joint that sticks has v = 0, not nearly 0.
 

@@ -108,7 +108,11 @@ class Plan:
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
         """dq1 by :func:`~twistwrench.algorithms.velocity_step.velocity_step`, then q1 = q ⊕ h dq1."""
         known, plant, rest = self._models(given)
-        tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *(rest[name] for name in self.law.names))
+        wanted = [rest[name] for name in self.law.names]
+        if hasattr(self.law, "torques_of_step"):
+            tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *wanted)
+        else:  # a law of the caller's stays as it is
+            tau, gains = self.law.torques(known, angles, q, dq, *wanted), None
         dq1, tau, _ = velocity_step(
             plant, angles, dq, h, tau, gains=gains, limits=rest["torque limits"] if self.limited else None,
             friction=self.friction, wrenches=self._pushed(rest),
