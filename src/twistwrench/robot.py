@@ -1282,8 +1282,9 @@ class Robot:
         and the variational ``"midpoint"``, ``"variational"``, ``"variational6"``, with steps of ``dt``. ``tau``: torques (nv,),
         or a function of (t, q, dq); ``controller``: such a function, asked every ``dt``, its torques held until the next time.
         ``wrench_on_robot``: ``{frame: (m, f) or a function of (t, q, dq)}``, in that frame. ``friction=True``: that of the
-        joints, eased off below ``creep``. ``contacts``: ``tw.simulation.Plane`` and ``JointStops``; ``limits="stop"`` ends
-        where a joint reaches a limit; ``events``: ``tw.simulation.Event``. ``every``: keep one state in so many.
+        joints, eased off below ``creep``, or in semi-implicit steps an impulse that stops and holds them. ``contacts``:
+        ``tw.simulation.Plane`` and ``JointStops``; ``limits="stop"`` ends where a joint reaches a limit; ``events``:
+        ``tw.simulation.Event``. ``every``: keep one state in so many.
 
         Raises SimulationError for an unstable step and a controller that fails, with all that was computed in ``.result``;
         ShapeError, ValueRangeError, UnknownNameError for what cannot be meant. docs/simulation.md explains and measures.

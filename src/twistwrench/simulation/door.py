@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..core import arguments
 from ..errors import ShapeError, SimulationError, ValueRangeError
 from .adaptive import Stepper
+from .braked_step import BrakedStep
 from .contact import JointStops, Plane, PlaneContact, StopContact
+from .easing import creep_speeds, easing_remark
 from .events import Event, Watch
 from .forces import JointFriction, System, torque_law, wrench_laws
 from .given import Function, Law, positive, whole
@@ -20,7 +22,7 @@ from .position_limits import PositionLimits
 from .progress import Progress, progress_of
 from .result import SimulationResult
 from .run import Run
-from .schemes import ADAPTIVE, scheme_of
+from .schemes import ADAPTIVE, SemiImplicit, scheme_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -29,8 +31,6 @@ Array = NDArray[Any]
 
 __all__ = ["simulate"]
 
-_CREEP = 1e-3
-"""rad/s or m/s."""
 _MOST = 10**8
 
 
@@ -76,11 +76,18 @@ def simulate(
     remarks = (
         [] if abs(h - dt) <= 1e-9 * dt else [f"states {h:.6g} s apart, not {dt:.6g} s, so that a whole number fills it"]
     )
-    if friction and robot.model.friction.any:
+    rubs, gains = friction and robot.model.friction.any, _rate_gains(robot, tau)
+    if isinstance(scheme, SemiImplicit):
+        if creep is not None:
+            raise ValueRangeError(
+                f"creep is {creep!r}, and method {method!r} eases no friction: it stops joints and holds them. Leave creep out."
+            )
+        if rubs or gains is not None:
+            system.braked = BrakedStep(robot, h, friction=bool(rubs), gains=gains)
+    elif rubs:
         system.friction = JointFriction(robot, _creep(robot, y0, 0.0 if adapts else h, creep))
-        slowest = system.friction.creep.max()
-        if robot.model.friction.static.any():
-            remarks.append(f"joints that friction would hold creep, at up to about {slowest:.2g} rad/s or m/s")
+        if eased := easing_remark(robot.model, system.friction.creep):
+            remarks.append(eased)
     watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, end, n, every=int(every), remarks=remarks, method=method)
     if watched or surfaces or stops is not None:
@@ -152,14 +159,20 @@ def _ragged(given: Any) -> bool:
     return False
 
 
+def _rate_gains(robot: Robot, tau: Any) -> Array | None:
+    """-∂τ/∂dq of a law that tells it, (nv,)."""
+    told = getattr(tau, "rate_gains", None) if callable(tau) else None
+    if told is None:
+        return None
+    return np.array(arguments.finite(arguments.one(told, "rate_gains", robot.nv), "rate_gains", robot.nv), float)
+
+
 def _creep(robot: Robot, y0: Array, h: float, asked: float | None) -> Array:
-    """The speeds below which dry friction is eased off, (nv,): no less than what it takes off a joint in a step."""
+    """The speeds below which dry friction is eased off, (nv,)."""
     if asked is not None:
         return np.full(robot.nv, positive(asked, "creep", "rad/s or m/s"))
-    M = robot.mass_matrix(y0[: robot.nq])
-    light = np.diagonal(np.linalg.inv(M))
     friction = robot.model.friction
-    return np.maximum(_CREEP, h * np.maximum(friction.static, friction.coulomb) * light)
+    return creep_speeds(robot.mass_matrix(y0[: robot.nq]), np.maximum(friction.static, friction.coulomb), h)
 
 
 def _contacts(robot: Robot, given: Any) -> list[PlaneContact | StopContact]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..model.varied import matching, nominal
+from .easing import creep_speeds, easing_remark
 from .given import positive, whole
 from .step_program import Plan, integrator_named
 from .torque_laws import GivenTorque, TorqueLaw
@@ -25,8 +26,6 @@ Array = NDArray[Any]
 
 __all__ = ["Inputs", "cleaned"]
 
-CREEP = 1e-3
-"""rad/s or m/s, the least speed below which dry friction is eased off."""
 MOST_STEPS = 10**9
 
 
@@ -45,6 +44,8 @@ class Inputs:
     dt: float
     kept: int
     """States that are kept after the first."""
+    remarks: tuple[str, ...] = ()
+    """What to know of the motions before any is computed."""
 
     @property
     def shapes(self) -> list[tuple[int, ...]]:
@@ -88,8 +89,12 @@ def cleaned(
     batches += [(name, x.shape) for name, x in zip(names, values, strict=True)]
     batch = _batch_of(batches)
     rest = [x for _, x in labelled]
-    if friction:
-        rest.append(_creep(robot, states[0], h, dict(zip(names, values, strict=True)))[..., None, :])
+    remarks: tuple[str, ...] = ()
+    if plan.eases:
+        creep = _creep(robot, states[0], h, dict(zip(names, values, strict=True)))
+        rest.append(creep[..., None, :])
+        if creep.size and (eased := easing_remark(robot.model, creep)):
+            remarks = (eased,)
     if names:
         rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
     dtype: Any = np.float32 if single else np.float64
@@ -97,7 +102,7 @@ def cleaned(
     for x in rest:
         once = _flat(x.astype(dtype, copy=False), 2, batch)
         arrays.append(once if once.shape[-2] == n else np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
-    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept)
+    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept, remarks)
 
 
 def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
@@ -264,7 +269,7 @@ def _batch_of(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
 
 
 def _creep(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
-    """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step."""
+    """The speeds below which dry friction is eased off, (..., nv)."""
     inertia, inputs = robot.mass_matrix, [q0]
     if parameters:
         inertia = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
@@ -272,11 +277,10 @@ def _creep(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -
     try:
         with np.errstate(all="ignore"):  # states that are not finite end in a motion that is named
             M = inertia(*(np.asarray(x, float) for x in inputs))
-            light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
+            return creep_speeds(M, _dry_friction(robot, parameters), h)
     except np.linalg.LinAlgError:
         robot._require_invertible()
         raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
-    return np.asarray(np.maximum(CREEP, h * _dry_friction(robot, parameters) * light))
 
 
 def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
