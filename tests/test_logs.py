@@ -409,6 +409,13 @@ def test_mutated_bytes_end_in_errors_of_the_tree(model, write, arm, tmp_path):
     assert read_well > 50
 
 
+def test_a_last_number_that_is_cut_is_noted(model, write):
+    text = ",".join(EXACT) + "\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.6f},{0.2 * k:.6f}\n" for k in range(40))
+    for content, cut in ((text, False), (text[:-1], False), (text[:-4], True)):
+        _, log = read(write(content), model)
+        assert any("cut short" in said for said in log.notes) == cut
+
+
 # ── contradictions ──
 
 T = np.arange(600) * 0.01
