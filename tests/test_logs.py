@@ -18,6 +18,7 @@ from twistwrench.io import load_model
 from twistwrench.motion import csv_file as csv_module
 from twistwrench.motion.column_names import NamedJoints
 from twistwrench.motion.trajectory import Trajectory, joints_without_column, open_motion_file
+from twistwrench.report.locks import joints_beside
 
 pytest_plugins = ("torque_fixtures",)
 LOGS = Path(__file__).resolve().parents[2] / "shared" / "logs"
@@ -408,6 +409,13 @@ def test_mutated_bytes_end_in_errors_of_the_tree(model, write, arm, tmp_path):
     assert read_well > 50
 
 
+def test_a_last_number_that_is_cut_is_noted(model, write):
+    text = ",".join(EXACT) + "\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.6f},{0.2 * k:.6f}\n" for k in range(40))
+    for content, cut in ((text, False), (text[:-1], False), (text[:-4], True)):
+        _, log = read(write(content), model)
+        assert any("cut short" in said for said in log.notes) == cut
+
+
 # ── contradictions ──
 
 T = np.arange(600) * 0.01
@@ -560,6 +568,20 @@ def test_joints_are_locked_by_patterns_and_where_the_log_leaves_them_out(run, tm
     ):
         code, text = run("torques", robot, "--trajectory", path, *flags)
         assert (code, said in text) == (2, True), text
+
+
+def test_a_chain_holds_all_joints_beside_it(run):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = robots.quadruped().model
+    assert len(joints_beside(model, "FL_hip", "FL_calf")) == len(model.leaders) - 2
+    assert len(joints_beside(model, "FL_calf", "FR_calf")) == len(model.leaders) - 6
+    with pytest.raises(ValueRangeError, match="no joint moves one of these frames from the other"):
+        joints_beside(model, "FL_calf", "FL_calf")
+    code, text = run("info", "ur5", "--chain", "upper_arm_link", "wrist_1_link")
+    assert code == 0, text
+    assert "2 moving bodies" in text
+    assert run("info", "ur5", "--chain", "upper_arm_link", "nothing")[0] == 2
 
 
 # ── real logs ──

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .errors import ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
-from .report.locks import joints_held
+from .report.locks import joints_beside, joints_held
 from .report.usage import in_shell_words
 from .verdict import ExitCode
 
@@ -43,6 +43,8 @@ class RobotOptions:
     inertia: str
     actuators: str | None
     degrees: bool
+    chain: tuple[str, str] | None = None
+    """Two frames; joints that are not between them are held at neutral."""
 
     def load(self) -> Robot:
         """The robot meant: a bundled one by name, or a file by its path."""
@@ -70,7 +72,7 @@ class RobotOptions:
         options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
         if self.floating_base:  # some bundled robots float of themselves
             options["floating_base"] = True
-        if not self.lock and held is None:
+        if not self.lock and held is None and self.chain is None:
             return self._driven(make(lock={}, **options), stiff=stiff), ()
         # Which locked joints turn and which slide, and their limits, are known only once the robot is.
         with warnings.catch_warnings():
@@ -78,6 +80,9 @@ class RobotOptions:
             whole = make(**{**options, "inertia": "accept"})
         free = whole.model
         lock = joints_held(free, self.lock, degrees=self.degrees)
+        if self.chain is not None:
+            single = {b.joint.name: float(whole.neutral[b.q_index]) for b in free.leaders if b.joint.nv == 1}
+            lock = {name: single[name] for name in joints_beside(free, *self.chain) if name in single} | lock
         if held is not None:
             lock |= self._missing(whole, [name for name in held(free) if name not in lock])
         if self.actuators:
@@ -138,6 +143,9 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
         multiple=True,
         help="Hold a joint still there, or all of '*wheel*'; may be repeated.",
     )
+    @click.option(
+        "--chain", nargs=2, metavar="BASE TIP", help="Hold all joints still that are not between these frames."
+    )
     @click.option("--tip", metavar="FRAME", help="The frame meant where none is named.")
     @click.option("--mimic", type=click.Choice(["follow", "independent"]), default="follow", show_default=True)
     @click.option("--inertia", type=click.Choice(["error", "accept", "repair"]), default="error", show_default=True)
@@ -148,6 +156,7 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
         source: str,
         floating_base: bool,
         lock: tuple[str, ...],
+        chain: tuple[str, str] | None,
         tip: str | None,
         mimic: str,
         inertia: str,
@@ -161,7 +170,8 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
                 if joint in held:
                     raise ValueRangeError(f"--lock {joint} is given twice. Keep one of them.")
                 held[joint] = value
-            function(RobotOptions(source, floating_base, held, tip, mimic, inertia, actuators, degrees), **rest)
+            options = RobotOptions(source, floating_base, held, tip, mimic, inertia, actuators, degrees, chain)
+            function(options, **rest)
 
     return command
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ __all__ = ["CsvFile"]
 
 _BLOCK = 1 << 18  # bytes read at a time: what parsing makes of them stays in the processor's cache
 _LONGEST_LINE = 1 << 22
+_TAIL, _LINES_ABOVE = 1 << 14, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +33,8 @@ class CsvFile:
     data_offset: int
     """Where the first row begins [bytes]."""
     dialect: Dialect
+    seems_cut: bool = False
+    """Whether the last line has no end, and its last number fewer decimals than all of those above: 0.5 below 0.123."""
 
     @classmethod
     def open(cls, path: str | Path) -> CsvFile:
@@ -54,13 +58,14 @@ class CsvFile:
         with source.open() as file:
             text, line, offset, comment = _header(file, source.path)
             row = _first_row(file)
-        dialect = Dialect.of(text, row)
+            dialect = Dialect.of(text, row)
+            cut = _seems_cut(file, source.size, offset, dialect)
         cells = dialect.cells(text)
         if comment is not None and all(map(_numeric, cells)):
             names = dialect.cells(comment[0])
             if len(names) == len(cells) and not any(map(_numeric, names)):
                 cells, line, offset = names, *comment[1:]
-        return cls(source, tuple(cells), line, offset, dialect)
+        return cls(source, tuple(cells), line, offset, dialect, cut)
 
     @property
     def path(self) -> Path:
@@ -150,6 +155,16 @@ def _first_row(file: BinaryIO) -> str | None:
         if text.strip() and not text.lstrip().startswith("#"):
             return text
     return None
+
+
+def _seems_cut(file: BinaryIO, size: int, offset: int, dialect: Dialect) -> bool:
+    file.seek(max(offset, size - _TAIL))
+    lines = file.read(_TAIL).decode("utf-8", "replace").split("\n")[1:]
+    if len(lines) <= _LINES_ABOVE or not lines[-1].strip():
+        return False
+    ends = [dialect.cells(line)[-1:] for line in lines[-_LINES_ABOVE - 1 :] if line.strip()]
+    digits = [len(re.split("[.,]", end[0])[-1]) if end and re.search("[.,]", end[0]) else 0 for end in ends]
+    return len(set(digits[:-1])) == 1 and digits[-1] < digits[0]
 
 
 def _decoded(raw: bytes, path: Path, number: int) -> str:

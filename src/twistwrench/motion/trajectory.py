@@ -196,6 +196,11 @@ class Trajectory:
         if columns.extra:
             said.append(f"Columns that are no coordinate of this robot are ignored: {', '.join(columns.extra)}.")
         said += last.repeats.notes() if last.repeats else []
+        if isinstance(self.file, CsvFile) and self.file.seems_cut:
+            said.append(
+                "The last line does not end, and its last number has fewer decimals than those above: the file seems to be cut "
+                "short there. Complete or remove the row."
+            )
         return (*said, *(last.contradictions.notes() if last.contradictions else ()))
 
     def contradictions(self, limits: Limits | None = None) -> tuple[str, ...]:

@@ -8,11 +8,12 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from ..errors import UnknownNameError, ValueRangeError
+from ..model.model import BASE
 
 if TYPE_CHECKING:
     from ..model.model import Body, Model
 
-__all__ = ["joints_held"]
+__all__ = ["joints_beside", "joints_held"]
 
 _SLACK = 1e-9
 
@@ -54,6 +55,28 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
                 degrees=degrees,
             )
     return found
+
+
+def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
+    """The joints whose coordinates move nothing between the frames ``base`` and ``tip``.
+
+    Raises :class:`~twistwrench.UnknownNameError` for frames that are not there, and
+    :class:`~twistwrench.ValueRangeError` where no joint is between them.
+    """
+
+    def above(frame: str) -> set[int]:
+        found, k = set(), model.frame(frame).body
+        while k != BASE:
+            found.add(k)
+            k = model.bodies[k].parent
+        return found
+
+    between = {model.bodies[k].q_index for k in above(base) ^ above(tip)}
+    if not between:
+        raise ValueRangeError(
+            f"--chain {base} {tip}: no joint moves one of these frames from the other. Name two others."
+        )
+    return tuple(b.joint.name for b in model.leaders if b.q_index not in between)
 
 
 def _is_pattern(name: str, joints: Mapping[str, object]) -> bool:

@@ -191,7 +191,7 @@ def _loaded(
     motion = None
     if trajectory is not None:
         motion = read_motion(loaded, trajectory, smoothing=smooth)
-        for sentence in motion.warnings:
+        for sentence in (*trajectory.notes, *motion.warnings):
             click.echo(f"note: {sentence}", err=True)
     return loaded.loaded, loaded.wrenches, motion
 
