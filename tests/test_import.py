@@ -137,3 +137,20 @@ def test_every_error_is_in_the_one_tree_and_the_tree_is_drawn():
         assert issubclass(getattr(errors, name), (tw.TwistWrenchError, UserWarning))
         assert name in errors.__doc__
         assert name in tw.__all__
+
+
+def test_a_repr_says_what_it_is_in_a_line():
+    arm = tw.robots.planar_2r()
+    q = arm.neutral
+    for thing, words in (
+        (arm, "tip 'tip'"),
+        (arm.model, "'planar_2r'"),
+        (arm.program("gravity_forces"), "(2)->(2)"),
+        (arm.inverse_kinematics(arm.forward_kinematics(q)), "reached"),
+        (arm.explain(q, q, q), "gravity"),
+        (tw.Ad(tw.Pose(arm.forward_kinematics(q), to="s", of="b")).T, "on wrenches from 's' to 'b'"),
+        (tw.ad([0.0] * 6), "on twists"),
+    ):
+        assert words in repr(thing)
+        assert len(repr(thing)) < 120
+        assert "array(" not in repr(thing)

@@ -29,7 +29,7 @@ MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
 """M ddq; the terms with dq_i², the terms with dq_i dq_j; g."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Explanation:
     """The parts of τ. What is no body's (friction, springs, wrenches) is a term and a cause of its own."""
 
@@ -104,6 +104,10 @@ class Explanation:
         rows = self.parts[:, :, k].T
         whole = np.concatenate([rows, rows.sum(axis=1, keepdims=True)], axis=1)
         return whole, [*self.terms, f"together [{self.units[k]}]"]
+
+    def __repr__(self) -> str:
+        batch = f" of states {self.parts.shape[:-3]}" if self.parts.ndim > 3 else ""
+        return f"<Explanation{batch}: {', '.join(self.terms)} of {', '.join(self.causes)}>"
 
     def __str__(self) -> str:
         if self.parts.ndim != 3:

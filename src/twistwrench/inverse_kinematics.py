@@ -41,7 +41,7 @@ _LONGEST_STEP = 1.0
 _PUSHES = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class InverseKinematics:
     """Configurations that reach poses, or come as near as was found. Leading axes are the poses'."""
 
@@ -72,6 +72,9 @@ class InverseKinematics:
         if held:
             return f"{', '.join(held)} {'is at its limit' if len(held) == 1 else 'are at their limits'}: {left}"
         return f"out of reach, or of this search: {left}"
+
+    def __repr__(self) -> str:
+        return f"<InverseKinematics: {self}>"
 
     def __str__(self) -> str:
         if self.converged.ndim == 0:

@@ -148,7 +148,8 @@ class Robot:
         self._judged: set[tuple[str | None, str, tuple[int, ...]]] = set()
 
     def __repr__(self) -> str:
-        return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}>"
+        tip = "no single tip" if self.tip is None else f"tip {self.tip!r}"
+        return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}, {tip}>"
 
     def __getstate__(self) -> Model:
         return self.model

@@ -139,8 +139,8 @@ def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite:
     """x as one number above 0 [``unit``]; 0 too where ``zero``, infinity too where ``infinite``. Raises ValueRangeError."""
     value = number(x, what)
     if not (value > 0 or (zero and value == 0)) or (value == np.inf and not infinite):
-        least = "at least 0" if zero else "above 0"
-        raise ValueRangeError(f"{what} is {x}, and must be a number {least}{f' [{unit}]' if unit else ''}.")
+        wanted = "a number, at least 0" if zero else "a positive number"
+        raise ValueRangeError(f"{what} is {x}, and must be {wanted}{f' [{unit}]' if unit else ''}.")
     return value
 
 

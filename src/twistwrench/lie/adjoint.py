@@ -62,6 +62,12 @@ class _Operator(ABC):
         other.transposed, other.frames = not self.transposed, self.frames and self.frames[::-1]
         return other
 
+    def __repr__(self) -> str:
+        of = f" from {self.frames[1]!r} to {self.frames[0]!r}" if self.frames else ""
+        batch = f", batch {self._batch}" if self._batch else ""
+        on = "wrenches" if self.transposed else "twists"
+        return f"<{type(self).__name__}(…){'.T' * self.transposed} on {on}{of}{batch}>"
+
     @property
     def matrix(self) -> Array:
         """The (..., 6, 6) matrix."""

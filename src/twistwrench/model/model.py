@@ -61,7 +61,7 @@ class Frame:
     pose: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """A robot as data. Parents come before children; made by :class:`~twistwrench.model.builder.ModelBuilder`."""
 
@@ -133,6 +133,9 @@ class Model:
     def leaders(self) -> tuple[Body, ...]:
         """The bodies whose joints have coordinates of their own, in the order of q: all but followers of mimic joints."""
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
+
+    def __repr__(self) -> str:
+        return f"<Model {self.name!r}: {len(self.bodies)} moving bodies, {len(self.frames)} links>"
 
     @property
     def velocity_names(self) -> tuple[str, ...]:

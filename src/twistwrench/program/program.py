@@ -47,7 +47,7 @@ class Port:
         return math.prod(self.shape)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Program:
     """What a kernel computes for one sample.
 
@@ -59,6 +59,10 @@ class Program:
     results: tuple[int, ...]
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
+
+    def __repr__(self) -> str:
+        ends = (", ".join(port.name for port in ports) for ports in (self.inputs, self.outputs))
+        return f"<Program {' → '.join(ends)}, {self.signature}: {len(self.instructions)} instructions>"
 
     def counts(self) -> dict[str, int]:
         """How often each operation occurs; constants and inputs left out."""

@@ -90,7 +90,7 @@ def payload_map(
     """
     plane, samples = plane_and_samples(plane, samples)
     cells = None if cells is None else arguments.whole(cells, "cells", 1)
-    thickness = arguments.positive(thickness, "thickness", "m")
+    thickness = arguments.positive(thickness, "thickness [m]")
     at = arguments.number(at, "at [m]")
     if not np.isfinite(at):
         raise ValueRangeError(f"at is {at:g}. Give where the slice lies on the axis across it [m].")

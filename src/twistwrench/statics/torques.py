@@ -108,7 +108,7 @@ def wrench_from_torques(
     q = one_configuration(robot, q, "wrench_from_torques", "the rank of J differs from pose to pose")
     tau = arguments.one(tau, "wrench_from_torques: tau", robot.nv, names=robot.model.velocity_names)
     tau = arguments.finite(tau, "wrench_from_torques: tau")
-    length = arguments.positive(length, "length", "m")
+    length = arguments.positive(length, "length [m]")
     g = np.asarray(robot.holding_torques(q))  # springs too, where joints are elastic
     J = np.asarray(robot.jacobian(q, frame, kind))
     rank, U, Vt, rows, columns = _equilibrated(J)
