@@ -76,6 +76,23 @@ def test_the_second_time_code_comes_from_the_disk(place):
     assert works(OTHER)
 
 
+def test_code_of_another_compiler_or_processor_is_not_taken(place, monkeypatch):
+    """Another llvmlite, another LLVM, another processor or other features of it: each has entries of its own."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    assert not compiled(PROGRAM, DOUBLE).cached
+    for owner, name, other in (
+        (llvmlite, "__version__", "0.0.1"),
+        (llvm, "llvm_version_info", (1, 2, 3)),
+    ):
+        with monkeypatch.context() as changed:
+            changed.setattr(owner, name, other)
+            assert not compiled(PROGRAM, DOUBLE).cached, name
+            assert compiled(PROGRAM, DOUBLE).cached, name
+        assert compiled(PROGRAM, DOUBLE).cached, "back to the first"
+
+
 def test_the_second_process_compiles_nothing(place):
     code = (
         "import twistwrench as tw; from twistwrench.kernels import code, ufunc; made = []\n"

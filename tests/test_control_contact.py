@@ -230,6 +230,19 @@ def test_friction_is_part_of_the_residual_unless_it_is_known():
     np.testing.assert_allclose(known, 0.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("torque", [5.0, -3.0])
+def test_friction_that_grows_with_the_load_is_taken_off_too(torque):
+    """A wheel driven forward or braked: friction takes a tenth of what is left of the torque, and nothing else acts."""
+    drives = {"actuators": {"hinge": {"friction": {"load": "0.1"}}}}
+    wheel = tw.robots.pendulum().with_gravity([0, 0, 0]).with_actuators(drives)
+    run = wheel.simulate([0.0], [2.0], 0.1, 1e-3, tau=[torque], friction=True, rtol=1e-10)
+    known = MomentumObserver(wheel, np.inf, friction=True).over(run.times, run.q, run.dq, run.tau)
+    np.testing.assert_allclose(known, 0.0, atol=1e-6)
+    seen = MomentumObserver(wheel, np.inf).over(run.times, run.q, run.dq, run.tau)
+    left = torque / 1.1 if torque > 0 else torque / 0.9
+    np.testing.assert_allclose(seen[1:], left - torque, atol=1e-6)
+
+
 def test_what_is_observed_can_be_made_up_for(planar):
     """An integrator's job without one: the residual taken off the torques leaves no error under a constant load."""
     F = np.array([0, 0, 2.0, 20.0, -15.0, 0])

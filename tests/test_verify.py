@@ -10,8 +10,10 @@ import pytest
 from rich.console import Console
 
 import twistwrench as tw
+from robot_files import FILES, NONE
 from twistwrench import verify as module
-from twistwrench.testing import KINDS, random_robot
+from twistwrench.model.builder import ModelBuilder
+from twistwrench.testing import KINDS, random_inertia, random_pose, random_robot
 from twistwrench.verify import Check, render, verify
 
 LAWS = ("closed form", "energies", "power", "Ṁ − 2C skew", "C dq = c", "forward∘inverse", "compiled")
@@ -184,3 +186,34 @@ def test_the_table_says_what_agrees_what_does_not_and_what_was_skipped():
     text = console.export_text()
     for words in ("closed form", "agrees", "DISAGREES", "5.0e-01", "skipped: [no] reason"):
         assert words in text
+
+
+# ── every file there is ──
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("floating_base", [False, True])
+@pytest.mark.parametrize("name", FILES or NONE)
+def test_every_robot_file_agrees_with_itself_and_its_peers(name, floating_base):
+    """As loaded by default, rotations snapped: what a file says exactly is the peers' test."""
+    try:
+        robot = load(FILES[name], floating_base=floating_base, inertia="accept")
+    except tw.TwistWrenchError:
+        pytest.skip("not read; with which reason is another test's business")
+    failed = {check.name: check.residual for check in verify(robot, states=2).checks if check.failed}
+    assert not failed
+
+
+def test_a_slide_without_gravity_agrees_though_nothing_is_left_of_its_coriolis_forces():
+    """c = 0, and C has the rounding of terms that cancel: 0 beside 0 is agreement."""
+    rng = np.random.default_rng(5)
+    builder = ModelBuilder("slides")
+    builder.add_link("l0")
+    for k in range(3):
+        builder.add_link(f"l{k + 1}", random_inertia(rng))
+        builder.add_joint(
+            f"j{k}", "prismatic", f"l{k}", f"l{k + 1}", axis=rng.normal(size=3), placement=random_pose(rng)
+        )
+    assert verify(tw.Robot(builder.build(gravity=(0, 0, 0))), states=3).passed
+    fan = random_robot(11, joints=1, kinds=("revolute",)).with_gravity((0, 0, 0))
+    assert verify(fan, states=3).passed

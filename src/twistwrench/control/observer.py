@@ -85,6 +85,7 @@ class MomentumObserver:
             )
         self.gain = np.broadcast_to(np.array(K, float), (robot.nv,))
         self._terms = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
+        self._past = robot.kernel("torque_past_friction")
         self._last: tuple[float, Array, Array, Array] | None = None
         self._residual = np.zeros(robot.nv)
 
@@ -210,7 +211,7 @@ class MomentumObserver:
                 "motion with reset()."
             )
         if self.friction:
-            lost = (self.robot.friction_forces(v, load=tau) for v in (dq0, dq1))
-            tau = tau - 0.5 * sum(lost, np.zeros_like(tau))
+            # What friction leaves of the torques; that which grows with the load grows with what it leaves.
+            tau = 0.5 * np.asarray(self._past(dq0, tau) + self._past(dq1, tau))
         x = (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1)  # the mean of τ_ext since then
         return np.asarray(x + np.exp(-self.gain * dt) * (r - x))
