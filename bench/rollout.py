@@ -1,7 +1,8 @@
 """The section on rollouts: panda under PD control, ours in one kernel beside MuJoCo's own batch of rollouts.
 
-Both take the same semi-implicit steps of 1 ms from the same states with the same law, and write every state into arrays that
-are used again. MuJoCo's law is its position actuators, kp (ctrl - q) - kd dq; constraints, limits, contacts and sensors are
+Both take the same semi-implicit steps of 1 ms from the same states with the same law, kd at the end of the step as MuJoCo's
+``implicitfast`` has it, and write every state into arrays that are used again. MuJoCo's law is its position actuators,
+kp (ctrl - q) - kd dq; constraints, limits, contacts and sensors are
 off. The final states are compared before anything is timed.
 """
 
@@ -126,7 +127,7 @@ def _actuated(case: Case) -> mujoco.MjModel:
         actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=KP, kv=kd)
     spec.option.timestep = DT
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model = spec.compile()
     peer_mujoco.switch_off(model, {"ACTUATION"})
     model.jnt_actfrclimited[:] = 0  # the file's limits of torque: ours knows none here

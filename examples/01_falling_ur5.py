@@ -19,7 +19,7 @@ parser.add_argument("--quick", action="store_true", help="a shorter fall")
 asked = parser.parse_args()
 
 robot = tw.robots.ur5()
-duration, dt = (0.6 if asked.quick else 3.0), 0.005
+duration, dt = (0.6 if asked.quick else 3.0), 0.004
 methods = {"euler": GREY, "semi_implicit": ORANGE, "rk4": VERMILION, "midpoint": GREEN, "variational": BLUE}
 falls = {method: robot.simulate(duration=duration, dt=dt, method=method) for method in methods}
 for method, fall in falls.items():

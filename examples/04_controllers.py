@@ -19,7 +19,8 @@ parser.add_argument("picture", nargs="?", default="controllers.png", help="where
 parser.add_argument("--quick", action="store_true", help="a shorter line, gone along faster")
 asked = parser.parse_args()
 
-empty = tw.robots.ur5()
+# With the rotors of its drives, which are most of what the wrists have to accelerate.
+empty = tw.robots.ur5().with_actuators(tw.robots.path_of("ur5").with_name("ur5_demo.yaml"))
 loaded = empty.with_payload(tw.SpatialInertia.from_com(2.0, com=(0, 0, 0)))
 start = np.array([-0.5, -1.9, 1.9, -0.3, 1.5, 0])
 T0 = empty.forward_kinematics(start)

@@ -338,6 +338,49 @@ def test_a_point_mass_far_from_the_origin_is_no_defect():
         assert tw.SpatialInertia.from_com(mass, com).defects() == []
 
 
+@pytest.mark.parametrize("length", [1e-6, 1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("mass", [1e-9, 1e-3, 1e3])
+def test_whether_a_body_can_exist_does_not_depend_on_its_scale(mass, length):
+    unit = mass * length**2
+    for moments in ([-1e-3, 1.0, 1.0], [1.0, 1.0, 2.001]):
+        assert SpatialInertia.from_com(mass, (0.1 * length, 0, 0), unit * np.diag(moments)).defects()
+    for moments in ([0.0, 1.0, 1.0], [1.0, 1.0, 2.0], [1.0, 1.0, 2.000001]):
+        assert not SpatialInertia.from_com(mass, (0.1 * length, 0, 0), unit * np.diag(moments)).defects()
+
+
+def test_a_point_mass_that_comes_to_lie_at_the_origin_loads():
+    text = """<robot name="bob"><link name="world"/><link name="rod"/>
+      <link name="bob"><inertial><origin xyz="0.3 -0.7 0.1"/><mass value="2"/>
+        <inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="hinge" type="continuous"><parent link="world"/><child link="rod"/></joint>
+      <joint name="held" type="fixed"><parent link="rod"/><child link="bob"/>
+        <origin xyz="-0.3 0.7 -0.1" rpy="0.0 0.0 0.0"/></joint></robot>"""
+    for rpy in ("0 0 0", "0.4 0.2 -0.3", "1 2 3"):
+        body = tw.load(text.replace("0.0 0.0 0.0", rpy)).model.bodies[0]
+        assert body.inertia.mass == 2.0
+
+
+@pytest.mark.parametrize("size", [1e-4, 1e-3, 5e-3])
+def test_a_linear_first_matrix_of_a_small_body_is_refused(size):
+    swap = np.roll(np.eye(6), 3, axis=0)
+    bodies = {
+        "cube": SpatialInertia.box((size, size, size), density=7800),
+        "brick": SpatialInertia.box((size, 2 * size, 3 * size), density=7800),
+        "off its centre": SpatialInertia.from_com(1.0, (size, 0, 0), size**2 * np.eye(3)),
+    }
+    for name, G in bodies.items():
+        assert_close(SpatialInertia.from_matrix(G.matrix).parameters, G.parameters, 1e-15)
+        with pytest.raises(tw.InertiaError, match="linear part first"):
+            print(name, SpatialInertia.from_matrix(swap @ G.matrix @ swap.T))
+
+
+def test_a_small_bodys_moments_have_to_be_symmetric():
+    G = SpatialInertia.from_com(1.0, (0, 0, 0), 1e-9 * np.eye(3)).matrix
+    G[0, 1] += 1e-10
+    with pytest.raises(tw.InertiaError, match="no spatial inertia"):
+        SpatialInertia.from_matrix(G)
+
+
 @pytest.mark.parametrize(
     "wrong", [np.arange(36.0).reshape(6, 6), np.diag([3.7, 3.7, 3.7, 0.01, 0.02, 0.03]), np.full((6, 6), np.nan)]
 )

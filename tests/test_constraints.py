@@ -40,6 +40,21 @@ def at(linkage):
 # ── gaps ──
 
 
+@pytest.mark.parametrize("scale", [1e-7, 1e-5, 1e-3, 1.0, 30.0])
+def test_how_far_a_loop_may_be_open_goes_by_the_size_of_the_mechanism(scale):
+    lengths = scale * np.array([0.3, 0.8, 0.6, 0.7])
+    closed = four_bar(tuple(lengths)).close("rocker_pin", "coupler_pin", "vx vz")
+    q = closed.consistent([0.3, 0.4, 1.2])
+    gap = np.abs(closed.constraint_error(q)).max()
+    assert gap <= 1e-12 * min(1.0, scale * 2.2), "closed to 1e-12 of the mechanism's length, or of a metre"
+    open_by = min(1.0, scale) * 0.05 * 0.6
+    ajar = q + np.array([0.0, 0.0, open_by / (0.6 * scale)])
+    with pytest.raises(tw.ConstraintError, match="leaves loops open"):
+        closed.forward_dynamics(ajar, np.zeros(3), np.zeros(3))
+    little = q + np.array([0.0, 0.0, 0.02 * open_by / (0.6 * scale)])
+    assert np.isfinite(closed.forward_dynamics(little, np.zeros(3), np.zeros(3)).ddq).all()
+
+
 def test_two_rows_of_turning_make_a_hinge_that_turns_all_the_way():
     """The gap of a hinge's rows is that of its axes, zero for any turn about it, π for opposite ones; its slope is A."""
     arm = random_robot(3, joints=3, kinds=("revolute",))

@@ -51,6 +51,43 @@ def test_every_answer_about_a_body_proves_itself(seed):
     check_body(contacts, F, found)
 
 
+@pytest.mark.parametrize("scale", [1e-9, 1e-8, 1e-4, 1e3, 1e6])
+@pytest.mark.parametrize("away", [0.0, 1e6])
+def test_an_answer_does_not_depend_on_the_unit_of_length_or_on_the_origin(scale, away):
+    """The same grasps in nanometres and megametres, and a million of their sizes away from the frame's origin."""
+    rng = np.random.default_rng(7)
+    answers = set()
+    for _ in range(12):
+        contacts, F = grasp(rng, rng.integers(3, 8)), rng.standard_normal(6)
+        usual = body_equilibrium(contacts, F)
+        shift = scale * away * np.array([0.6, -0.48, 0.64])
+        moved = [Contact(scale * c.point + shift, c.normal, c.friction) for c in contacts]
+        load = np.concatenate([scale * F[:3] + np.cross(shift, F[3:]), F[3:]])
+        found = body_equilibrium(moved, load)
+        assert found.holds is usual.holds
+        answers.add(found.holds)
+        if found.holds:
+            forces = found.forces
+            assert all(c.allows(f, slack=1e-6) for c, f in zip(contacts, forces, strict=True))
+            # About the grasp's own middle: rounding of the origin's distance, eps·1e6 of the lever, is not the answer's.
+            moment = F[:3] + np.cross([c.point for c in contacts], forces).sum(axis=0)
+            assert_allclose(forces.sum(axis=0) + F[3:], 0, atol=2e-6 * np.abs(F).max())
+            assert_allclose(moment, 0, atol=2e-6 * np.abs(F).max() + 4e-16 * away * np.abs(forces).sum())
+    assert answers == {True, False}
+
+
+@pytest.mark.parametrize("arm", [1e-10, 1e-8, 1e-4, 1.0, 1e4, 1e8])
+def test_a_yes_balances_the_forces_however_far_the_load_is(arm):
+    """A tongs' small fingers and a load at the end of a long stick: large forces, of which the small load is no rounding."""
+    fingers = [Contact((x, y, 0), (0, 0, z), 0.5) for x in (-arm, arm) for y in (-arm, arm) for z in (1, -1)]
+    F = np.array([0, 1.0, 0, 0, 0, -1.0])
+    found = body_equilibrium(fingers, F)
+    if found.holds:
+        total = F[3:] + found.forces.sum(axis=0)
+        assert np.abs(total).max() <= 1e-6 + 1e-13 * np.abs(found.forces).sum()
+    assert found.holds is True
+
+
 def test_both_answers_occur():
     answers = [
         body_equilibrium(grasp(rng, 7), rng.standard_normal(6)).holds for rng in map(np.random.default_rng, range(30))

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import pickle
+import warnings
+
 import numpy as np
 import pytest
 
+import twistwrench as tw
 from twistwrench.errors import (
     ModelError,
 )
+from twistwrench.io.urdf import rotation_of_rpy
 from twistwrench.lie import se3
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.model.snap import snap_rotation
@@ -82,6 +87,25 @@ def test_a_small_angle_is_left_to_the_last_bit(angle):
     assert np.array_equal(snap_rotation(R, 1e-9), R)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_snapped_stays_a_rotation_to_the_last_bit(seed):
+    # Angles about three axes, of which some are right, as a file with eleven digits has them.
+    rng = np.random.default_rng(seed)
+    for _ in range(300):
+        angles = np.where(rng.random(3) < 0.6, 0.5 * np.pi * rng.integers(-2, 3, 3), rng.uniform(-np.pi, np.pi, 3))
+        small = np.where(rng.random(3) < 0.3, rng.choice([1e-4, 1e-5, 3e-10], 3), 0.0)
+        exact = rotation_of_rpy(angles + small)
+        typed = rotation_of_rpy(np.round(angles + small + 3e-10 * rng.uniform(-1, 1, 3), 11))
+        R = snap_rotation(typed, 1e-9)
+        # Sums of three products of numbers up to 1, each rounded: 1e-15 is a few units of the last place.
+        assert np.abs(R @ R.T - np.eye(3)).max() <= 1e-15
+        assert np.linalg.det(R) > 0
+        assert np.abs(R - exact).max() <= 3e-9
+        assert np.array_equal(snap_rotation(R, 1e-9), R), "once is enough"
+        if not small.any() and (angles % (0.5 * np.pi) == 0).all():
+            assert np.array_equal(R, np.round(exact))
+
+
 def test_products_of_fixed_rotations_are_snapped_too():
     eighth = se3.exp([0, 0, np.pi / 4, 0, 0, 0])
     builder = ModelBuilder("turns")
@@ -92,3 +116,22 @@ def test_products_of_fixed_rotations_are_snapped_too():
     exact = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     assert builder.build().bodies[0].placement.tolist() == exact
     assert builder.build(snap=0).bodies[0].placement.tolist() != exact
+
+
+def test_remarks_that_say_the_same_are_one_sentence():
+    """Six joints with effort=0 are one warning and one line of info; each remark by itself stays in the defects."""
+    inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    links = "".join(f'<link name="l{k}"><inertial><mass value="1"/>{inertia}</inertial></link>' for k in range(9))
+    joints = "".join(
+        f'<joint name="j{k}" type="prismatic"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        f'<limit lower="-1" upper="1" effort="0" velocity="1"/></joint>'
+        for k in range(8)
+    )
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        robot = tw.load(f'<robot name="r">{links}{joints}</robot>')
+    efforts = [str(w.message) for w in said if "effort=0" in str(w.message)]
+    assert len(efforts) == 1
+    assert "joint 'j0'" in efforts[0] and "the same of joint 'j1'" in efforts[0] and "and 3 more" in efforts[0]
+    assert sum("effort=0" in defect for defect in robot.defects) == 8
+    assert pickle.loads(pickle.dumps(robot)).defects == robot.defects

@@ -14,11 +14,20 @@ from twistwrench.cli import main
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+EXIT = re.compile(r"\bexit=(\d+)")
+"""Behind the language of a block of commands: what they end with, where that is not 0."""
 
 
 def blocks(page: Path, language: str) -> list[str]:
+    return [text for text, _ in marked_blocks(page, language)]
+
+
+def marked_blocks(page: Path, language: str) -> list[tuple[str, int]]:
+    """The blocks of a language, and the exit code that those of commands end with."""
     return [
-        text for lang, rest, text in BLOCK.findall(page.read_text("utf-8")) if lang == language and "no-run" not in rest
+        (text, int(code[1]) if (code := EXIT.search(rest)) else 0)
+        for lang, rest, text in BLOCK.findall(page.read_text("utf-8"))
+        if lang == language and "no-run" not in rest
     ]
 
 
@@ -30,21 +39,21 @@ def test_python_blocks_run_one_after_another(page, capsys):
 
 
 COMMANDS = [
-    pytest.param(line[2:], id=line[2:])
+    pytest.param(line[2:], code, id=line[2:])
     for page in PAGES
-    for text in blocks(page, "console")
+    for text, code in marked_blocks(page, "console")
     for line in text.splitlines()
     if line.startswith("$ ")
 ]
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_commands_run(command, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("command", "code"), COMMANDS)
+def test_commands_run(command, code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     program, *arguments = shlex.split(command)
     assert program == "twistwrench"
     result = CliRunner().invoke(main, arguments)
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == code, result.output
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)

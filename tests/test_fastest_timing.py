@@ -172,3 +172,25 @@ def test_what_nothing_limits_is_refused(bundled):
         fastest(arm, spline(arm, [[0, 0], [1, 1]], times=[0, 1]), effort=60)
     with pytest.raises(tw.ValueRangeError, match="above 0"):
         fastest(arm, joint_line(arm, [0, 0], [1, 1]), effort=[60, 0])
+
+
+@pytest.mark.parametrize("effort", [1e7, 1e9, 1e12])
+@pytest.mark.parametrize("through", [[[0, 0], [1.0, 0.7]], [[0, 0], [1, -1], [2, 1]]])
+def test_motors_far_stronger_than_needed_lead_to_the_time_of_the_velocity_limits(bundled, effort, through):
+    """With unlimited motors the time is ∫ max |q'| ds / v; a millionth of the path goes to speeding up and slowing down."""
+    arm = bundled("planar_2r")
+    path = joint_line(arm, *through) if len(through) == 2 else spline(arm, through)
+    quick = fastest(arm, path, effort=effort, velocity=1.0)
+    s = (np.arange(200_000) + 0.5) / 200_000
+    assert_allclose(quick.duration, np.abs(path(s)[1]).max(axis=1).mean(), rtol=2e-5)
+    assert quick.shares(np.linspace(0, quick.duration, 301)).max() <= 1 + 1e-6
+    assert quick.bounds.effort.tolist() == [effort] * 2
+
+
+def test_a_path_beyond_the_positions_of_a_joint_is_said(bundled):
+    panda = bundled("panda")
+    q = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.5])
+    with pytest.warns(tw.ConstraintWarning, match=r"panda_joint1 reaches 3.5 beyond 2\.\d+ at s = 1"):
+        far = fastest(panda, joint_line(panda, q, q + 3.5 * np.eye(7)[0]))
+    assert any(v.kind == "position" and v.joint == "panda_joint1" for v in far.violations())
+    fastest(panda, joint_line(panda, q, q + 0.5 * np.eye(7)[0]))  # within them, no warning: those are errors here

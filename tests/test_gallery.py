@@ -66,10 +66,8 @@ def test_the_fall_keeps_its_energy_as_well_as_its_method(ran):
     """Schemes of order 4 and of order 2, and Euler's two; and good ones agree on where the arm is."""
     example = ran(1)
     drift = {m: example.numbers(rf"{m} +drift #")[0] for m in example.names["methods"]}
-    assert drift["variational"] < 1e-6
-    assert drift["rk4"] < 1e-6
-    assert 1e-6 < drift["midpoint"] < 1e-3
-    assert min(drift["euler"], drift["semi_implicit"]) > 1e-2
+    assert 100 * max(drift["variational"], drift["rk4"]) < drift["midpoint"] < 1e-3
+    assert 40 * drift["midpoint"] < min(drift["euler"], drift["semi_implicit"])
     falls = example.names["falls"]
     np.testing.assert_allclose(falls["variational"].q, falls["rk4"].q, atol=1e-5)
     assert np.abs(falls["rk4"].q - falls["rk4"].q[0]).max() > 1

@@ -62,6 +62,29 @@ def test_the_public_names_are_sorted_and_complete():
     assert modules == {"robots", "se3", "so3"}
 
 
+def test_dir_has_every_public_name_and_nothing_else():
+    """Those that come when first asked for, too; what is only imported by the way is no part of it."""
+    names = [name for name in dir(tw) if not name.startswith("_")]
+    later = {
+        "control",
+        "convert",
+        "cuda",
+        "modern_robotics",
+        "sensing",
+        "simulation",
+        "statics",
+        "symbolic",
+        "testing",
+        "trajectories",
+        "viz",
+    }
+    assert set(names) == set(tw.__all__) | later
+    assert "__version__" in dir(tw)
+    for name in later:
+        assert isinstance(getattr(tw, name), types.ModuleType)
+    assert tw.convert.to_pinocchio.__doc__
+
+
 def constants_classes_functions(name: str) -> tuple[bool, bool, str]:
     return not name.isupper(), name[0].islower(), name
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import re
 import subprocess
 import sys
 
 import pytest
+from rich.console import Console
 
-from twistwrench import robots
+import twistwrench as tw
+from twistwrench import NotFoundError, robots
+from twistwrench.report.info import info_view
 
 pytest_plugins = ("torque_fixtures",)
 
@@ -78,10 +84,11 @@ def test_names_are_not_taken_for_markup(run, tmp_path):
         assert "[/]2" in text
 
 
-def test_a_lock_outside_the_limits_is_noted(run):
-    assert "outside the joint's limits" in run("info", "ur5", "--lock", "elbow_joint=9")[1]
-    assert "outside the joint's limits" in run("info", "ur5", "--lock", "elbow_joint=200", "--degrees")[1]
-    assert "outside the joint's limits" not in run("info", "ur5", "--lock", "elbow_joint=1")[1]
+def test_a_lock_outside_the_limits_is_refused(run):
+    for flags in (["elbow_joint=9"], ["elbow_joint=200", "--degrees"]):
+        code, text = run("info", "ur5", "--lock", *flags)
+        assert (code, "outside the joint's limits" in text) == (2, True), text
+    assert run("info", "ur5", "--lock", "elbow_joint=1")[0] == 0
 
 
 def test_a_robot_without_joints_has_nothing_to_verify(run):
@@ -102,3 +109,75 @@ def test_help_imports_nothing_heavy():
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
     )
+
+
+# ── for programs, and in narrow places ──
+
+
+LONG = "a_joint_whose_name_is_longer_than_any_column_of_a_table_should_ever_have_to_be_made_for_it"
+
+
+@pytest.fixture
+def long_names(tmp_path):
+    text = robots.path_of("ur5").read_text().replace('"elbow_joint"', f'"{LONG}"')
+    path = tmp_path / "long.urdf"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("width", [80, 100, 110, 200])
+def test_names_fold_and_no_number_is_cut(long_names, width, ur5):
+    """Whatever the width, every number of the table of joints is there in full."""
+    console = Console(width=width, file=io.StringIO(), highlight=False)
+    console.print(info_view(tw.load(long_names)))
+    said = console.file.getvalue()
+    assert "…" not in said
+    joints = said[said.index("Joints") : said.index("Links with mass")]
+    numbers = [re.findall(r"(?<!\S)-?\d+(?:\.\d+)?(?!\S)", line) for line in joints.splitlines()]
+    expected = [
+        [f"{x:.5g}" for x in row]
+        for row in zip(ur5.limits.lower, ur5.limits.upper, ur5.limits.velocity, ur5.limits.effort, strict=True)
+    ]
+    assert [row for row in numbers if row] == expected
+
+
+def test_info_as_json_and_csv_has_the_numbers_of_the_robot(run, ur5):
+    summary = json.loads(run("info", "ur5", "--json")[1])
+    rows = list(csv.DictReader(io.StringIO(run("info", "ur5", "--csv")[1])))
+    assert [j["joint"] for j in summary["joints"]] == [r["joint"] for r in rows] == list(ur5.joint_names)
+    for side in ("lower", "upper", "velocity", "effort"):
+        limits = getattr(ur5.limits, side).tolist()
+        assert [j[side] for j in summary["joints"]] == limits
+        assert [float(r[side]) for r in rows] == limits
+    assert summary["moving_mass"] == pytest.approx(sum(b.inertia.mass for b in ur5.model.bodies), rel=1e-15)
+    assert {link["link"] for link in summary["links"]} >= {"upper_arm_link", "wrist_3_link"}
+    assert summary["tip"] == "tool0"
+
+
+def test_json_has_null_where_nothing_is_known(run):
+    [first, _] = json.loads(run("info", "planar_2r", "--json")[1])["joints"]
+    assert first["lower"] is first["effort"] is None
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [(["--json", "--csv"], "Choose one"), (["--json", "--degrees"], "Leave --degrees out")],
+)
+def test_info_refuses_flags_that_contradict(run, flags, said):
+    code, text = run("info", "ur5", *flags)
+    assert (code, said in text) == (2, True)
+
+
+def test_robots_lists_what_is_bundled(run):
+    code, said = run("robots")
+    assert code == 0
+    for name in robots.names():
+        assert name in said
+    assert "pendulum" not in run("robots", "quad")[1]
+    assert run("robots", "nothing_like_it")[0] == 2
+
+
+def test_a_name_in_another_case_is_guessed(run):
+    assert "Did you mean 'panda'" in run("info", "Panda")[1]
+    with pytest.raises(NotFoundError, match=r"twistwrench\.robots\.panda\(\)"):
+        tw.load("panda")

@@ -137,3 +137,64 @@ def test_a_floating_robot_is_placed(bundled):
 def test_bad_input_is_named(bundled, options, word):
     with pytest.raises(tw.TwistWrenchError, match=word):
         bundled("ur5").inverse_kinematics(**{"T": np.eye(4), **options})
+
+
+@pytest.mark.parametrize("rows", [None, "vx vy vz"])
+@pytest.mark.parametrize("name", ["ur5", "planar_3r"])
+def test_what_is_found_for_a_pose_depends_on_no_other_pose(bundled, name, rows):
+    """To the bit: alone, in parts, in another order, beside poses out of reach that start again and again."""
+    robot = bundled(name)
+    T = robot.forward_kinematics(robot.random_configuration(5, 40))
+    T[::7, :3, 3] *= 3.0  # out of reach
+    options = {"rows": rows, "restarts": 3}
+    whole = robot.inverse_kinematics(T, **options)
+    assert (whole.starts > 1).any()
+    for part in (slice(0, 1), slice(3, 20), slice(None, None, -1), slice(7, 8)):
+        found = robot.inverse_kinematics(T[part], **options)
+        for what in ("q", "angle", "distance", "starts", "converged", "held"):
+            np.testing.assert_array_equal(getattr(found, what), getattr(whole, what)[part])
+    np.testing.assert_array_equal(robot.inverse_kinematics(T[5], **options).q, whole.q[5])
+
+
+def test_a_generator_gives_one_number_however_long_the_search(bundled):
+    arm = bundled("planar_2r")
+    T = arm.forward_kinematics([0.3, 0.4])
+    far = T.copy()
+    far[:3, 3] *= 5.0
+    left = []
+    for poses in (T, far, np.stack([T, far, far])):
+        rng = np.random.default_rng(3)
+        arm.inverse_kinematics(poses, rng=rng, restarts=2)
+        left.append(rng.integers(2**60))
+    assert len(set(left)) == 1
+
+
+def test_float32_in_float32_out(bundled):
+    robot = bundled("ur5")
+    T = robot.forward_kinematics(robot.random_configuration(5, 30))
+    single = T.astype(np.float32)
+    found = robot.inverse_kinematics(single)
+    assert (found.q.dtype, found.angle.dtype, found.distance.dtype) == (np.float32,) * 3
+    assert found.converged.all()
+    assert_allclose(
+        robot.forward_kinematics(found.q.astype(float)), T, atol=3e-6
+    )  # 6 angles and T rounded to 2**-24 each
+    assert (found.q >= robot.limits.lower).all()  # to the last bit
+    assert (found.q <= robot.limits.upper).all()
+    assert robot.inverse_kinematics(single, q0=found.q).q.dtype == np.float32
+    assert robot.inverse_kinematics(single, q0=found.q.astype(float)).q.dtype == np.float64
+    assert robot.inverse_kinematics(T).q.dtype == np.float64
+
+
+def test_a_joint_held_at_its_limit_stays_inside_in_float32(bundled):
+    """0.1 is between two numbers of float32, the nearest of which is above it."""
+    robot = tw.load(
+        '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="revolute"><parent link="b"/><child link="c"/>'
+        '<axis xyz="0 0 1"/><limit lower="-0.1" upper="0.1" effort="1" velocity="1"/></joint></robot>',
+        inertia="accept",
+    )
+    for turn in (0.5, -0.5):
+        T = tw.se3.exp([0, 0, turn, 0, 0, 0]).astype(np.float32)
+        (q,) = robot.inverse_kinematics(T, restarts=1).q.astype(float)
+        assert -0.1 <= q <= 0.1
+        assert abs(q) > 0.0999999

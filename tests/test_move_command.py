@@ -61,6 +61,21 @@ def test_a_hasty_motion_is_a_problem_found(run):
     assert "OVER LIMIT: shoulder_pan_joint: velocity" in output
 
 
+def test_where_no_limit_is_known_it_is_said(run, tmp_path):
+    """planar_2r has no limits at all; with a file for one joint the other is named."""
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,velocity,effort\njoint1,2,100\n")
+    code, output = run("move", "planar_2r", "--to", "1,0", "--duration", "2", "--limits", limits)
+    words = " ".join(output.split())
+    assert code == 0, output
+    assert "Within all limits" not in words
+    assert "Within the limits that are known." in words
+    assert "No torque limit of joint2 is known" in words
+    assert "No velocity limit of joint2 is known" in words
+    code, output = run("move", "planar_2r", "--to", "1,0", "--duration", "2")
+    assert "No torque limit of any joint is known" in " ".join(output.split())
+
+
 def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):
     limits = tmp_path / "limits.csv"
     limits.write_text("joint,effort\njoint1,20\njoint2,20\n")

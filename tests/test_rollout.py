@@ -62,20 +62,25 @@ def law_of(name, robot, rng):
     }[name]
 
 
-def torque_of(law, robot, k, q, dq):
-    """The law by the robot's own methods."""
+def torque_of(law, robot, k, q, dq, h=0.0):
+    """The law by the robot's own methods; with h, what computed torque asks for at the rates a time h later."""
     if law is None or isinstance(law, np.ndarray):
         return np.zeros(robot.nv) if law is None else law if law.ndim == 1 else law[k]
     e = np.zeros(robot.nv)
-    driven = np.zeros(robot.nv)
     for body in robot.model.leaders:
         if body.joint.nv == 1:
             e[body.v_index] = law.q_des[body.q_index] - q[body.q_index]
-            driven[body.v_index] = 1.0
-    u = driven * (law.kp * e + law.kd * (law.dq_des - dq))
+    u = driven(robot) * (law.kp * e + law.kd * (law.dq_des - dq))
     if isinstance(law, ComputedTorque):
-        return robot.inverse_dynamics(q, dq, law.ddq_des + u)
-    return u + driven * robot.gravity_forces(q) if law.gravity else u
+        return robot.inverse_dynamics(q, dq, (law.ddq_des + u) / (1 + h * law.kd))
+    return u + driven(robot) * robot.gravity_forces(q) if law.gravity else u
+
+
+def driven(robot):
+    found = np.zeros(robot.nv)
+    for body in robot.model.leaders:
+        found[body.v_index] = body.joint.nv == 1
+    return found
 
 
 def normalised(robot, q):
@@ -94,11 +99,15 @@ def step_by_step(robot, q, dq, law, integrator, steps=STEPS, h=H):
         def f(q, dq, k=k):
             return rates(robot, q, dq), robot.forward_dynamics(q, dq, torque_of(law, robot, k, q, dq))
 
-        taus.append(torque_of(law, robot, k, q, dq))
         if integrator == "semi_implicit":
-            dq = dq + h * f(q, dq)[1]
+            tau = torque_of(law, robot, k, q, dq, h)
+            kd = driven(robot) * law.kd if isinstance(law, PD) else np.zeros(robot.nv)
+            change = np.linalg.solve(robot.mass_matrix(q) + h * np.diag(kd), h * (tau - robot.bias_forces(q, dq)))
+            taus.append(tau - kd * change)
+            dq = dq + change
             q = robot.add(q, h * dq)
         else:
+            taus.append(torque_of(law, robot, k, q, dq))
             a = f(q, dq)
             b = f(q + h / 2 * a[0], dq + h / 2 * a[1])
             c = f(q + h / 2 * b[0], dq + h / 2 * b[1])
@@ -171,7 +180,7 @@ def test_friction_costs_what_it_costs_in_a_simulation():
 
 
 def test_dry_friction_and_masses_that_are_parameters_act_like_those_of_the_robot():
-    """At rest, too: dry friction is eased off below a speed that depends on both, and too low a one makes joints chatter."""
+    """At rest, too: it stops joints and holds them; four-step methods ease it off below a speed that depends on both."""
 
     def rubbed(coulomb, static):
         laws = {"friction": {"coulomb": f"{coulomb} N m", "static": f"{static} N m", "stribeck": "0.2 rad/s"}}
@@ -180,11 +189,14 @@ def test_dry_friction_and_masses_that_are_parameters_act_like_those_of_the_robot
     heavy, light = rubbed(0.5, 0.8), rubbed(20.0, 30.0)
     said = {f"{j}.{law}": x for j in ("joint1", "joint2") for law, x in (("coulomb", 20.0), ("static", 30.0))}
     start, given = ([0.3, -0.8], [0.1, 0.1]), {"dt": 1e-3, "steps": 200, "friction": True}
-    many = heavy.rollout(*start, parameters={**said, "joint1.static": np.array([30.0, 40.0])}, **given)
-    assert np.abs(many.dq[0] - light.rollout(*start, **given).dq).max() < 1e-9
     masses = {name: x / 20 for name, x in light.varying("*.mass").items() if x}
-    steps = np.diff(light.rollout(*start, parameters=masses, **given).dq[100:], axis=0)
-    assert (np.abs(steps) < 1e-3).all()  # creeps evenly; chatter would change speeds by h f / m, some rad/s
+    for integrator in ("semi_implicit", "rk4"):
+        given["integrator"] = integrator
+        many = heavy.rollout(*start, parameters={**said, "joint1.static": np.array([30.0, 40.0])}, **given)
+        assert np.abs(many.dq[0] - light.rollout(*start, **given).dq).max() < 1e-9
+        steps = np.diff(light.rollout(*start, parameters=masses, **given).dq[100:], axis=0)
+        # rests, or creeps evenly; chatter would change speeds by h f / m, some rad/s
+        assert (np.abs(steps) < 1e-3).all()
 
 
 # ── the same bits everywhere ──
@@ -276,9 +288,9 @@ def test_nan_stays_in_its_sample():
 def test_unstable_motions_are_named_with_the_time():
     robot = robot_named("arm")
     q0, dq0 = some_states(robot, 6)
-    kd = np.full((6, 1, robot.nv), 0.01)
-    kd[4] = 300.0  # h kd / I far above 2: the book's bound of explicit damping
-    found = robot.rollout(q0, dq0, PD(robot.neutral, 5.0, kd), steps=400, every=2)
+    kp = np.full((6, 1, robot.nv), 5.0)
+    kp[4] = 1e6  # h² kp / I far above 4: the bound of explicit springs
+    found = robot.rollout(q0, dq0, PD(robot.neutral, kp, 0.01), steps=400, every=2)
     assert found.unstable.tolist() == [k == 4 for k in range(6)]
     first = np.argmax(~(np.abs(found.dq[4]) < 1e6).all(axis=-1))
     assert 0 < found.unstable_from[4] == found.times[first] < 0.4
@@ -369,7 +381,7 @@ def test_computed_torque_is_linear_step_by_step():
     q_des = np.zeros(6)
     found = robot.rollout(q0, dq0, ComputedTorque(q_des, kp, kd), steps=100, dt=h)
     x = np.stack([q0 - q_des, dq0])
-    A = np.array([[1 - h * h * kp, h * (1 - h * kd)], [-h * kp, 1 - h * kd]])
+    A = np.array([[1 - h * h * kp / (1 + h * kd), h / (1 + h * kd)], [-h * kp / (1 + h * kd), 1 / (1 + h * kd)]])
     wanted = np.einsum("ij,jnk->ink", np.linalg.matrix_power(A, 100), x)
     assert np.abs(found.q[:, -1] - q_des - wanted[0]).max() < 1e-11
     assert np.abs(found.dq[:, -1] - wanted[1]).max() < 1e-10

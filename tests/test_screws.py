@@ -388,3 +388,26 @@ def test_what_comes_out_of_a_pickle_cannot_be_changed_either():
     ):
         with pytest.raises(ValueError, match="read-only"):
             getattr(pickle.loads(pickle.dumps(made)), name)[:] = 2.0
+
+
+def test_equal_numbers_in_one_frame_are_equal_and_have_one_hash():
+    numbers = np.array([0.5, 0.0, -1.0, 2.0, 0.25, 3.0])
+    signs = np.array([1, -1, 1, 1, 1, 1], np.float32)  # a zero of minus
+    for kind in (tw.Twist, tw.Wrench):
+        one, other = kind(numbers, "b"), kind(signs * numbers.astype(np.float32), "b")
+        assert one == other
+        assert hash(one) == hash(other)
+        assert {one: "found"}[other] == "found"
+        assert one != kind(numbers, "c")
+        assert one != kind(numbers + 1e-15, "b")
+        assert one != kind([numbers, numbers], "b")
+        assert kind([numbers, numbers], "b") == kind([numbers, numbers], "b")  # one answer for a batch
+        assert one != numbers.tolist()
+        assert one != "b"
+    assert tw.Twist(numbers, "b") != tw.Wrench(numbers, "b")
+    T, again = (tw.Pose(se3.exp(numbers), to="a", of="b") for _ in range(2))
+    assert again == T
+    assert hash(again) == hash(T)
+    assert tw.Pose(se3.exp(numbers), to="b", of="a") != T
+    assert T.inverse != T
+    assert T.matrix.tolist() != T

@@ -145,3 +145,34 @@ def test_a_leg_pushes_back_through_jacobian_and_frame():
     f = T[:3, :3].T @ [0, 0, 1e4 * 0.01**1.5]
     wanted = dog.wrench_torques(q, np.r_[np.cross([0.01, 0.02, 0.03], f), f], foot)
     np.testing.assert_allclose(PlaneContact(dog, plane).torques(q, np.zeros(dog.nv)), wanted, atol=1e-10)
+
+
+@pytest.mark.parametrize("speed", [-1.5, -0.2, 0.0, 0.3], ids="normal velocity {}".format)
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_is_along_the_plane_whatever_the_velocity_across_it(box, seed, speed):
+    """A corner slides, spins and sinks into a tilted plane, or comes out of it; all is worked out from ddq here.
+
+    The one contact force f at the corner p is what inverse dynamics says (m = p x f). Its part along the normal is the law of
+    the depth alone, f_n = k d^1.5 (1 + c d'); the rest opposes the slip v_t = v - (v.n) n and is mu f_n |v_t| / sqrt(v_t^2 + s^2).
+    """
+    rng = np.random.default_rng(seed)
+    p, n = np.array([0.15, 0.1, -0.05]), np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
+    q0 = box.coordinates(root_joint=[*(x := rng.normal(size=4)) / np.linalg.norm(x), *rng.normal(size=3)])
+    T = box.forward_kinematics(q0, "box")
+    R, corner = T[:3, :3], (T @ [*p, 1.0])[:3]
+    dq0 = rng.normal(size=6)
+    v = R @ (dq0[3:] + np.cross(dq0[:3], p))
+    dq0[3:] += R.T @ ((speed - v @ n) * n)  # across the plane: what the test asks for
+    v += (speed - v @ n) * n
+    k, c, mu, slip, depth = 2e4, 0.4, 0.7, 0.05, 0.01
+    plane = Plane("box", p, normal=n, height=n @ corner + depth, stiffness=k, dissipation=c, friction=mu, slip=slip)
+    found = box.simulate(q0, dq0, 1e-3, 1e-3, contacts=plane)
+    F = box.inverse_dynamics(q0, dq0, found.ddq[0])
+    f = R @ F[3:]
+    np.testing.assert_allclose(F[:3], np.cross(p, F[3:]), atol=1e-9)
+    wanted = k * depth**1.5 * (1 - c * speed)
+    along = v - (v @ n) * n
+    assert np.linalg.norm(along) > 0.1
+    assert f @ n == pytest.approx(wanted, rel=1e-9)
+    friction = -mu * wanted * along / np.sqrt(along @ along + slip**2)
+    np.testing.assert_allclose(f - (f @ n) * n, friction, atol=1e-9 * wanted)

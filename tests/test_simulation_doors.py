@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from twistwrench.report.trajectory import Trajectory
 from twistwrench.simulation import Event, JointStops, Plane, SimulationResult
 from twistwrench.simulation.forces import System
 from twistwrench.testing import random_robot, random_state
+from twistwrench.verdict import ExitCode
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +105,9 @@ def test_robots_that_cannot_move_or_start_are_refused(arm):
     with pytest.raises(tw.ValueRangeError, match="quaternion of zeros"):
         tw.robots.floating_box().simulate(np.zeros(7))
     panda = tw.robots.panda()
-    with pytest.raises(tw.ValueRangeError, match="outside already: joint 'panda_joint4'"):
+    with pytest.raises(
+        tw.ValueRangeError, match="outside already: joint 'panda_joint4' is at 0, beyond its upper limit"
+    ):
         panda.simulate(limits="stop")
 
 
@@ -110,6 +115,26 @@ def test_quaternions_of_any_length_are_taken():
     box = tw.robots.floating_box()
     found = box.simulate([3.0, 0, 0, 4.0, 0, 0, 0], None, 0.1, 0.1)
     np.testing.assert_allclose(found.q[0, :4], [0.6, 0, 0, 0.8])
+
+
+@pytest.mark.parametrize("size", [1e160, 1e300, 1e-160, 1e-300, 5e-324])
+@pytest.mark.parametrize("method", ["dopri5", "rk4", "variational"])
+def test_quaternions_whose_squares_no_float_holds_are_taken_too(size, method):
+    box = tw.robots.floating_box()
+    found = box.simulate([size, 0, 0, -size, 0, 0, 0], None, 0.1, 0.1, method=method)
+    np.testing.assert_allclose(found.q[0, :4], np.array([1, 0, 0, -1]) / np.sqrt(2), rtol=1e-15)
+    assert np.isfinite(found.q).all()
+
+
+@pytest.mark.parametrize("q0", [[1, 0, 0, 0, 1e200, 0, 0], [1, 0, 0, 0, 1e308, 1e308, 1e308]])
+@pytest.mark.parametrize("method", ["dopri5", "rk4", "variational"])
+def test_enormous_numbers_end_in_a_result_or_in_an_error_of_ours(q0, method):
+    box = tw.robots.floating_box()
+    for dq0 in (None, [1e200] * 6):
+        try:
+            assert len(box.simulate(q0, dq0, 0.1, 0.01, method=method, contacts=Plane("box")))
+        except tw.TwistWrenchError as problem:
+            assert str(problem)
 
 
 # ── nothing is lost ──
@@ -335,6 +360,71 @@ def test_files_that_are_something_else_are_refused(result, tmp_path):
         result.to_npz(tmp_path / "no folder" / "a.npz")
 
 
+SAID_WRONGLY = [
+    ("robot", 3), ("coordinate_names", "abc"), ("velocity_names", [1, 2]), ("stopped", None), ("completed", "yes"),
+    ("method", ["rk4"]), ("dt", "0.1"), ("steps", 1.5), ("steps", True), ("rejected", None), ("evaluations", {}),
+    ("remarks", "none"), ("relative_error", "small"), ("error_estimate", 3.0), ("error_estimate", ["a"] * 6),
+    ("events", 5), ("events", [5]), ("events", [{"name": 1, "time": 0.0, "q": [0] * 7, "dq": [0] * 6}]),
+    ("events", [{"name": "e", "time": "now", "q": [0] * 7, "dq": [0] * 6}]),
+    ("events", [{"name": "e", "time": 0.0, "q": [0] * 3, "dq": [0] * 6}]),
+    ("events", [{"name": "e", "time": 0.0, "q": ["a"] * 7, "dq": [0] * 6}]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["csv", "npz"])
+@pytest.mark.parametrize(("word", "value"), SAID_WRONGLY, ids=[f"{k}-{w}" for k, (w, _) in enumerate(SAID_WRONGLY)])
+def test_files_whose_words_are_of_another_type_are_refused(result, tmp_path, kind, word, value):
+    path = getattr(result, f"to_{kind}")(tmp_path / "a")
+    if kind == "csv":
+        first, said, *rest = path.read_text().split("\n")
+        path.write_text("\n".join([first, "# " + json.dumps({**json.loads(said[1:]), word: value}), *rest]))
+    else:
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        arrays["said"] = np.array(json.dumps({**json.loads(str(arrays["said"])), word: value}))
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+    with pytest.raises(tw.TrajectoryError):
+        SimulationResult.load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("q", np.zeros((3, 7))),
+        ("times", np.zeros((51, 1))),
+        ("dq", np.array(["a"] * 51)),
+        ("work_torques", np.float64(0)),
+    ],
+)
+def test_archives_whose_arrays_do_not_fit_are_refused(result, tmp_path, name, value):
+    path = result.to_npz(tmp_path / "a.npz")
+    with np.load(path) as archive:
+        arrays = {**archive, name: value}
+    np.savez(path, **arrays)
+    with pytest.raises(tw.TrajectoryError):
+        SimulationResult.load(path)
+
+
+def test_a_csv_whose_words_are_nested_without_end_is_refused(result, tmp_path):
+    first, _, rest = result.to_csv(tmp_path / "a.csv").read_text().split("\n", 2)
+    (tmp_path / "deep.csv").write_text(f"{first}\n# {'[' * 200_000}\n{rest}")
+    with pytest.raises(tw.TrajectoryError, match=r"deep\.csv"):
+        SimulationResult.load(tmp_path / "deep.csv")
+
+
+def test_files_from_before_the_error_was_estimated_are_read(result, tmp_path):
+    path = result.to_csv(tmp_path / "a.csv")
+    first, said, rest = path.read_text().split("\n", 2)
+    words = json.loads(said[1:])
+    del words["relative_error"], words["error_estimate"]
+    path.write_text(f"{first}\n# {json.dumps(words)}\n{rest}")
+    again = SimulationResult.load(path)
+    assert np.isnan(again.error_estimate).all()
+    assert np.isnan(again.relative_error)
+    np.testing.assert_array_equal(again.q, result.q)
+
+
 def test_a_file_is_known_by_what_is_in_it(result, tmp_path):
     for name in ("plain", "text.csv"):
         assert np.array_equal(SimulationResult.load(result.to_npz(tmp_path / name)).q, result.q)
@@ -357,6 +447,55 @@ def test_an_event_is_a_number_and_no_question(arm):
 def test_pictures_are_drawn(result, tmp_path):
     pytest.importorskip("matplotlib")
     assert result.plot(tmp_path / "motion").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_pictures_have_a_panel_for_each_unit_and_no_colour_twice(tmp_path, monkeypatch):
+    """Lengths, angles and quaternions apart; up to 14 curves in a panel, each of its own colour."""
+    pytest.importorskip("matplotlib")
+    from twistwrench.simulation import picture
+
+    drawn = []
+    save = picture.save
+    monkeypatch.setattr(picture, "save", lambda figure, path: drawn.append(figure) or save(figure, path))
+    dog = tw.robots.quadruped()
+    dog.simulate(None, np.ones(dog.nv), 0.02, 0.01).plot(tmp_path / "a.png")
+    cart = tw.robots.cart_pole()
+    cart.simulate(None, np.ones(cart.nv), 0.02, 0.01).plot(tmp_path / "b.png")
+    shown = [{a.get_title(loc="left"): [x.get_label() for x in a.lines] for a in f.axes[:-2]} for f in drawn]
+    assert {title: len(labels) for title, labels in shown[0].items()} == {
+        "Angles [rad]": 12, "Positions [m]": 3, "Orientations: quaternions": 4,
+    }  # fmt: skip
+    assert shown[0]["Orientations: quaternions"] == [f"root_joint.q{x}" for x in "wxyz"]
+    assert sorted(map(len, shown[1].values())) == [1, 1]
+    for axes in (a for f in drawn for a in f.axes[:-2]):
+        colours = [str(x.get_color()) for x in axes.lines]
+        assert len(set(colours)) == len(colours)
+
+
+@pytest.mark.parametrize("width", [60, 80, 110])
+def test_tables_fold_names_and_cut_no_number(width):
+    """In a terminal of any width, and in a pipe."""
+    from rich.console import Console
+
+    from twistwrench.simulation.tables import simulation_view
+
+    base = tw.robots.quadruped()
+    long = "a_rather_long_namespace/and_a_long_name_of_a_link_"
+    text = tw.robots.path_of("quadruped").read_text().replace("FL_", long + "FL_")
+    robot = tw.load(text, floating_base=True)
+    assert robot.nv == base.nv
+    rates = -1.23456e-5 * np.arange(1.0, robot.nv + 1)
+    found = robot.simulate(None, rates, 0.02, 0.01)
+    console = Console(width=width, record=True, file=StringIO())
+    console.print(simulation_view(robot, found))
+    said = console.export_text()
+    assert max(map(len, said.splitlines())) <= width
+    numbers = set(re.findall(r"(?<![\w.])-?\d[\d.]*(?:e[-+]\d+)?(?![\w.])", said))
+    for x in (found.q[-1], found.dq[-1], found.q.min(axis=0)):
+        assert {f"{v:.5g}" if abs(v) > 1e-12 else "0" for v in x} <= numbers
+    assert "…" not in said.split("Energies")[0]
+    names = "".join(line.split()[0] for line in said.splitlines() if line.split())  # folded names, put together again
+    assert f"{long}FL_thigh_joint" in names
 
 
 # ── the command ──
@@ -403,7 +542,7 @@ def test_an_interrupted_command_shows_and_writes_what_there_is(tmp_path, monkeyp
 
     monkeypatch.setattr(System, "rates", until_half)
     done = twistwrench("planar_2r", "--dt", 0.01, "--method", "euler", "--npz", tmp_path / "a.npz")
-    assert done.exit_code == 1, done.output
+    assert done.exit_code == ExitCode.INTERRUPTED, done.output
     assert "interrupted" in done.output
     assert 0.5 <= SimulationResult.load(tmp_path / "a.npz").times[-1] <= 0.52
 

@@ -138,6 +138,71 @@ def test_a_cube_mesh_is_a_box_wherever_it_is_and_inside_out_too(seed):
     assert_close(far.moment_about_com, expected.moment_about_com, 1e-8)
 
 
+def joined(*parts):
+    """One mesh of several (corners, faces)."""
+    corners = np.concatenate([c for c, _ in parts])
+    first = np.cumsum([0] + [len(c) for c, _ in parts[:-1]])
+    return corners, np.concatenate([f + n for n, (_, f) in zip(first, parts, strict=True)])
+
+
+def cube(side, centre=(0.0, 0.0, 0.0), *, inside_out=False):
+    """A cube of edge length ``side`` about ``centre``."""
+    return side * (CUBE[0] - 0.5) + np.array(centre), CUBE[1][:, ::-1] if inside_out else CUBE[1]
+
+
+@pytest.mark.parametrize("turned", list(itertools.product((False, True), repeat=2)))
+def test_solids_side_by_side_add_whichever_way_their_faces_are_turned(turned):
+    parts = cube(0.2, inside_out=turned[0]), cube(0.1, (0.5, 0.1, 0.0), inside_out=turned[1])
+    G = SpatialInertia.mesh(joined(*parts), density=2000)
+    sum_of_both = SpatialInertia.mesh(cube(0.2), density=2000) + SpatialInertia.mesh(
+        cube(0.1, (0.5, 0.1, 0.0)), density=2000
+    )
+    assert_close(G.mass, 2000 * (0.2**3 + 0.1**3), 1e-13)
+    assert_close(G.parameters, sum_of_both.parameters, 1e-13)
+
+
+@pytest.mark.parametrize("turned", list(itertools.product((False, True), repeat=3)))
+def test_a_shell_inside_another_is_a_cavity_and_one_inside_that_is_solid(turned):
+    sides = 0.4, 0.3, 0.1
+    at = np.array([0.01, 0.0, 0.02])
+    parts = [cube(a, n * at, inside_out=t) for n, (a, t) in enumerate(zip(sides, turned, strict=True))]
+    one, two, three = (SpatialInertia.mesh(part, density=1000) for part in parts)
+    assert_close(SpatialInertia.mesh(joined(*parts[:2]), density=1000).parameters, (one - two).parameters, 1e-12)
+    assert_close(SpatialInertia.mesh(joined(*parts), density=1000).parameters, (one - two + three).parameters, 1e-12)
+
+
+def test_a_cavity_is_told_by_where_it_is_not_by_its_bounding_box():
+    # A cube beside a pyramid's slope: within its bounding box, outside of it; and a cavity that touches the outer shell.
+    pyramid = (
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
+        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+    )
+    beside = SpatialInertia.mesh(joined(pyramid, cube(0.1, (0.9, 0.9, 0.9))), density=600)
+    assert_close(beside.mass, 600 * (1 / 6 + 1e-3), 1e-13)
+    touching = SpatialInertia.mesh(joined(cube(1.0), cube(0.2, (0.4, 0.0, 0.0))), density=1000)
+    assert_close(touching.mass, 1000 * (1 - 0.008), 1e-13)
+    stacked = SpatialInertia.mesh(joined(cube(1.0), cube(1.0, (1.0, 0.0, 0.0))), density=1000)
+    assert_close(stacked.mass, 2000, 1e-13)
+
+
+@pytest.mark.parametrize("second", [cube(0.2, (0.1, 0.05, 0.03)), cube(0.2), (cube(0.1)[0] * [9, 1, 1], CUBE[1])])
+def test_shells_that_cut_each_other_both_count_and_are_remarked(second):
+    with pytest.warns(tw.ModelWarning, match="cut each other or coincide"):
+        G = SpatialInertia.mesh(joined(cube(0.2), second), density=1000)
+    assert_close(G.mass, 8.0 + SpatialInertia.mesh(second, density=1000).mass, 1e-13)
+
+
+def test_a_mesh_in_the_wrong_unit_is_remarked(recwarn):
+    SpatialInertia.mesh(cube(0.18), density=1000)
+    assert not recwarn.list
+    with pytest.warns(tw.ModelWarning, match=r"180 m long and weighs 5.83e\+09 kg.*scale=0.001"):
+        SpatialInertia.mesh(cube(180.0), density=1000)
+    with pytest.warns(tw.ModelWarning, match="1e-05 m long"):
+        SpatialInertia.mesh(cube(1e-5), mass=1e-12)
+    with pytest.warns(tw.ModelWarning, match=r"5e\+06 kg/m³: no material"):
+        SpatialInertia.mesh(cube(0.1), mass=5000.0)
+
+
 def test_a_pyramid_whose_corners_are_not_about_its_centre():
     a, h, m = 0.4, 0.9, 3.0
     corners = [[0, 0, 0], [a, 0, 0], [a, a, 0], [0, a, 0], [a / 2, a / 2, h], [9, 9, 9]]  # the last belongs to no face

@@ -68,6 +68,61 @@ def test_motor_and_joint_part_only_by_the_spring():
     assert_close(both[:2] + both[2:], rigid.inverse_dynamics(q, dq, ddq), 1e-12, "rigid limit")
 
 
+FRICTION = {"viscous": "3 N m s/rad", "coulomb": "2 N m"}
+
+
+def test_motor_and_gear_friction_acts_on_the_motor_whether_the_gear_is_elastic_or_rigid():
+    """At 1 rad/s both cost 5 N m as seen at the joint, 5/50 at the rotor, and the spring carries none of it."""
+    arm = tw.robots.planar_2r()
+    rotor = {"inertia": f"{J} kg m^2", "extra": True}
+    entry = {"ratio": G, "rotor": rotor, "friction": FRICTION}
+    rigid = arm.with_actuators({"actuators": dict.fromkeys(arm.joint_names, entry)})
+    flexible = elastic(arm, friction=FRICTION)
+    q, dq, ddq = (np.array(x) for x in ([0.3, -0.5], [1.0, -1.0], [-1.0, 0.5]))
+    for robot, at in ((rigid, (q, dq, ddq)), (flexible, (np.tile(q, 2), np.tile(dq, 2), np.tile(ddq, 2)))):
+        with_it, without = (robot.motor_loads(*at, friction=counted).torque for counted in (True, False))
+        assert_close(with_it - without, np.array([5.0, -5.0]) / G, 1e-12, "what friction costs the motors")
+    assert flexible.friction_forces([1, -1, 1, -1]).tolist() == [0, 0, 5, -5]
+    both, at = flexible, (np.tile(q, 2), np.tile(dq, 2), np.tile(ddq, 2))
+    tau = both.inverse_dynamics(*at, friction=True)
+    assert_close(tau[:2] + tau[2:], rigid.inverse_dynamics(q, dq, ddq, friction=True), 1e-12, "rigid limit")
+
+
+def test_friction_behind_the_spring_is_an_entry_of_its_own():
+    arm = tw.robots.planar_2r()
+    robot = elastic(arm, friction=FRICTION, link_friction={"viscous": "0.5 N m s/rad", "coulomb": "0.25 N m"})
+    assert robot.friction_forces([1, -1, 2, -2]).tolist() == [0.75, -0.75, 8, -8]
+    only = elastic(arm, link_friction={"coulomb": "0.25 N m"})
+    assert only.friction_forces([1, -1, 2, -2]).tolist() == [0.25, -0.25, 0, 0]
+
+
+def test_a_gear_taken_to_be_stiff_has_the_friction_of_both_sides():
+    arm = tw.robots.planar_2r()
+    entry = {
+        "ratio": G, "stiffness": f"{K} N m/rad", "rotor": {"inertia": f"{J} kg m^2", "extra": True},
+        "friction": {**FRICTION, "static": "4 N m", "stribeck": "0.1 rad/s", "load": "0.1"},
+        "link_friction": {"viscous": "0.5 N m s/rad", "coulomb": "0.25 N m"},
+    }  # fmt: skip
+    with pytest.warns(tw.ModelWarning, match="taken to be stiff"):
+        robot = arm.with_actuators({"actuators": dict.fromkeys(arm.joint_names, entry)}, stiff=True)
+    assert robot.nv == 2
+    law = 3.5 + 2.25 + 2 * np.exp(-100.0) + 0.1 * 7
+    assert_close(robot.friction_forces([1.0, -1.0], load=[7.0, 7.0]), np.array([law, -law]), 1e-12)
+    entry["link_friction"] = {"coulomb": "1 N m", "static": "2 N m", "stribeck": "0.3 rad/s"}
+    with pytest.warns(tw.ModelWarning), pytest.raises(tw.ModelError, match="two Stribeck speeds"):
+        arm.with_actuators({"actuators": dict.fromkeys(arm.joint_names, entry)}, stiff=True)
+
+
+def test_the_friction_of_the_robot_file_goes_to_the_motor_of_an_elastic_joint():
+    """A file's friction is the drive's: measured at the motor. An entry replaces it on both sides."""
+    text = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
+      <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="j" type="continuous"><parent link="a"/><child link="b"/><dynamics damping="3" friction="2"/></joint></robot>"""
+    assert elastic(tw.load(text)).friction_forces([1, 1]).tolist() == [0, 5]
+    assert elastic(tw.load(text), friction={"coulomb": "1 N m"}).friction_forces([1, 1]).tolist() == [0, 1]
+    assert elastic(tw.load(text), link_friction={"coulomb": "1 N m"}).friction_forces([1, 1]).tolist() == [1, 0]
+
+
 def test_locking_an_end_holds_the_other_against_it():
     robot = elastic(tw.robots.pendulum().with_gravity((0, 0, 0)))
     held = robot.lock({f"{robot.joint_names[0]}.motor": 0.2})

@@ -73,6 +73,39 @@ def test_torques_split_into_what_a_wrench_balances_and_what_none_does(bundled, n
         assert_allclose(found.producible @ (found.producible.T @ found.wrench), found.wrench, atol=1e-8)
 
 
+@pytest.mark.parametrize("arm", [1e-12, 1e-9, 1e-3, 1.0, 1e6])
+def test_how_many_wrenches_torques_make_does_not_depend_on_the_length_of_the_arm(arm):
+    robot = tw.from_dh({"a": [arm, arm]}, masses=[1.0, 1.0]).with_gravity((0, 0, 0))
+    q, F = np.array([0.2, 0.9]), np.array([0, 0, 0, 3.0, -4.0, 0])
+    tau = robot.wrench_torques(q, F)
+    found = statics.wrench_from_torques(robot, q, tau, length=arm)
+    assert found.rank == 2
+    assert found.balanced
+    assert_allclose(robot.wrench_torques(q, found.wrench), tau, rtol=1e-9, atol=1e-9 * np.abs(tau).max())
+    assert statics.wrench_from_torques(robot, [0.2, 0.0], tau).rank == 2, "stretched: a pull along the arm is borne"
+    for length in (1e-3, 1.0):
+        assert statics.wrench_from_torques(robot, q, tau, length=length).rank == 2
+
+
+def test_a_slide_and_a_crank_of_a_nanometre_make_two_wrenches():
+    robot = tw.from_dh(
+        {"a": [0.0, 1e-9], "alpha": [np.pi / 2, 0.0]}, joint_types=["prismatic", "revolute"], masses=[1.0, 1.0]
+    )
+    robot = robot.with_gravity((0, 0, 0))
+    found = statics.wrench_from_torques(robot, [0.1, 0.4], [2.0, 3e-9])
+    assert found.rank == 2
+    assert_allclose(robot.wrench_torques([0.1, 0.4], found.wrench), [2.0, 3e-9], rtol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_torques_that_no_wrench_balances_are_told_whatever_their_size(bundled, scale):
+    panda = bundled("panda").with_gravity((0, 0, 0))
+    q = panda.random_configuration(1)
+    assert not statics.wrench_from_torques(panda, q, scale * np.ones(7)).balanced
+    balanced = panda.wrench_torques(q, scale * np.arange(6.0))
+    assert statics.wrench_from_torques(panda, q, balanced).balanced
+
+
 def test_a_stretched_arm_names_what_it_cannot_do(arm):
     found = statics.wrench_from_torques(arm, [0.0, 0.0], [50.0, 20.0], kind="world_aligned")
     assert found.rank == 2

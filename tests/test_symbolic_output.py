@@ -21,6 +21,7 @@ from twistwrench.testing import assert_close
 
 FUNCTIONS = {
     "inverse_dynamics": ("q", "dq", "ddq"),
+    "bias_forces": ("q", "dq"),
     "mass_matrix": ("q",),
     "coriolis_forces": ("q", "dq"),
     "coriolis_matrix": ("q", "dq"),
@@ -180,3 +181,12 @@ def test_check_is_stated_wherever_it_is_printed():
     arm = derive(tw.robots.planar_2r())
     for text in (arm.latex(), arm.markdown(), arm.html(), arm.c_source(), arm.numpy_source()):
         assert "hecked against Newton" in text
+
+
+def test_brackets_of_matrices_need_no_font(tmp_path):
+    """Stretched brackets are short on systems without a mathematical font; the page draws its own."""
+    page = tw.symbolic.derive(tw.robots.planar_2r()).html()
+    style, body = page.split("</style>")
+    assert "mtable.matrix" in style and "border-width: 0 1.5px" in style
+    assert body.count("<mtable") == body.count('<mtable class="matrix">') > 0
+    assert "<mo>[</mo>" not in body

@@ -115,6 +115,80 @@ def test_constants_named_as_functions_of_c_are_renamed():
     assert "const double tanh =" not in system.c_source()
 
 
+def compiled(source, folder, *flags):
+    """The shared library that a C compiler makes of a source without a warning."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    (folder / "made.c").write_text(source, encoding="utf-8")
+    flags = [*flags, "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-shared", "-fPIC"]
+    subprocess.run(["cc", *flags, str(folder / "made.c"), "-o", str(folder / "made.so"), "-lm"], check=True)
+    return ctypes.CDLL(str(folder / "made.so"))
+
+
+HOSTILE = """M_E M_PI M_1_PI NAN INFINITY HUGE_VAL HUGE I errno EOF NULL DOMAIN FP_NAN MATH_ERRNO OVERFLOW math_errhandling
+    for int double restrict inline bool class lambda None True np float floor fma isnan signbit gamma j0 stdin linux unix
+    parameters PARAMETERS batch out tau M C c g h p q dq ddq a-b a_b 2x θ _x __x EINVAL INT_MAX DBL_MAX""".split()  # noqa: SIM905
+
+
+@pytest.mark.parametrize("standard", [["-std=c99"], [], ["-std=c11", "-include", "complex.h", "-include", "errno.h"]])
+def test_symbols_may_be_called_as_macros_keywords_and_functions_are(standard, tmp_path):
+    """Every hostile name is a constant of the Lagrangian, and the coordinate's and rate's names are two more of them."""
+    symbols = [sympy.Symbol(name) for name in HOSTILE]
+    q, dq = sympy.symbols("errno_1 M_2_SQRTPI")
+    L = symbols[0] * dq**2 / 2 - sum((n + 2) * s * q for n, s in enumerate(symbols))
+    system = lagrange(L, q, [dq], name="hostile")
+    given = {s.name: 0.5 + n for n, s in enumerate(symbols)}
+    wanted = given[symbols[0].name] * 3.0 + sum((n + 2) * (0.5 + n) for n in range(len(symbols)))
+    assert system.function("inverse_dynamics")([0.1], [0.2], [3.0], given)[0] == pytest.approx(wanted, rel=1e-14)
+    code = compiled(system.c_source("made"), tmp_path, *standard)
+    ordered = sorted(given)
+    p = (ctypes.c_double * len(given))(*(given[name] for name in ordered))
+    assert f"p = ({', '.join(ordered)})" in system.c_source("made")
+    tau = (ctypes.c_double * 1)()
+    code.made_inverse_dynamics(*((ctypes.c_double * 1)(v) for v in (0.1, 0.2, 3.0)), p, tau)
+    assert tau[0] == pytest.approx(wanted, rel=1e-14)
+
+
+B, t = sympy.symbols("B t")
+MAGNETIC = {
+    "magnetic force": (m / 2 * (xdot**2 + ydot**2) + B / 2 * (x * ydot - y * xdot) - k * x**2, None),
+    "magnetic force, not a polynomial": (m / 2 * (xdot**2 + ydot**2) + B * sympy.exp(x) * ydot, None),
+    "driven": (m / 2 * ((xdot + sympy.cos(t)) ** 2 + ydot**2) - k * x * y, t),
+    "mass that grows": (m * (1 + t**2) / 2 * (xdot**2 + ydot**2), t),
+}
+
+
+@pytest.mark.parametrize("case", MAGNETIC)
+def test_bias_forces_are_all_of_tau_but_the_accelerations(case, tmp_path):
+    """τ = M q̈ + h to rounding, in NumPy and in C; and where c and g are not all of h, no source says that they are."""
+    L, time = MAGNETIC[case]
+    system = lagrange(L, [x, y], time=time, name="charge")
+    given = {s.name: 0.5 + 0.25 * n for n, s in enumerate(sorted(L.free_symbols - {x, y, xdot, ydot}, key=str))}
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 2))
+    call = {n: system.function(n) for n in ("inverse_dynamics", "bias_forces", "mass_matrix", "coriolis_forces")}
+    tau, h = call["inverse_dynamics"](q, dq, ddq, given), call["bias_forces"](q, dq, given)
+    np.testing.assert_allclose(tau, call["mass_matrix"](q, given) @ ddq + h, rtol=1e-13)
+    part = call["coriolis_forces"](q, dq, given) + system.function("gravity_forces")(q, given)
+    assert np.abs(h - part).max() > 1e-3, "c and g are not all of it"
+    assert not system.split
+    for source in (system.numpy_source(), system.c_source()):
+        assert "+ g(q)" not in source
+        assert "h has more in it than c and g" in source
+    code = compiled(system.c_source("made"), tmp_path, "-std=c99")
+    vectors = [(ctypes.c_double * 2)(*v) for v in (q, dq)]
+    p, out = (ctypes.c_double * len(given))(*(given[n] for n in sorted(given))), (ctypes.c_double * 2)()
+    code.made_bias_forces(*vectors, p, out)
+    np.testing.assert_allclose(list(out), h, rtol=1e-13)
+
+
+def test_where_c_and_g_are_all_there_is_the_source_says_so():
+    system = lagrange(free - k * x**2 / 2, x)
+    assert system.split
+    assert "h = c(q, dq) + g(q)." in system.c_source()
+    assert "h = c(q, dq) + g(q)." in system.numpy_source()
+    assert lagrange(free * sympy.exp(x) - k * sympy.sqrt(1 + x**2), x).split
+
+
 @pytest.mark.parametrize(
     ("V", "named"),
     [

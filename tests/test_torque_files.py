@@ -154,12 +154,17 @@ def test_the_bundled_motion_is_the_one_its_comments_describe():
     found = [m for m in map(waypoint.match, DEMO.read_text().splitlines()) if m]
     T = np.array([float(m[1]) for m in found])
     Q = np.array([[float(x) for x in m[2].split()] for m in found])
-    table = np.loadtxt(DEMO, delimiter=",", skiprows=len(found) + 3)
+    table = np.loadtxt(DEMO, delimiter=",", skiprows=len(found) + 4)
     t = table[:, 0]
     np.testing.assert_allclose(t, np.arange(len(t)) / 125, atol=1e-12)
     k = np.clip(np.searchsorted(T, t, side="right") - 1, 0, len(T) - 2)
-    u = ((t - T[k]) / (T[k + 1] - T[k]))[:, None]
-    np.testing.assert_allclose(table[:, 1:], Q[k] + (Q[k + 1] - Q[k]) * (10 * u**3 - 15 * u**4 + 6 * u**5), atol=1e-10)
+    span = (T[k + 1] - T[k])[:, None]
+    u = (t - T[k])[:, None] / span
+    way = Q[k + 1] - Q[k]
+    q = Q[k] + way * (10 * u**3 - 15 * u**4 + 6 * u**5)
+    dq = way / span * (30 * u**2 - 60 * u**3 + 30 * u**4)
+    ddq = way / span**2 * (60 * u - 180 * u**2 + 120 * u**3)
+    np.testing.assert_allclose(table[:, 1:], np.hstack([q, dq, ddq]), atol=5.001e-9)  # eight decimals
 
 
 # ── memory ──

@@ -114,6 +114,16 @@ def test_a_motion_within_limits_exits_0(run, tmp_path):
     code, text = run("torques", "ur5", "--trajectory", "demo", "--payload", "5")
     assert code == 0, text
     assert "OK: nearest to its limit is shoulder_lift_joint" in text
+    assert "!" not in text, "nothing to remark in our own demonstration"
+
+
+def test_what_is_derived_is_said(run, tmp_path):
+    lines = DEMO.read_text().splitlines()
+    rows = [",".join(line.split(",")[:7]) for line in lines if not line.startswith("#")]
+    path = tmp_path / "positions.csv"
+    path.write_text("\n".join(rows) + "\n")
+    code, text = run("torques", "ur5", "--trajectory", path, "--payload", "5")
+    assert code == 0, text
     assert "derived by a quintic spline" in text
 
 

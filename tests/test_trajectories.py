@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -133,6 +135,34 @@ def test_violations_name_joint_kind_and_time(bundled):
     position = next(v for v in moving.violations() if v.kind == "position")
     assert position.value == pytest.approx(4.5)
     assert position.time == pytest.approx(0.5)
+
+
+def test_a_limit_passed_in_the_negative_direction_is_found_as_in_the_positive(bundled):
+    """The mirrored motion of a robot without gravity passes the same limits by as much, each at its lower side."""
+    arm = bundled("planar_2r").with_gravity((0, 0, 0))
+    bounds = trajectories.limits.bounds_of(arm, velocity=1.0, acceleration=2.0, effort=1.5)
+    bounds = replace(bounds, lower=np.full(2, -0.5), upper=np.full(2, 0.5))
+    found = {}
+    for way in (1.0, -1.0):
+        one_way = trajectories.move(arm, [0, 0], [way, way], _Rising())
+        found[way] = {(v.joint, v.kind): v for v in trajectories.violations(arm, one_way, bounds)}
+    assert {kind for _, kind in found[1.0]} == {"position", "velocity", "acceleration", "torque"}
+    assert found[1.0].keys() == found[-1.0].keys()
+    for key, ahead in found[1.0].items():
+        back = found[-1.0][key]
+        assert back.value == pytest.approx(-ahead.value, rel=1e-9)
+        assert back.limit == -ahead.limit < 0
+        assert back.by == pytest.approx(ahead.by)
+
+
+class _Rising:
+    """s = t³ over a second: rates and accelerations of one sign only, so that one side of each limit is met."""
+
+    name, duration = "rising", 1.0
+
+    def __call__(self, t):
+        t = np.asarray(t, float)
+        return t**3, 3 * t**2, 6 * t
 
 
 @pytest.mark.parametrize("degrees", [False, True])

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import twistwrench as tw
+from twistwrench import SpatialInertia, se3
 from twistwrench.errors import (
     InertiaError,
     ModelError,
@@ -17,6 +19,7 @@ from twistwrench.errors import (
 )
 from twistwrench.io import load_model
 from twistwrench.model.model import Model
+from twistwrench.testing import assert_close
 
 BASE = '<link name="base"/>'
 ARM = '<link name="arm"/>'
@@ -357,3 +360,59 @@ def test_warnings_point_at_the_line_that_loaded_the_robot():
     with pytest.warns(ModelWarning, match=r"robot 'r': .*'j'.*no <limit>") as caught:
         load_model(moving(""))
     assert caught[0].filename == __file__
+
+
+# ── links without mass ──
+
+SWING = """<robot name="bare"><link name="world"/>{links}
+  <joint name="j1" type="revolute"><parent link="world"/><child link="upper"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>
+  <joint name="j2" type="revolute"><parent link="upper"/><child link="lower"/><axis xyz="0 1 0"/><origin xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>
+</robot>"""
+MASS = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def test_moving_links_without_mass_are_named_in_one_remark():
+    bare = SWING.format(links='<link name="upper"/><link name="lower"/>')
+    with pytest.warns(tw.ModelWarning, match=r"link 'upper' .*, link 'lower' .* have no mass: their weight"):
+        robot = tw.load(bare)
+    assert len(robot.defects) == 1
+    last = SWING.format(links=f'<link name="upper">{MASS}</link><link name="lower"/>')
+    with pytest.warns(tw.ModelWarning, match=r"link 'lower' \(line \d+\) has no mass: its weight"):
+        assert "'upper'" not in " ".join(tw.load(last).defects)
+    whole = SWING.format(links=f'<link name="upper">{MASS}</link><link name="lower">{MASS}</link>')
+    assert tw.load(whole).defects == ()
+
+
+def test_info_names_the_links_without_mass(tmp_path):
+    from click.testing import CliRunner
+
+    from twistwrench.cli import main
+
+    path = tmp_path / "bare.urdf"
+    path.write_text(SWING.format(links='<link name="upper"/><link name="lower"/>'))
+    output = " ".join(CliRunner().invoke(main, ["info", str(path)]).output.split())
+    assert "have no mass" in output
+    assert "'upper'" in output
+    assert "'lower'" in output
+
+
+# ── the axes of inertial frames ──
+
+
+@pytest.mark.parametrize("rpy", [(0.5 * np.pi, 0, 0), (0, 0, 0.5 * np.pi), (0.3, -0.8, 1.9)])
+def test_a_tensor_in_turned_axes_is_that_of_the_turned_body(rpy):
+    """Four masses placed by the inertial frame: Σ m (|r|² 1 - r r') knows no rotation of tensors, transposed or not."""
+    masses, local = np.array([1.0, 2.0, 3.0, 4.0]), np.random.default_rng(1).normal(size=(4, 3))
+    local -= masses @ local / masses.sum()
+    com = np.array([0.1, -0.4, 0.7])
+    roll, pitch, yaw = rpy
+    turns = (se3.exp([0, 0, yaw, 0, 0, 0]), se3.exp([0, pitch, 0, 0, 0, 0]), se3.exp([roll, 0, 0, 0, 0, 0]))
+    R = (turns[0] @ turns[1] @ turns[2])[:3, :3]
+    I = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, local, strict=True))
+    text = f"""<robot name="four"><link name="a"/><link name="b"><inertial><origin xyz="{com[0]} {com[1]} {com[2]}"
+      rpy="{roll} {pitch} {yaw}"/><mass value="10"/><inertia ixx="{I[0, 0]}" ixy="{I[0, 1]}" ixz="{I[0, 2]}"
+      iyy="{I[1, 1]}" iyz="{I[1, 2]}" izz="{I[2, 2]}"/></inertial></link>
+      <joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>"""
+    found = tw.load(text).model.bodies[0].inertia
+    expected = SpatialInertia.from_points(masses, com + local @ R.T)
+    assert_close(found.parameters, expected.parameters, 1e-9)  # right angles are snapped, others good to rounding

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import shutil
 import subprocess
 import sys
@@ -102,7 +103,7 @@ def test_a_long_motion_is_thinned_and_its_peaks_kept(bundled, monkeypatch):
     q, dq, ddq = swing(robot)
     whole = robot.inverse_dynamics(q, dq, ddq, friction=True)
     motion = motion_of(robot, T, q, dq, ddq)
-    assert 50 <= len(motion.time) <= 101
+    assert 50 <= len(motion.time) <= 200
     assert motion.rows == 401
     np.testing.assert_allclose(motion.peaks, np.abs(whole).max(axis=0))
     kept = np.searchsorted(T, motion.time)
@@ -110,16 +111,48 @@ def test_a_long_motion_is_thinned_and_its_peaks_kept(bundled, monkeypatch):
     assert (motion.time[0], motion.time[-1]) == (T[0], T[-1])
 
 
-def test_a_file_in_many_chunks_is_thinned_evenly(demo, monkeypatch):
-    monkeypatch.setattr(motion_module, "_MOST", 40)
-    monkeypatch.setattr(motion_module, "_CHUNK", 100)
+def test_a_file_in_many_chunks_is_thinned_and_keeps_evenly_spaced_states(demo, monkeypatch):
+    monkeypatch.setattr(motion_module, "_MOST", 50)
+    monkeypatch.setattr(motion_module, "_CHUNK", 150)
     again = read_motion(
         demo.load, Trajectory.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), demo.load.bare.model)
     )
-    steps = np.diff(again.time)
-    assert 40 <= len(again.time) <= 81
-    np.testing.assert_allclose(steps[:-1], steps[0])
+    assert 50 <= len(again.time) <= 200
+    assert set(demo.time[::16]) <= set(again.time)  # 751 states, of which 50 at most evenly spaced: every sixteenth
     np.testing.assert_allclose(again.peaks, demo.peaks)
+    np.testing.assert_array_equal(np.abs(again.torques).max(axis=0), demo.peaks)
+
+
+def test_a_spike_of_one_sample_is_drawn_at_its_height_and_its_width(bundled):
+    robot = bundled("pendulum")
+    t = np.arange(50_000) * 1e-3
+    rest = np.zeros((len(t), 1))
+    ddq = rest.copy()
+    ddq[31_337] = 400.0
+    motion = motion_of(robot, t, rest, rest, ddq)
+    assert len(motion.time) < 17_000
+    whole = robot.inverse_dynamics(rest, rest, ddq, friction=True)
+    at = int(np.argmax(np.abs(motion.torques[:, 0])))
+    assert motion.time[at] == t[31_337]
+    assert motion.torques[at, 0] == whole[31_337, 0] == motion.peaks[0]
+    np.testing.assert_allclose(motion.time[at - 1 : at + 2], t[31_336:31_339])
+
+
+def test_coulomb_friction_at_rest_is_drawn_as_torques_counts_it(tmp_path):
+    text = tw.robots.path_of("pendulum").read_text()
+    text = re.sub(r"<dynamics[^>]*/>", "", text).replace("</joint>", '<dynamics friction="5"/></joint>', 1)
+    (tmp_path / "r.urdf").write_text(text)
+    robot = tw.load(tmp_path / "r.urdf")
+    rng = np.random.default_rng(2)
+    rows = np.column_stack([T, 0.3 + 1e-6 * rng.normal(size=len(T))])
+    header = f"time,{robot.joint_names[0]}"
+    np.savetxt(tmp_path / "m.csv", rows, delimiter=",", header=header, comments="")
+    motion = read_motion(LoadedRobot(robot), Trajectory.open(tmp_path / "m.csv", robot.model))
+    assert robot.model.friction.coulomb[0] == 5.0
+    assert motion.still.mean() > 0.99  # 5 standard deviations of noise
+    friction = motion.load.terms(motion.states)["friction"]
+    assert np.abs(friction[motion.still]).max() < 1e-6
+    np.testing.assert_allclose(sum(motion.load.terms(motion.states).values()), motion.torques, atol=1e-9)
 
 
 @pytest.mark.parametrize(

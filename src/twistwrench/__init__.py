@@ -81,6 +81,8 @@ __all__ = [
 
 if _typing.TYPE_CHECKING:
     from . import control as control
+    from . import convert as convert
+    from . import cuda as cuda
     from . import modern_robotics as modern_robotics
     from . import sensing as sensing
     from . import simulation as simulation
@@ -92,6 +94,8 @@ if _typing.TYPE_CHECKING:
 
 _LATER = (
     "control",
+    "convert",
+    "cuda",
     "modern_robotics",
     "sensing",
     "simulation",
@@ -101,10 +105,14 @@ _LATER = (
     "trajectories",
     "viz",
 )
-"""Packages that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
+"""Modules that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
 
 
 def __getattr__(name: str) -> object:
     if name in _LATER:
         return _importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *_LATER, *(name for name in globals() if name.startswith("__"))})

@@ -17,6 +17,7 @@ import click
 
 from .errors import ModelWarning, ValueRangeError
 from .export.command import export_options
+from .report.motion_options import motion_options, open_motion
 from .report.usage import Commands
 from .sensing.command import sensor_group
 from .shell import RobotOptions, bundled, plain_errors, robot_command
@@ -30,7 +31,7 @@ from .viz.command import plot_options, view_options
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .report.trajectory import Trajectory
+    from .motion.trajectory import Trajectory
 
 __all__ = ["main"]
 
@@ -46,13 +47,7 @@ def main() -> None:
 
 
 @main.command()
-@click.option(
-    "--trajectory",
-    "motion",
-    metavar="FILE.csv",
-    required=True,
-    help="The motion; 'demo' is the one bundled with a robot.",
-)
+@motion_options(required=True)
 @click.option(
     "--payload",
     "payloads",
@@ -74,12 +69,14 @@ def main() -> None:
 )
 @click.option("--motor-plot", metavar="OUT.png", help="Draw what each motor does in its speed–torque region.")
 @click.option("--why", is_flag=True, help="Split the worst joint's peak by link, payload and rotor too.")
-@click.option("--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it.")
 @click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
 @robot_command
 def torques(
     options: RobotOptions,
-    motion: str,
+    trajectory: str,
+    columns: tuple[str, ...],
+    rate: float | None,
+    lock_missing: bool,
     payloads: tuple[str, ...],
     wrenches: tuple[str, ...],
     csv_path: str | None,
@@ -100,9 +97,7 @@ def torques(
 
     if split and csv_path is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
-    path = bundled(motion, options.source, ".csv", "motion")
-    if options.degrees and path != Path(motion):
-        raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
+    path = _motion_path(options, trajectory)
     _check_extra(plot_path or motor_plot)
     plot_path = None if plot_path is None else picture_path(plot_path)
     motor_plot = None if motor_plot is None else picture_path(motor_plot)
@@ -117,18 +112,17 @@ def torques(
     from .report.load import LoadedRobot, parse_payload, parse_wrenches
     from .report.tables import report_view
     from .report.torques import analyse
-    from .report.trajectory import Trajectory, moves_motors
 
-    robot, locked = options.load_and_locked(stiff=not moves_motors(path))
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
+    robot, read = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
     )
-    trajectory = Trajectory.open(path, robot.model, degrees=options.degrees, locked=locked)
-    differentiation = Differentiation.plan(trajectory, robot.model, smoothing=smooth)
+    differentiation = Differentiation.plan(read, robot.model, smoothing=smooth)
     if smooth and not differentiation.derives:
         click.echo("note: --smooth changes nothing: the file gives velocities and accelerations.", err=True)
-    with _progress(trajectory) as progress:
+    with _progress(read) as progress:
         report = analyse(load, differentiation, limits, csv=csv_path, split=split, progress=progress)
     _console().print(report_view(report, degrees=options.degrees, why=why))
     if plot_path is not None:
@@ -145,15 +139,22 @@ def torques(
         plot_motors(report, motor_plot)
     for written in filter(None, (csv_path, plot_path, motor_plot)):
         click.echo(f"wrote {written}")
-    if report.excesses or any(use.too_small for use in report.motors):
+    if report.contradictions or report.excesses or any(use.too_small for use in report.motors):
         sys.exit(_FOUND_A_PROBLEM)
 
 
 @main.command()
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON, in SI units and radians.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the joints as CSV, in SI units and radians.")
 @robot_command
-def info(options: RobotOptions) -> None:
+def info(options: RobotOptions, as_json: bool, as_csv: bool) -> None:
     """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
     from .report.info import info_view
+
+    if as_json and as_csv:
+        raise ValueRangeError("--json and --csv both write to the standard output. Choose one.")
+    if options.degrees and (as_json or as_csv):
+        raise ValueRangeError("--json and --csv are in SI units and radians. Leave --degrees out.")
 
     with warnings.catch_warnings(record=True) as remarks:
         warnings.simplefilter("always", ModelWarning)
@@ -161,7 +162,22 @@ def info(options: RobotOptions) -> None:
     for remark in remarks:  # those of the model itself stand below its tree
         if not any(defect in str(remark.message) for defect in robot.defects):
             warnings.warn_explicit(remark.message, remark.category, remark.filename, remark.lineno)
+    if as_json or as_csv:
+        from .report.robot_summary import as_text
+
+        click.echo(as_text(robot, "json" if as_json else "csv"), nl=False)
+        return
     _console().print(info_view(robot, degrees=options.degrees))
+
+
+@main.command(name="robots")
+@click.argument("word", default="")
+def list_robots(word: str) -> None:
+    """The bundled robots, by name; those with WORD in their name or description if it is given."""
+    with plain_errors():
+        from .report.bundled import bundled_table
+
+        _console().print(bundled_table(word))
 
 
 @main.command()
@@ -209,7 +225,8 @@ def payload(options: RobotOptions, **given: Any) -> None:
 def simulate(options: RobotOptions, **given: Any) -> None:
     """How the robot moves, falls or is thrown: states, energies with their drift, events, and why it stopped.
 
-    Exit code 1 if the simulation could not go on; what was computed until then is printed and written.
+    Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
+    what was computed until then is printed and written.
     """
     from .outputs import check_outputs, picture_path
     from .simulation.command import answer_simulate
@@ -218,8 +235,8 @@ def simulate(options: RobotOptions, **given: Any) -> None:
     if given["plot_path"] is not None:
         given["plot_path"] = picture_path(given["plot_path"])
     check_outputs({"--csv": given["csv_path"], "--npz": given["npz_path"], "--plot": given["plot_path"]}, options.files)
-    if not answer_simulate(options.load(), _console().print, degrees=options.degrees, **given):
-        sys.exit(_FOUND_A_PROBLEM)
+    if code := answer_simulate(options.load(), _console().print, degrees=options.degrees, **given):
+        sys.exit(code)
 
 
 @main.command()

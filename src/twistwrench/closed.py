@@ -13,19 +13,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import closing
 from .algorithms.balance import balance
+from .algorithms.constrained import ConstrainedMotion, ConstrainedTorques, MotionForceSplit
 from .algorithms.constraints import Closure, Constraint, Rolling, names, place_of, row_names
 from .algorithms.gaps import closure_gaps, settled
 from .algorithms.jacobians import KINDS
 from .algorithms.reach import Reach, doubtful, independent_rows
 from .algorithms.task_space import ROWS, row_numbers
-from .core import arguments
+from .core import arguments, lazy
 from .errors import ConstraintError, UnknownNameError, ValueRangeError
 from .model.model import BASE
 from .robot import Robot, Rows, Wrenches
@@ -33,30 +34,9 @@ from .robot import Robot, Rows, Wrenches
 Array = NDArray[Any]
 
 CLOSED = 1e-12
-"""rad and m: loops closed to this are closed; rounding of positions within a metre is some 1e-15."""
+"""rad, and part of the robot's length: loops closed to this are closed; positions are rounded to some 1e-15 of it."""
 
 __all__ = ["ClosedRobot", "ConstrainedMotion", "ConstrainedTorques", "MotionForceSplit"]
-
-
-class ConstrainedMotion(NamedTuple):
-    """Accelerations q̈ (..., nv), and λ (..., k), N m and N."""
-
-    ddq: Array
-    lam: Array
-
-
-class ConstrainedTorques(NamedTuple):
-    """Torques τ (..., nv), zero at joints without a motor, and λ (..., k), N m and N."""
-
-    tau: Array
-    lam: Array
-
-
-class MotionForceSplit(NamedTuple):
-    """Torques that move the robot, Pτ, and torques that only press on its constraints, (1 - P)τ; (..., nv) each."""
-
-    motion: Array
-    force: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,13 +161,15 @@ class ClosedRobot:
 
     # ── positions ──
 
+    @lazy.by_blocks(lambda closed, _: [(sum(closing.with_gaps(closed.constraints)),)])
     def constraint_error(self, q: ArrayLike) -> Array:
         """By how much loops are open, in the rows that have a position, rad and m; (nq) → (rows of closures)."""
         (q,) = self._state("constraint_error", q=q)
-        return self.gaps(q)
+        return self.gaps(q).astype(q.dtype, copy=False)
 
+    @lazy.by_blocks(lambda closed, _: [(closed.nq,)])
     def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = closing.NEAR) -> Array:
-        """A configuration near q with every loop closed to ``tolerance`` (rad, m); (nq) → (nq).
+        """A configuration near q with loops closed to ``tolerance`` (rad, m, part of a shorter robot's length); (nq) → (nq).
 
         Steps are the least in the kinetic metric, and where loops are far open they add up: ``robot.subtract(found, q)`` is how
         far each joint went. A ConstraintWarning says so where one went further than ``within`` (rad or m; ``np.inf``: never).
@@ -206,8 +188,8 @@ class ClosedRobot:
         if not arguments.number(within, "within") >= 0:
             raise ValueRangeError(f"within={within!r} is not allowed: rad or m, 0 or more, such as {closing.NEAR:g}.")
         flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
-        closing.require_found(left, tolerance, q.shape[:-1])
-        found = flat.reshape(q.shape)
+        closing.require_found(self, left, tolerance, q.shape[:-1])
+        found = flat.reshape(q.shape).astype(q.dtype, copy=False)
         closing.warn_of_far(self.robot, q, found, within)
         return found
 
@@ -222,6 +204,7 @@ class ClosedRobot:
             lambda q: (self.robot._call("constraint_jacobian", q, constraints=closures), self.robot.mass_matrix(q)),
             self.robot.add,
             self.sizes[closing.with_gaps(self.constraints)],
+            closing.gap_units(self),
             tolerance,
         )
 
@@ -233,6 +216,7 @@ class ClosedRobot:
 
     # ── velocities and forces ──
 
+    @lazy.by_blocks(lambda closed, _: [(len(closed.sizes), closed.nv)])
     def constraint_jacobian(self, q: ArrayLike) -> Array:
         """A, with A dq = 0; (nq) → (k, nv), rows as in :attr:`row_names`."""
         (q,) = self._state("constraint_jacobian", q=q)
@@ -240,6 +224,7 @@ class ClosedRobot:
             return np.zeros((*q.shape[:-1], 0, self.nv))
         return np.asarray(self.robot._call("constraint_jacobian", q, constraints=self.constraints))
 
+    @lazy.by_blocks(lambda closed, _: [(len(closed.sizes),)])
     def constraint_bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """(dA/dt) dq, so that A q̈ + (dA/dt) dq = 0; (nq), (nv) → (k)."""
         q, dq = self._state("constraint_bias", q=q, dq=dq)
@@ -247,32 +232,40 @@ class ClosedRobot:
             return np.zeros((*np.broadcast_shapes(q.shape[:-1], dq.shape[:-1]), 0))
         return np.asarray(self.robot._call("constraint_bias", q, dq, constraints=self.constraints))
 
+    @lazy.by_blocks(lambda *_: [()], dtype=int)
     def rank(self, q: ArrayLike) -> Array:
         """How many rows of A are independent at q; fewer than usual where the configuration is singular; (nq) → ()."""
         return self._reach(*self._state("rank", q=q))[1].rank
 
+    @lazy.by_blocks(lambda *_: [()], dtype=int)
     def degrees_of_freedom(self, q: ArrayLike) -> Array:
         """nv less the rank; (nq) → ()."""
         return self.nv - self.rank(q)
 
+    @lazy.by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
     def projector(self, q: ArrayLike) -> Array:
         """P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which takes from torques what presses on the constraints; (nq) → (nv, nv).
 
         Its transpose takes from velocities what breaks them. MR section 8.7.
         """
-        return self._reach(*self._state("projector", q=q))[1].projector
+        (q,) = self._state("projector", q=q)
+        return self._reach(q)[1].projector.astype(q.dtype, copy=False)
 
+    @lazy.by_blocks(lambda closed, _: [(closed.nv,)] * 2, MotionForceSplit)
     def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
         """Torques as those that move the robot, Pτ, and those that the constraints bear; (nq), (nv) → (nv), (nv)."""
         q, tau = self._state("split", q=q, tau=tau)
-        motion = (self.projector(q) @ tau[..., None])[..., 0]
+        kind = np.result_type(q, tau)
+        motion = (self._reach(q)[1].projector @ tau[..., None])[..., 0].astype(kind, copy=False)
         return MotionForceSplit(motion, tau - motion)
 
+    @lazy.by_blocks(lambda closed, _: [(closed.nv,)])
     def project_velocity(self, q: ArrayLike, dq: ArrayLike) -> Array:
         """The dq nearest in the kinetic metric with A dq = 0, P'dq; (nq), (nv) → (nv)."""
         q, dq = self._state("project_velocity", q=q, dq=dq)
         return self._nearest(q, dq, 0.0)
 
+    @lazy.by_blocks(lambda closed, _: [(closed.nv,)])
     def project_acceleration(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """The q̈ nearest in the kinetic metric with A q̈ + (dA/dt) dq = 0; (nq), (nv), (nv) → (nv)."""
         q, dq, ddq = self._state("project_acceleration", q=q, dq=dq, ddq=ddq)
@@ -280,7 +273,7 @@ class ClosedRobot:
 
     def _nearest(self, q: Array, v: Array, b: Array | float) -> Array:
         A, reach = self._reach(q)
-        return reach.nearest(v, (A @ v[..., None])[..., 0] + b)
+        return reach.nearest(v, (A @ v[..., None])[..., 0] + b).astype(np.result_type(q, v), copy=False)
 
     def wrenches(self, lam: ArrayLike) -> dict[str, Array]:
         """λ as wrenches (m, f) that the robot applies where it is held, by the names of the constraints; (k) → (6) each.
@@ -297,6 +290,7 @@ class ClosedRobot:
 
     # ── dynamics ──
 
+    @lazy.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
     def forward_dynamics(
         self,
         q: ArrayLike,
@@ -345,6 +339,7 @@ class ClosedRobot:
         closing.warn_of_singular(reach.rank, len(self.independent))
         return reach.constrained(force, self.constraint_bias(q, dq))
 
+    @lazy.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
     def inverse_dynamics(
         self,
         q: ArrayLike,
@@ -376,7 +371,8 @@ class ClosedRobot:
         lam, left = balance(f, A, self.sizes, driven)
         closing.require_made(self, left, f, driven)
         tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
-        return ConstrainedTorques(tau, (reach.range @ lam[..., None])[..., 0])
+        lam = (reach.range @ lam[..., None])[..., 0]
+        return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
 
     # ── inputs ──
 
@@ -392,7 +388,12 @@ class ClosedRobot:
     def _state(self, name: str, **arrays: ArrayLike) -> list[Array]:
         """Arrays of finite numbers of the right last axis whose batch shapes broadcast."""
         found = [
-            arguments.finite(array, f"{name}: {label}", self.nq if label == "q" else self.nv)
+            arguments.finite(
+                array,
+                f"{name}: {label}",
+                self.nq if label == "q" else self.nv,
+                names=self.robot.coordinate_names if label == "q" else self.robot.model.velocity_names,
+            )
             for label, array in arrays.items()
         ]
         try:

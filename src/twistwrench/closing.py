@@ -16,6 +16,7 @@ from .algorithms.reach import through, usual_sizes
 from .algorithms.task_space import ROWS
 from .core import arguments
 from .errors import ConstraintError, ConstraintWarning, UnknownNameError
+from .model.model import BASE
 
 if TYPE_CHECKING:
     from .closed import ClosedRobot
@@ -28,19 +29,22 @@ REDUNDANT = ("error", "accept")
 STARTS = 32
 """How many configurations the search for closed ones begins at: of common mechanisms one in a few leads there."""
 FOUND = 1e-10
-"""rad and m: far below this the row of A at a configuration is that of a closed one."""
+"""rad, and part of the robot's length: far below this the row of A at a configuration is that of a closed one."""
 OPEN, ASTRAY = 1e-2, 0.1
 """How far open loops may be, rad and part of their span, and which part of a rate may break the constraints, for the dynamics
 to be asked for. The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the
 step."""
 STILL = 1e-3
-"""rad/s and m/s (and per s): joints this slow are at rest. Where a motion turns round, the stages of an integrator's step add
-up to velocities as small as their errors, of which any part may break the constraints."""
+"""rad/s, and part of the robot's length per s (and per s): joints this slow are at rest. Where a motion turns round, the stages
+of an integrator's step add up to velocities as small as their errors, of which any part may break the constraints."""
 FADED = 1e-2
 """Rows that see this part of what they usually see of a motion are near a singular configuration, where rounding and an
 integrator's errors are all that is left of them."""
-SPANS = 1e-4, 1.0
-"""m: beside levers shorter than the first, positions of single precision are rounded to more than loops may be open."""
+SHORTEST = 1e-4
+"""Part of the robot's length: beside levers shorter than it, positions of single precision are rounded to more than loops may
+be open."""
+LONGEST = 1.0
+"""m: loops of larger robots are closed as well as those of this size."""
 NEAR = 0.5
 """rad and m: what has to move further for its loops to close is no longer near."""
 
@@ -48,6 +52,7 @@ __all__ = [
     "NEAR",
     "REDUNDANT",
     "driven",
+    "gap_units",
     "joints",
     "kept",
     "named",
@@ -56,6 +61,7 @@ __all__ = [
     "require_found",
     "require_made",
     "require_met",
+    "robot_length",
     "row_sizes",
     "some_configurations",
     "warn_of_far",
@@ -91,8 +97,36 @@ def kept(constraints: tuple[Constraint, ...], independent: tuple[int, ...]) -> t
 def row_sizes(closed: ClosedRobot, new: Constraint) -> tuple[Array, Array]:
     """How large rows of A usually are, through the mass matrix, and their spans, those of one more constraint appended."""
     sizes, rows = _six_sizes(closed.robot, new), list(new.rows)
-    spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], *SPANS)], 3)
+    length = robot_length(closed.robot.model)
+    spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], SHORTEST * length, LONGEST)], 3)
     return np.concatenate([closed.sizes, sizes[rows]]), np.concatenate([closed.spans, spans[rows]])
+
+
+def robot_length(model: Model) -> float:
+    """m, :data:`LONGEST` at most: how far its links may be from its base, what gaps are small beside and positions rounded by.
+
+    The sum of the levers along the longest chain, with what joints may slide.
+    """
+    reach: list[float] = []
+    for body in model.bodies:
+        sliding = body.joint.axes[:, 3:].any(axis=1)
+        most = 0.0
+        if sliding.any():
+            k = body.v_index
+            way = [max(abs(model.limits.lower[k + n]), abs(model.limits.upper[k + n])) for n in np.flatnonzero(sliding)]
+            most = float(sum(x if np.isfinite(x) else LONGEST for x in way))
+        before = 0.0 if body.parent == BASE else reach[body.parent]
+        reach.append(before + float(np.linalg.norm(body.placement[:3, 3])) + abs(body.ratio) * most)
+    frames = [
+        (0.0 if f.body == BASE else reach[f.body]) + float(np.linalg.norm(f.pose[:3, 3])) for f in model.frames.values()
+    ]
+    return min(max([*reach, *frames], default=0.0), LONGEST) or LONGEST
+
+
+def gap_units(closed: ClosedRobot) -> Array:
+    """What a gap of one is, of each row that has a position: 1 rad, or the robot's length in m."""
+    turning = np.array([k < 3 for c in closed.constraints if isinstance(c, Closure) for k in c.rows], bool)
+    return np.where(turning, 1.0, robot_length(closed.robot.model))
 
 
 def _all_rows(constraint: Constraint) -> Constraint:
@@ -113,12 +147,15 @@ def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
         starts = np.concatenate([robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
     else:
         spread = np.repeat([0.0, 0.01, 0.1, 0.3], STARTS // 4)[:, None]
-        starts = robot.add(arguments.one(near, "near", robot.nq), spread * rng.standard_normal((STARTS, robot.nv)))
+        starts = robot.add(
+            arguments.one(near, "near", robot.nq, names=robot.coordinate_names),
+            spread * rng.standard_normal((STARTS, robot.nv)),
+        )
     q, left = closed.settled(starts, 0.01 * FOUND)
     if not (left <= FOUND).any():
         raise ConstraintError(
             f"no configuration found at which {closed.constraints[-1].name!r} closes: from {STARTS} starts the nearest "
-            f"leaves a gap of {left.min():.3g} (rad or m). Check pose and rows, or give near=q, a configuration near one."
+            f"leaves a gap of {left.min():.3g} ({_in_units(closed)}). Check pose and rows, or give near=q, one near it."
         )
     return np.asarray(q[left <= FOUND])
 
@@ -151,13 +188,18 @@ def refuse_redundant(closed: ClosedRobot) -> None:
     )
 
 
-def require_found(left: Array, tolerance: float, batch: tuple[int, ...]) -> None:
+def _in_units(closed: ClosedRobot) -> str:
+    length = robot_length(closed.robot.model)
+    return "rad or m" if length == 1.0 else f"rad, or part of the robot's length of {length:.3g} m"
+
+
+def require_found(closed: ClosedRobot, left: Array, tolerance: float, batch: tuple[int, ...]) -> None:
     """Raise a ConstraintError that names the start that leaves the widest gap of ``left`` (n,), where that is too wide."""
     if not (left > tolerance).any():
         return
     worst = int(left.argmax())
     raise ConstraintError(
-        f"no configuration with closed loops found from here: a gap of {left[worst]:.3g} (rad or m) is left"
+        f"no configuration with closed loops found from here: a gap of {left[worst]:.3g} ({_in_units(closed)}) is left"
         f"{_place(worst, batch)}, allowed {tolerance:g}. Start nearer to one, or allow more: consistent(q, tolerance=…)."
     )
 
@@ -174,7 +216,7 @@ def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
         f"{_in_words(row)}, and {within:g} is called near. robot.subtract(found, q) is how far each one went; start nearer to "
         "the configuration meant, or allow more: consistent(q, within=…).",
         ConstraintWarning,
-        stacklevel=3,
+        stacklevel=4,
     )
 
 
@@ -185,7 +227,7 @@ def warn_of_singular(rank: Array, usual: int) -> None:
             f"singular configuration: {lost.sum()} of these states hold the constraints by {rank.min()} "
             f"directions, not {usual}; λ is the one of least norm.",
             ConstraintWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
@@ -218,7 +260,7 @@ def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = No
 
 def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, b: Array, remedy: str) -> None:
     rate = (np.abs((A @ v[..., None])[..., 0] + b) / closed.sizes).max(axis=-1, initial=0.0)
-    terms = (np.abs(A) @ (np.abs(v) + STILL)[..., None])[..., 0] + np.abs(b)
+    terms = (np.abs(A) @ (np.abs(v) + STILL * _rate_units(closed))[..., None])[..., 0] + np.abs(b)
     usual = (terms / closed.sizes).max(axis=-1, initial=0.0)
     if (rate <= ASTRAY * usual).all():
         return
@@ -233,6 +275,12 @@ def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, 
         f"{name} breaks the constraints by {part.flat[worst]:.3g} of its size{_place(worst, part.shape)}, "
         f"allowed {ASTRAY:g}. Take the nearest that meets them: {remedy}."
     )
+
+
+def _rate_units(closed: ClosedRobot) -> Array:
+    """What a rate of one is, of each velocity: 1 rad/s, or the robot's length per second."""
+    axes = np.concatenate([np.zeros((0, 6)), *(body.joint.axes for body in closed.robot.model.leaders)])
+    return np.where(axes[:, :3].any(axis=1), 1.0, robot_length(closed.robot.model))
 
 
 def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> None:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .core import arguments
 from .errors import ModelError, UnknownNameError
 from .lie import quaternion
 from .model.model import BASE, Body
@@ -42,7 +43,7 @@ _LINEAR_FIRST = np.roll(np.eye(6), 3, axis=0)
 
 def swap_halves(rows: ArrayLike) -> Array:
     """Twists, wrenches or Jacobians (6, ...) from linear part first to angular part first, or back."""
-    return np.roll(np.asarray(rows), 3, axis=0)
+    return np.roll(arguments.plain(rows, "swap_halves: rows"), 3, axis=0)
 
 
 # ── Pinocchio ──
@@ -50,7 +51,7 @@ def swap_halves(rows: ArrayLike) -> Array:
 
 def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
     """q and any number of dq, ddq as Pinocchio's ``model`` takes them; (..., nq), (..., nv) each."""
-    q = np.asarray(q, float)
+    q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
     theirs = np.zeros((*q.shape[:-1], model.nq))
     for body, joint in _pinocchio_joints(robot, model):
         mine = body.ratio * _part(body, q) + body.offset if body.follows else _part(body, q)
@@ -60,12 +61,15 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
             mine = np.concatenate([mine[..., :-1], np.cos(mine[..., -1:]), np.sin(mine[..., -1:])], axis=-1)
         theirs[..., joint.idx_q : joint.idx_q + joint.nq] = mine
     P = pinocchio_rates(robot, model)
-    return theirs, *(np.asarray(rate, float) @ P.T for rate in rates)
+    names = robot.model.velocity_names
+    return theirs, *(
+        arguments.real(x, "to_pinocchio: a rate", robot.nv, names=names).astype(float) @ P.T for x in rates
+    )
 
 
 def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
     """The way back. Angles kept there as (cos, sin) come out within ±π; mimic joints are taken to follow."""
-    q = np.asarray(q, float)
+    q = arguments.real(q, "from_pinocchio: q", model.nq).astype(float)
     ours = np.zeros((*q.shape[:-1], robot.nq))
     for body, joint in _pinocchio_joints(robot, model):
         if body.follows:
@@ -78,7 +82,7 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
             theirs = np.concatenate([theirs[..., :-2], angle], axis=-1)
         ours[..., body.q_index : body.q_index + body.joint.nq] = theirs
     P = np.linalg.pinv(pinocchio_rates(robot, model))
-    return ours, *(np.asarray(rate, float) @ P.T for rate in rates)
+    return ours, *(arguments.real(rate, "from_pinocchio: a rate", model.nv).astype(float) @ P.T for rate in rates)
 
 
 def pinocchio_rates(robot: Robot, model: Any) -> Array:
@@ -116,7 +120,7 @@ def to_mujoco(
     robot: Robot, model: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
 ) -> tuple[Array, ...]:
     """q, and dq and ddq where given, as MuJoCo's ``model`` takes them; one state."""
-    q = np.asarray(q, float)
+    q = arguments.one(q, "to_mujoco: q", robot.nq, names=robot.coordinate_names)
     theirs = np.zeros(model.nq)
     for body, joint in _mujoco_joints(robot, model):
         mine = body.ratio * _part(body, q) + body.offset if body.follows else _part(body, q)
@@ -124,11 +128,13 @@ def to_mujoco(
             mine = np.concatenate([mine[4:], _unit(mine[:4])])
         theirs[int(joint.qposadr[0]) :][: len(mine)] = mine
     P = mujoco_rates(robot, model, q)
-    found = [theirs]
+    found, names = [theirs], robot.model.velocity_names
     if dq is not None:
-        found.append(P @ np.asarray(dq, float))
+        dq = arguments.one(dq, "to_mujoco: dq", robot.nv, names=names)
+        found.append(P @ dq)
     if dq is not None and ddq is not None:
-        found.append(P @ (np.asarray(ddq, float) + _turning(robot, np.asarray(dq, float))))
+        ddq = arguments.one(ddq, "to_mujoco: ddq", robot.nv, names=names)
+        found.append(P @ (ddq + _turning(robot, dq)))
     return tuple(found)
 
 
@@ -136,7 +142,7 @@ def from_mujoco(
     robot: Robot, model: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
 ) -> tuple[Array, ...]:
     """The way back; mimic joints are taken to follow. One state."""
-    theirs = np.asarray(q, float)
+    theirs = arguments.one(q, "from_mujoco: q", model.nq)
     ours = np.zeros(robot.nq)
     for body, joint in _mujoco_joints(robot, model):
         if not body.follows:
@@ -146,15 +152,15 @@ def from_mujoco(
     P = np.linalg.pinv(mujoco_rates(robot, model, ours))
     found = [ours]
     if dq is not None:
-        found.append(P @ np.asarray(dq, float))
+        found.append(P @ arguments.one(dq, "from_mujoco: dq", model.nv))
     if ddq is not None and dq is not None:
-        found.append(P @ np.asarray(ddq, float) - _turning(robot, found[1]))
+        found.append(P @ arguments.one(ddq, "from_mujoco: ddq", model.nv) - _turning(robot, found[1]))
     return tuple(found)
 
 
 def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
     """P with dq* = P dq at q; (nv*, nv). MuJoCo takes the linear velocity of floating joints along the world's axes."""
-    q = np.asarray(q, float)
+    q = arguments.one(q, "mujoco_rates: q", robot.nq, names=robot.coordinate_names)
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _mujoco_joints(robot, model):
         turn = np.eye(body.joint.nv)

@@ -20,7 +20,8 @@
     └── MissingExtraError (ImportError)     an optional package is not installed
 
     CacheWarning (UserWarning)              compiled code cannot be kept for the next time
-    ConstraintWarning (UserWarning)         a singular configuration of constraints, or a closed one far from the start
+    ConstraintWarning (UserWarning)         a singular configuration of constraints, a closed one far from the start, or a path
+                                            beyond the positions of joints
     ModelWarning (UserWarning)              a robot file says something doubtful; the robot still loads
 
 Each message names the offender, says what is allowed, and what to try.
@@ -160,7 +161,9 @@ class CacheWarning(UserWarning):
 
 
 class ConstraintWarning(UserWarning):
-    """Constraints at a singular configuration, forces one choice of many; or loops that closed only far from the start."""
+    """Constraints at a singular configuration, forces one choice of many; loops that closed only far from the start; or a path
+    beyond the positions that joints can take.
+    """
 
 
 class ModelWarning(UserWarning):

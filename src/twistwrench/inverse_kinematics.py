@@ -3,7 +3,9 @@
 The error is the body twist V that leads from where the frame is to where it shall be, T_sb exp([V]) = T_sd, and the step
 dq = J'(J J' + λ 1)⁻¹ V. Modern Robotics section 6.2.2; λ proportional to the squared error: Sugihara, "Solvability-unconcerned
 inverse kinematics by the Levenberg–Marquardt method", IEEE T-RO 27(5), 2011. A joint that its limit holds back leaves the
-step, and comes back when the step leads it inwards. What has not arrived starts again from other places.
+step, and comes back when the step leads it inwards. What has not arrived starts again from other places, the same for every
+pose: what is found for a pose depends on no other pose of the batch. All is computed in float64; float32 poses and starts
+give float32 results, rounded at the end.
 """
 
 from __future__ import annotations
@@ -48,7 +50,7 @@ class InverseKinematics:
     converged: Array
     """(...) of bool: whether it is there to the tolerances, and nothing less counts."""
     angle: Array
-    """(...) rad that are left."""
+    """(...) rad that are left; of a float32 ``q`` before it was rounded to that, as ``distance`` and ``converged``."""
     distance: Array
     """(...) m that are left."""
     starts: Array
@@ -90,13 +92,12 @@ def solve(
     distance: float = DISTANCE,
 ) -> InverseKinematics:
     """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`."""
-    target = np.asarray(
-        arguments.pose(arguments.real(T, "inverse_kinematics: T", 4, 4), "inverse_kinematics: T"), float
-    )
+    given_T = arguments.pose(arguments.real(T, "inverse_kinematics: T", 4, 4), "inverse_kinematics: T")
+    target, kind = np.asarray(given_T, float), given_T.dtype
     chosen = row_numbers(rows)
     try:
         again = operator.index(restarts)
-        generator = np.random.default_rng(rng)
+        seed = np.random.default_rng(rng).integers(2**63)  # one number drawn from a generator, however long the search
     except (TypeError, ValueError):
         again = -1
     if again < 0:
@@ -113,7 +114,8 @@ def solve(
     if q0 is None:
         start = search.inside(np.broadcast_to(robot.neutral, (*shape, robot.nq)))
     else:
-        given = np.asarray(arguments.finite(q0, "inverse_kinematics: q0", robot.nq), float)
+        given = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
+        kind = np.result_type(kind, given)
         try:
             shape = np.broadcast_shapes(shape, given.shape[:-1])
         except ValueError:
@@ -122,13 +124,12 @@ def solve(
             ) from None
         start = search.inside(np.broadcast_to(given, (*shape, robot.nq)))
     flat_T = np.broadcast_to(target, (*shape, 4, 4)).reshape(-1, 4, 4)
-    q, left, held, starts = search.best(flat_T, start.reshape(-1, robot.nq), again, generator)
-    away = search.away(left)
+    q, left, held, starts = search.best(flat_T, start.reshape(-1, robot.nq), again, np.random.default_rng(seed))
+    away = [x.astype(kind, copy=False).reshape(shape) for x in search.away(left)]
     return InverseKinematics(
-        q.reshape(*shape, robot.nq),
+        search.rounded(q, kind).reshape(*shape, robot.nq),
         search.there(left).reshape(shape),
-        away[0].reshape(shape),
-        away[1].reshape(shape),
+        *away,
         starts.reshape(shape),
         held.reshape(*shape, robot.nv),
         robot.model.velocity_names,
@@ -146,7 +147,7 @@ def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
     between, way = across @ target[:, :3, :3], (across @ (target[:, :3, 3] - p)[..., None])[..., 0]
     if len(chosen) == 6:
         return np.asarray(se3.log(se3.pose(so3.project(between), way)))
-    return np.concatenate([so3.log(so3.project(between)), way], axis=-1)[:, list(chosen)]
+    return np.take(np.concatenate([so3.log(so3.project(between)), way], axis=-1), chosen, axis=1)
 
 
 class _Search:
@@ -172,6 +173,14 @@ class _Search:
         q = np.array(q, float)
         q[..., self.q_of] = np.clip(q[..., self.q_of], self.low, self.high)
         return q
+
+    def rounded(self, q: Array, kind: np.dtype[Any]) -> Array:
+        """q as numbers of another type, those of them that left the limits so brought back to the last ones inside."""
+        found = q.astype(kind, copy=False)
+        mine = found[..., self.q_of]
+        mine = np.where(mine > self.high, np.nextafter(mine, np.asarray(-np.inf, kind)), mine)
+        found[..., self.q_of] = np.where(mine < self.low, np.nextafter(mine, np.asarray(np.inf, kind)), mine)
+        return found
 
     def away(self, left: Array) -> tuple[Array, Array]:
         """rad and m of the twists left (n, r)."""
@@ -207,7 +216,8 @@ class _Search:
             at = todo[better]
             best[at], left[at], held[at], cost[at] = found[better], e[better], h[better], c[better]
             todo = todo[~self.there(e)]
-            start = self.inside(self.robot.random_configuration(rng, len(todo)))
+            again = self.inside(self.robot.random_configuration(rng))  # one place for all: none depends on the others
+            start = np.broadcast_to(again, (len(todo), self.robot.nq))
         return best, left, held, starts
 
     def descend(self, target: Array, q: Array) -> tuple[Array, Array, Array]:
@@ -237,7 +247,7 @@ class _Search:
 
     def step(self, q: Array, e: Array) -> tuple[Array, Array]:
         """dq = J'(J J' + λ 1)⁻¹ V without the joints whose limits hold them; (n, nv), and which these are."""
-        J = np.asarray(self.robot.jacobian(q, self.frame), float)[:, list(self.chosen)] * self.scale[:, None]
+        J = np.take(np.asarray(self.robot.jacobian(q, self.frame), float), self.chosen, axis=1) * self.scale[:, None]
         V = e * self.scale
         damping = (0.5 * (V * V).sum(axis=1) + 1e-14)[:, None, None] * np.eye(len(self.chosen))
         free = np.ones(J.shape[::2], bool)

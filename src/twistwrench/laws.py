@@ -26,12 +26,24 @@ __all__ = [
     "power_gap",
     "round_trip_gap",
     "skewness_gap",
+    "torque_size",
 ]
 
 
 def closed_form_gap(robot: Robot, at: State) -> float:
     """Inverse dynamics against the block matrices of MR section 8.4."""
-    return relative_gap(robot.inverse_dynamics(*at), closed_form(robot.model, at.q, at.dq).inverse_dynamics(at.ddq))
+    tau = closed_form(robot.model, at.q, at.dq).inverse_dynamics(at.ddq)
+    return relative_gap(robot.inverse_dynamics(*at), tau, torque_size(robot, at, tau))
+
+
+def torque_size(robot: Robot, at: State, tau: Array) -> float:
+    """How large the terms are that add up to τ: where they cancel, what is left is their rounding and no disagreement.
+
+    A joint that turns or slides alone has c = 0, the difference of terms as large as M dq².
+    """
+    M = np.abs(robot.mass_matrix(at.q))
+    products = M.max(initial=0.0) * float(np.max(np.abs(at.dq), initial=0.0)) ** 2
+    return float(max(np.abs(tau).max(initial=0.0), (M @ np.abs(at.ddq)).max(initial=0.0), products))
 
 
 def lagrange_gap(robot: Robot, at: State) -> float:
@@ -92,9 +104,10 @@ def skewness_gap(robot: Robot, at: State) -> float:
 
 
 def coriolis_gap(robot: Robot, at: State) -> float:
-    """C dq against the velocity-product terms of inverse dynamics, relative to the summands of C dq."""
+    """C dq against the velocity-product terms of inverse dynamics, relative to the summands of C dq and to M dq²."""
     C = robot.coriolis_matrix(at.q, at.dq)
-    return relative_gap(C @ at.dq, robot.coriolis_forces(at.q, at.dq), float(np.abs(C * at.dq).max()))
+    at_rest = at._replace(ddq=np.zeros(robot.nv))
+    return relative_gap(C @ at.dq, robot.coriolis_forces(at.q, at.dq), torque_size(robot, at_rest, C * at.dq))
 
 
 def round_trip_gap(robot: Robot, at: State) -> float:

@@ -126,6 +126,10 @@ NEED_INVERSE = (
 """The quantities that M⁻¹ is part of."""
 
 
+_NEED_MASS = ("center_of_mass", "com_jacobian", "momentum_about_com")
+"""The quantities that are divided by the mass of all moving bodies."""
+
+
 def options_of(name: str) -> tuple[str, ...]:
     """The options a quantity takes; raises UnknownNameError."""
     if name not in QUANTITIES:
@@ -180,6 +184,8 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     if options.get("parameters"):
         given = options["parameters"]
         full["parameters"] = matching(model, (given,) if isinstance(given, str) else tuple(given))
+    if name in _NEED_MASS:
+        _require_mass(model, name, full.get("parameters", ()))
     if options.get("by") is not None:
         by, *how = (options.get(o, default) for o, default in zip(_OF_DERIVATIVES, _USUAL, strict=True))
         full["derivative"] = Derivative.of(name, tuple(_ports(model, name, full)), by, *how)
@@ -207,6 +213,17 @@ def _require_plain_rates(model: Model) -> None:
                 f"Christoffel symbols need coordinates whose rates are the velocities; joint {body.joint.name!r} is "
                 f"{body.joint.kind}. coriolis_matrix works on every robot."
             )
+
+
+def _require_mass(model: Model, name: str, parameters: Sequence[str]) -> None:
+    if not model.bodies or any(x.endswith(".mass") for x in parameters):
+        return
+    if all(body.inertia.mass == 0 for body in model.bodies):
+        links = ", ".join([body.link for body in model.bodies][:12]) + (", …" if len(model.bodies) > 12 else "")
+        raise ValueRangeError(
+            f"{name}: no moving body of robot {model.name!r} has mass ({links}), so there is no centre of mass. Give "
+            "their links an inertial in the file, or a payload: robot.with_payload(…)."
+        )
 
 
 def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:

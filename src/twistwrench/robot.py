@@ -6,8 +6,10 @@ Every method takes any leading batch shape and broadcasts, as NumPy does. Shapes
 from __future__ import annotations
 
 import operator
+import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +23,8 @@ from .algorithms.reach import Reach, doubtful, independent_rows, usual_sizes
 from .algorithms.regressor import PARAMETER_NAMES
 from .algorithms.task_space import ROWS, row_numbers
 from .bodies.inertia import SpatialInertia
-from .core import arguments
+from .core import arguments, lazy
+from .core.tables import is_table
 from .derived import is_symbolic
 from .errors import (
     FrameError,
@@ -274,14 +277,16 @@ class Robot:
             raise ValueRangeError(f"size={size!r} has a negative number of samples.")
         return configuration.random_configuration(self.model, generator, shape)
 
+    @lazy.by_blocks(lambda robot, _: [(robot.nq,)])
     def add(self, q: ArrayLike, dv: ArrayLike) -> Array:
         """q ⊕ dv: move each joint along its constant joint twist for unit time; (nq), (nv) → (nq)."""
-        q, dv = _numbers("add", q=q, dv=dv)
+        q, dv = self._states("add", q=q, dv=dv)
         return configuration.add(self.model, q, dv).astype(np.result_type(q, dv), copy=False)
 
+    @lazy.by_blocks(lambda robot, _: [(robot.nv,)])
     def subtract(self, q1: ArrayLike, q0: ArrayLike) -> Array:
         """q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1; (nq), (nq) → (nv)."""
-        q1, q0 = _numbers("subtract", q1=q1, q0=q0)
+        q1, q0 = self._states("subtract", q1=q1, q0=q0)
         return configuration.subtract(self.model, q1, q0).astype(np.result_type(q1, q0), copy=False)
 
     # ── edits ──
@@ -458,8 +463,9 @@ class Robot:
             raise KernelError(f"reference {name}: algorithms know no by=; kernel({name!r}, by=…) does.")
         traced = is_symbolic(arrays)
         quantity = quantities.QUANTITIES[name]
-        labelled = {f"input {k}": a for k, a in enumerate(arrays, start=1)}
-        given = map(np.asarray, arrays) if traced else _numbers(f"reference {name}", **labelled)
+        given = [np.asarray(a) for a in self._brought(name, arrays, options)]
+        if not traced:
+            given = _numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(given, start=1)})
         symbols = [a.astype(object) for a in given]
         shapes = quantity.shapes(self.model) + [("wrench", (6,))] * len(full.get("wrenches", ()))
         shapes += [("gravity", (3,))] * ("gravity" in full)
@@ -482,7 +488,13 @@ class Robot:
             ) from None
         return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
 
-    def _call(self, name: str, *arrays: ArrayLike, out: Any = None, **options: Any) -> Any:
+    def _call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
+        for array in arrays:
+            if type(array) is not np.ndarray:
+                arrays = self._brought(name, arrays, options)
+                if any(map(lazy.is_lazy, arrays)):
+                    return self._later(name, arrays, out, options)
+                break
         key = (name, *options.values()) if options else name
         try:
             kernel = self._called.get(key)
@@ -507,10 +519,47 @@ class Robot:
         except (TypeError, ValueError) as problem:
             if is_symbolic(arrays):
                 return self.reference(name, *arrays, **options)
-            explained = self._explained(problem, name, arrays, options)
+            if lazy.is_asking_for_type():
+                return _of_type(kernel, arrays)
+            explained = self._misfit(name, arrays, options) or problem
             if explained is problem and out is not None:
                 explained = _unfit(name, out, self.program(name, **options), arrays)
             raise explained from None
+
+    def _brought(self, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
+        """The arrays of a quantity as NumPy's, or Dask's, tables in the robot's order."""
+        labels, found = quantities.QUANTITIES[name].inputs, []
+        for k, array in enumerate(arrays):
+            label, names = labels[k] if k < len(labels) else f"input {k + 1}", None
+            if is_table(array):
+                wanted = self._inputs(name, options)
+                label = wanted[k][0] if k < len(wanted) else label
+                names = self._names_of(label)
+            found.append(arguments.brought(array, f"{name}: {label}", names or ()))
+        return tuple(found)
+
+    def _names_of(self, label: str) -> tuple[str, ...]:
+        """The names of the last axis of an input, by which a table is read; none where it has none."""
+        if label in ("q", "q0", "q1"):
+            return self.coordinate_names
+        return () if label in ("wrench", "gravity", "parameters") else self.model.velocity_names
+
+    def _states(self, name: str, **arrays: ArrayLike) -> list[Array]:
+        """Arrays of states by their labels, float64 or float32; tables in the robot's order, Dask arrays lazy."""
+        return _numbers(name, {label: self._names_of(label) for label in arrays}, **arrays)
+
+    def _inputs(self, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
+        """Names and shapes of what the kernel of a quantity takes."""
+        wanted = quantities.inputs_of(self.model, name, quantities.checked_options(self.model, name, options))
+        return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
+
+    def _later(self, name: str, arrays: Sequence[Any], out: Any, options: Mapping[str, Any]) -> Any:
+        """The quantity of Dask arrays: Dask arrays of the results, computed when asked for."""
+        signature = self.kernel(name, **options).signature
+        if (problem := self._misfit(name, arrays, options)) is not None:
+            raise problem
+        _refuse_out(name, out)
+        return lazy.later(partial(_now, self, name, options), str(signature), arrays)
 
     def _put_in_front(self, name: str, kernel: Any) -> None:
         """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before."""
@@ -522,18 +571,12 @@ class Robot:
             if direct is not None:
                 vars(self)[name] = direct
 
-    def _explained(self, problem: Exception, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> Exception:
-        """A shape error that names the argument, or the original problem where shapes are not to blame."""
-        wanted = quantities.inputs_of(self.model, name, quantities.checked_options(self.model, name, options))
-        wanted = [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
+    def _misfit(self, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> ShapeError | None:
+        """A shape error that names the argument, or None where types and shapes fit."""
         batches = []
-        for (label, core), array in zip(wanted, arrays, strict=False):
-            try:
-                a = np.asarray(array)
-            except ValueError:  # ragged
-                a = np.asarray(None)
+        for (label, core), a in zip(self._inputs(name, options), arrays, strict=False):
             if not np.can_cast(a.dtype, float):
-                return _not_real(name, label, array, a.dtype)
+                return _not_real(name, label, a)
             if a.ndim < 1 or a.shape[-1:] != core:
                 names = self.coordinate_names if label == "q" else self.joint_names
                 which = f" (one per entry of {', '.join(names)})" if label != "wrench" and core[0] <= 12 else ""
@@ -545,7 +588,7 @@ class Robot:
         except ValueError:
             listed = ", ".join(f"{label} {shape}" for label, shape in batches)
             return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
-        return problem
+        return None
 
     def _require_invertible(self) -> None:
         """Raise SingularMassMatrixError if M has no inverse at a generic configuration, naming the joints involved."""
@@ -661,6 +704,8 @@ class Robot:
         """
         first = None if friction else out  # friction still needs dq, which out may be
         tau = self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, first)
+        if friction and lazy.is_lazy(tau):
+            _refuse_out("inverse_dynamics", out)
         return np.add(tau, self.friction_forces(dq, load=tau), out=out) if friction else tau
 
     def forward_dynamics(
@@ -924,18 +969,18 @@ class Robot:
                     f"T = Pose(…, to={frame!r}, of={F.frame!r})."
                 )
             F = F.values
-        array = _numbers("wrench", **{f"the one at {frame!r}": F})[0]
+        given = arguments.brought(F, f"the wrench at {frame!r}")
+        array = _numbers("wrench", {}, **{f"the one at {frame!r}": given})[0]
         if array.shape[-1:] != (6,):
             raise ShapeError(
                 f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first."
             )
-        small = np.can_cast(
-            np.asarray(F).dtype, np.float32
-        )  # as a kernel takes it: float16 does not make results double
+        small = np.can_cast(given.dtype, np.float32)  # as a kernel takes it: float16 does not make results double
         return array.astype(np.float32, copy=False) if small else array
 
     # ── task space and constraints ──
 
+    @lazy.by_blocks(lambda _, given: [(len(row_numbers(given.get("rows"))),) * 2])
     def task_inertia(self, q: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None) -> Array:
         """Λ of F = Λ dV + η on the chosen rows of J, (J M⁻¹ J')⁻¹; (nq) → (r, r). MR section 8.6.
 
@@ -952,6 +997,7 @@ class Robot:
         """
         return self._task("task_inertia", (q,), frame, kind, rows)
 
+    @lazy.by_blocks(lambda _, given: [(len(row_numbers(given.get("rows"))),)])
     def task_bias(
         self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: str = "body", rows: Rows = None
     ) -> Array:
@@ -972,7 +1018,7 @@ class Robot:
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
-        q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq), float)
+        q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
         sizes = self._usual_ways(frame, kind)[2][chosen]
         return Reach.of(self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes).lost
@@ -980,6 +1026,7 @@ class Robot:
     def _task(self, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: str, rows: Rows) -> Array:
         """Λ or η by the kernel; where its pivots are near zero, once more by singular values."""
         chosen = row_numbers(rows)
+        arrays = self._brought(name, arrays, {})
         if self.nv == 0:
             self.jacobian(arrays[0], frame, kind)  # for the door's sake
             batch = np.broadcast_shapes(*(np.shape(a)[:-1] for a in arrays))
@@ -1035,7 +1082,7 @@ class Robot:
                 f"independently at any configuration: {lost}. Λ is 0 where no motion is possible, and no inertia is defined "
                 f"there; {advice}.",
                 ModelWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
 
     def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
@@ -1049,7 +1096,9 @@ class Robot:
         ((12, 2), (12, 12), (2, 2))
         """
         q, dq = (
-            arguments.finite(arguments.one(x, f"closed_form: {name}", n), f"closed_form: {name}", n)
+            arguments.finite(
+                arguments.one(x, f"closed_form: {name}", n, names=self._names_of(name)), f"closed_form: {name}", n
+            )
             for name, x, n in (("q", q, self.nq), ("dq", dq, self.nv))
         )
         _check_mapping(wrench_by_robot)
@@ -1125,6 +1174,7 @@ class Robot:
         carried, rotor = self._with_wrenches("drive_torques", (q, dq, ddq), wrench_by_robot, wrench_on_robot, None)
         return carried, rotor
 
+    @lazy.by_blocks(lambda robot, _: [(len(robot.actuators),)] * 6, MotorLoads)
     def motor_loads(
         self,
         q: ArrayLike,
@@ -1146,8 +1196,10 @@ class Robot:
         carried, rotor = self.drive_torques(q, dq, ddq, **given)
         if friction:
             carried = carried + self.friction_forces(dq, load=carried + rotor)
-        return motor_loads(self.model, np.asarray(dq, float), carried, rotor)
+        (dq,) = self._states("motor_loads", dq=dq)
+        return motor_loads(self.model, dq.astype(float), carried, rotor)
 
+    @lazy.by_blocks(lambda *_: [()] * 4, PowerBalance)
     def power_balance(
         self,
         q: ArrayLike,
@@ -1168,7 +1220,7 @@ class Robot:
         """
         given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         ddq = self.forward_dynamics(q, dq, tau, friction=friction, **given)
-        dq, tau = _numbers("power_balance", dq=dq, tau=tau)
+        dq, tau = self._states("power_balance", dq=dq, tau=tau)
         moving = self.inverse_dynamics(q, dq, ddq)  # M ddq + h: dq times it is d/dt of the energy
         pushing = self.holding_torques(q, **given) - self.holding_torques(q)
         lost = self.friction_forces(dq, load=moving + pushing) if friction else np.zeros_like(dq)
@@ -1195,8 +1247,8 @@ class Robot:
         [39.24, 19.62]
         """
         wrenches: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        q, dq, ddq = map(np.asarray, self._states("explain", q=q, dq=dq, ddq=ddq))
         tau = np.asarray(self.inverse_dynamics(q, dq, ddq, **wrenches), float)
-        q, dq, ddq = _numbers("explain", q=q, dq=dq, ddq=ddq)
         apart: dict[str, Array] = {}
         for sign, given in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
             for frame, F in (given or {}).items():
@@ -1230,8 +1282,9 @@ class Robot:
         and the variational ``"midpoint"``, ``"variational"``, ``"variational6"``, with steps of ``dt``. ``tau``: torques (nv,),
         or a function of (t, q, dq); ``controller``: such a function, asked every ``dt``, its torques held until the next time.
         ``wrench_on_robot``: ``{frame: (m, f) or a function of (t, q, dq)}``, in that frame. ``friction=True``: that of the
-        joints, eased off below ``creep``. ``contacts``: ``tw.simulation.Plane`` and ``JointStops``; ``limits="stop"`` ends
-        where a joint reaches a limit; ``events``: ``tw.simulation.Event``. ``every``: keep one state in so many.
+        joints, eased off below ``creep``, or in semi-implicit steps an impulse that stops and holds them. ``contacts``:
+        ``tw.simulation.Plane`` and ``JointStops``; ``limits="stop"`` ends where a joint reaches a limit; ``events``:
+        ``tw.simulation.Event``. ``every``: keep one state in so many.
 
         Raises SimulationError for an unstable step and a controller that fails, with all that was computed in ``.result``;
         ShapeError, ValueRangeError, UnknownNameError for what cannot be meant. docs/simulation.md explains and measures.
@@ -1308,22 +1361,34 @@ def _check_mapping(wrenches: Any) -> None:
         raise ShapeError("wrenches are a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
 
 
-def _numbers(name: str, **arrays: ArrayLike) -> list[Array]:
-    """Arrays of float64, or of float32 where that is what was given."""
+def _now(robot: Robot, name: str, options: Mapping[str, Any], *arrays: Array) -> Any:
+    """A quantity of NumPy arrays; a function that travels to other processes."""
+    return robot._call(name, *arrays, **options)
+
+
+def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
+    """Results of the type and rank that arrays of these types and ranks give, of no samples."""
+    batch = (0,) * (max(a.ndim for a in arrays) - 1)
+    dtype: Any = np.float32 if all(np.can_cast(a.dtype, np.float32) for a in arrays) else np.float64
+    cores = [core.count(",") + bool(core) for core in re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2])]
+    found = tuple(np.empty(batch + (0,) * rank, dtype) for rank in cores)
+    return found if len(found) > 1 else found[0]
+
+
+def _numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
+    """Arrays of float64, or of float32 where that is what was given; tables by ``names``, Dask arrays lazy."""
     found = []
     for label, given in arrays.items():
-        try:
-            array = np.asarray(given)
-        except ValueError:  # ragged
-            array = np.asarray(None)
+        array = arguments.brought(given, f"{name}: {label}", names.get(label, ()))
         if not np.can_cast(array.dtype, float):
-            raise _not_real(name, label, given, array.dtype)
+            raise _not_real(name, label, array)
         found.append(array if array.dtype == np.float32 else array.astype(float))
     return found
 
 
-def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeError:
+def _not_real(name: str, label: str, given: Any) -> ShapeError:
     """The error for numbers that are neither float32 nor float64, nor exactly one of them."""
+    dtype = given.dtype
     if dtype.kind == "f":
         what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
         return ShapeError(f"{name}: {label} {what}np.asarray({label}, float).")
@@ -1333,6 +1398,14 @@ def _not_real(name: str, label: str, given: Any, dtype: np.dtype[Any]) -> ShapeE
     return ShapeError(
         f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}"
     )
+
+
+def _refuse_out(name: str, out: Any) -> None:
+    """Nothing can be written now that is computed later."""
+    if out is not None:
+        raise ShapeError(
+            f"{name}: out= is for results that are computed now, and those of Dask arrays are computed later. Leave it out."
+        )
 
 
 def _refuse_overlap(name: str, out: tuple[Any, ...]) -> None:

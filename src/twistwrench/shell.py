@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 import logging
 import math
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial, wraps
@@ -16,10 +17,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .errors import ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from .report.locks import joints_held
 from .report.usage import in_shell_words
 from .verdict import ExitCode
 
 if TYPE_CHECKING:
+    from .model.model import Model
     from .robot import Robot
 
 __all__ = ["RobotOptions", "bundled", "plain_errors", "robot_command"]
@@ -45,12 +48,14 @@ class RobotOptions:
         """The robot meant: a bundled one by name, or a file by its path."""
         return self._load()[0]
 
-    def load_and_locked(self, *, stiff: bool = False) -> tuple[Robot, tuple[str, ...]]:
+    def load_and_locked(
+        self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
+    ) -> tuple[Robot, tuple[str, ...]]:
         """The robot, and the names of all joints that the options hold still, those that follow them among them.
 
-        ``stiff`` takes elastic gears to be rigid.
+        ``stiff`` takes elastic gears to be rigid. ``held`` names joints of the model that are held at neutral besides.
         """
-        return self._load(stiff=stiff)
+        return self._load(stiff=stiff, held=held)
 
     @property
     def files(self) -> dict[str, str | None]:
@@ -58,37 +63,42 @@ class RobotOptions:
         given = {"ROBOT": self.source, "--actuators": self.actuators}
         return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
 
-    def _load(self, *, stiff: bool = False) -> tuple[Robot, tuple[str, ...]]:
+    def _load(
+        self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
+    ) -> tuple[Robot, tuple[str, ...]]:
         make = self._maker()
         options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
         if self.floating_base:  # some bundled robots float of themselves
             options["floating_base"] = True
-        if not self.lock:
+        if not self.lock and held is None:
             return self._driven(make(lock={}, **options), stiff=stiff), ()
         # Which locked joints turn and which slide, and their limits, are known only once the robot is.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
-            free = make(**{**options, "inertia": "accept"}).model
-        kinds = {b.joint.name: b.joint.kind for b in free.bodies}
-        degrees = {n: self.degrees and kinds.get(n) != "prismatic" for n in self.lock}
-        lock = {n: math.radians(v) if degrees[n] else v for n, v in self.lock.items()}
+            whole = make(**{**options, "inertia": "accept"})
+        free = whole.model
+        lock = joints_held(free, self.lock, degrees=self.degrees)
+        if held is not None:
+            lock |= self._missing(whole, [name for name in held(free) if name not in lock])
         if self.actuators:
             robot = self._driven(make(lock={}, **options), stiff=stiff).lock(lock)
         else:
             robot = make(lock=lock, **options)
-        for b in free.leaders:
-            name = b.joint.name
-            if name in lock and b.joint.nv == 1:
-                low, high = float(free.limits.lower[b.v_index]), float(free.limits.upper[b.v_index])
-                if not low - 1e-9 <= lock[name] <= high + 1e-9:
-                    unit = math.degrees(1.0) if degrees[name] else 1.0
-                    click.echo(
-                        f"note: --lock {name}={self.lock[name]:g} is outside the joint's limits, "
-                        f"{unit * low:.5g} to {unit * high:.5g}.",
-                        err=True,
-                    )
         moving = {b.joint.name for b in robot.model.bodies}
         return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
+
+    def _missing(self, robot: Robot, names: list[str]) -> dict[str, float]:
+        """The neutral positions of joints that a motion leaves out; none where it leaves out all, as then it is misread."""
+        single = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
+        if len(names) == len(robot.model.leaders):
+            return {}
+        found = {name: float(robot.neutral[single[name].q_index]) for name in names if name in single}
+        if found:
+            click.echo(
+                f"note: held still, as the motion has no column for them: {', '.join(f'{n}={v:g}' for n, v in found.items())}.",
+                err=True,
+            )
+        return found
 
     def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
         if self.actuators is None:
@@ -108,8 +118,10 @@ class RobotOptions:
             text = standard_input_text() if self.source == _STANDARD_INPUT else read_robot_text(self.source)[0]
             return partial(load, text)
         if not Path(self.source).exists():
+            near = difflib.get_close_matches(self.source.lower(), robots.names(), n=1)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
             raise NotFoundError(
-                f"no robot file {self.source!r}, and no bundled robot of that name. "
+                f"no robot file {self.source!r}, and no bundled robot of that name.{hint} "
                 f"Give a path, or one of: {', '.join(robots.names())}."
             )
         return partial(load, self.source)
@@ -120,7 +132,12 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
 
     @click.argument("source", metavar="ROBOT")
     @click.option("--floating-base", is_flag=True, help="Let the base move freely.")
-    @click.option("--lock", metavar="JOINT=VALUE", multiple=True, help="Hold a joint still there; may be repeated.")
+    @click.option(
+        "--lock",
+        metavar="JOINT=VALUE",
+        multiple=True,
+        help="Hold a joint still there, or all of '*wheel*'; may be repeated.",
+    )
     @click.option("--tip", metavar="FRAME", help="The frame meant where none is named.")
     @click.option("--mimic", type=click.Choice(["follow", "independent"]), default="follow", show_default=True)
     @click.option("--inertia", type=click.Choice(["error", "accept", "repair"]), default="error", show_default=True)
@@ -183,8 +200,10 @@ def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
     path = folder / f"{robot}_{_DEMO}{suffix}"
     if not path.is_file():
         have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
+        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
         raise UnknownNameError(
-            f"no {what} is bundled with {robot!r}. With: {', '.join(have)}. Give the path of a {suffix[1:].upper()} file "
-            "instead."
+            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
+            f"Give the path of a {suffix[1:].upper()} file instead."
         )
     return path

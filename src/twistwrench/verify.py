@@ -107,9 +107,7 @@ def _check_peer(robot: Robot, motions: list[State], name: str, prepare: Callable
 
 
 def _compiled(robot: Robot, at: State) -> float:
-    tau = robot.inverse_dynamics(*at), robot.reference("inverse_dynamics", *at)
-    M = robot.mass_matrix(at.q), robot.reference("mass_matrix", at.q)
-    return max(relative_gap(*tau), relative_gap(*M))
+    return _against(robot, at, robot.reference("inverse_dynamics", *at), robot.reference("mass_matrix", at.q))
 
 
 def _pinocchio(robot: Robot) -> Residual:
@@ -145,7 +143,8 @@ def _mujoco(robot: Robot) -> Residual:
 
 
 def _against(robot: Robot, at: State, tau: Array, M: Array) -> float:
-    return max(relative_gap(robot.inverse_dynamics(*at), tau), relative_gap(robot.mass_matrix(at.q), M))
+    size = laws.torque_size(robot, at, tau)
+    return max(relative_gap(robot.inverse_dynamics(*at), tau, size), relative_gap(robot.mass_matrix(at.q), M))
 
 
 _LAWS: tuple[tuple[str, str, float, Residual], ...] = (

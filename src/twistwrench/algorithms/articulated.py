@@ -17,7 +17,7 @@ from ..bodies.inertia import SpatialInertia
 from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
-from .factors import factored, solved
+from .factors import factored, solved, widened
 from .inverse_dynamics import Motion, Wrenches, applied_wrenches, inertial_wrench
 from .recursion import inward, joint_poses, outward, spread, zeros
 from .springs import spring_forces
@@ -65,8 +65,10 @@ def _mirrored(X: Array) -> Array:
     return np.array([[X[max(i, j), min(i, j)] for j in range(3)] for i in range(3)])
 
 
-def articulated_dynamics(model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None) -> Array:
-    """q̈ (nv,); robots whose joints share no coordinates."""
+def articulated_dynamics(
+    model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None, added: Array | None = None
+) -> Array:
+    """q̈ (nv,); robots whose joints share no coordinates. ``added`` (nv,) is inertia of the joints, as that of a rotor."""
     T, Adq = joint_poses(model, q), spread(model, dq)
     tau = tau - spring_forces(model, q)
     A, p, c, w = [], [], [], {BASE: zeros(3)}
@@ -84,8 +86,9 @@ def articulated_dynamics(model: Model, q: Array, dq: Array, tau: Array, wrenches
         body = model.bodies[i]
         S = body.joint.axes
         U = np.array([A[i] @ s for s in S]).T
-        L, D = factored(S @ U)
-        u = tau[body.v_index : body.v_index + body.joint.nv] - S @ p[i]
+        mine = slice(body.v_index, body.v_index + body.joint.nv)
+        L, D = factored(S @ U if added is None else widened(S @ U, added[mine]))
+        u = tau[mine] - S @ p[i]
         W = np.array([solved(L, D, row) for row in U])  # U D⁻¹
         joints[i] = W, solved(L, D, u), U
         if parent != BASE:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-__all__ = ["factored", "inverse_factor", "lowered", "raised", "solved", "symmetric_product"]
+__all__ = ["factored", "inverse_factor", "lowered", "raised", "solved", "symmetric_product", "widened"]
 
 
 def factored(M: Array) -> tuple[Array, Array]:
@@ -37,7 +37,7 @@ def solved(L: Array, inverse: Array, b: Array) -> Array:
 
 def lowered(L: Array, b: Array) -> Array:
     """z with L' z = b."""
-    z = b.copy()
+    z = b.astype(np.result_type(L, b))
     for k in reversed(range(len(z))):
         for i in range(k):
             z[i] = z[i] - L[k, i] * z[k]
@@ -46,7 +46,7 @@ def lowered(L: Array, b: Array) -> Array:
 
 def raised(L: Array, b: Array) -> Array:
     """x with L x = b."""
-    x = b.copy()
+    x = b.astype(np.result_type(L, b))
     for k in range(len(x)):
         for i in range(k):
             x[k] = x[k] - L[k, i] * x[i]
@@ -66,3 +66,11 @@ def symmetric_product(W: Array, inverse: Array) -> Array:
         for j in range(i + 1):
             product[i, j] = product[j, i] = scaled[i] @ W[j]
     return product
+
+
+def widened(M: Array, diagonal: Array) -> Array:
+    """M with more on its diagonal."""
+    found = M.astype(object)
+    for i, x in enumerate(diagonal):
+        found[i, i] = found[i, i] + x
+    return found

@@ -11,14 +11,22 @@ from ..model.model import Model
 
 Array = NDArray[Any]
 
-__all__ = ["friction_forces", "torque_past_eased_friction", "torque_past_friction"]
+__all__ = [
+    "friction_bounds",
+    "friction_forces",
+    "is_zero",
+    "rubbing",
+    "signs",
+    "torque_past_eased_friction",
+    "torque_past_friction",
+]
 
 
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
     """The torques that overcome friction at dq, where each joint carries the torque ``load``; (nv,)."""
-    f, s = model.friction, _signs(dq)
+    f, s = model.friction, signs(dq)
     tau = f.viscous * dq + s * _dry(model, dq)
-    return np.asarray(tau if load is None else tau + s * f.load * (_signs(load) * load))
+    return np.asarray(tau if load is None else tau + s * f.load * (signs(load) * load))
 
 
 def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
@@ -28,15 +36,38 @@ def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
     leave. As load < 1, x has the sign of y.
     """
     y = tau - friction_forces(model, dq)
-    return np.asarray(y / (1.0 + model.friction.load * (_signs(dq) * _signs(y))))
+    return np.asarray(y / (1.0 + model.friction.load * (signs(dq) * signs(y))))
 
 
 def torque_past_eased_friction(model: Model, dq: Array, tau: Array, creep: Array) -> Array:
     """The same where dry friction is made continuous at rest: its part is multiplied by tanh(|dq| / creep); (nv,)."""
     damping = model.friction.viscous * dq
-    share = 1.0 - 2.0 / (_exp(2.0 * (_signs(dq) * dq / creep)) + 1.0)
+    share = 1.0 - 2.0 / (_exp(2.0 * (signs(dq) * dq / creep)) + 1.0)
     y = tau - damping - share * (friction_forces(model, dq) - damping)
-    return np.asarray(y / (1.0 + share * model.friction.load * (_signs(dq) * _signs(y))))
+    return np.asarray(y / (1.0 + share * model.friction.load * (signs(dq) * signs(y))))
+
+
+def rubbing(model: Model) -> list[int]:
+    """The velocities that dry friction acts on."""
+    f = model.friction
+    laws = zip(f.coulomb, f.static, f.load, strict=True)
+    return [k for k, law in enumerate(laws) if not all(map(is_zero, law))]
+
+
+def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
+    """The most that dry friction takes from joints that slide back and that slide forth, at the speeds dq; (nv,) each.
+
+    The two differ where friction grows with the load: what the joint carries of the torque tau is what friction leaves.
+    """
+    dry, load = _dry(model, dq), model.friction.load
+    back, forth = dry.copy(), dry.copy()
+    for k, c in enumerate(load):
+        if not is_zero(c):
+            y = tau[k] - model.friction.viscous[k] * dq[k]
+            for found, way in ((back, -1.0), (forth, 1.0)):
+                carried = abs(y - way * dry[k])
+                found[k] = dry[k] + c * (carried / (1.0 + way * c * (y - way * dry[k]).sign()))
+    return back, forth
 
 
 def _dry(model: Model, dq: Array) -> Array:
@@ -54,9 +85,15 @@ def _same(a: Any, b: Any) -> bool:
     return a is b or (isinstance(a, float) and isinstance(b, float) and a == b)
 
 
+def is_zero(x: Any) -> bool:
+    """Whether this is the number 0, and no symbol."""
+    return isinstance(x, float) and x == 0.0
+
+
 def _exp(x: Any) -> Any:
     return x.exp() if hasattr(x, "exp") else np.exp(x)
 
 
-def _signs(x: Array) -> Array:
+def signs(x: Array) -> Array:
+    """-1, 0 or 1, of symbols and of numbers."""
     return np.array([e.sign() if hasattr(e, "sign") else np.sign(e) for e in x], object).reshape(x.shape)

@@ -64,16 +64,17 @@ def settled(
     slopes: Callable[[Array], tuple[Array, Array]],
     add: Callable[[Array, Array], Array],
     sizes: Array,
+    units: Array,
     tolerance: float,
 ) -> tuple[Array, Array]:
-    """Configurations near q (n, nq) without gaps, and the largest gap left at each (n,).
+    """Configurations near q (n, nq) without gaps, and the largest gap left at each (n,), over its row's unit.
 
     Steps are the least in the kinetic metric, Levenberg and Marquardt's with the square of the gap for a parameter, halved
     while they do not help: Fan and Yuan, Computing 74, 2005, quadratic also where the solution is singular.
     ``slopes`` gives A of the gaps and M.
     """
     q, gap = q.copy(), gaps(q)
-    left = np.abs(gap).max(axis=-1, initial=0.0)
+    left = np.abs(gap / units).max(axis=-1, initial=0.0)
     going = left > tolerance
     for _ in range(ITERATIONS):
         n = np.flatnonzero(going)
@@ -90,7 +91,7 @@ def settled(
                 break
             length = np.where(better, length, 0.5 * length)
         q[n[better]], gap[n[better]] = tried[better], new[better]
-        left[n] = np.abs(gap[n]).max(axis=-1)
+        left[n] = np.abs(gap[n] / units).max(axis=-1)
         going[n] = better & (left[n] > tolerance)
     return q, left
 

@@ -21,6 +21,10 @@ Array = NDArray[Any]
 
 __all__ = ["SpatialInertia"]
 
+_GIANT = 100.0
+"""m: a matrix that gives its body a larger radius of gyration is taken to be one with its linear part first, of a body
+below a centimetre, which a ball's or cube's matrix does not tell otherwise."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpatialInertia:
@@ -90,18 +94,30 @@ class SpatialInertia:
 
     @classmethod
     def from_matrix(cls, G: ArrayLike) -> SpatialInertia:
-        """From the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]]; an InertiaError if it has not that form."""
+        """From the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]]; an InertiaError if it has not that form.
+
+        Each block is judged by its own size, to a millionth. A body with a radius of gyration above 100 m is refused too.
+        """
         G = arguments.one(G, "a spatial inertia matrix", 6, 6)
         if not np.isfinite(G).all():
             raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
         h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
         I = 0.5 * (G[:3, :3] + G[:3, :3].T)
         found = cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
-        gap = float(np.abs(found.matrix - G).max())
-        if not gap <= 1e-6 * float(np.abs(G).max()):
+        # kg m² beside kg m² and kg beside kg: a body of a millimetre has a millionth of the one in the other.
+        moment, mass = (float(np.abs(block).max()) for block in (G[:3, :3], G[3:, 3:]))
+        root = np.sqrt(np.repeat([moment, mass], 3))
+        gap = np.abs(found.matrix - G)
+        if not (gap <= 1e-6 * np.outer(root, root)).all():
             raise InertiaError(
-                f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by {gap:.3g}. Is its "
-                "linear part first? Then swap the blocks."
+                f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by {gap.max():.3g}. Is "
+                "its linear part first? Then swap the blocks."
+            )
+        if moment > _GIANT**2 * mass > 0:
+            raise InertiaError(
+                f"read with the angular part first, this spatial inertia is of {found.mass:.3g} kg spread over "
+                f"{np.sqrt(moment / mass):.3g} m. Is its linear part first? Then swap the blocks. A body so large is described "
+                "by from_com."
             )
         return found
 
@@ -250,11 +266,13 @@ class SpatialInertia:
 
     # ── can it exist? ──
 
-    def defects(self) -> list[str]:
+    def defects(self, *, size: float = 0.0) -> list[str]:
         """Why no real body has this inertia, in words with amounts; empty when one can.
 
         Conditions: finite, mass ≥ 0, and about the centre of mass positive semidefinite with principal moments that
-        obey the triangle inequality, to 1e-6 of their sum plus 1e-12 kg m².
+        obey the triangle inequality, to 1e-6 of their sum, whatever the scale. ``size`` [kg m²] are the moments that these
+        came from, where they are differences of larger ones, as of bodies moved from frame to frame: their rounding is
+        no defect.
         """
         if not np.isfinite(self.parameters).all():
             return ["has a value that is not a finite number"]
@@ -266,7 +284,7 @@ class SpatialInertia:
             return []
         A, B, C = (float(x) for x in self.principal()[0])
         # Moments about a far origin lose digits on their way to the centre of mass.
-        slack = 1e-6 * abs(A + B + C) + 1e-12 + 2e-15 * abs(self.moment_about_origin.trace())
+        slack = 1e-6 * abs(A + B + C) + 2e-15 * max(size, abs(float(self.moment_about_origin.trace())))
         found = []
         if -slack > A:
             found.append(f"negative principal moment {A:.6g} kg m² (moments {A:.6g}, {B:.6g}, {C:.6g})")

@@ -1,12 +1,14 @@
-"""Inertia of a uniform solid bounded by a closed triangle mesh.
+"""Inertia of a uniform solid bounded by closed triangle meshes.
 
-The solid is the signed sum of the tetrahedra that a point makes with each face; the integrals over a tetrahedron are
-polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or other mass properties) of a 3D
-solid body represented by a triangle mesh", 2004.
+What one shell bounds is the signed sum of the tetrahedra that a point makes with each of its faces; the integrals over a
+tetrahedron are polynomials of its corners. Source: Blow and Binstock, "How to find the inertia tensor (or other mass
+properties) of a 3D solid body represented by a triangle mesh", 2004. Shells are added where they bound solids and taken off
+where they bound cavities: :mod:`twistwrench.bodies.shells`.
 """
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core import arguments
 from ..core.foreign_errors import foreign_errors
-from ..errors import MissingExtraError, ModelError, NotFoundError, ShapeError, ValueRangeError
+from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
+from .shells import edges_of, nest, shell_numbers
 from .solids import total_mass
 
 if TYPE_CHECKING:
@@ -24,6 +27,11 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 __all__ = ["mesh"]
+
+_USUAL_SIZE = 1e-4, 10.0
+"""m: the largest extent of a part of a robot. A part drawn in millimetres and read in metres is a hundred metres long."""
+_USUAL_DENSITY = 1.0, 23_000.0
+"""kg/m³: from thin shells filled with air to osmium."""
 
 
 def mesh(
@@ -37,8 +45,14 @@ def mesh(
     """A uniform solid bounded by a mesh, in the mesh's own frame. Give mass [kg] or density [kg/m³].
 
     ``surface`` is a file that trimesh reads (extra ``mesh``), or vertices (n, 3) and triangles (k, 3) of vertex numbers, which
-    need nothing. ``scale`` turns the mesh's unit into metres: 0.001 for millimetres. A surface that is not closed has no
-    inside and is a :class:`~twistwrench.ModelError` that says where; one that is inside out is turned.
+    need nothing. ``scale`` turns the mesh's unit into metres: 0.001 for millimetres.
+
+    Shells (faces that hang together by edges) are looked at one by one, and which way their faces are turned says nothing:
+    a shell by itself bounds a solid, one inside another a cavity, one inside a cavity a solid again. Where shells cut each
+    other or coincide, each counts as a solid, so that what they have in common counts twice: a ModelWarning says so. Another
+    one speaks of a size or a density that no part of a robot has.
+
+    Raises :class:`~twistwrench.ModelError`, saying where, for a surface that is not closed and so has no inside.
 
     >>> from twistwrench import SpatialInertia
     >>> corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
@@ -51,19 +65,56 @@ def mesh(
     name, vertices, faces = _read(surface)
     _require_closed(name, vertices, faces)
     vertices = scale * vertices
+    count, shell = shell_numbers(faces)
     centre = vertices[faces].mean(axis=(0, 1))  # near the solid, so that far ones lose no digits
     a = (vertices - centre)[faces]
     six = np.linalg.det(a)  # six times the signed volume of each tetrahedron
+    volumes = np.bincount(shell, six, count) / 6.0
+    extent = float(np.ptp(vertices[faces], axis=(0, 1)).max())
+    turned = np.where(volumes < 0, -1.0, 1.0)
+    signs = turned * _signs(name, np.where((turned < 0)[shell, None, None], a[:, ::-1], a), shell, count)
+    six = signs[shell] * six
     volume = six.sum() / 6.0
-    if not abs(volume) > 1e-15 * np.ptp(vertices, axis=0).max() ** 3:
+    if not volume > 1e-15 * extent**3:
         raise ModelError(f"{name} encloses no volume ({volume:.3g} m³).")
     sums = a.sum(axis=1)
     h = six @ sums / 24.0
     S = (np.einsum("k,kia,kib->ab", six, a, a) + np.einsum("k,ka,kb->ab", six, sums, sums)) / 120.0
-    m = total_mass("mesh", abs(float(volume)), mass, density)
+    m = total_mass("mesh", float(volume), mass, density)
     rho, c = m / volume, h / volume
+    _remark_on_size(name, extent, float(rho), m)
     S = rho * S - m * np.outer(c, c)
     return cls.from_com(m, c + centre, S.trace() * np.eye(3) - S)
+
+
+def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
+    """1 for each shell that bounds a solid, -1 for a cavity; triangles (k, 3, 3) turned outwards."""
+    if count == 1:
+        return np.ones(1)
+    found = nest(outwards, shell, count)
+    if found.cutting:
+        warnings.warn(
+            f"{name}: of its {count} shells {len(found.cutting)} pairs cut each other or coincide; each counts as a solid, so "
+            "what they have in common counts twice. Unite them (trimesh.boolean.union can), or give the mass and check "
+            "the centre of mass.",
+            ModelWarning,
+            stacklevel=3,
+        )
+    return found.sign
+
+
+def _remark_on_size(name: str, extent: float, density: float, mass: float) -> None:
+    """Warn of what is most likely another unit of length."""
+    small, large = _USUAL_SIZE
+    light, heavy = _USUAL_DENSITY
+    text = f"{name} is {extent:.3g} m long and weighs {mass:.3g} kg, {density:.3g} kg/m³"
+    if not small <= extent <= large:
+        unit = "Is it in millimetres? Then say scale=0.001" if extent > large else "Check scale"
+        warnings.warn(f"{text}: no usual size of a part of a robot. {unit}.", ModelWarning, stacklevel=3)
+    elif not light <= density <= heavy:
+        warnings.warn(
+            f"{text}: no material is like that. Check mass, density [kg/m³] and scale.", ModelWarning, stacklevel=3
+        )
 
 
 def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array, Array]:
@@ -100,7 +151,7 @@ def _require_closed(name: str, vertices: Array, faces: Array) -> None:
     """Each edge of each face must be met by exactly one other face that runs along it the other way."""
     if not np.isfinite(vertices[faces]).all():
         raise ValueRangeError(f"{name} has corners that are not finite numbers.")
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    edges = edges_of(faces)
     there, back = (edges[:, i] * len(vertices) + edges[:, 1 - i] for i in (0, 1))
     keys, first, counts = np.unique(there, return_index=True, return_counts=True)
     alone = edges[first[~np.isin(keys, back)]]

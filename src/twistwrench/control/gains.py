@@ -42,7 +42,11 @@ def require_driven(robot: object, what: str) -> Robot:
 
 def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
     """q (nq,) and dq (nv,) of one state. Raises ShapeError, ValueRangeError."""
-    return arguments.one(q, f"{what}: q", robot.nq), arguments.one(dq, f"{what}: dq", robot.nv)
+    rates = robot.model.velocity_names
+    return (
+        arguments.one(q, f"{what}: q", robot.nq, names=robot.coordinate_names),
+        arguments.one(dq, f"{what}: dq", robot.nv, names=rates),
+    )
 
 
 def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
@@ -50,7 +54,7 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
 
     Raises ShapeError, and ValueRangeError for one that is not positive semidefinite, or not definite where it must be.
     """
-    n, given = len(names), arguments.finite(K, what)
+    n, given = len(names), arguments.finite(K, what, names=names)
     if given.shape not in ((), (n,), (n, n)):
         raise ShapeError(
             f"{what} has shape {given.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core import arguments
 from ..errors import ValueRangeError
-from .gains import gain
+from .gains import gain, one_state
 from .task_space import TaskLaw, TaskState
 
 Array = NDArray[Any]
@@ -72,7 +72,7 @@ class Impedance(TaskLaw):
         pull = self._stiffness @ now.error + self._damping @ now.error_rate
         if self.wrench_on_robot is None:
             return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
-        measured = self.wrench_on_robot(t, np.asarray(q, float), np.asarray(dq, float))
+        measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
         F = self._felt(q, arguments.one(measured, f"wrench_on_robot of Impedance at t = {t:g} s", 6), now)
         a = now.feedforward + self._inverse_mass @ (pull + F)
         return self._torques(t, q, dq, now, now.Lambda @ a - F)

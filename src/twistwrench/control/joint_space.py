@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..robot import Robot
@@ -61,6 +62,12 @@ class PD(JointLaw):
     """
 
     gravity: bool = True
+
+    @property
+    def rate_gains(self) -> Array | None:
+        """-∂τ/∂dq joint by joint, (nv,), which semi-implicit steps take at their end; None where Kd couples joints."""
+        own = np.diagonal(self._kd).copy()
+        return own if np.array_equal(self._kd, np.diag(own)) else None
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""

@@ -108,7 +108,7 @@ class MomentumObserver:
         """
         now, nv = arguments.number(t, "MomentumObserver: t"), self.robot.nv
         q, dq = one_state(self.robot, "MomentumObserver", q, dq)
-        tau = arguments.one(tau, "MomentumObserver: tau", nv)
+        tau = arguments.one(tau, "MomentumObserver: tau", nv, names=self.robot.model.velocity_names)
         for name, x in (("t", t), ("q", q), ("dq", dq), ("tau", tau)):  # one NaN would stay in the residual for ever
             arguments.finite(x, f"MomentumObserver: {name}")
         state = (now, dq.copy(), *self._momentum(q, dq))  # the caller may go on writing into dq
@@ -124,12 +124,15 @@ class MomentumObserver:
         :meth:`update` knows stays as it is.
         """
         t = arguments.finite(times, "MomentumObserver: times")
-        states = {"q": (q, self.robot.nq), "dq": (dq, self.robot.nv), "tau": (tau, self.robot.nv)}
+        coordinates, rates = self.robot.coordinate_names, self.robot.model.velocity_names
+        states = {"q": (q, coordinates), "dq": (dq, rates), "tau": (tau, rates)}
         if t.ndim != 1 or not len(t):
             raise ShapeError(f"MomentumObserver: times have shape {t.shape}, expected (n,), the instants of a record.")
         q, dq, tau = (
-            arguments.finite(arguments.one(x, f"MomentumObserver: {n}", len(t), k), f"MomentumObserver: {n}", k)
-            for n, (x, k) in states.items()
+            arguments.finite(
+                arguments.one(x, f"MomentumObserver: {n}", len(t), len(names), names=names), f"MomentumObserver: {n}"
+            )
+            for n, (x, names) in states.items()
         )
         p, beta = self._momentum(q, dq)
         found = np.zeros((len(t), self.robot.nv))
@@ -172,9 +175,13 @@ class MomentumObserver:
         robot, chosen = self.robot, list(row_numbers(rows))
         if kind not in KINDS:
             raise UnknownNameError.of("kind", kind, KINDS)
-        q = arguments.finite(arguments.one(q, "MomentumObserver.wrench: q", robot.nq), "MomentumObserver.wrench: q")
+        q = arguments.one(q, "MomentumObserver.wrench: q", robot.nq, names=robot.coordinate_names)
+        q = arguments.finite(q, "MomentumObserver.wrench: q")
         r = arguments.one(
-            self._residual if residual is None else residual, "MomentumObserver.wrench: residual", robot.nv
+            self._residual if residual is None else residual,
+            "MomentumObserver.wrench: residual",
+            robot.nv,
+            names=robot.model.velocity_names,
         )
         r = arguments.finite(r, "MomentumObserver.wrench: residual")
         J = robot.jacobian(q, frame, kind)[chosen]

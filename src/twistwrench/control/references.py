@@ -75,7 +75,9 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
     Raises ShapeError, ValueRangeError.
     """
     if not callable(given):
-        q = np.array(arguments.finite(arguments.one(given, what, robot.nq), what, robot.nq))
+        q = np.array(
+            arguments.finite(arguments.one(given, what, robot.nq, names=robot.coordinate_names), what, robot.nq)
+        )
         q.setflags(write=False)
         zero = np.zeros(robot.nv)
         return lambda _t: (q, zero, zero)
@@ -85,9 +87,9 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
         q, dq, ddq = _three(given(t), what, t)
         named = f"{what} at t = {t:g} s"
         return (
-            arguments.one(q, f"q of {named}", robot.nq),
-            arguments.one(dq, f"dq of {named}", robot.nv),
-            arguments.one(ddq, f"ddq of {named}", robot.nv),
+            arguments.one(q, f"q of {named}", robot.nq, names=robot.coordinate_names),
+            arguments.one(dq, f"dq of {named}", robot.nv, names=robot.model.velocity_names),
+            arguments.one(ddq, f"ddq of {named}", robot.nv, names=robot.model.velocity_names),
         )
 
     motion(0.0)

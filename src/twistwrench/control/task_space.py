@@ -16,7 +16,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.task_space import ROWS, row_numbers
@@ -126,7 +125,8 @@ class TaskLaw:
 
     def _posture_acceleration(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         if self._posture is None:
-            return -self._posture_kd @ np.asarray(dq, float)
+            return -self._posture_kd @ one_state(self.robot, type(self).__name__, q, dq)[1]
+        q, dq = one_state(self.robot, type(self).__name__, q, dq)
         q_r, dq_r, ddq_r = self._posture(t)
         return ddq_r + self._posture_kp @ self.robot.subtract(q_r, q) + self._posture_kd @ (dq_r - dq)
 

@@ -1,12 +1,15 @@
-"""The door of ``lie``, ``screws`` and ``bodies``: what an array must be, and errors that name it, its shape and its row.
+"""The door through which what a caller gives comes in: arrays as they must be, or errors that name them and say what to do.
 
-``array``, ``real`` and ``finite`` look at types and shapes; ``rotation`` and ``pose`` say how far a matrix is off. Symbols
+``brought`` and ``plain`` take any kind of array: NumPy's as they are, tables by the names of their columns, all else as
+``np.asarray`` does; ``brought`` leaves Dask's lazy. ``array``, ``real`` and ``finite`` look at types and shapes besides;
+``number``, ``positive`` and ``whole`` are for single numbers; ``rotation`` and ``pose`` say how far a matrix is off. Symbols
 (object arrays) pass all but ``real`` and ``finite`` as they are, so checked functions can be traced. NaN passes all but
 ``finite``: plain arrays hand it on row by row, as NumPy does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from numbers import Rational
 from typing import Any
 
@@ -14,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ShapeError, TwistWrenchError, ValueRangeError
+from .lazy import is_lazy
+from .tables import in_order
 
 Array = NDArray[Any]
 
@@ -21,30 +26,67 @@ __all__ = [
     "TOLERANCE",
     "array",
     "as_matrix",
+    "brought",
     "finite",
     "last_row",
     "mismatch",
     "number",
     "one",
+    "plain",
     "pose",
+    "positive",
     "real",
     "refuse",
     "rotation",
     "together",
+    "whole",
 ]
 
 TOLERANCE = 1e-6
 """How far the entries of R' R may be from the identity where a rotation is needed: a rounded float32 rotation passes."""
 
+_NO_ARRAY = "is not an array of real numbers"
 _FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
 _PYTHON = (int, float, np.floating, np.integer, Rational)
 _NAMES = {"U": "text", "S": "bytes", "c": "complex numbers", "M": "dates", "m": "time spans", "O": "objects"}
 
 
-def array(x: ArrayLike, what: str, *shape: int, batch: bool = True) -> Array:
-    """x as float32, float64 or symbols, its last axes of the given shape; all else is an error that names ``what``."""
+def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _NO_ARRAY) -> Any:
+    """x as an ndarray of whatever numbers it has, or as the Dask array that it is.
+
+    A table (a data frame, a row of one, an array with a labelled last axis) is put in the order of ``names``; without names
+    its labels are refused where they are texts. Raises UnknownNameError for labels that are not exactly the names, and
+    ValueRangeError for masked entries; ShapeError, with the ``complaint``, for what is no array.
+    """
+    if type(x) is np.ndarray:
+        return x
+    try:
+        x = in_order(x, what, names)
+        made = x if is_lazy(x) else np.asarray(x)
+    except TwistWrenchError:
+        raise
+    except Exception as error:  # rows of different lengths, integers beyond floats, whatever another library raises
+        raise ShapeError(f"{what} {complaint}: {error}") from None
+    if isinstance(x, np.ma.MaskedArray) and np.ma.is_masked(x):
+        count = int(np.ma.getmaskarray(x).sum())
+        raise ValueRangeError(
+            f"{what} has {count} masked entries, which are no numbers. Fill them: x.filled(np.nan) makes gaps of them."
+        )
+    return made
+
+
+def plain(x: Any, what: str, names: Sequence[str] = ()) -> Array:
+    """The same as an ndarray: a Dask array is computed."""
+    return np.asarray(brought(x, what, names))
+
+
+def array(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequence[str] = ()) -> Array:
+    """x as float32, float64 or symbols, its last axes of the given shape; all else is an error that names ``what``.
+
+    ``names``: those of the last axis, by which a table is read; see :func:`brought`.
+    """
     if type(x) is not np.ndarray:
-        x = _array(x, what, shape, batch)
+        x = _array(x, what, shape, batch, names)
     if (x.shape[-len(shape) :] if batch else x.shape) != shape and (shape or not batch):
         raise ShapeError(f"{what} has {_described(x)}, expected {_wanted(shape, batch)}.")
     if x.dtype in _FLOATS:
@@ -56,9 +98,9 @@ def array(x: ArrayLike, what: str, *shape: int, batch: bool = True) -> Array:
     return x
 
 
-def real(x: ArrayLike, what: str, *shape: int, batch: bool = True) -> Array:
+def real(x: ArrayLike, what: str, *shape: int, batch: bool = True, names: Sequence[str] = ()) -> Array:
     """x as float32 if it is that, else as float64, with the last axes of the given shape; symbols are refused."""
-    M = array(x, what, *shape, batch=batch)
+    M = array(x, what, *shape, batch=batch, names=names)
     if M.dtype != object:
         return M
     try:
@@ -67,9 +109,9 @@ def real(x: ArrayLike, what: str, *shape: int, batch: bool = True) -> Array:
         raise ValueRangeError(f"{what} has {_described(M)}, expected numbers that float64 can hold: {error}.") from None
 
 
-def finite(x: ArrayLike, what: str, *shape: int) -> Array:
+def finite(x: ArrayLike, what: str, *shape: int, names: Sequence[str] = ()) -> Array:
     """x as real numbers, its last axes of the given shape and none of them NaN or infinite."""
-    M = real(x, what, *shape)
+    M = real(x, what, *shape, names=names)
     bad = ~np.isfinite(M)
     if bad.any():
         where = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -77,9 +119,9 @@ def finite(x: ArrayLike, what: str, *shape: int) -> Array:
     return M
 
 
-def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False) -> Array:
+def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False, names: Sequence[str] = ()) -> Array:
     """x as float64 numbers, or symbols where they may be, of exactly this shape: one thing, not a batch."""
-    M = (array if symbols else real)(x, what, *shape, batch=False)
+    M = (array if symbols else real)(x, what, *shape, batch=False, names=names)
     return M if M.dtype == object else np.asarray(M, float)
 
 
@@ -91,6 +133,23 @@ def number(x: Any, what: str) -> float:
     if M.shape != () or M.dtype.kind not in "iuf":
         raise ValueRangeError(f"{what} is {x!r}, expected one real number.")
     return float(M)
+
+
+def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
+    """x as one number above 0 [``unit``]; 0 too where ``zero``, infinity too where ``infinite``. Raises ValueRangeError."""
+    value = number(x, what)
+    if not (value > 0 or (zero and value == 0)) or (value == np.inf and not infinite):
+        least = "at least 0" if zero else "above 0"
+        raise ValueRangeError(f"{what} is {x}, and must be a number {least}{f' [{unit}]' if unit else ''}.")
+    return value
+
+
+def whole(x: Any, what: str, least: int = 1) -> int:
+    """x as a whole number of at least ``least``; 6.0 is one. Raises ValueRangeError."""
+    value = number(x, what)
+    if not (value >= least and value % 1 == 0):
+        raise ValueRangeError(f"{what} is {x}, and must be a whole number, at least {least}.")
+    return int(value)
 
 
 def as_matrix(x: Any, what: str, kind: str) -> Array:
@@ -114,15 +173,15 @@ def mismatch(**arrays: Array) -> ShapeError:
     return ShapeError(f"these batches do not broadcast: {shapes}. All axes but the last ones must agree or be 1.")
 
 
-def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False) -> Array:
-    try:
-        M = np.asarray(x)
-        plain = M.dtype == object and M.size and all(issubclass(kind, _PYTHON) for kind in set(map(type, M.flat)))
-        return M.astype(float) if plain else M  # fractions, and integers beyond 64 bits
-    except TwistWrenchError:
-        raise
-    except Exception as error:  # rows of different lengths, integers beyond floats, whatever another library raises
-        raise ShapeError(f"{what} is no array, expected {_wanted(shape, batch)} of real numbers: {error}") from None
+def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False, names: Sequence[str] = ()) -> Array:
+    complaint = f"is no array, expected {_wanted(shape, batch)} of real numbers"
+    M = np.asarray(brought(x, what, names, complaint=complaint))
+    if M.dtype == object and M.size and all(issubclass(kind, _PYTHON) for kind in set(map(type, M.flat))):
+        try:
+            return M.astype(float)  # fractions, and integers beyond 64 bits
+        except OverflowError as error:
+            raise ShapeError(f"{what} {complaint}: {error}") from None
+    return M
 
 
 def _wanted(shape: tuple[int, ...], batch: bool) -> str:

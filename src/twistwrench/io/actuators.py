@@ -16,7 +16,7 @@ import numpy as np
 from ..core.files import is_stream, read_text
 from ..core.foreign_errors import foreign_errors
 from ..errors import ModelError, ModelWarning, NotFoundError, UnknownNameError, ValueRangeError
-from ..model.actuation import with_actuators, with_friction
+from ..model.actuation import with_actuators, with_friction, with_link_friction
 from ..model.actuator import Actuator, Motor, Rotor
 from ..model.model import Model
 from .units import in_si
@@ -29,7 +29,7 @@ _MOTOR = {
     "torque_constant": "torque constant", "resistance": "resistance", "inductance": "inductance", "voltage": "voltage",
     "current_continuous": "current", "current_peak": "current", "speed": "rotor speed",
 }  # fmt: skip
-_ACTUATOR = ("ratio", "efficiency", "motor", "rotor", "stiffness", "friction")
+_ACTUATOR = ("ratio", "efficiency", "motor", "rotor", "stiffness", "friction", "link_friction")
 _ROTOR = ("inertia", "extra", "mass", "link", "axis", "place")
 _FRICTION = {"viscous": "viscous", "coulomb": "torque", "static": "torque", "stribeck": "speed", "load": ""}
 _SLIDING = {
@@ -164,22 +164,30 @@ def _added(model: Model, file: _Section, stiff: bool) -> Model:
         raise ModelError("it has no entry 'actuators:' with the joints below it.")
     joints = file.section("actuators")
     sliding = {b.joint.name for b in model.leaders if b.joint.kind == "prismatic"}
-    actuators, laws = [], {}
+    actuators: list[Actuator] = []
+    laws: dict[str, dict[str, float]] = {}
+    of_links: dict[str, dict[str, float]] = {}
     for name in joints.content:
         entry = joints.section(name)
         entry.only(*_ACTUATOR)
         kinds = _SLIDING if name in sliding else {}
         actuators.append(_actuator(name, entry, motors, kinds))
-        if "friction" in entry.content:
-            law = entry.section("friction")
-            law.only(*_FRICTION)
-            laws[name] = {
-                key: law.number(key, kinds.get(kind, kind)) for key, kind in _FRICTION.items() if key in law.content
-            }
+        for key, found in (("friction", laws), ("link_friction", of_links)):
+            if key in entry.content:
+                found[name] = _law(entry.section(key), kinds)
+        if name in of_links:
+            laws.setdefault(name, {})  # either entry replaces all that the robot file says
     if stiff and (elastic := [a.joint for a in actuators if np.isfinite(a.stiffness)]):
         warnings.warn(f"the elastic gears of {', '.join(elastic)} are taken to be stiff.", ModelWarning, stacklevel=2)
         actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
-    return with_actuators(with_friction(model, laws), actuators)
+    return with_link_friction(with_actuators(with_friction(model, laws), actuators), of_links)
+
+
+def _law(section: _Section, kinds: Mapping[str, str]) -> dict[str, float]:
+    section.only(*_FRICTION)
+    return {
+        key: section.number(key, kinds.get(kind, kind)) for key, kind in _FRICTION.items() if key in section.content
+    }
 
 
 def _actuator(joint: str, entry: _Section, motors: Mapping[str, Motor], kinds: Mapping[str, str]) -> Actuator:

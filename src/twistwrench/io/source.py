@@ -17,6 +17,7 @@ __all__ = ["MAX_BYTES", "read_robot_text", "standard_input_text"]
 MAX_BYTES = 64 * 2**20
 """Larger files are refused; the largest robot descriptions in use are a few MiB."""
 
+_BUNDLED_ROBOTS = Path(__file__).parents[1] / "robots"
 _NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
 """What Python calls encodings, and no XML file is in."""
 
@@ -63,7 +64,7 @@ def _bytes_of(path: Path) -> bytes:
         if path.is_dir():
             raise RobotFileError(f"{clipped!r} is a folder. Pass the robot file in it{_offer(_robot_files(path))}.")
         if not path.exists():
-            raise NotFoundError(f"no file {clipped!r}. {_similar(path)}")
+            raise NotFoundError(f"no file {clipped!r}. {_similar(path)}{_bundled(path)}")
         if path.is_file():
             _check_size(path.stat().st_size, repr(name))
         return read_bytes(path, MAX_BYTES)
@@ -85,6 +86,13 @@ def _similar(path: Path) -> str:
     near = difflib.get_close_matches(path.name, here, n=3, cutoff=0.5)
     names = near or _robot_files(folder)
     return f"In its folder{_offer(names)}." if names else f"There is no robot file in {str(folder)!r}; check the path."
+
+
+def _bundled(path: Path) -> str:
+    """A hint for the name of a bundled robot in place of a path."""
+    name = path.stem.lower()
+    there = name.isidentifier() and (_BUNDLED_ROBOTS / f"{name}.urdf").is_file()
+    return f" A robot of that name is bundled: twistwrench.robots.{name}()." if there else ""
 
 
 def _robot_files(folder: Path) -> list[str]:

@@ -39,20 +39,27 @@ class _MethodDefinition(ctypes.Structure):
     )
 
 
-class _Keeper:
-    """All that a builtin points to; it holds this object as its module."""
+class _Keeper(str):
+    """All that a builtin points to; it holds this object as the name of its module, which others read as a text."""
 
-    def __init__(self, **kept: Any) -> None:
-        self.kept = kept
-
-    def __repr__(self) -> str:
-        return "twistwrench"
+    kept: dict[str, Any]
 
 
 class kernel(bytes):  # what the builtin's repr calls it: "built-in method … of kernel object"
-    """The addresses a builtin works with."""
+    """The addresses a builtin works with, and whose method it is; ``self`` of the builtin.
 
-    __slots__ = ()
+    Addresses mean nothing elsewhere. A builtin is pickled as the attribute of its name of its ``self``, and this one is
+    pickled, and copied, as the owner of the method: what comes out is the owner's own method of that name.
+    """
+
+    owner: Any
+
+    def __reduce_ex__(self, protocol: Any) -> tuple[Callable[[Any], Any], tuple[Any]]:
+        return _same, (self.owner,)
+
+
+def _same(owner: Any) -> Any:
+    return owner
 
 
 def make_call(ufunc: Any, fallback: Callable[..., Any], name: str) -> Callable[..., Any] | None:
@@ -81,7 +88,15 @@ def make_call(ufunc: Any, fallback: Callable[..., Any], name: str) -> Callable[.
     }
     context = kernel(b"".join(addresses[n].to_bytes(8, sys.byteorder) for n in POINTERS))
     definition = _MethodDefinition(name.encode(), code.address, _FASTCALL_WITH_KEYWORDS, _doc(fallback, name).encode())
-    keeper = _Keeper(ufunc=ufunc, fallback=fallback, code=code, float64=float64, definition=definition)
+    context.owner = fallback.__self__  # type: ignore[attr-defined]
+    keeper = _Keeper("twistwrench.robot")
+    keeper.kept = {
+        "ufunc": ufunc,
+        "fallback": fallback,
+        "code": code,
+        "float64": float64,
+        "definition": definition,
+    }
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype, make.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
     return make(ctypes.addressof(definition), context, keeper)
@@ -120,7 +135,7 @@ def _understood() -> bool:
         return False
     if sysconfig.get_config_var("Py_GIL_DISABLED"):  # objects have longer heads, even while the lock is switched on
         return False
-    probe, contents = np.arange(6.0).reshape(2, 3), b"twistwrench"
+    probe, contents = np.arange(6.0).reshape(2, 3), kernel(b"twistwrench")
 
     def word(name: str, kind: Any = ctypes.c_ssize_t) -> int:
         return int(kind.from_address(id(probe) + FIELDS[name]).value)

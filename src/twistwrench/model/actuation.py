@@ -23,9 +23,13 @@ from .spring import Spring
 
 Array = NDArray[Any]
 
-__all__ = ["counted", "with_actuators", "with_friction"]
+__all__ = ["counted", "with_actuators", "with_friction", "with_link_friction"]
 
 _LAWS = ("viscous", "coulomb", "static", "stribeck", "load")
+_SMALLEST, _LARGEST = 1e-18, 1e12
+"""In SI units: no drive has a number beyond these, and their squares are still far from overflow."""
+_RATIOS = 1e-6, 1e9
+"""Of gears: rad/rad, or rad/m of a spindle; a thread of a nanometre has 6e9."""
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
@@ -44,27 +48,56 @@ def with_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Mode
     """The model with the friction laws of some joints replaced: ``{joint: {"coulomb": 2.0, …}}``, the rest of each 0."""
     friction = model.friction
     for joint, law in laws.items():
-        place = _leader(model, joint).v_index
-        for name in law:
-            if name not in _LAWS:
-                raise UnknownNameError.of("friction law", name, _LAWS)
-        coulomb = law.get("coulomb", 0.0)
-        if law.get("static", coulomb) > coulomb and "stribeck" not in law:
-            raise ValueRangeError(
-                f"the static friction of joint {joint!r} is above its Coulomb friction, so there is a speed at which the one "
-                "goes over into the other: give stribeck, such as 0.05 rad/s."
-            )
-        full = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
-        for name, value in full.items():
-            if not (0 <= value < np.inf):
-                raise ValueRangeError(f"{name} friction of joint {joint!r} is {value:g}; it must be at least 0.")
-        if full["static"] < coulomb or full["stribeck"] == 0 or full["load"] >= 1:
-            raise ValueRangeError(
-                f"the friction of joint {joint!r} cannot be meant: static {full['static']:g} must be at least coulomb "
-                f"{coulomb:g}, the Stribeck speed {full['stribeck']:g} above 0, and load {full['load']:g} below 1."
-            )
-        friction = friction.replaced(place, **full)
+        friction = friction.replaced(_leader(model, joint).v_index, **_full_law(joint, law))
     return replace(model, friction=friction)
+
+
+def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) -> Model:
+    """The model with friction behind the gears, where the links turn: of elastic joints that of the joint's own coordinate.
+
+    A rigid gear turns with its joint, so there it adds to what the gear has. Raises ModelError where the sum of two laws
+    is no law, as of two Stribeck speeds.
+    """
+    friction = model.friction
+    for joint, law in laws.items():
+        k, full = _leader(model, joint).v_index, _full_law(joint, law)
+        own = {name: float(getattr(friction, name)[k]) for name in _LAWS}
+        fading = [x for x in (own, full) if x["static"] > x["coulomb"]]
+        if len({x["stribeck"] for x in fading}) > 1:
+            raise ModelError(
+                f"the friction and the link_friction of joint {joint!r}, on one coordinate as its gear is rigid, have two "
+                "Stribeck speeds. Give both the same one, or one of them no static friction."
+            )
+        total = {name: own[name] + full[name] for name in _LAWS if name != "stribeck"}
+        if total["load"] >= 1:
+            raise ValueRangeError(f"load friction of joint {joint!r} adds up to {total['load']:g}; it must be below 1.")
+        friction = friction.replaced(k, **total, stribeck=(fading or [own])[0]["stribeck"])
+    return replace(model, friction=friction)
+
+
+def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
+    """All numbers of a friction law, checked."""
+    for name in law:
+        if name not in _LAWS:
+            raise UnknownNameError.of("friction law", name, _LAWS)
+    coulomb = law.get("coulomb", 0.0)
+    if law.get("static", coulomb) > coulomb and "stribeck" not in law:
+        raise ValueRangeError(
+            f"the static friction of joint {joint!r} is above its Coulomb friction, so there is a speed at which the one "
+            "goes over into the other: give stribeck, such as 0.05 rad/s."
+        )
+    full = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
+    for name, value in full.items():
+        if not 0 <= value <= _LARGEST:
+            raise ValueRangeError(
+                f"{name} friction of joint {joint!r} is {value:g}; it must be at least 0 and at most {_LARGEST:g}."
+            )
+    if full["static"] < coulomb or full["stribeck"] == 0 or full["load"] >= 1:
+        raise ValueRangeError(
+            f"the friction of joint {joint!r} cannot be meant: static {full['static']:g} must be at least coulomb "
+            f"{coulomb:g}, the Stribeck speed {full['stribeck']:g} above 0, and load {full['load']:g} below 1."
+        )
+    return full
 
 
 def _leader(model: Model, name: str) -> Body:
@@ -102,15 +135,20 @@ def _driven(model: Model, actuator: Actuator) -> Model:
 
 def _check(actuator: Actuator) -> None:
     who, motor, rotor = f"the actuator of joint {actuator.joint!r}", actuator.motor, actuator.rotor
-    if not (np.isfinite(actuator.ratio) and actuator.ratio):
-        raise ValueRangeError(f"{who} has the ratio {actuator.ratio:g}; it must be a number other than 0.")
+    if not _RATIOS[0] <= abs(actuator.ratio) <= _RATIOS[1]:
+        raise ValueRangeError(
+            f"{who} has the ratio {actuator.ratio:g}; it must be a number from {_RATIOS[0]:g} to {_RATIOS[1]:g}, or minus one."
+        )
     if not 0 < actuator.efficiency <= 1:
         raise ValueRangeError(f"{who} has the efficiency {actuator.efficiency:g}; it must be above 0 and at most 1.")
-    if not actuator.stiffness > 0:
-        raise ValueRangeError(f"{who} has the stiffness {actuator.stiffness:g}; it must be above 0.")
-    if rotor is not None and not np.isfinite(rotor.place).all():
+    if not (_real(actuator.stiffness) or actuator.stiffness == np.inf):
+        raise ValueRangeError(
+            f"{who} has the stiffness {actuator.stiffness:g}; it must be above 0 and at most {_LARGEST:g}. Leave it out where "
+            "the gear is rigid."
+        )
+    if rotor is not None and not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= _LARGEST):
         raise ValueRangeError(f"{who} has a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite.")
-    if rotor is not None and not (0 < rotor.inertia < np.inf and 0 <= rotor.mass < np.inf):
+    if rotor is not None and not (_real(rotor.inertia) and 0 <= rotor.mass <= _LARGEST):
         raise ValueRangeError(
             f"{who} has a rotor of {rotor.inertia:g} kg m² and {rotor.mass:g} kg; give positive ones."
         )
@@ -120,13 +158,18 @@ def _check(actuator: Actuator) -> None:
                 f"{who} has current continuous {motor.current_continuous:g} A above current peak {motor.current_peak:g} A. "
                 "Are they exchanged?"
             )
-        if not 0 < motor.torque_constant < np.inf:
+        if not _real(motor.torque_constant):
             raise ValueRangeError(f"{who} has the torque constant {motor.torque_constant:g} N m/A; it must be above 0.")
         for field, value in vars(motor).items():
             may_be_zero = field in ("resistance", "inductance")
-            if not (0 <= value < np.inf if may_be_zero else value > 0):
-                allowed = "at least 0" if may_be_zero else "above 0"
+            if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
+                allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {_LARGEST:g}"
                 raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {value:g}; it must be {allowed}.")
+
+
+def _real(x: float) -> bool:
+    """Whether a drive can have this number."""
+    return bool(_SMALLEST <= x <= _LARGEST)
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
@@ -215,7 +258,8 @@ def _axis(joint: Joint, rotor: Rotor) -> Array:
 def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body) -> tuple[Model, Body]:
     """One more coordinate at the end, the motor's angle as seen at the joint, and the spring between the two.
 
-    The motor takes over the limits of speed and effort: nothing but the spring acts on the joint itself.
+    The motor takes over the limits of speed and effort, and the friction, which is that of motor and gear: nothing but the
+    spring acts on the joint itself.
     """
     k, old = driven.v_index, model.limits
     spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)
@@ -227,5 +271,6 @@ def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body
         np.append(np.where(np.arange(model.nv) == k, inf, old.effort), old.effort[k]),
     )
     rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
-    wider = replace(model, limits=limits, friction=model.friction.extended(), springs=(*model.springs, spring))
+    friction = model.friction.extended().moved(k, model.nv)
+    wider = replace(model, limits=limits, friction=friction, springs=(*model.springs, spring))
     return wider, rotor

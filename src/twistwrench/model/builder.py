@@ -28,8 +28,10 @@ from .description import (
 from .edit import gravity_vector, lock
 from .joint import Joint
 from .judgement import INERTIA_POLICIES, judge
+from .massless import massless_links
 from .mimic import MIMIC_POLICIES, find_drives
 from .model import Model
+from .remark import Remark, grouped
 from .snap import DEFAULT_SNAP
 from .tip import check_tip
 from .tree import Tree, find_tree
@@ -61,13 +63,17 @@ class ModelBuilder:
         """Note something doubtful: a :class:`~twistwrench.ModelWarning` on building, kept in the defects."""
         self._remarks.append(text)
 
-    def add_link(self, name: str, inertia: SpatialInertia | None = None, where: str = "") -> None:
+    def add_link(
+        self, name: str, inertia: SpatialInertia | None = None, where: str = "", *, shaped: bool = False
+    ) -> None:
         """Add a link with its inertia about its own frame's origin; None is a link without mass.
+
+        ``shaped`` says that the link has a shape in its file, so that it cannot be a mere frame.
 
         Raises :class:`~twistwrench.ModelError` for a name taken, :class:`~twistwrench.InertiaError` for numbers that
         are not finite and for a negative mass.
         """
-        link = link_entry(name, inertia, where)
+        link = link_entry(name, inertia, where, shaped)
         _check_new("link", name, where, self._links.get(name))
         self._links[name] = link
 
@@ -109,7 +115,7 @@ class ModelBuilder:
         for what, value in loss.items():
             loss[what] = float(numbers(value, (), f"the {what} of {who}"))
             if loss[what] < 0:
-                remarks.append(f"{who} has a negative {what}, {value:g}, so it feeds energy into the robot")
+                remarks.append(Remark(who, f"has a negative {what}, {value:g}, so it feeds energy into the robot"))
         self._joints[name] = JointEntry(
             joint=joint,
             parent=parent,
@@ -164,8 +170,9 @@ class ModelBuilder:
         )
         model = _locked(model, lock or {})
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
+        found += _on_massless([str(self._links[link]) for link in massless_links(model)])
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *found))
-        for text in model.defects:
+        for text in grouped(model.defects):
             warnings.warn(f"robot {self.name!r}: {text}.", ModelWarning, stacklevel=_frames_to_user())
         return model
 
@@ -182,6 +189,15 @@ class ModelBuilder:
 
 
 _locked = lock  # inside build, `lock` is the option
+
+
+def _on_massless(links: list[str]) -> list[str]:
+    """One remark on all moving links that ought to have a mass and have none."""
+    if not links:
+        return []
+    listed = ", ".join(links[:12]) + (f" and {len(links) - 12} more" if len(links) > 12 else "")
+    verb, whose = ("has", "its") if len(links) == 1 else ("have", "their")
+    return [f"{listed} {verb} no mass: {whose} weight and inertia are missing from every torque"]
 
 
 def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | None) -> None:

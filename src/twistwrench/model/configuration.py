@@ -15,6 +15,9 @@ Array = NDArray[Any]
 
 __all__ = ["add", "from_names", "random_configuration", "subtract"]
 
+_ENDLESS = 1e3
+"""rad or m: at an angle of 1e16 neighbouring doubles are two apart, and nothing can be said of the pose."""
+
 
 def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
     """q (nq,) with the named joints as given and the others neutral."""
@@ -37,7 +40,10 @@ def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
 
 
 def random_configuration(model: Model, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Random q (*shape, nq): inside the limits, unbounded joints within ±π or ±1 m, quaternions uniform."""
+    """Random q (*shape, nq): inside the limits, unbounded joints within ±π or ±1 m, quaternions uniform.
+
+    A limit of more than 1000 rad or m says that there is none, as ±1e16 does in files of propellers.
+    """
     parts = [_random(model, body, rng, shape) for body in model.leaders]
     return np.concatenate([np.zeros((*shape, 0)), *parts], axis=-1)
 
@@ -50,6 +56,7 @@ def _random(model: Model, body: Body, rng: np.random.Generator, shape: tuple[int
         return np.concatenate([quat, rng.uniform(-1.0, 1.0, (*shape, 3))], axis=-1)
     reach = np.where(np.any(joint.axes[:, :3] != 0, axis=1), np.pi, 1.0)
     lower, upper = model.limits.lower[mine], model.limits.upper[mine]
+    lower, upper = np.where(lower < -_ENDLESS, -np.inf, lower), np.where(upper > _ENDLESS, np.inf, upper)
     # Where one side alone is given, the other stays at least a reach away from it.
     free_lower = np.minimum(-reach, np.where(np.isfinite(upper), upper - reach, -reach))
     free_upper = np.maximum(reach, np.where(np.isfinite(lower), lower + reach, reach))

@@ -12,6 +12,7 @@ from ..bodies.inertia import SpatialInertia
 from ..errors import InertiaError, ModelError
 from .joint import JOINT_KINDS, Joint, planar_axes, screw_axis
 from .model import Limits
+from .remark import Remark
 
 Array = NDArray[Any]
 Mimic = tuple[str, float, float]
@@ -48,6 +49,8 @@ class LinkEntry:
     inertia: SpatialInertia
     """About the link frame's origin; zero when none is given."""
     where: str
+    shaped: bool = False
+    """Whether it has a shape, to be seen or to be touched."""
 
     def __str__(self) -> str:
         return label("link", self.name, self.where)
@@ -99,9 +102,9 @@ def _shape_in_words(shape: tuple[int, ...]) -> str:
     return f"numbers of shape {shape}" if shape else "a number"
 
 
-def link_entry(name: str, inertia: SpatialInertia | None, where: str) -> LinkEntry:
+def link_entry(name: str, inertia: SpatialInertia | None, where: str, shaped: bool = False) -> LinkEntry:
     """A link whose inertia is finite and whose mass is not negative: no policy can mend those."""
-    link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where)
+    link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped)
     if not np.isfinite(link.inertia.parameters).all():
         raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
     if link.inertia.mass < 0:
@@ -188,7 +191,7 @@ def limits_of(
         return Limits(-none, none, none, none), remarks
     if joint.nv > 1:
         if any(x is not None for x in (lower, upper, velocity, effort)):
-            remarks.append(f"{who} is {joint.kind}; limits of joints with several coordinates are not kept")
+            remarks.append(Remark(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
         return Limits(-none, none, none, none), remarks
     low, high = _bounds(joint.kind, lower, upper, who, remarks)
     speed = _magnitude("velocity", velocity, who, remarks)
@@ -202,7 +205,7 @@ def _bounds(kind: str, lower: float | None, upper: float | None, who: str, remar
     if kind == "continuous":  # turns without end, whatever the file says
         return -np.inf, np.inf
     if low == high == 0:
-        remarks.append(f"{who} has lower = upper = 0, taken to mean that no limits are given")
+        remarks.append(Remark(who, "has lower = upper = 0, taken to mean that no limits are given"))
         return -np.inf, np.inf
     if low > high or low == np.inf or high == -np.inf:
         raise ModelError(
@@ -233,6 +236,6 @@ def _magnitude(what: str, value: float | None, who: str, remarks: list[str]) -> 
             f"{who} has {what}={value:g} as its limit; a limit is a positive number. Leave it out where there is none."
         )
     if value == 0:
-        remarks.append(f"{who} has a limit {what}=0, taken to mean that none is given")
+        remarks.append(Remark(who, f"has a limit {what}=0, taken to mean that none is given"))
         return float(np.inf)
     return value

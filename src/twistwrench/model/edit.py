@@ -13,7 +13,7 @@ from ..bodies.inertia import SpatialInertia
 from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from .fusing import fuse
 from .joint import Joint
-from .judgement import reasons
+from .judgement import moved_moments, reasons
 from .model import BASE, Model
 from .tip import default_tip
 
@@ -42,7 +42,8 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     body = model.bodies[at.body]
     loaded = replace(body, inertia=body.inertia + moved)
     # A body that was accepted as impossible when the robot was loaded may stay so.
-    if not reasons(body.inertia) and (found := loaded.inertia.defects()):
+    size = moved_moments(model, at.body) + abs(float(moved.moment_about_origin.trace()))
+    if not reasons(body.inertia, size) and (found := loaded.inertia.defects(size=size)):
         raise InertiaError(
             f"with a payload at {name!r}, the body of joint {body.joint.name!r} cannot exist: {'; '.join(found)}."
         )

@@ -64,6 +64,11 @@ class Friction:
         new = Friction.plain(np.zeros(1), np.zeros(1))
         return Friction(*(np.append(getattr(self, f.name), getattr(new, f.name)) for f in fields(self)))
 
+    def moved(self, place: int, to: int) -> Friction:
+        """With the friction of one velocity at another, and none left where it was."""
+        laws = {f.name: float(getattr(self, f.name)[place]) for f in fields(self)}
+        return self.replaced(to, **laws).replaced(place, **dict.fromkeys(laws, 0.0) | {"stribeck": 1.0})
+
     @property
     def any(self) -> bool:
         """Whether there is friction at all."""

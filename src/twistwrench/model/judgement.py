@@ -10,21 +10,25 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..errors import InertiaError
 from .model import Body, Model
+from .remark import Remark
 
-__all__ = ["INERTIA_POLICIES", "judge", "reasons"]
+__all__ = ["INERTIA_POLICIES", "judge", "moved_moments", "reasons"]
 
+_LISTED = 3
+"""Bodies that cannot exist that an error describes; a file with many has one cause most often."""
 INERTIA_POLICIES = ("error", "accept", "repair")
 """What happens to a moving body that cannot exist: refused, kept as it is, or given the nearest inertia that can be."""
 
 
-def reasons(inertia: SpatialInertia) -> list[str]:
+def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
     """Why no body has this inertia, in words with amounts. Rotational inertia without mass is judged by itself.
 
-    Files use it for rotors whose mass is counted elsewhere; a remark is made of it, never an error.
+    Files use it for rotors whose mass is counted elsewhere; a remark is made of it, never an error. ``size`` [kg m²] is
+    that of the moments it was made of, which rounding goes by.
     """
     if inertia.mass == 0 and inertia.parameters[4:].any():
         return SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).defects()
-    return inertia.defects()
+    return inertia.defects(size=size)
 
 
 def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model, list[str]]:
@@ -35,7 +39,7 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
     remarks: list[str] = []
     refused: list[str] = []
     bodies = list(model.bodies)
-    bad = {i: found for i, body in enumerate(bodies) if (found := reasons(body.inertia))}
+    bad = {i: found for i, body in enumerate(bodies) if (found := reasons(body.inertia, moved_moments(model, i)))}
     for i, found in bad.items():
         text = f"{_who(model, i, link)} cannot exist: {'; '.join(found)}"
         if policy == "error":
@@ -46,12 +50,23 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
             bodies[i], change = _repaired(bodies[i])
             remarks.append(f"{text}; repaired, {change}")
     if refused:
+        more = f" {len(refused) - _LISTED} more cannot exist either." if len(refused) > _LISTED else ""
         raise InertiaError(
-            f"{'. '.join(refused)}. Correct the numbers, or load with inertia='repair' to take the nearest valid ones, "
-            "or with inertia='accept' to keep them."
+            f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with inertia='repair' to take the nearest "
+            "valid ones, or with inertia='accept' to keep them."
         )
     remarks.extend(_on_links(model, set(bad), link))
     return replace(model, bodies=tuple(bodies)), remarks
+
+
+def moved_moments(model: Model, index: int) -> float:
+    """The moments [kg m²] that those of a fused body are sums and differences of: each link's, moved along its own levers."""
+    total = 0.0
+    for name, frame in model.frames.items():
+        if frame.body == index:
+            G, p = model.link_inertias[name], frame.pose[:3, 3]
+            total += abs(float(G.moment_about_origin.trace())) + float(G.mass * p @ p)
+    return total
 
 
 def _who(model: Model, index: int, link: Callable[[str], str]) -> str:
@@ -75,16 +90,16 @@ def _repaired(body: Body) -> tuple[Body, str]:
 
 def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[str]:
     """Remarks on links that are doubtful by themselves and do no harm."""
-    remarks = []
+    remarks: list[str] = []
     for name, inertia in model.link_inertias.items():
         body = model.frames[name].body
         moments = inertia.parameters[4:]
         if inertia.mass == 0 and moments.any():
-            remarks.append(f"{link(name)} has rotational inertia but no mass")
+            remarks.append(Remark(link(name), "has rotational inertia but no mass"))
         # Through the parallel-axis theorem a zero comes back as rounding of the moments about the origin.
         elif inertia.mass and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
-            remarks.append(f"{link(name)} has mass but zero inertia, as a point mass has")
+            remarks.append(Remark(link(name), "has mass but zero inertia, as a point mass has"))
         if body not in bad and (found := reasons(inertia)):
             effect = "is fused into a body that can exist" if body >= 0 else "does not move"
-            remarks.append(f"{link(name)} cannot exist by itself ({'; '.join(found)}) but {effect}")
+            remarks.append(Remark(link(name), f"cannot exist by itself ({'; '.join(found)}) but {effect}"))
     return remarks

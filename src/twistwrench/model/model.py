@@ -16,6 +16,7 @@ from ..errors import FrameError, UnknownNameError
 from .actuator import Actuator
 from .friction import Friction
 from .joint import Joint
+from .limits import Limits
 from .spring import Spring
 
 Array = NDArray[Any]
@@ -61,16 +62,6 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
-    """Joint limits, one entry per velocity, (nv,) each: rad or m, rad/s or m/s, N m or N; inf where none is given."""
-
-    lower: Array
-    upper: Array
-    velocity: Array
-    effort: Array
-
-
-@dataclass(frozen=True, eq=False)
 class Model:
     """A robot as data. Parents come before children; made by :class:`~twistwrench.model.builder.ModelBuilder`."""
 
@@ -99,6 +90,8 @@ class Model:
     """What drives the joints, by joint; their rotors are among the bodies, their elasticity among the springs."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     """(frame, inertia about it) of what was attached; the bodies and the links that carry it have it in them."""
+    shaped: frozenset[str] = frozenset()
+    """The links that the file gives a shape, to be seen or to be touched."""
     snap: float = 0.0
     """How near to 0 or ±1 an entry of a fixed rotation was to be to count as exactly that; edits keep to it."""
 
@@ -126,6 +119,15 @@ class Model:
     def nv(self) -> int:
         """Number of velocities."""
         return sum(b.joint.nv for b in self.leaders)
+
+    def positions(self, q: Any) -> Array:
+        """The coordinate of each velocity, (..., nq) → (..., nv); zero for planar and floating joints, which have none."""
+        q = np.asarray(q, float)
+        found = np.zeros((*q.shape[:-1], self.nv))
+        for b in self.leaders:
+            if b.joint.nv == 1:
+                found[..., b.v_index] = q[..., b.q_index]
+        return found
 
     @cached_property
     def leaders(self) -> tuple[Body, ...]:

@@ -111,7 +111,7 @@ def SimulateControl(
     door.same_length(thetamatd=q_d, dthetamatd=dq_d, ddthetamatd=ddq_d)
     gains, dt = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd), arguments.number(dt, "dt")
     gravity, believed = arguments.one(g, "g", 3), arguments.one(gtilde, "gtilde", 3)
-    F, steps = tip_wrenches(Ftipmat, len(q_d)), door.count(intRes, "intRes", 1)
+    F, steps = tip_wrenches(Ftipmat, len(q_d)), arguments.whole(intRes, "intRes")
     eint, taumat, thetamat = np.zeros(robot.n), np.empty(q_d.shape), np.empty(q_d.shape)
     for i in range(len(q_d)):
         tau = _torque(model, believed, q, dq, eint, q_d[i], dq_d[i], ddq_d[i], *gains)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +14,7 @@ from ..lie import se3, so3
 
 Array = NDArray[Any]
 
-__all__ = ["ROUNDED", "array", "count", "pose", "rotation", "same_length", "skew", "twist_matrix"]
+__all__ = ["ROUNDED", "array", "pose", "rotation", "same_length", "skew", "twist_matrix"]
 
 ROUNDED = 0.01
 """How far an entry may be from the nearest rotation's: matrices typed with two digits are taken for rotations."""
@@ -77,17 +76,6 @@ def twist_matrix(X: ArrayLike, name: str) -> Array:
         complaint = f"{name} has no last row of zeros: an entry is {{gap:.3g}} off, allowed {{allowed:g}}"
         arguments.refuse(np.abs(X[..., 3:, :]), arguments.TOLERANCE, complaint)
     return X
-
-
-def count(n: Any, name: str, least: int) -> int:
-    """n as a whole number, at least ``least``; 6.0 is one, as the book's package has it."""
-    try:
-        whole = operator.index(int(n))
-    except (TypeError, ValueError, OverflowError):
-        whole = least - 1
-    if whole < least or whole != n:
-        raise ValueRangeError(f"{name} is {n!r}: a whole number is needed, {least} or more.")
-    return whole
 
 
 def same_length(**matrices: Array) -> None:

@@ -221,7 +221,7 @@ def ForwardDynamicsTrajectory(
     chain = chain_of(Mlist, Glist, Slist)
     q, dq = start(chain, thetalist, dthetalist)
     tau, gravity, dt = rows(chain, taumat, "taumat"), arguments.one(g, "g", 3), arguments.number(dt, "dt")
-    F, steps = tip_wrenches(Ftipmat, len(tau)), door.count(intRes, "intRes", 1)
+    F, steps = tip_wrenches(Ftipmat, len(tau)), arguments.whole(intRes, "intRes")
     thetamat, dthetamat = np.empty(tau.shape), np.empty(tau.shape)
     thetamat[0], dthetamat[0] = q, dq
     for i in range(len(tau) - 1):

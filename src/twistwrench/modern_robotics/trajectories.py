@@ -96,7 +96,7 @@ def _ends(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
 
 def _scaling(Tf: float, N: float, method: int) -> Array:
     """s at N instants from 0 to Tf, both ends exact."""
-    n = door.count(N, "N", 2)
+    n = arguments.whole(N, "N", 2)
     scalings = {3: CubicTimeScaling, 5: QuinticTimeScaling}
     if method not in tuple(scalings):
         raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .coordinates import Coordinates
+from ..motion.coordinates import Coordinates
 
 Array = NDArray[Any]
 
 __all__ = ["Continuity"]
 
+_FULL = 0.75
+"""Of a turn: the least step of a bounded joint that is taken for a turn left out."""
 _SPILL = 0.01
 """Of half a turn: how far beyond it rounding to two decimals, or less, carries a wrapped angle (3.15 for π)."""
 
@@ -29,21 +31,30 @@ class Continuity:
     than π are meant."""
     quaternions: tuple[slice, ...]
     """Where the quaternions of floating joints stand: p and -p are one rotation, but not one curve."""
+    left_out: Array
+    """(nq,) bool: angles of bounded joints within one turn. There a step of nearly a full turn, and no other, is a turn that
+    the log left out."""
 
     @classmethod
-    def of(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float = math.tau) -> Continuity:
-        """Judge by excerpts of q (n, nq), with angles in units of which ``turn`` make a full turn."""
+    def of(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
+        """Judge by excerpts of q (n, nq), with angles in units of which ``turn``, () or (nq,), make a full turn."""
         least = np.min([x.min(axis=0, initial=math.inf) for x in parts], axis=0)
         most = np.max([x.max(axis=0, initial=-math.inf) for x in parts], axis=0)
-        half, spill = 0.5 * turn, _SPILL * 0.5 * turn
+        half, spill = 0.5 * np.asarray(turn), _SPILL * 0.5 * np.asarray(turn)
         about_zero = (least >= -half - spill) & (most <= half + spill)
         from_zero = (least >= -spill) & (most <= turn + spill)
-        return cls(coordinates.endless & (about_zero | from_zero), coordinates.quaternions)
+        within = about_zero | from_zero
+        bounded = coordinates.angular & ~coordinates.endless
+        return cls(coordinates.endless & within, coordinates.quaternions, bounded & within)
 
-    def curves(self, q: Array, turn: float = math.tau) -> Array:
+    def curves(self, q: Array, turn: float | Array = math.tau) -> Array:
         """Consecutive rows of q (n, nq) without those jumps; each column begins where it did."""
-        found = q.copy()
-        found[:, self.wrapped] = np.unwrap(q[:, self.wrapped], axis=0, period=turn)
+        found, turns = q.copy(), np.broadcast_to(np.asarray(turn, float), q.shape[1:])
+        for k in np.flatnonzero(self.wrapped):
+            found[:, k] = np.unwrap(q[:, k], period=turns[k])
+        for k in np.flatnonzero(self.left_out):
+            # np.unwrap leaves steps below ``discont`` as they are.
+            found[:, k] = np.unwrap(q[:, k], period=turns[k], discont=_FULL * turns[k])
         for place in self.quaternions:
             p = q[:, place]
             same = np.sum(p[1:] * p[:-1], axis=1) >= 0

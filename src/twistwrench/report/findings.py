@@ -110,6 +110,8 @@ class TorqueReport:
     """What the motion asks of the motors that are described."""
     around: States
     """The states on either side of the worst joint's peak, a few thousand at most: all of a short motion."""
+    contradictions: tuple[str, ...] = ()
+    """A sentence for each thing by which the input contradicts itself, so that no figure can be trusted."""
 
     @property
     def scale(self) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -13,7 +12,9 @@ from rich.text import Text
 from rich.tree import Tree
 
 from ..model.model import BASE, Body, Model
+from ..model.remark import grouped
 from .coordinates import Coordinates
+from .robot_summary import link_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -31,7 +32,7 @@ def info_view(robot: Robot, *, degrees: bool = False) -> RenderableType:
     parts: list[RenderableType] = [
         _heading(model), _joints(model, degrees=degrees), *actuators, _inertias(model), _tree(model)
     ]  # fmt: skip
-    return Group(*parts, *(Text.assemble(("! ", "yellow"), defect) for defect in model.defects))
+    return Group(*parts, *(Text.assemble(("! ", "yellow"), remark) for remark in grouped(model.defects)))
 
 
 def _heading(model: Model) -> Text:
@@ -51,7 +52,7 @@ def _joints(model: Model, *, degrees: bool) -> Table:
     angle = "deg" if degrees else "rad"
     table = _plain_table(f"Joints (angles in {angle}, lengths in m, efforts in N m or N)")
     for name in ("joint", "kind", "carries"):
-        table.add_column(name, no_wrap=True)
+        table.add_column(name, overflow="fold")
     extra = model.friction.any
     for name in ("lower", "upper", "velocity", "effort", *(("damping", "friction") if extra else ())):
         table.add_column(name, justify="right", no_wrap=True)
@@ -63,12 +64,12 @@ def _joints(model: Model, *, degrees: bool) -> Table:
                 continue
             if b.follows:
                 kind = f"{b.joint.kind},\n{_rule(b, c.velocity_names[k], factor, degrees=degrees)}"
-                table.add_row(*map(Text, (b.joint.name, kind, _link(model, i))))
+                table.add_row(*map(Text, (b.joint.name, kind, link_of(model, i))))
                 continue
             first = k == b.v_index
             cells = [factor * limits.lower[k], factor * limits.upper[k], factor * limits.velocity[k], limits.effort[k]]
             cells += [model.friction.viscous[k], model.friction.coulomb[k]] if extra else []
-            words = (c.velocity_names[k], b.joint.kind if first else "", _link(model, i) if first else "")
+            words = (c.velocity_names[k], b.joint.kind if first else "", link_of(model, i) if first else "")
             table.add_row(*map(Text, words), *map(_figure, cells))
     return table
 
@@ -76,7 +77,7 @@ def _joints(model: Model, *, degrees: bool) -> Table:
 def _actuators(model: Model) -> Table:
     """Gears, rotors and motors; what is not known stays empty."""
     table = _plain_table("Actuators (SI units)")
-    table.add_column("joint", no_wrap=True)
+    table.add_column("joint", overflow="fold")
     heads = ("ratio", "η", "rotor", "stiffness", "k_t", "R", "V", "A", "A peak", "speed")
     for name in heads:
         table.add_column(name, justify="right", no_wrap=True)
@@ -99,17 +100,18 @@ def _rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -
 
 def _inertias(model: Model) -> Table:
     table = _plain_table("Links with mass, each in its own frame (kg, m, kg m²)")
-    table.add_column("link", no_wrap=True)
-    table.add_column("moves with", no_wrap=True)
-    for name in ("mass", "centre of mass", "principal moments"):
-        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("link", overflow="fold")
+    table.add_column("moves with", overflow="fold")
+    table.add_column("mass", justify="right", no_wrap=True)
+    for name in ("centre of mass", "principal moments"):  # three numbers each: these break between numbers
+        table.add_column(name, justify="right", min_width=10)
     for link, inertia in model.link_inertias.items():
         if not inertia.parameters.any():
             continue
         body = model.frames[link].body if link in model.frames else BASE
         com = " ".join(f"{x:.4g}" for x in inertia.com)
         moments = " ".join(f"{x:.3g}" for x in inertia.principal()[0])
-        carrier = "base" if body == BASE else _link(model, body)
+        carrier = link_of(model, body)
         table.add_row(Text(link), Text(carrier), f"{inertia.mass:.4g}", com, moments)
     return table
 
@@ -127,10 +129,10 @@ def _tree(model: Model) -> Tree:
             branches[b.parent].label.append(f"  · {b.link}", "dim")  # type: ignore[union-attr]
             continue
         label = Text.assemble(
-            (b.joint.name, "cyan"), (f" ({b.joint.kind}) → ", "dim"), _branch(_link(model, i), fixed[i])
+            (b.joint.name, "cyan"), (f" ({b.joint.kind}) → ", "dim"), _branch(link_of(model, i), fixed[i])
         )
         if depths[b.parent] == DEEPEST:
-            branches[b.parent] = root.add(Text.assemble((_link(model, b.parent), "bold"), (" carries on:", "dim")))
+            branches[b.parent] = root.add(Text.assemble((link_of(model, b.parent), "bold"), (" carries on:", "dim")))
             depths[b.parent] = 0
         branches[i], depths[i] = branches[b.parent].add(label), depths[b.parent] + 1
     return root
@@ -139,14 +141,6 @@ def _tree(model: Model) -> Tree:
 def _branch(link: str, frames: list[str]) -> Text:
     others = [name for name in frames if name != link]
     return Text.assemble((link, "bold"), (f"  + {', '.join(others)}" if others else "", "dim"))
-
-
-def _link(model: Model, body: int) -> str:
-    """The link whose frame is the body's own: the child of the joint."""
-    names = [name for name, f in model.frames.items() if f.body == body]
-    return next(
-        (n for n in names if np.array_equal(model.frames[n].pose, np.eye(4))), names[0] if names else f"body {body}"
-    )
 
 
 def _plain_table(title: str) -> Table:

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from ..algorithms.motors import MotorLoads, motor_loads
 from ..bodies.inertia import SpatialInertia
 from ..errors import ValueRangeError
+from ..model.model import BASE
 from .derivatives import States
 
 if TYPE_CHECKING:
     from ..explanation import Explanation
+    from ..model.model import Model
     from ..robot import Robot
 
 Array = NDArray[Any]
@@ -56,6 +58,20 @@ class LoadedRobot:
         for frame in self.wrenches:
             robot.model.frame(frame)
         object.__setattr__(self, "loaded", robot)
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """A sentence for each payload that is farther from its frame than the robot reaches."""
+        model, found = self.bare.model, []
+        reach = _reach(model)
+        for p in self.payloads:
+            distance = float(np.linalg.norm(p.place))
+            if distance > reach > 0:
+                found.append(
+                    f"the payload of {p.mass:g} kg lies {distance:.4g} m from {p.frame or model.tip}, and the robot reaches "
+                    f"{reach:.3g} m: offsets are in metres"
+                )
+        return tuple(found)
 
     def torques(self, s: States) -> Array:
         """Inverse dynamics with everything included; (n,) states → (n, nv)."""
@@ -102,6 +118,27 @@ class LoadedRobot:
 
     def _payload_torques(self, s: States) -> Array:
         return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))
+
+
+def _reach(model: Model) -> float:
+    """The farthest that any frame can be from the base [m], all links stretched; inf with a joint that slides without end.
+
+    Of a base that moves freely it is what the robot reaches from there.
+    """
+    lengths: list[float] = []
+    for body in model.bodies:
+        slides = any(not axis[:3].any() for axis in body.joint.axes)
+        travel = 0.0
+        if slides and body.joint.nv == 1:
+            k = body.v_index
+            travel = abs(body.ratio) * float(np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k])))
+        before = 0.0 if body.parent == BASE else lengths[body.parent]
+        lengths.append(before + float(np.linalg.norm(body.placement[:3, 3])) + travel)
+    ends = [
+        (0.0 if frame.body == BASE else lengths[frame.body]) + float(np.linalg.norm(frame.pose[:3, 3]))
+        for frame in model.frames.values()
+    ]
+    return max(ends, default=0.0)
 
 
 def parse_payload(text: str) -> Payload:

@@ -111,6 +111,7 @@ def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None
     axis.set_title(joint.joint, loc="left", fontweight="bold")
     limit = f"{100 * joint.share:.0f} % of {joint.limit:.4g} {joint.unit}" if math.isfinite(joint.limit) else joint.unit
     axis.set_title(limit, loc="right", color=OVER if joint.share > 1 else QUIET, fontsize=SMALL)
+    axis.set_ylabel(joint.unit, color=QUIET, fontsize=SMALL)
     axis.margins(x=0)
     if last:
         axis.tick_params(labelbottom=True)

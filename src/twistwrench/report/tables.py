@@ -234,16 +234,12 @@ def _stray_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _column_notes(report: TorqueReport) -> Iterator[str]:
-    columns = report.differentiation.trajectory.columns
-    if columns.of_locked:
-        yield f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}."
-    if columns.extra:
-        yield f"Columns that are no coordinate of this robot are ignored: {', '.join(columns.extra)}."
+    yield from report.differentiation.trajectory.notes
 
 
 def _unit_hints(report: TorqueReport) -> Iterator[str]:
     c = Coordinates.of(report.load.bare.model)
-    if report.differentiation.trajectory.columns.angle == 1.0 and c.angular.any():
+    if report.differentiation.trajectory.columns.in_radians and c.angular.any():
         at = c.position_of
         bounded = [
             c.velocity_names[k]
@@ -254,7 +250,7 @@ def _unit_hints(report: TorqueReport) -> Iterator[str]:
         far = int((report.largest[c.angular] > _MANY_TURNS).sum())
         if 2 * len(over) > len(bounded) or 2 * far > int(c.angular.sum()):
             yield "Most angles are far out. Is the file in degrees? Did you mean --degrees?"
-    if report.quality.step > _LONG_STEP:
+    if report.quality.step > _LONG_STEP and not report.differentiation.trajectory.columns.time_stated:
         yield f"The usual time step is {report.quality.step:.4g} s. Is time in ms? It is taken to be in seconds."
 
 
@@ -294,6 +290,8 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
 def verdict(report: TorqueReport) -> Text:
     """One line: whether every limit is kept, and if not, where, when and why."""
     by_name = {j.joint: j for j in report.joints}
+    if report.contradictions:
+        return Text.assemble(("LOOK AGAIN", "bold red"), f": {'; '.join(report.contradictions)}.")
     if report.excesses:
         e = report.excesses[0]
         if e.kind == "effort":

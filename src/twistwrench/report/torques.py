@@ -182,6 +182,7 @@ def analyse(
         still=tuple((run.still / max(1, run.rows)).tolist()),
         motors=run.motors.result(),
         around=run.around or States.none(load.bare.nq, nv),
+        contradictions=(*load.contradictions, *differentiation.trajectory.contradictions(limits)),
     )
 
 

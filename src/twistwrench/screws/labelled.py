@@ -17,7 +17,7 @@ from .words import tuple_of
 
 Array = NDArray[Any]
 
-__all__ = ["Labelled", "frame_name", "missing_pose", "symbol"]
+__all__ = ["Labelled", "frame_name", "hash_of", "missing_pose", "symbol"]
 
 
 def frame_name(name: object, role: str) -> str:
@@ -34,6 +34,12 @@ def symbol(letter: str, *frames: str) -> str:
     ('T_ab', 'T_tool0_base')
     """
     return f"{letter}_{('' if all(len(f) == 1 for f in frames) else '_').join(frames)}"
+
+
+def hash_of(numbers: Array, *names: object) -> int:
+    """The same for numbers that compare equal, whatever their type and the signs of their zeros, and for equal names."""
+    entries = tuple(numbers.flat) if numbers.dtype == object else (numbers.astype(float) + 0.0).tobytes()
+    return hash((*names, numbers.shape, entries))
 
 
 def missing_pose(to: str, of: str) -> str:
@@ -71,6 +77,15 @@ class Labelled(ABC):
         values.setflags(write=False)
         object.__setattr__(self, "values", values)
         frame_name(self.frame, f"the frame of a {self._kind}")
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other is of one kind and frame with this one and has exactly its numbers; one bool of a batch too."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return self.frame == other.frame and np.array_equal(self.values, other.values)
+
+    def __hash__(self) -> int:
+        return hash_of(self.values, type(self), self.frame)
 
     @property
     @abstractmethod

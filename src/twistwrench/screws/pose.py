@@ -12,7 +12,7 @@ from ..core import arguments
 from ..errors import FrameError
 from ..lie import se3, so3
 from ..lie.adjoint import Ad
-from .labelled import frame_name, missing_pose, symbol
+from .labelled import frame_name, hash_of, missing_pose, symbol
 from .twist import Twist
 from .words import tuple_of
 from .wrench import Wrench
@@ -28,7 +28,8 @@ class Pose:
     """The pose T_ab (..., 4, 4) of the frame ``of="b"`` seen from the frame ``to="a"``: it brings things of {b} to {a}.
 
     ``T_ab @ T_bc`` is T_ac, ``T_ab @ V_b`` a twist in {a}, ``T_ab @ F_b`` a wrench in {a}; letters that do not cancel are a
-    :class:`~twistwrench.FrameError`. A matrix that is no pose is a :class:`~twistwrench.ValueRangeError`.
+    :class:`~twistwrench.FrameError`. A matrix that is no pose is a :class:`~twistwrench.ValueRangeError`. Poses of the same
+    frames and numbers are equal and have one hash.
 
     >>> T_ab = Pose(se3.exp([0, 0, 0, 2, 0, 0]), to="a", of="b")
     >>> T_ab @ Wrench([0, 0, 0, 0, 3, 0], "b")
@@ -60,6 +61,15 @@ class Pose:
         object.__setattr__(self, "matrix", matrix)
         frame_name(self.to, "the frame that a pose leads to")
         frame_name(self.of, "the frame that a pose is of")
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other is a pose of the same two frames with exactly the same numbers; one bool of a batch too."""
+        if not isinstance(other, Pose):
+            return NotImplemented
+        return (self.to, self.of) == (other.to, other.of) and np.array_equal(self.matrix, other.matrix)
+
+    def __hash__(self) -> int:
+        return hash_of(self.matrix, self.to, self.of)
 
     @property
     def symbol(self) -> str:

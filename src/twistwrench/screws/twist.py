@@ -23,7 +23,8 @@ class Twist(Labelled):
     """A twist V = (omega, v) [rad/s, m/s], (..., 6), expressed in a named frame.
 
     ``V1 + V2`` checks the frames (:class:`~twistwrench.FrameError`), ``V @ F`` is power in W, ``T_ab @ V_b`` moves it, and
-    ``np.asarray(V)`` or ``V.values`` are the plain numbers. A second derivative is one too.
+    ``np.asarray(V)`` or ``V.values`` are the plain numbers. A second derivative is one too. Twists of one frame and the
+    same numbers are equal and have one hash.
 
     >>> V = Twist([0, 0, 1, 0, 0, 0], "s")
     >>> (V + 2 * V).values.tolist()

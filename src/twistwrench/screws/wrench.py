@@ -28,7 +28,8 @@ class Wrench(Labelled):
     """A wrench F = (m, f) [N m, N], (..., 6), expressed in a named frame.
 
     ``F1 + F2`` checks the frames (:class:`~twistwrench.FrameError`), ``F @ V`` is power in W, ``T_ab @ F_b`` moves it, and
-    ``np.asarray(F)`` or ``F.values`` are the plain numbers.
+    ``np.asarray(F)`` or ``F.values`` are the plain numbers. Wrenches of one frame and the same numbers are equal and
+    have one hash.
 
     >>> F = Wrench.of_force([0, 3, 0], "s", at=[2, 0, 0])
     >>> F.values.tolist(), F.kind

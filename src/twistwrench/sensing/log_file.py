@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import NotFoundError, ShapeError, ValueRangeError
-from ..report.numbers import parse_table
+from ..motion.csv_numbers import parse_table
 from ..report.table_file import TableFile
 from .directions import GRAVITY, rotations_of_quaternions
 from .log import AXES, ReadingLog, checked_log, late

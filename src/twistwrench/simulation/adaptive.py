@@ -29,6 +29,8 @@ class Stepper:
         self.h, self.rejected = 0.0, 0
         self.rate_after = np.zeros(0)
         """f at the end of the last step."""
+        self.errors = np.zeros(system.size)
+        """What the steps were judged to be off by, one by one, added up."""
         self.last: tuple[float, float, Array, Array] = (0.0, 0.0, np.zeros(0), np.zeros(0))
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
@@ -47,6 +49,7 @@ class Stepper:
                 factor = min(grow, max(_SHRINK, _SAFETY * size**self.power)) if size > 0 else grow
                 if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
                     self.h = step * factor
+                self.errors += np.abs(error)
                 self.rate_after = scheme.K[-1].copy()
                 self.last = (t, step, y, scheme.dense.T @ scheme.K)
                 return t1, y1
@@ -69,6 +72,20 @@ class Stepper:
         y = y0 + h * np.dot(theta ** np.arange(1, len(Q) + 1), Q)
         self.system.manifold.normalise(y[: self.system.nq])
         return np.asarray(y)
+
+    def judged(self, spans: Array) -> Array:
+        """What all steps so far were judged to be off by, (nv,) [rad or m], errors of velocity for ``spans`` (nv) [s].
+
+        They are judged by a method of order 4, so it is more than they are off by.
+        """
+        manifold, off = self.system.manifold, self.errors
+        positions = np.zeros(self.system.nv)
+        positions[manifold.places[1]] = off[manifold.places[0]]
+        for i, k in manifold.planar:
+            positions[k : k + 3] = off[i + 2], *[np.hypot(*off[i : i + 2])] * 2
+        for i, k in manifold.floating:  # a quaternion changes by half the angle
+            positions[k : k + 6] = [2.0 * np.linalg.norm(off[i : i + 4])] * 3 + [np.linalg.norm(off[i + 4 : i + 7])] * 3
+        return np.asarray(positions + spans * off[self.system.moving])
 
     def _first(self, y: Array, rate: Array, span: float) -> float:
         """A first step in which a straight line goes a hundredth of what there is, or what acts at once."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import SimulationError, ValueRangeError
+from ..verdict import ExitCode
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -42,7 +43,9 @@ def simulate_options(function: Callable[..., None]) -> Callable[..., None]:
             multiple=True,
             help="A point that the ground holds up; may be repeated. Without it the tip.",
         ),
-        click.option("--stop-at-limits", is_flag=True, help="End where a joint reaches a limit of position."),
+        click.option(
+            "--stop-at-limits", is_flag=True, help="End where a joint reaches a limit of position, with exit code 1."
+        ),
         click.option("--friction", is_flag=True, help="Let the joints have their friction and damping."),
         click.option(
             "--wrench-on-robot",
@@ -100,10 +103,12 @@ def answer_simulate(
     csv_path: str | None,
     npz_path: str | None,
     plot_path: str | None,
-) -> bool:
-    """Print the answer with ``show``, and write the files; whether the simulation could go on to where it was to end.
+) -> ExitCode:
+    """Print the answer with ``show``, and write the files.
 
-    What was computed before a failure or an interrupt is printed and written too. Raises errors of the library.
+    Returns FINE where the motion came to the end of its duration, NO where it ended before, at a limit or because it could
+    not go on. What was computed before a failure or an interrupt is printed and written too. Raises errors of the library,
+    and KeyboardInterrupt.
     """
     from ..report.joint_values import parse_configuration, parse_rates
     from ..report.load import LoadedRobot, parse_payload, parse_wrenches
@@ -140,7 +145,7 @@ def answer_simulate(
             show(f"wrote {write(path)}")
     if isinstance(failure, KeyboardInterrupt):
         raise failure
-    return failure is None
+    return ExitCode.FINE if failure is None and result.completed else ExitCode.NO
 
 
 def _computed(problem: SimulationError) -> SimulationResult:

@@ -12,14 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 from ..core import arguments
 from ..errors import ShapeError, SimulationError, ValueRangeError
 from .adaptive import Stepper
+from .braked_step import BrakedStep
 from .contact import JointStops, Plane, PlaneContact, StopContact
-from .events import Event, Watch, contact_events, limit_event, limit_name
+from .easing import creep_speeds, easing_remark
+from .events import Event, Watch
 from .forces import JointFriction, System, torque_law, wrench_laws
 from .given import Function, Law, positive, whole
+from .position_limits import PositionLimits
 from .progress import Progress, progress_of
 from .result import SimulationResult
 from .run import Run
-from .schemes import ADAPTIVE, scheme_of
+from .schemes import ADAPTIVE, SemiImplicit, scheme_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -28,8 +31,6 @@ Array = NDArray[Any]
 
 __all__ = ["simulate"]
 
-_CREEP = 1e-3
-"""rad/s or m/s."""
 _MOST = 10**8
 
 
@@ -75,15 +76,22 @@ def simulate(
     remarks = (
         [] if abs(h - dt) <= 1e-9 * dt else [f"states {h:.6g} s apart, not {dt:.6g} s, so that a whole number fills it"]
     )
-    if friction and robot.model.friction.any:
+    rubs, gains = friction and robot.model.friction.any, _rate_gains(robot, tau)
+    if isinstance(scheme, SemiImplicit):
+        if creep is not None:
+            raise ValueRangeError(
+                f"creep is {creep!r}, and method {method!r} eases no friction: it stops joints and holds them. Leave creep out."
+            )
+        if rubs or gains is not None:
+            system.braked = BrakedStep(robot, h, friction=bool(rubs), gains=gains)
+    elif rubs:
         system.friction = JointFriction(robot, _creep(robot, y0, 0.0 if adapts else h, creep))
-        slowest = system.friction.creep.max()
-        if robot.model.friction.static.any():
-            remarks.append(f"joints that friction would hold creep, at up to about {slowest:.2g} rad/s or m/s")
-    watched = [*_events(events), *contact_events(surfaces), *_limits(robot, limits, y0)]
+        if eased := easing_remark(robot.model, system.friction.creep):
+            remarks.append(eased)
+    watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, end, n, every=int(every), remarks=remarks, method=method)
-    if watched:
-        run.watch = Watch(watched, lambda e, q: limit_name(robot, q) if e.name == "limit" else e.name, system.split)
+    if watched or surfaces or stops is not None:
+        run.watch = Watch(watched, system.split, stops, surfaces)
     if controller is not None:
         run.controller = Law.of(controller, "the controller", (robot.nv,), ", a torque for each velocity")
         run.constant = held
@@ -97,7 +105,10 @@ def simulate(
                     run.adaptive(y0, Stepper(system, *tolerances, longest))
                 else:
                     run.fixed(y0)
+                run.judge()
         except SimulationError as problem:
+            with np.errstate(all="ignore"):
+                run.judge()
             problem.result = run.result(str(problem), completed=False)
             raise
         except KeyboardInterrupt as interrupt:
@@ -129,13 +140,13 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
             raise ShapeError(
                 f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). Loop over them."
             )
-        y[place] = arguments.finite(arguments.one(given, name, n), name, n)
+        names = robot.coordinate_names if name == "q0" else robot.model.velocity_names
+        y[place] = arguments.finite(arguments.one(given, name, n, names=names), name, n)
     for i, _ in system.manifold.floating:
         largest = float(np.abs(y[i : i + 4]).max())
-        if not largest > 1e-150:
+        if largest == 0.0:
             raise ValueRangeError("q0 has a quaternion of zeros, which is no rotation; none is (1, 0, 0, 0).")
-        if largest > 1e150:  # its square would be infinite
-            y[i : i + 4] /= largest
+        y[i : i + 4] /= largest  # before it is squared: its square may be more or less than floats hold
     system.manifold.normalise(y[: robot.nq])
     return y
 
@@ -148,14 +159,20 @@ def _ragged(given: Any) -> bool:
     return False
 
 
+def _rate_gains(robot: Robot, tau: Any) -> Array | None:
+    """-∂τ/∂dq of a law that tells it, (nv,)."""
+    told = getattr(tau, "rate_gains", None) if callable(tau) else None
+    if told is None:
+        return None
+    return np.array(arguments.finite(arguments.one(told, "rate_gains", robot.nv), "rate_gains", robot.nv), float)
+
+
 def _creep(robot: Robot, y0: Array, h: float, asked: float | None) -> Array:
-    """The speeds below which dry friction is eased off, (nv,): no less than what it takes off a joint in a step."""
+    """The speeds below which dry friction is eased off, (nv,)."""
     if asked is not None:
         return np.full(robot.nv, positive(asked, "creep", "rad/s or m/s"))
-    M = robot.mass_matrix(y0[: robot.nq])
-    light = np.diagonal(np.linalg.inv(M))
     friction = robot.model.friction
-    return np.maximum(_CREEP, h * np.maximum(friction.static, friction.coulomb) * light)
+    return creep_speeds(robot.mass_matrix(y0[: robot.nq]), np.maximum(friction.static, friction.coulomb), h)
 
 
 def _contacts(robot: Robot, given: Any) -> list[PlaneContact | StopContact]:
@@ -182,16 +199,15 @@ def _events(given: Any) -> list[Event]:
     return [e if isinstance(e, Event) else Event(e, getattr(e, "__name__", "event")) for e in listed]
 
 
-def _limits(robot: Robot, asked: str | None, y0: Array) -> list[Event]:
+def _limits(robot: Robot, asked: str | None, y0: Array) -> PositionLimits | None:
     if asked is None:
-        return []
+        return None
     if asked != "stop":
         raise ValueRangeError(
             f"limits is {asked!r}; choose 'stop', which ends the simulation where a joint reaches a limit, or None. For stops "
             "that push back, contacts=tw.simulation.JointStops(stiffness=…)."
         )
-    event = limit_event(robot)
-    q = y0[: robot.nq]
-    if event.function(0.0, q, q) < 0.0:
-        raise ValueRangeError(f"limits='stop', and q0 is outside already: {limit_name(robot, q)}. Start inside.")
-    return [event]
+    found = PositionLimits.of(robot)
+    if outside := found.outside(y0[: robot.nq]):
+        raise ValueRangeError(f"limits='stop', and q0 is outside already: {outside}. Start inside.")
+    return found

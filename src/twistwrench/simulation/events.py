@@ -6,19 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ValueRangeError
 from .given import Function, Law, require_three
+from .position_limits import PositionLimits
 
 if TYPE_CHECKING:
-    from ..robot import Robot
     from .contact import Contact
 
 Array = NDArray[Any]
 
-__all__ = ["Event", "Happening", "Watch", "contact_events", "limit_event", "limit_name"]
+__all__ = ["Event", "Happening", "Watch", "contact_events"]
 
 _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
 
@@ -65,26 +64,42 @@ Step = Callable[[float], Array]
 
 
 class Watch:
-    """Events, and the signs they had when last looked at."""
+    """Events, contacts and limits of position, in this order, and the values they had when last looked at."""
 
     def __init__(
         self,
         events: Sequence[Event],
-        named: Callable[[Event, Array], str],
         split: Callable[[Array], tuple[Array, Array]],
+        limits: PositionLimits | None = None,
+        contacts: Sequence[Contact] = (),
     ) -> None:
-        self.events, self.named, self.split = tuple(events), named, split
-        self.laws = [Law(e.function, f"event {e.name!r}", (), ", one number") for e in events]
+        self.asked = len(events)
+        self.events, self.split, self.limits = (*events, *contact_events(contacts)), split, limits
+        self.laws = [Law(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
 
     def values(self, t: float, y: Array) -> list[float]:
-        """g of each event."""
+        """g of each event, and the margin of each limit."""
         q, dq = self.split(y)
-        return [float(law(t, q, dq)) for law in self.laws]
+        found = [float(law(t, q, dq)) for law in self.laws]
+        return found if self.limits is None else found + self.limits.margins(q).tolist()
+
+    @property
+    def gaps(self) -> list[float]:
+        """Of the contacts, when last looked at [m or rad]."""
+        return self.before[self.asked : len(self.events)]
 
     def begin(self, t: float, y: Array) -> None:
-        """Take the signs of the first state."""
+        """Take the values of the first state."""
         self.before = self.values(t, y)
+
+    def leaves_at_once(self, y: Array, later: Array, h: float) -> Happening | None:
+        """A joint that begins at a limit and moves beyond it, where ``later`` is the state ``h`` s after the first."""
+        if self.limits is None:
+            return None
+        q, dq = self.split(y)
+        k = self.limits.leaving(q, dq, self.split(later)[1], h)
+        return None if k is None else Happening(self.limits.words(k, 0.0), 0.0, q.copy(), dq.copy())
 
     def look(self, t: float, points: Sequence[tuple[float, Array]], at: Step) -> tuple[list[Happening], float | None]:
         """What happened in a step from t whose states at some times after t are ``points``; and when it ended all, if so."""
@@ -95,54 +110,46 @@ class Watch:
             crossed = [k for k, pair in enumerate(pairs) if self._passed(k, *pair)]
             for s, k in sorted((self._moment(k, t, (s0, pairs[k][0]), (s1, pairs[k][1]), at), k) for k in crossed):
                 q, dq = self.split(at(s))
-                happened.append(Happening(self.named(self.events[k], q), t + s, q.copy(), dq.copy()))
-                if self.events[k].terminal:
+                happened.append(Happening(self._name(k), t + s, q.copy(), dq.copy()))
+                if k >= len(self.events) or self.events[k].terminal:
                     return happened, s
             self.before, s0 = after, s1
         return happened, None
 
     def _passed(self, k: int, g0: float, g1: float) -> bool:
+        if self.limits is not None and k >= len(self.events):
+            return self.limits.passed(k - len(self.events), g0, g1)
         way = _DIRECTIONS[self.events[k].direction]
         return (way >= 0 and g0 < 0.0 <= g1) or (way <= 0 and g0 > 0.0 >= g1)
 
+    def _name(self, k: int) -> str:
+        if self.limits is not None and k >= len(self.events):
+            return self.limits.words(k - len(self.events), self.before[k])
+        return self.events[k].name
+
+    def _value(self, k: int, t: float, y: Array) -> float:
+        q, dq = self.split(y)
+        if self.limits is not None and k >= len(self.events):
+            return float(self.limits.margins(q)[k - len(self.events)])
+        return float(self.laws[k](t, q, dq))
+
     def _moment(self, k: int, t: float, left: tuple[float, float], right: tuple[float, float], at: Step) -> float:
-        """The zero between two times after t, by Brent's method on the step itself, to a few units in the last place."""
+        """When g has its level between two times after t, by Brent's method on the step itself, to a few units in the last
+        place.
+        """
         from scipy.optimize import brentq
 
         (s0, g0), (s1, g1) = left, right
-        if g1 == 0.0:
+        level = 0.0
+        if self.limits is not None and k >= len(self.events):
+            level = self.limits.level(k - len(self.events), g0)
+        if g1 == level:
             return s1
 
         def g(s: float) -> float:
-            return g0 if s == s0 else g1 if s == s1 else float(self.laws[k](t + s, *self.split(at(s))))
+            return (g0 if s == s0 else g1 if s == s1 else self._value(k, t + s, at(s))) - level
 
         return float(brentq(g, s0, s1, xtol=4e-16 * max(t, s1), rtol=1e-15, maxiter=200))
-
-
-def limit_event(robot: Robot) -> Event:
-    """The first joint of one degree of freedom to reach a limit of position; it ends the simulation."""
-    bodies = [b for b in robot.model.leaders if b.joint.nv == 1]
-    i, k = (np.array([getattr(b, x) for b in bodies], int) for x in ("q_index", "v_index"))
-    lower, upper = robot.limits.lower[k], robot.limits.upper[k]
-
-    def margin(_t: float, q: Array, _dq: Array) -> float:
-        return float(min(np.min(q[i] - lower, initial=np.inf), np.min(upper - q[i], initial=np.inf)))
-
-    if not (np.isfinite(lower) | np.isfinite(upper)).any():
-        raise ValueRangeError(f"limits='stop': robot {robot.name!r} has no limits of position. Leave limits out.")
-    return Event(margin, "limit", direction="down", terminal=True)
-
-
-def limit_name(robot: Robot, q: Array) -> str:
-    """Which joint is nearest to its limit, or beyond it, in words."""
-    best, words = np.inf, ""
-    for b in robot.model.leaders:
-        if b.joint.nv == 1:
-            x, low, high = q[b.q_index], robot.limits.lower[b.v_index], robot.limits.upper[b.v_index]
-            for gap, side, limit in ((x - low, "lower", low), (high - x, "upper", high)):
-                if gap < best:
-                    best, words = gap, f"joint {b.joint.name!r} reaches its {side} limit {limit:.6g}"
-    return words
 
 
 def contact_events(contacts: Sequence[Contact]) -> list[Event]:

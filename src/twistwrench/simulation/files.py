@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -40,8 +41,12 @@ _SAID = {
     "rejected": int,
     "evaluations": int,
     "remarks": list,
+    "relative_error": float,
+    "coordinate_units": list,
 }
 """What is said in words, and of which kind it is; lists are of text. Events stand beside it."""
+_ADDED: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
+"""What files from before lack: nothing is known of it."""
 _MOMENTUM = tuple(f"momentum.{x}" for x in ("mx", "my", "mz", "fx", "fy", "fz"))
 
 
@@ -137,13 +142,15 @@ def _read_csv(data: bytes) -> SimulationResult:
 
 def _said(result: SimulationResult) -> str:
     events = [{"name": e.name, "time": e.time, "q": e.q.tolist(), "dq": e.dq.tolist()} for e in result.events]
-    return json.dumps({**{name: getattr(result, name) for name in _SAID}, "events": events})
+    words = {name: getattr(result, name) for name in _SAID}
+    return json.dumps({**words, "error_estimate": result.error_estimate.tolist(), "events": events})
 
 
 def _words(said: Any) -> dict[str, Any]:
     """What the file says in words, each of the kind that was written."""
     if not isinstance(said, dict):
         raise _other_kind("what it says in words")
+    said = {**_ADDED, **said}
     for name, kind in _SAID.items():
         if not _is_of(said.get(name), kind):
             raise _other_kind(repr(name))
@@ -151,7 +158,10 @@ def _words(said: Any) -> dict[str, Any]:
         raise _other_kind("'events'")
     words: dict[str, Any] = {n: tuple(said[n]) if kind is list else said[n] for n, kind in _SAID.items()}
     nq, nv = len(words["coordinate_names"]), len(words["velocity_names"])
-    return {**words, "events": tuple(_happening(event, nq, nv) for event in said["events"])}
+    if len(words["coordinate_units"]) not in (0, nq):
+        raise _other_kind("'coordinate_units'")
+    off = _numbers("'error_estimate'", said.get("error_estimate", [math.nan] * nv), (nv,))
+    return {**words, "error_estimate": off, "events": tuple(_happening(event, nq, nv) for event in said["events"])}
 
 
 def _is_of(value: object, kind: type) -> bool:

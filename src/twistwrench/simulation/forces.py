@@ -10,7 +10,7 @@ is the method's own error and nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..core import arguments
 from ..errors import ShapeError
 from ..screws.wrench import Wrench
+from .braked_step import BrakedStep
 from .contact import Contact
 from .given import Law
 from .manifold import Manifold
@@ -71,6 +72,9 @@ class System:
         self.moving = slice(robot.nq, robot.nq + robot.nv)
         self.size = robot.nq + robot.nv + len(WORKS)
         self.tau, self.wrenches, self.contacts, self.friction = tau, dict(wrenches or {}), tuple(contacts), friction
+        self.braked: BrakedStep | None = None
+        """Steps that take friction and gains of the rates at their end; rates are then those of such a step."""
+        self._last: tuple[float, float, Array, Array, Array, Array, Array] | None = None
         self.held = np.zeros(robot.nv)
         """What the controller said last, (nv)."""
         self.applied = self.held
@@ -83,30 +87,59 @@ class System:
 
     def forces(self, t: float, q: Array, dq: Array, powers: Array) -> Array:
         """The generalised force of everything but gravity and springs, (nv); its powers are written to ``powers`` (4,) [W]."""
-        tau = self.held if self.tau is None else self.held + self.tau(t, q, dq)
+        tau = self._torques(t, q, dq)
         self.applied, total = tau, tau
         powers[0] = tau @ dq
         if self.friction is not None:
             total = self.friction.left(dq, tau)
             powers[1] = total @ dq - powers[0]
+        for k, push in self._pushes(t, q, dq):
+            total = total + push
+            powers[k] += push @ dq
+        return total
+
+    def braked_step(self, t: float, y: Array, h: float, powers: Array) -> Array:
+        """The velocities after a step of length ``h`` from a state; powers as by :meth:`forces`, their means over the step."""
+        assert self.braked is not None
+        last = self._last
+        if last is not None and last[:2] == (t, h) and last[2] is self.held and np.array_equal(last[3], y):
+            v, self.applied, powers[:] = last[4:]
+            return v
+        q, dq = self.split(y)
+        pushes = list(self._pushes(t, q, dq))
+        push = sum((x for _, x in pushes), np.zeros(self.nv))
+        v, self.applied, lost = self.braked(q, dq, h, self._torques(t, q, dq), push)
+        mean = 0.5 * (dq + v)
+        powers[:] = self.applied @ mean, lost @ mean, 0.0, 0.0
+        for k, x in pushes:
+            powers[k] += x @ mean
+        self._last = t, h, self.held, y.copy(), v, self.applied, powers.copy()
+        return v
+
+    def _torques(self, t: float, q: Array, dq: Array) -> Array:
+        """Those of the controller and of ``tau``, (nv,)."""
+        return self.held if self.tau is None else self.held + self.tau(t, q, dq)
+
+    def _pushes(self, t: float, q: Array, dq: Array) -> Iterator[tuple[int, Array]]:
+        """What each wrench and each contact does to the joints, (nv,), and the place of its power."""
         for frame, law in self.wrenches.items():
-            pushed = self.robot.wrench_torques(q, law(t, q, dq), frame)
-            total = total + pushed
-            powers[2] += pushed @ dq
+            yield 2, self.robot.wrench_torques(q, law(t, q, dq), frame)
         for contact in self.contacts:
             touched = contact.torques(q, dq)
             if touched is not None:
-                total = total + touched
-                powers[3] += touched @ dq
-        return total
+                yield 3, touched
 
     def rates(self, t: float, y: Array, out: Array) -> None:
         """Write f(t, y) into ``out``."""
         self.evaluations += 1
         q, dq, powers = y[: self.nq], y[self.moving], out[-4:]
         powers[:] = 0.0
-        force = self.forces(t, q, dq, powers)
         self.manifold.rates(q, dq, out[: self.nq])
+        if self.braked is not None:
+            h = self.braked.usual
+            out[self.moving] = (self.braked_step(t, y, h, powers) - dq) / h
+            return
+        force = self.forces(t, q, dq, powers)
         out[self.moving] = self.robot.forward_dynamics(q, dq, force)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import arguments
+from ..core.arguments import positive, whole
 from ..errors import SimulationError, ValueRangeError
 
 Array = NDArray[Any]
@@ -79,20 +79,3 @@ def require_three(function: Any, what: str) -> None:
             f"{what} is a function of {taken}, and is called with the time [s], q (nq) and dq (nv): {problem}. "
             "Write lambda t, q, dq: …"
         ) from None
-
-
-def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
-    """x as a number above 0, or at least 0; ValueRangeError otherwise."""
-    value = float(arguments.number(x, what))
-    if not (value > 0 or (zero and value == 0)) or (value == np.inf and not infinite):
-        least = "at least 0" if zero else "above 0"
-        raise ValueRangeError(f"{what} is {x}, and must be a number {least}{f' [{unit}]' if unit else ''}.")
-    return value
-
-
-def whole(x: Any, what: str) -> int:
-    """x as a whole number of at least 1; ValueRangeError otherwise."""
-    value = float(arguments.number(x, what))
-    if not (value >= 1 and value % 1 == 0):
-        raise ValueRangeError(f"{what} is {x}, and must be a whole number, at least 1.")
-    return int(value)

@@ -20,7 +20,6 @@ from ..figure import (
     SKY,
     SMALL,
     VERMILION,
-    YELLOW,
     figure,
     save,
 )
@@ -32,38 +31,57 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_simulation"]
 
-_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY, YELLOW)
-_WORKS = {"torques": BLUE, "friction": GREY, "wrenches": PURPLE, "contacts": VERMILION}
+_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY)
+_WORKS = {"torques": GREEN, "friction": GREY, "wrenches": PURPLE, "contacts": VERMILION}
 _MOST = 14
-"""Curves, beyond which names no longer fit."""
+"""Curves of a panel, beyond which names no longer fit."""
+_PANELS = {"rad": "Angles [rad]", "m": "Positions [m]", "": "Orientations: quaternions", None: "Coordinates [rad, m]"}
+"""One for each unit; None where a file from before says none."""
 
 
 def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     """Draw it; see :meth:`SimulationResult.plot`."""
     end = f"{result.times[-1]:.6g} s" if result.completed else result.stopped
     title = f"{result.robot} · {result.method} · {end if len(end) < 70 else end[:68] + '…'}"
-    with figure(9.0, 8.2, title, "Drawing a simulation") as drawn:
-        joints, energies, drift = drawn.subplots(3, 1, sharex=True, height_ratios=[3, 2.6, 1.6])
-        _draw_joints(joints, result)
+    panels = _panels(result)
+    heights = [2.6] * len(panels) + [2.6, 1.6]
+    with figure(9.0, 1.0 + 1.02 * sum(heights), title, "Drawing a simulation") as drawn:
+        *coordinates, energies, drift = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        for axis, (said, places) in zip(coordinates, panels.items(), strict=True):
+            _draw_coordinates(axis, result, said, places)
         _draw_energies(energies, result)
         _draw_drift(drift, result)
-        for axis in (joints, energies, drift):
+        for axis in (*coordinates, energies, drift):
             for event in result.events[:50]:
                 axis.axvline(event.time, color=QUIET, linewidth=0.8, linestyle=":")
             axis.margins(x=0)
         return save(drawn, path)
 
 
-def _draw_joints(axis: Axes, result: SimulationResult) -> None:
-    shown = min(len(result.coordinate_names), _MOST)
-    for k in range(shown):
-        style = "-" if k < len(_COLOURS) else "--"
-        axis.plot(
-            result.times, result.q[:, k], style, color=_COLOURS[k % len(_COLOURS)], label=result.coordinate_names[k]
-        )
-    more = f", the first {shown} of {len(result.coordinate_names)}" if shown < len(result.coordinate_names) else ""
-    axis.set_title(f"Coordinates [rad, m]{more}", loc="left")
+def _panels(result: SimulationResult) -> dict[str, list[int]]:
+    """What each panel of coordinates is called, and which of them it shows."""
+    units = result.coordinate_units or (None,) * len(result.coordinate_names)
+    found = {said: [k for k, u in enumerate(units) if u == unit] for unit, said in _PANELS.items()}
+    return {said: places for said, places in found.items() if places}
+
+
+def _draw_coordinates(axis: Axes, result: SimulationResult, said: str, places: list[int]) -> None:
+    shown = places[:_MOST]
+    for n, (k, colour) in enumerate(zip(shown, _colours(len(shown)), strict=True)):
+        style = "--" if n % 2 and len(shown) > len(_COLOURS) else "-"
+        axis.plot(result.times, result.q[:, k], style, color=colour, label=result.coordinate_names[k])
+    more = f", the first {len(shown)} of {len(places)}" if len(shown) < len(places) else ""
+    axis.set_title(f"{said}{more}", loc="left")
     _legend(axis)
+
+
+def _colours(n: int) -> list[Any]:
+    """That many colours, no two the same."""
+    if n <= len(_COLOURS):
+        return list(_COLOURS[:n])
+    from matplotlib import colormaps
+
+    return [colormaps["turbo"](0.03 + 0.94 * k / (n - 1)) for k in range(n)]
 
 
 def _draw_energies(axis: Axes, result: SimulationResult) -> None:
@@ -82,7 +100,7 @@ def _draw_drift(axis: Axes, result: SimulationResult) -> None:
     axis.plot(result.times, result.drift, color=OVER)
     axis.axhline(0.0, color=AXIS, linewidth=0.8)
     axis.set_title(
-        f"Drift [J]: gain of energy that no work accounts for; at most {result.relative_drift:.1e} of the kinetic energy",
+        f"Drift [J]: gain of energy that no work accounts for; at most {result.relative_drift:.1e} of what moved",
         loc="left",
     )
     axis.set_xlabel("time [s]")

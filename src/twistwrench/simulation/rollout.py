@@ -49,6 +49,8 @@ class Rollout:
     """s, of one step."""
     steps: int
     integrator: str
+    remarks: tuple[str, ...] = ()
+    """What to know before the result is used, in words; empty if nothing."""
 
     @property
     def batch(self) -> tuple[int, ...]:
@@ -81,6 +83,7 @@ class Rollout:
             begun = self.unstable_from[first] > 0
             advice = "take a smaller dt" if begun else "look at its q0 and dq0"
             said.append(f"{bad} unstable{where} at {self.unstable_from[first]:g} s: {advice}")
+        said += [f"note: {remark}" for remark in self.remarks]
         return f"<Rollout of {self.robot!r}, {self.integrator}: {'; '.join(said)}>"
 
 
@@ -121,6 +124,7 @@ def rollout(
         given.dt,
         given.steps,
         given.plan.integrator,
+        given.remarks,
     )
 
 

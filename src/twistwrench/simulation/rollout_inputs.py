@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from glob import escape
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..model.varied import matching, nominal
+from .easing import creep_speeds, easing_remark
 from .given import positive, whole
 from .step_program import Plan, integrator_named
 from .torque_laws import GivenTorque, TorqueLaw
@@ -25,8 +26,6 @@ Array = NDArray[Any]
 
 __all__ = ["Inputs", "cleaned"]
 
-CREEP = 1e-3
-"""rad/s or m/s, the least speed below which dry friction is eased off."""
 MOST_STEPS = 10**9
 
 
@@ -45,6 +44,8 @@ class Inputs:
     dt: float
     kept: int
     """States that are kept after the first."""
+    remarks: tuple[str, ...] = ()
+    """What to know of the motions before any is computed."""
 
     @property
     def shapes(self) -> list[tuple[int, ...]]:
@@ -88,8 +89,12 @@ def cleaned(
     batches += [(name, x.shape) for name, x in zip(names, values, strict=True)]
     batch = _batch_of(batches)
     rest = [x for _, x in labelled]
-    if friction:
-        rest.append(_creep(robot, states[0], h, dict(zip(names, values, strict=True)))[..., None, :])
+    remarks: tuple[str, ...] = ()
+    if plan.eases:
+        creep = _creep(robot, states[0], h, dict(zip(names, values, strict=True)))
+        rest.append(creep[..., None, :])
+        if creep.size and (eased := easing_remark(robot.model, creep)):
+            remarks = (eased,)
     if names:
         rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
     dtype: Any = np.float32 if single else np.float64
@@ -97,7 +102,7 @@ def cleaned(
     for x in rest:
         once = _flat(x.astype(dtype, copy=False), 2, batch)
         arrays.append(once if once.shape[-2] == n else np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
-    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept)
+    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept, remarks)
 
 
 def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
@@ -118,7 +123,7 @@ def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
 def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
     if asked is None or asked is False:
         return []
-    limits = robot.limits.effort if asked is True else _real(asked, "torque_limits")
+    limits = robot.limits.effort if asked is True else _real(asked, "torque_limits", robot.model.velocity_names)
     if limits.shape[-1:] != (robot.nv,) and limits.ndim:
         raise ShapeError(
             f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number "
@@ -144,9 +149,9 @@ def _law_of(tau: Any) -> TorqueLaw:
     return GivenTorque(tau)
 
 
-def _real(x: Any, what: str) -> Array:
-    """Real numbers, float32 or float64, of any shape."""
-    array = arguments.array(x, what)
+def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
+    """Real numbers, float32 or float64, of any shape; a table by the names of its columns."""
+    array = arguments.array(x, what, names=names)
     if array.dtype == object:
         raise ValueRangeError(f"{what} is of symbols, and a rollout is of numbers.")
     return array
@@ -158,7 +163,7 @@ def _is_single(x: Array) -> bool:
 
 
 def _state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
-    x = _real(given, what)
+    x = _real(given, what, robot.coordinate_names if what == "q0" else robot.model.velocity_names)
     if x.shape[-1:] != (size,):
         raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
     if what == "q0":
@@ -178,7 +183,9 @@ def _given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
         size = robot.nq if name == "q_des" else robot.nv
         given = getattr(law, name)
         none = given is None and isinstance(law, GivenTorque)
-        x = _real(0.0 if none else given, name)
+        x = _real(
+            0.0 if none else given, name, robot.coordinate_names if name == "q_des" else robot.model.velocity_names
+        )
         one_for_all = none or name not in ("tau", "q_des")
         if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
             more = ", or one number for all" if one_for_all else ""
@@ -262,7 +269,7 @@ def _batch_of(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
 
 
 def _creep(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
-    """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step."""
+    """The speeds below which dry friction is eased off, (..., nv)."""
     inertia, inputs = robot.mass_matrix, [q0]
     if parameters:
         inertia = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
@@ -270,11 +277,10 @@ def _creep(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -
     try:
         with np.errstate(all="ignore"):  # states that are not finite end in a motion that is named
             M = inertia(*(np.asarray(x, float) for x in inputs))
-            light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
+            return creep_speeds(M, _dry_friction(robot, parameters), h)
     except np.linalg.LinAlgError:
         robot._require_invertible()
         raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
-    return np.asarray(np.maximum(CREEP, h * _dry_friction(robot, parameters) * light))
 
 
 def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:

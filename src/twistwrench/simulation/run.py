@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SimulationError
+from .accuracy import Accuracy, Extent
 from .adaptive import Stepper
 from .events import Watch
 from .forces import WORKS, System
 from .given import Law
 from .result import Record, SimulationResult
 from .schemes import ADAPTIVE, Scheme
+from .step_doubling import StepDoubling
+from .touches import Touches
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -25,8 +28,6 @@ __all__ = ["Run"]
 
 _FASTEST = 1e6
 """rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
-_OFF = 0.01
-"""Share of the kinetic energy from which the drift is remarked on."""
 
 
 class Run:
@@ -55,6 +56,10 @@ class Run:
         self.stopped = ""
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
+        self.doubling = StepDoubling(n, self.h, method)
+        self.touches = Touches([contact.name for contact in system.contacts])
+        self.stepper: Stepper | None = None
+        self.accuracy = Accuracy.unknown(robot.nv)
         self.last: tuple[float, Array] | None = None
         """The last state that is good, kept or not."""
 
@@ -69,8 +74,9 @@ class Run:
                 self._keep(t, y)
             t1 = (k + 1) * self.h if k + 1 < self.n else self.end
             y1 = self._checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
-            if self._ended(t, y, [(self.h, y1)]):
+            if (k == 0 and self._leaves_at_once(y, y1, self.h)) or self._ended(t, y, [(self.h, y1)]):
                 return
+            self.doubling.note(t, y, y1, self.system.held, changed=self._touched(t1, y, y1))
             y = y1
             self._advance(t1, y)
         self.system.rates(self.end, y, self.rate)
@@ -78,6 +84,7 @@ class Run:
 
     def adaptive(self, y: Array, stepper: Stepper) -> None:
         """Steps of any length, from sample to sample where a controller asks for it; states between by dense output."""
+        self.stepper = stepper
         self._begin(y)
         t, k, spacing = 0.0, 0, self.h * self.every
         end = self.end
@@ -90,6 +97,8 @@ class Run:
             t1, y1 = stepper.step(t, y, self.rate, until)
             self.rejected, rate1 = stepper.rejected, stepper.rate_after
             y1 = self._checked(t, t1, y1)
+            if t == 0.0 and self._leaves_at_once(y, y1, t1):
+                return
             points = []
             while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
                 points.append((kept * spacing - t, stepper.between(kept * spacing)))
@@ -116,22 +125,22 @@ class Run:
         """All up to here, the last good state included."""
         if self.last is not None and (not self.record.times or self.last[0] > self.record.times[-1]):
             self._keep_rough(*self.last)
-        found = self.record.result(
-            self.robot,
-            WORKS,
-            stopped=stopped,
-            completed=completed,
-            method=self.method,
-            dt=self.h,
-            steps=self.steps,
-            rejected=self.rejected,
-            evaluations=self.system.evaluations,
-            remarks=tuple(self.remarks),
-        )
-        if found.relative_drift > _OFF:
-            more = f"the energy is off by {100 * found.relative_drift:.2g} %, so the motion is wrong: take a smaller dt"
-            object.__setattr__(found, "remarks", (*found.remarks, more))
-        return found
+        said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
+        counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
+        found = self.record.result(self.robot, WORKS, **said, **counts, remarks=tuple(self.remarks))
+        return self.accuracy.told(found, self.touches.remark(self.h))
+
+    def judge(self) -> None:
+        """Find what the steps so far are off by."""
+        if not self.record.states:
+            return
+        extent = Extent.of(self.robot, np.array(self.record.states))
+        if self.stepper is not None:
+            error: Array | None = self.stepper.judged(extent.spans)
+        else:
+            error = self.doubling.errors(self.system, self.scheme, extent.spans) if self.doubling.steps else None
+        if error is not None:
+            self.accuracy = Accuracy.of(extent, error)
 
     # ── parts of a step ──
 
@@ -140,9 +149,24 @@ class Run:
         if self.watch is not None:
             self.watch.begin(0.0, y)
 
+    def _leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
+        """Whether a joint begins at a limit and moves beyond it; the first state is kept already, and is the last one too."""
+        happened = None if self.watch is None else self.watch.leaves_at_once(y, y1, h)
+        if happened is None:
+            return False
+        self.record.events.append(happened)
+        self.stopped = str(happened)
+        return True
+
     def _sample(self, t: float, y: Array) -> None:
         if self.controller is not None:
             self.system.held = self.constant + self.controller(t, *self.system.split(y))
+
+    def _touched(self, t: float, y: Array, y1: Array) -> bool:
+        """Whether a contact begins or ends in the step to y1 at t."""
+        if self.watch is None or not self.touches.names:
+            return False
+        return self.touches.step(t, self.watch.gaps, worked=bool(y1[-1] != y[-1]))
 
     def _advance(self, t: float, y: Array) -> None:
         self.steps += 1

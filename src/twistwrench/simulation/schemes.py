@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnknownNameError
-from .forces import System
+from .forces import WORKS, System
 from .tableau import DORMAND_PRINCE, EULER, RK4, SEMI_IMPLICIT_EULER, Tableau
 from .variational import Variational
 
@@ -46,17 +46,25 @@ class RungeKutta:
 
 
 class SemiImplicit:
-    """Semi-implicit Euler: velocities by the rates before, coordinates by the velocities after, along the manifold."""
+    """Semi-implicit Euler: velocities by the rates before, coordinates by the velocities after, along the manifold.
+
+    Friction and the gains of the rates of a law that tells them are taken at the end of the step.
+    """
 
     order = SEMI_IMPLICIT_EULER.order
 
     def __init__(self, system: System) -> None:
         self.system = system
 
-    def step(self, _t: float, y: Array, h: float, rate: Array) -> Array:
-        """dq1 = dq + h ddq, then q1 = q ⊕ h dq1."""
+    def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
+        """dq1 = dq + h ddq, or what brakes at the end of the step leaves of it; then q1 = q ⊕ h dq1."""
         s = self.system
-        y1 = y + h * rate
+        if s.braked is None:
+            y1 = y + h * rate
+        else:
+            y1, powers = y.copy(), np.zeros(len(WORKS))
+            y1[s.moving] = s.braked_step(t, y, h, powers)
+            y1[-len(WORKS) :] += h * powers
         y1[: s.nq] = s.manifold.move(y[: s.nq], h * y1[s.moving])
         return y1
 

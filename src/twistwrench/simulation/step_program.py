@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 
 from ..algorithms import integration
 from ..algorithms.control import clipped
+from ..algorithms.forward_dynamics import forward_dynamics
 from ..algorithms.friction import torque_past_eased_friction
 from ..algorithms.tangent import coordinate_rates
+from ..algorithms.velocity_step import velocity_step
 from ..errors import UnknownNameError
 from ..model.model import Model
 from ..model.regroup import regrouped
 from ..model.varied import moves_joints, varied
 from ..program.recurrence import Recurrence, Source
 from ..program.trace import trace
-from ..quantities import QUANTITIES
 from .tableau import RK4, Tableau
 from .torque_laws import TorqueLaw
 
@@ -65,6 +66,11 @@ class Plan:
         return ("rollout", *self.law.key, *said)
 
     @property
+    def eases(self) -> bool:
+        """Whether dry friction is eased off at low speeds, and not an impulse that at most stops a joint."""
+        return self.friction and self.integrator != "semi_implicit"
+
+    @property
     def given(self) -> Ports:
         """Names and shapes of what is given for each step, in the kernel's order."""
         nq, nv = self.model.nq, self.model.nv
@@ -72,7 +78,7 @@ class Plan:
         ports += [(name, (nq,) if name == "q_des" else (nv,)) for name in self.law.names]
         ports += [("torque limits", (nv,))] * self.limited
         ports += [(f"wrench at {frame}", (6,)) for frame in self.frames]
-        ports += [("creep", (nv,))] * self.friction
+        ports += [("creep", (nv,))] * self.eases
         return [*ports, *[("parameters", (len(self.parameters),))] * bool(self.parameters)]
 
     def recurrence(self) -> Recurrence:
@@ -100,9 +106,17 @@ class Plan:
     # ── on symbols ──
 
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
-        """dq1 = dq + h ddq, then q1 = q ⊕ h dq1."""
-        tau, ddq = self._dynamics(angles, q, dq, given)
-        dq1 = dq + h * ddq
+        """dq1 by :func:`~twistwrench.algorithms.velocity_step.velocity_step`, then q1 = q ⊕ h dq1."""
+        known, plant, rest = self._models(given)
+        wanted = [rest[name] for name in self.law.names]
+        if hasattr(self.law, "torques_of_step"):
+            tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *wanted)
+        else:  # a law of the caller's stays as it is
+            tau, gains = self.law.torques(known, angles, q, dq, *wanted), None
+        dq1, tau, _ = velocity_step(
+            plant, angles, dq, h, tau, gains=gains, limits=rest["torque limits"] if self.limited else None,
+            friction=self.friction, wrenches=self._pushed(rest),
+        )  # fmt: skip
         found = integration.moved(self.model, q, h * dq1, angles), dq1
         return (*found, tau) if self.says_torques else found
 
@@ -122,17 +136,25 @@ class Plan:
 
     def _dynamics(self, angles: Array, q: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array]:
         """Torques and accelerations."""
-        rest = dict(zip([name for name, _ in self.given[1:]], given, strict=True))
-        known = regrouped(self.model)
+        known, plant, rest = self._models(given)
         tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
         if self.limited:
             tau = clipped(tau, rest["torque limits"])
+        force = torque_past_eased_friction(plant, dq, tau, rest["creep"]) if self.friction else tau
+        return tau, forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
+
+    def _models(self, given: Sequence[Array]) -> tuple[Model, Model, dict[str, Array]]:
+        """The robot as the law knows it and as it is, and what is given for the step, by name."""
+        rest = dict(zip([name for name, _ in self.given[1:]], given, strict=True))
+        known = regrouped(self.model)
         plant = known if not moves_joints(self.model, self.parameters) else self.model
         if self.parameters:
             plant = varied(plant, self.parameters, list(rest["parameters"]))
-        force = torque_past_eased_friction(plant, dq, tau, rest["creep"]) if self.friction else tau
-        pushed = {frame: -rest[f"wrench at {frame}"] for frame in self.frames}
-        return tau, QUANTITIES["forward_dynamics"].algorithm(plant, angles, dq, force, wrenches=pushed or None)
+        return known, plant, rest
+
+    def _pushed(self, rest: dict[str, Array]) -> dict[str, Array] | None:
+        """The wrenches that the robot applies."""
+        return {frame: -rest[f"wrench at {frame}"] for frame in self.frames} or None
 
 
 def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..algorithms.control import computed_torque, proportional_derivative, undriven
 from ..algorithms.inverse_dynamics import gravity_forces
+from ..algorithms.recursion import zeros
 from ..errors import ValueRangeError
 from ..model.model import Model
 
@@ -34,6 +35,11 @@ class TorqueLaw(Protocol):
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, /, *given: Array) -> Array:
         """τ (nv,) on symbols; ``angles`` are q again, for what is computed of poses."""
 
+    def torques_of_step(
+        self, model: Model, angles: Array, q: Array, dq: Array, h: Any, /, *given: Array
+    ) -> tuple[Array, Array | None]:
+        """τ of a step of length h that takes rates at its end: τ at dq, and -∂τ/∂dq joint by joint if it is to be counted."""
+
 
 @dataclass(frozen=True, eq=False)
 class GivenTorque:
@@ -53,6 +59,12 @@ class GivenTorque:
     def torques(self, _model: Model, _angles: Array, _q: Array, _dq: Array, /, *given: Array) -> Array:
         """τ as it is given."""
         return given[0]
+
+    def torques_of_step(
+        self, _model: Model, _angles: Array, _q: Array, _dq: Array, _h: Any, /, *given: Array
+    ) -> tuple[Array, None]:
+        """τ as it is given."""
+        return given[0], None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +101,16 @@ class PD:
                     tau[body.v_index] = tau[body.v_index] + held[body.v_index]
         return tau
 
+    def torques_of_step(
+        self, model: Model, angles: Array, q: Array, dq: Array, _h: Any, /, *given: Array
+    ) -> tuple[Array, Array]:
+        """The law at dq, and kd."""
+        gains, kd = zeros(model.nv), given[3]
+        for body in model.leaders:
+            if body.joint.nv == 1:
+                gains[body.v_index] = kd[body.v_index]
+        return self.torques(model, angles, q, dq, *given), gains
+
 
 @dataclass(frozen=True, eq=False)
 class ComputedTorque:
@@ -120,6 +142,16 @@ class ComputedTorque:
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
         """The law, on symbols."""
-        q_des, dq_des, kp, kd, ddq_des = given
-        wanted = ddq_des + proportional_derivative(model, q, dq, q_des, dq_des, kp, kd)
-        return np.asarray(computed_torque(model, angles, dq, wanted))
+        return np.asarray(computed_torque(model, angles, dq, self._wanted(model, q, dq, *given)))
+
+    def torques_of_step(
+        self, model: Model, angles: Array, q: Array, dq: Array, h: Any, /, *given: Array
+    ) -> tuple[Array, None]:
+        """The law whose ddq is that of the rates ddq leads to: ddq = ddq_des + kp e + kd (dq_des - dq - h ddq)."""
+        wanted = self._wanted(model, q, dq, *given) / (1.0 + h * given[3])
+        return np.asarray(computed_torque(model, angles, dq, wanted)), None
+
+    def _wanted(
+        self, model: Model, q: Array, dq: Array, q_des: Array, dq_des: Array, kp: Array, kd: Array, ddq_des: Array
+    ) -> Array:
+        return np.asarray(ddq_des + proportional_derivative(model, q, dq, q_des, dq_des, kp, kd))

@@ -1,8 +1,7 @@
-"""The door of ``statics``: poses, directions and counts as they have to be, or an error that says what is wrong with them."""
+"""The door of ``statics``: poses and directions as they have to be, or an error that says what is wrong with them."""
 
 from __future__ import annotations
 
-import operator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["one_configuration", "positive", "same_batch", "unit_vectors", "whole"]
+__all__ = ["one_configuration", "same_batch", "unit_vectors"]
 
 
 def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
@@ -24,7 +23,7 @@ def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
 
     Raises ShapeError, ValueRangeError.
     """
-    array = np.asarray(arguments.real(q, f"{what}: q", robot.nq), float)
+    array = np.asarray(arguments.real(q, f"{what}: q", robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 1:
         raise ShapeError(
             f"{what} takes one q ({robot.nq},) of robot {robot.name!r}, got shape {array.shape}: {why}. "
@@ -60,22 +59,3 @@ def same_batch(**arrays: Array) -> None:
         np.broadcast_shapes(*(x.shape[:-1] for x in arrays.values()))
     except ValueError:
         raise arguments.mismatch(**arrays) from None
-
-
-def whole(x: Any, what: str, least: int) -> int:
-    """``x`` as a whole number of at least ``least``. Raises ValueRangeError."""
-    try:
-        n = operator.index(x)
-    except TypeError:
-        n = least - 1
-    if n < least:
-        raise ValueRangeError(f"{what} is {x!r}. Give a whole number of at least {least}.")
-    return n
-
-
-def positive(x: Any, what: str, advice: str) -> float:
-    """``x`` as a finite number above zero. Raises ShapeError, ValueRangeError with ``advice``."""
-    value = arguments.number(x, what)
-    if not 0 < value < np.inf:
-        raise ValueRangeError(f"{what} is {value:g}. {advice}")
-    return value

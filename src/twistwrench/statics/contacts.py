@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..core import arguments
 from ..errors import ValueRangeError
 from ..screws.words import tuple_of
-from .checks import whole
 
 Array = NDArray[Any]
 
@@ -65,7 +64,7 @@ class Contact:
 
         Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count). Raises ValueRangeError.
         """
-        count = whole(count, "the number of a cone's edges", 3)  # fewer have no inside
+        count = arguments.whole(count, "the number of a cone's edges", 3)  # fewer have no inside
         if self.friction == 0:
             return np.array(self.normal[None])
         lean = self.friction / np.cos(np.pi / count) if around else self.friction

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core import arguments
 from ..errors import FrameError, ValueRangeError
-from .checks import one_configuration, whole
+from .checks import one_configuration
 from .contacts import Contact
 from .limits import effort_limits
 
@@ -28,6 +28,10 @@ _OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own fram
 _MOST_EDGES = 512
 _TOLERANCE = 1e-7
 """Power, as a share of the drive's, from which a motion counts as driven: ten times what the solver keeps to."""
+_BALANCED = 1e-6
+"""What may be left of the load by forces that balance it, forces beside forces; checked before a yes is given."""
+_ROUNDING = 1e-14
+"""The same beside the sum of all that presses, which may be much more than the load where levers are short."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,8 +110,17 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
                 "of its wrench. Give them in that frame, with frame=None, or ask robot_equilibrium."
             )
     F = arguments.finite(arguments.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
-    maps = [np.vstack([_hat(c.point), np.eye(3)]) for c in contacts]  # f → (p × f, f)
-    return _decide(contacts, maps, F, np.zeros(6), edges, _TWIST_NAMES, _OF_A_BODY)
+    # About the middle of the contacts, lest far away a moment be the small difference of large ones.
+    points = np.array([c.point for c in contacts]).reshape(-1, 3)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(3)
+    maps = [np.vstack([_hat(p - middle), np.eye(3)]) for p in points]  # f → (p × f, f)
+    about = np.concatenate([F[:3] - np.cross(middle, F[3:]), F[3:]])
+    turning = np.arange(6) < 3
+    found = _decide(contacts, maps, about, np.zeros(6), turning, edges, _TWIST_NAMES, _OF_A_BODY)
+    if found.motion is None:
+        return found
+    w, v = found.motion[:3], found.motion[3:]
+    return _of_size_one(replace(found, motion=np.concatenate([w, v - np.cross(w, middle)])))
 
 
 def robot_equilibrium(
@@ -148,9 +161,9 @@ def robot_equilibrium(
         J = np.asarray(robot.jacobian(q, c.frame, "world_aligned"))
         arm = np.asarray(robot.forward_kinematics(q, c.frame))[:3, :3] @ c.point
         maps.append((J[3:] - _hat(arm) @ J[:3]).T)  # f → J_point' f
-    return _decide(
-        contacts, maps, -unloaded, effort_limits(robot, limits), edges, robot.model.velocity_names, _OF_A_ROBOT
-    )
+    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)
+    torques = effort_limits(robot, limits)
+    return _decide(contacts, maps, -unloaded, torques, turning, edges, robot.model.velocity_names, _OF_A_ROBOT)
 
 
 def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...], int]:
@@ -161,7 +174,7 @@ def _clean(contacts: Sequence[Contact], edges: int) -> tuple[tuple[Contact, ...]
     for k, c in enumerate(given):
         if not isinstance(c, Contact):
             raise ValueRangeError(f"contacts[{k}] is {c!r}. Give a list of statics.Contact.")
-    return given, whole(edges, "edges", 3)  # cones of fewer have no inside
+    return given, arguments.whole(edges, "edges", 3)  # cones of fewer have no inside
 
 
 def _decide(
@@ -169,29 +182,52 @@ def _decide(
     maps: list[Array],
     load: Array,
     limits: Array,
+    turning: Array,
     edges: int,
     names: tuple[str, ...],
     frame: str,
 ) -> Equilibrium:
-    """Cut the cones ever finer until forces inside them, or a motion against cones around them, settle it."""
+    """Cut the cones ever finer until forces inside them, or a motion against cones around them, settle it.
+
+    The ``turning`` rows are worked on as forces at the length of the contacts' levers, so that all rows are in N.
+    """
+    units = np.where(turning, _lever(maps, load, turning), 1.0)
+    scaled, weight, most = [M / units[:, None] for M in maps], load / units, limits / units
     while True:
-        found = _balance(contacts, maps, load, limits, edges)
+        found = _balance(contacts, scaled, weight, most, turning, edges)
         if found is not None:
             forces, share = found
             pushed = sum((M @ f for M, f in zip(maps, forces, strict=True)), np.zeros_like(load))
             torques = np.where(limits == 0, 0.0, -load - pushed)
             return Equilibrium(True, forces, torques, share, None, None, None, edges, names, frame)
-        motion, power = _unresisted(contacts, maps, load, limits, edges)
+        motion, power = _unresisted(contacts, scaled, weight, most, edges)
         if motion is not None:
-            velocities = np.array([M.T @ motion for M in maps]).reshape(-1, 3)  # the maps' transposes, by virtual work
-            return Equilibrium(False, None, None, None, motion, velocities, power, edges, names, frame)
+            velocities = np.array([M.T @ motion for M in scaled]).reshape(-1, 3)  # by virtual work
+            no = Equilibrium(False, None, None, None, motion / units, velocities, power, edges, names, frame)
+            return _of_size_one(no)
         if edges >= _MOST_EDGES:
             return Equilibrium(None, None, None, None, None, None, None, edges, names, frame)
         edges *= 2
 
 
+def _lever(maps: list[Array], load: Array, turning: Array) -> float:
+    """The longest lever of the contacts [m], or without one that of the load."""
+    longest = max((float(np.abs(M[turning]).max(initial=0.0)) for M in maps), default=0.0)
+    if longest > 0:
+        return longest
+    moment, force = (float(np.abs(load[which]).max(initial=0.0)) for which in (turning, ~turning))
+    return moment / force if moment > 0 and force > 0 else 1.0
+
+
+def _of_size_one(no: Equilibrium) -> Equilibrium:
+    """The certificate with its largest entry 1, whatever the units it was found in."""
+    size = float(np.abs(np.asarray(no.motion)).max())
+    motion, velocities = (np.asarray(x) / size + 0.0 for x in (no.motion, no.velocities))
+    return replace(no, motion=motion, velocities=velocities, power=float(no.power or 0.0) / size)
+
+
 def _balance(
-    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, edges: int
+    contacts: Sequence[Contact], maps: list[Array], load: Array, limits: Array, turning: Array, edges: int
 ) -> tuple[Array, float | None] | None:
     """Forces (contacts, 3) that balance at the least share of the limits, then with the least sum; None if none do.
 
@@ -221,9 +257,29 @@ def _balance(
     found = linprog(pressing, bounds=[(0, None)] * k + [(0, min(1.0, share * (1 + 1e-9) + 1e-9))], **constraints)
     if found.status != 0 or found.x is None:
         return None
-    weights = np.split(size * found.x[:-1], np.cumsum([len(D) for D in cones])[:-1]) if cones else []
+    x = _balanced(E, size * found.x[:-1], load, limits, turning)
+    if x is None:
+        return None
+    weights = np.split(x, np.cumsum([len(D) for D in cones])[:-1]) if cones else []
     forces = np.array([w @ D for w, D in zip(weights, cones, strict=True)]).reshape(-1, 3)
     return forces, share if driven.any() else None
+
+
+def _balanced(E: Array, x: Array, load: Array, limits: Array, turning: Array) -> Array | None:
+    """Shares of the edges near ``x``, 0 at least, that balance the load to :data:`_BALANCED` of it; None where none do.
+
+    The solver keeps to its tolerance beside the largest number, which may be far above the load.
+    """
+    fixed = limits == 0
+    for _ in range(3):
+        if (used := x > 0).any():
+            x[used] -= np.linalg.lstsq(E[np.ix_(fixed, used)], (load + E @ x)[fixed], rcond=None)[0]
+            x = np.maximum(x, 0.0)
+    left = np.abs(load + E @ x)
+    whole = float(np.abs(load[fixed]).max(initial=0.0))
+    pushes = float(np.abs(load[fixed & ~turning]).max(initial=0.0)) or whole
+    allowed = np.where(fixed, _BALANCED * np.where(turning, whole, pushes), (1.0 + _BALANCED) * limits)
+    return x if (left <= allowed + _ROUNDING * (np.abs(E) @ x + np.abs(load))).all() else None
 
 
 def _unresisted(

@@ -36,7 +36,9 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     """
     names = robot.model.velocity_names
     try:
-        effort = arguments.one(robot.limits.effort if limits is None else limits, "limits", robot.nv).copy()
+        effort = arguments.one(
+            robot.limits.effort if limits is None else limits, "limits", robot.nv, names=names
+        ).copy()
     except ShapeError as problem:
         listed = f"{', '.join(names[:12])}{', …' if len(names) > 12 else ''}"
         raise ShapeError(

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core import arguments
 from ..errors import UnknownNameError, ValueRangeError
-from .checks import positive, whole
 from .limits import require_fixed_base
 from .payload import largest_payload
 
@@ -90,8 +89,8 @@ def payload_map(
     ((8, 8), True)
     """
     plane, samples = plane_and_samples(plane, samples)
-    cells = None if cells is None else whole(cells, "cells", 1)
-    thickness = positive(thickness, "thickness [m]", "Give a positive thickness.")
+    cells = None if cells is None else arguments.whole(cells, "cells", 1)
+    thickness = arguments.positive(thickness, "thickness", "m")
     at = arguments.number(at, "at [m]")
     if not np.isfinite(at):
         raise ValueRangeError(f"at is {at:g}. Give where the slice lies on the axis across it [m].")
@@ -130,7 +129,7 @@ def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
     """Both as they have to be, before anything runs. Raises UnknownNameError, ValueRangeError."""
     if not isinstance(plane, str) or plane not in (*SLICES, "rz"):
         raise UnknownNameError.of("slice", plane, (*SLICES, "rz"))
-    return plane, whole(samples, "samples", 1)
+    return plane, arguments.whole(samples, "samples", 1)
 
 
 def _binned(found: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:

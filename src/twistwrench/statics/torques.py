@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import arguments
-from .checks import one_configuration, positive
+from .checks import one_configuration
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -50,6 +50,8 @@ class TorqueWrench:
     frame: str
     kind: str
     length: float
+    size: float
+    """The largest of the torques given, which rounding goes by [N m or N]."""
 
     @property
     def rank(self) -> int:
@@ -59,14 +61,18 @@ class TorqueWrench:
     @property
     def balanced(self) -> bool:
         """Whether the wrench balances the torques entirely, to a billionth of them."""
-        scale = np.abs(self.wrench).max(initial=0.0) + np.abs(self.gravity).max(initial=0.0)
-        return bool(np.abs(self.unbalanced).max(initial=0.0) <= 1e-9 * max(scale, 1e-3))
+        return bool(np.abs(self.unbalanced).max(initial=0.0) <= 1e-9 * self._torques)
+
+    @property
+    def _torques(self) -> float:
+        return self.size + float(np.abs(self.gravity).max(initial=0.0))
 
     def __str__(self) -> str:
         return "\n".join(self._sentences())
 
     def _sentences(self) -> Iterator[str]:
-        yield f"wrench at {self.frame} ({self.kind}): {_combination(self.wrench, _ROWS, 'none', 1e-9)}"
+        rounding = 1e-13 * self._torques / (self.singular_values[self.rank - 1] if self.rank else 1.0)
+        yield f"wrench at {self.frame} ({self.kind}): {_combination(self.wrench, _ROWS, 'none', rounding)}"
         n = len(self.joint_names)
         singular = f", a singular pose (rank {self.rank} of {min(6, n)})" if self.rank < min(6, n) else ""
         yield f"{n} joints make {self.rank} independent wrenches{singular}"
@@ -100,29 +106,52 @@ def wrench_from_torques(
     True
     """
     q = one_configuration(robot, q, "wrench_from_torques", "the rank of J differs from pose to pose")
-    tau = arguments.finite(
-        arguments.one(tau, "wrench_from_torques: tau", robot.nv), "wrench_from_torques: tau", robot.nv
-    )
-    length = positive(length, "length [m]", "Give a positive length, such as the robot's reach.")
+    tau = arguments.one(tau, "wrench_from_torques: tau", robot.nv, names=robot.model.velocity_names)
+    tau = arguments.finite(tau, "wrench_from_torques: tau")
+    length = arguments.positive(length, "length", "m")
     g = np.asarray(robot.holding_torques(q))  # springs too, where joints are elastic
     J = np.asarray(robot.jacobian(q, frame, kind))
+    rank, U, Vt, rows, columns = _equilibrated(J)
     scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m
-    U, s, Vt = np.linalg.svd(scale[:, None] * J)
-    rank = int(np.sum(s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)))
-    F = U[:, :rank] @ ((Vt[:rank] @ (tau - g)) / s[:rank])
+    idle = columns[:, None] * Vt[rank:].T
+    borne = rows[:, None] * U[:, rank:]
+    lost = np.linalg.qr(idle)[0]
+    unbalanced = lost @ (lost.T @ (tau - g))
+    # Any wrench that fits, less what the structure bears anyway: the smallest, in the metric of ``length``.
+    B = rows[:, None] * J * columns
+    F = rows * np.linalg.lstsq(B.T, columns * (tau - g - unbalanced), rcond=RANK_TOLERANCE)[0]
+    free = np.linalg.qr(borne / scale[:, None])[0]
+    F = F - scale * (free @ (free.T @ (F / scale)))
     return TorqueWrench(
-        wrench=scale * F,
-        unbalanced=Vt[rank:].T @ (Vt[rank:] @ (tau - g)),
-        producible=np.linalg.qr(scale[:, None] * U[:, :rank])[0],
-        borne=_sparse_basis(scale[:, None] * U[:, rank:]),
-        idle=_sparse_basis(Vt[rank:].T),
-        singular_values=s,
+        wrench=F,
+        unbalanced=unbalanced,
+        producible=np.linalg.qr((scale**2 / rows)[:, None] * U[:, :rank])[0],
+        borne=_sparse_basis(borne),
+        idle=_sparse_basis(idle),
+        singular_values=np.linalg.svd(scale[:, None] * J, compute_uv=False),
         gravity=g,
         joint_names=robot.model.velocity_names,
         frame=str(robot.tip if frame is None else frame),
         kind=kind,
         length=length,
+        size=float(np.abs(tau).max(initial=0.0)),
     )
+
+
+def _equilibrated(J: Array) -> tuple[int, Array, Array, Array, Array]:
+    """The rank of J (6, nv), U and V' of R J C by singular values, and the diagonals of R and C, which make its entries alike.
+
+    R counts turning at the length of the longest lever that a turning joint has, so that robots of a micrometre have the
+    ranks of those of a metre, and C every joint as if it moved the frame as much as any.
+    """
+    turn, move = (np.linalg.norm(part, axis=0) for part in (J[:3], J[3:]))
+    lever = np.max(move[turn > 0] / turn[turn > 0], initial=0.0)
+    rows = np.array([lever or 1.0] * 3 + [1.0] * 3)
+    moves = np.linalg.norm(rows[:, None] * J, axis=0)
+    felt = moves > RANK_TOLERANCE**1.5 * moves.max(initial=0.0)
+    columns = 1.0 / np.where(felt, moves, moves.max(initial=0.0) or 1.0)
+    U, s, Vt = np.linalg.svd(rows[:, None] * J * columns)
+    return int(np.sum(s > RANK_TOLERANCE * s.max(initial=0.0))), U, Vt, rows, columns
 
 
 def _sparse_basis(B: Array) -> Array:
@@ -136,13 +165,14 @@ def _sparse_basis(B: Array) -> Array:
             if other != k:
                 rows[other] -= rows[other, c] * rows[k]
                 rows[other, c] = 0.0
-    rows[np.abs(rows) < 1e-12] = 0.0
+    rows[np.abs(rows) < 1e-12] = 0.0  # beside the 1 that each row was divided to
     peaks = rows[np.arange(len(rows)), np.argmax(np.abs(rows), axis=1)] if rows.size else np.ones(len(rows))
     return (rows / peaks[:, None]).T
 
 
-def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", least: float = 1e-9) -> str:
+def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", least: float = 0.0) -> str:
     """Numbers with their names, round-off left out: ``0.5 mx − 2 fz``."""
+    least = max(least, 1e-9 * float(np.abs(x).max(initial=0.0)))
     shown = [(v, n) for v, n in zip(x, names, strict=True) if abs(v) > least]
     if not shown:
         return nothing

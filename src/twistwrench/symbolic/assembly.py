@@ -95,6 +95,7 @@ def assembled(terms: Terms, writer: Writer) -> dict[str, Any]:
         "coriolis_forces": written_c,
         "gravity_forces": written_g,
         "tau": tau,
+        "split": all(not e.terms for e in rest),
         "steps": steps_of(lines),
     }
 

@@ -108,7 +108,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         parameters=tuple(p for p in entries.parameters if p.name in seen),
         meanings=tuple((c.name, c.meaning) for c in coordinates),
         remarks=_friction_remark(robot),
-        **found,
+        **found | {"split": True},  # whatever rounding left of numbers that cancel
     )
     return replace(derivation, check=checked(derivation, robot))
 

@@ -50,7 +50,10 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """τ = M(q) q̈ + c(q, q̇) + g(q) in SymPy, made by :func:`twistwrench.symbolic.lagrange` and ``derive``.
+    """τ = M(q) q̈ + h(q, q̇) in SymPy, made by :func:`twistwrench.symbolic.lagrange` and ``derive``.
+
+    Of a robot, and of a Lagrangian that is ½ q̇'M q̇ less a potential, h = c + g: ``split`` says so. Of one with terms linear in
+    the rates (a magnetic force) or with time in it, h has more in it; ``tau`` has it all.
 
     Where ``definitions`` is not empty, everything after it is written in the symbols defined there, each in those before
     it. ``q``, ``dq`` and ``ddq`` are the symbols of coordinates, rates and accelerations.
@@ -81,6 +84,8 @@ class Equations:
     meanings: tuple[tuple[str, str], ...] = ()
     """Symbol and meaning of the coordinates."""
     remarks: tuple[str, ...] = ()
+    split: bool = True
+    """Whether c and g are all of τ but M q̈."""
     cache: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
@@ -170,7 +175,7 @@ class Equations:
         return c_source(self, prefix)
 
     def function(self, name: str) -> Callable[..., Any]:
-        """A function of :meth:`numpy_source`, ready to call: inverse_dynamics(q, dq, ddq) and so on.
+        """A function of :meth:`numpy_source`, ready to call: inverse_dynamics(q, dq, ddq), bias_forces(q, dq) and so on.
 
         Its last argument, ``parameters``, maps the name of every constant to its number; without it, the robot's own. The
         time of a Lagrangian that depends on it is one of them.

@@ -237,6 +237,7 @@ def _differentiated(
     tau = sympy.ImmutableMatrix(
         [_collected(sympy.expand(r - s), (*ddq, *dq)) for r, s in zip(rates, slopes, strict=True)]
     )
+    parts = [sympy.Add(*(M[i, j] * ddq[j] for j in range(n)), c[i], g[i]) for i in range(n)]
     lines = {
         "momenta": [(Label("L", v.name), p) for v, p in zip(dq, momenta, strict=True)],
         "explicit_time": [(Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0],
@@ -252,6 +253,7 @@ def _differentiated(
         "coriolis_forces": c,
         "gravity_forces": g,
         "tau": tau,
+        "split": all(sympy.expand(t - part) == 0 for t, part in zip(tau, parts, strict=True)),
         "steps": steps_of(lines),
     }
 

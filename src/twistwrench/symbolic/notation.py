@@ -325,7 +325,8 @@ class MathML(Notation):
     def matrix(self, rows: list[list[str]]) -> str:
         """A matrix."""
         inner = "".join("<mtr>" + "".join(f"<mtd>{x}</mtd>" for x in row) + "</mtr>" for row in rows)
-        return f"<mrow><mo>[</mo><mtable>{inner}</mtable><mo>]</mo></mrow>"
+        # Drawn brackets, by the page's style: stretched ones need a font with mathematical tables, which many systems lack.
+        return f'<mtable class="matrix">{inner}</mtable>'
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
         """∂top/∂variable, or its rate."""

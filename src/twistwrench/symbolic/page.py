@@ -24,6 +24,10 @@ table.symbols td { padding: .15rem 1rem .15rem 0; border-bottom: 1px solid #8883
 table.symbols td:last-child { text-align: right; font-variant-numeric: tabular-nums; }
 .line { margin: .45rem 0 .45rem 2.5rem; text-indent: -2.5rem; line-height: 1.9; }
 math { text-indent: 0; font-size: 1.06rem; }
+mtable.matrix { border: solid currentColor; border-width: 0 1.5px; padding: .1em .25em; margin: 0 .15em;
+  background: linear-gradient(currentColor 0 0) 0 0, linear-gradient(currentColor 0 0) 100% 0,
+    linear-gradient(currentColor 0 0) 0 100%, linear-gradient(currentColor 0 0) 100% 100%;
+  background-size: .35em 1.5px; background-repeat: no-repeat; }
 """
 
 

@@ -55,7 +55,8 @@ def follow_poses(
     True
     """
     one_degree_joints(robot, "following poses")
-    q0 = np.array(arguments.one(arguments.finite(q0, "q0", robot.nq), "q0", robot.nq))
+    q0 = arguments.finite(q0, "q0", robot.nq, names=robot.coordinate_names)
+    q0 = np.array(arguments.one(q0, "q0", robot.nq))
     allowed = arguments.number(tolerance, "tolerance")
     if not 1e-10 <= allowed < np.inf:
         raise ValueRangeError(f"tolerance is {allowed:g}: give how far the frame may be off [m, rad], 1e-10 or more.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from ..core.csv_writer import meant_text
 from ..core.files import read_text
 from ..core.foreign_errors import foreign_errors
-from ..errors import NotFoundError, PathError, ValueRangeError
+from ..errors import ConstraintWarning, NotFoundError, PathError, ValueRangeError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -107,7 +108,9 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     try:
         if given["fastest"] and trouble is None:
             limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
-            moving: Trajectory = fastest(robot, path, friction=friction, **limits)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
+                moving: Trajectory = fastest(robot, path, friction=friction, **limits)
         else:
             moving = Trajectory(robot, path, _scaling(robot, path, bounds, given))
     except PathError as problem:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import PathError, ValueRangeError
+from ..errors import ConstraintWarning, PathError, ValueRangeError
 from .collocation import AT_REST
-from .limits import Bounds, bounds_of
+from .limits import Bounds, beyond_positions, bounds_of
 from .passes import Arc, backward, forward
 from .rows import PathRows
 from .timing import FastestScaling
@@ -24,6 +25,8 @@ Array = NDArray[Any]
 
 __all__ = ["Fastest", "LimitCurves", "Touch", "fastest"]
 
+_SHORTEST = 1e-6
+"""Part of the path: limits of torque and acceleration by which the robot is at its velocity limit sooner count as lower."""
 _ROOM = 4e-8
 """Part of each limit kept free, so that what the pieces are off it, both ways, stays below it."""
 
@@ -132,9 +135,11 @@ def fastest(
 ) -> Fastest:
     """The shortest motion along a path from rest to rest within the limits, the robot's own or those given, (nv,) each.
 
-    One limit is touched at all times and none is passed, to 1e-6 of it. Raises PathError where the robot cannot hold itself on
-    the path, naming s, joint and amount; ValueRangeError where nothing limits the motion, or the path stands still somewhere.
-    The method: :mod:`twistwrench.trajectories.passes`.
+    One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and acceleration that bring the robot
+    to its velocity limit within a millionth of the path count as lower, which costs no more of the time than that. A path
+    beyond the joints' positions is followed with a ConstraintWarning that names them; ``violations`` lists all. Raises
+    PathError where the robot cannot hold itself on the path, naming s, joint and amount; ValueRangeError where nothing limits
+    the motion, or the path stands still somewhere. The method: :mod:`twistwrench.trajectories.passes`.
 
     >>> import twistwrench as tw
     >>> from twistwrench import trajectories
@@ -156,6 +161,8 @@ def fastest(
     spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
     room = {name: getattr(bounds, name) * (1.0 - spare) for name in ("velocity", "acceleration", "effort")}
     rows = PathRows(robot, path, replace(bounds, **room), friction=friction)
+    if (felt := _felt(rows)) is not rows.bounds:
+        rows = PathRows(robot, path, felt, friction=friction)
     if not (~rows.flat).any():
         raise ValueRangeError(
             f"nothing limits how fast {robot.name!r} speeds up on this path: give effort or acceleration "
@@ -168,4 +175,40 @@ def fastest(
     except PathError:  # a narrow place of the limit curve was missed
         arcs = backward(rows, 40_001)
         cells = forward(rows, arcs)
-    return Fastest(robot, path, FastestScaling(tuple(cells)), bounds, rows, tuple(arcs))
+    found = Fastest(robot, path, FastestScaling(tuple(cells)), bounds, rows, tuple(arcs))
+    _warn_of_positions(robot, path, bounds)
+    return found
+
+
+def _warn_of_positions(robot: Robot, path: JointPath, bounds: Bounds) -> None:
+    s = np.linspace(0.0, 1.0, 2001)
+    found = [
+        f"{name} reaches {value:.5g} beyond {limit:.5g} at s = {s[i]:.4g}"
+        for name, value, limit, i, _ in beyond_positions(robot, path(s)[0], bounds)
+    ]
+    if found:
+        more = f" and {len(found) - 4} more" if len(found) > 4 else ""
+        warnings.warn(
+            f"the path leaves the positions that joints of {robot.name!r} can take: {'; '.join(found[:4])}{more}. No timing "
+            "mends that: take another path.",
+            ConstraintWarning,
+            stacklevel=3,
+        )
+
+
+def _felt(rows: PathRows) -> Bounds:
+    """The limits, those of torque and acceleration no higher than motion within the velocity limits can feel."""
+    found, bounds = rows.at(rows.grid), rows.bounds
+    x = found.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
+    if not np.isfinite(x):
+        return bounds
+    u = x / (2.0 * _SHORTEST)
+    most = 2.0 * (np.abs(found.a) * u + np.abs(found.b) * x + np.abs(found.d) * np.sqrt(x) + np.abs(found.c)).max(
+        axis=0
+    )
+    if (most >= rows.L).all():
+        return bounds
+    effort, acceleration = bounds.effort.copy(), bounds.acceleration.copy()
+    lower, n = np.minimum(rows.L, most), len(rows.torque)
+    effort[rows.torque], acceleration[rows.accelerated] = lower[:n], lower[n:]
+    return replace(bounds, effort=effort, acceleration=acceleration)

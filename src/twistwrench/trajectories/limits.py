@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-__all__ = ["Bounds", "Violation", "bounds_of", "violations"]
+__all__ = ["Bounds", "Violation", "beyond_positions", "bounds_of", "violations"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ def bounds_of(
         if values is None:
             found[name] = np.asarray(own[name], float)
             continue
-        array = np.asarray(arguments.real(values, name), float)
+        array = np.asarray(arguments.real(values, name, names=robot.model.velocity_names), float)
         if array.shape not in ((), (robot.nv,)):
             raise ShapeError(
                 f"{name} has shape {array.shape}: give one number, or {robot.nv}, one for each of "
@@ -102,29 +103,40 @@ def violations(
     q, dq, ddq = trajectory(t)
     tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
     names = robot.model.velocity_names
-    found = []
-
-    def look(kind: str, k: int, values: Array, low: float, high: float) -> None:
-        span = max(abs(x) for x in (low, high, 1e-9) if np.isfinite(x))
-        over = np.maximum(values - high, low - values)
-        i = int(over.argmax())
-        if over[i] > tolerance * span:
-            found.append(
-                (
-                    over[i] / span,
-                    Violation(names[k], kind, float(values[i]), high if values[i] > high else low, float(t[i])),
-                )
-            )
-
-    for b in robot.model.leaders:
-        k = b.v_index
-        if b.joint.nv == 1:
-            look("position", k, q[:, b.q_index], float(bounds.lower[k]), float(bounds.upper[k]))
+    found = [
+        (share, Violation(name, "position", value, limit, float(t[i])))
+        for name, value, limit, i, share in beyond_positions(robot, q, bounds, tolerance)
+    ]
     for k in range(robot.nv):
         for kind, values, most in (
             ("velocity", dq, bounds.velocity),
             ("acceleration", ddq, bounds.acceleration),
             ("torque", tau, bounds.effort),
         ):
-            look(kind, k, values[:, k], -float(most[k]), float(most[k]))
+            over = _beyond(values[:, k], -float(most[k]), float(most[k]), tolerance)
+            if over is not None:
+                value, limit, i, share = over
+                found.append((share, Violation(names[k], kind, value, limit, float(t[i]))))
     return tuple(v for _, v in sorted(found, key=lambda item: -item[0]))
+
+
+def beyond_positions(
+    robot: Robot, q: Array, bounds: Bounds, tolerance: float = 1e-6
+) -> Iterator[tuple[str, float, float, int, float]]:
+    """Joints that some row of q (n, nq) has beyond their positions: name, value, limit, row, and by which part of the limit."""
+    for b in robot.model.leaders:
+        k = b.v_index
+        if b.joint.nv == 1:
+            over = _beyond(q[:, b.q_index], float(bounds.lower[k]), float(bounds.upper[k]), tolerance)
+            if over is not None:
+                yield (b.joint.name, *over)
+
+
+def _beyond(values: Array, low: float, high: float, tolerance: float) -> tuple[float, float, int, float] | None:
+    """The value furthest beyond its limit, the limit, where, and by which part of the larger limit."""
+    span = max(abs(x) for x in (low, high, 1e-9) if np.isfinite(x))
+    over = np.maximum(values - high, low - values)
+    i = int(over.argmax())
+    if not over[i] > tolerance * span:
+        return None
+    return float(values[i]), high if values[i] > high else low, i, float(over[i] / span)

@@ -47,7 +47,8 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
     [[0.25, -0.5], [1.0, -2.0], [0.0, 0.0]]
     """
     q0, q1 = (
-        np.array(arguments.one(arguments.finite(q, n, robot.nq), n, robot.nq)) for n, q in (("q0", q0), ("q1", q1))
+        np.array(arguments.one(arguments.finite(q, n, robot.nq, names=robot.coordinate_names), n, robot.nq))
+        for n, q in (("q0", q0), ("q1", q1))
     )
     way = robot.subtract(q1, q0)
     if not np.abs(way).max(initial=0.0) > 0:
@@ -118,9 +119,8 @@ def spline(
         if velocities is None:
             curve = CubicSpline(knots, points, bc_type="clamped")
         else:
-            rates = arguments.one(
-                arguments.finite(velocities, "velocities", robot.nv), "velocities", len(points), robot.nv
-            )
+            rates = arguments.finite(velocities, "velocities", robot.nv, names=robot.model.velocity_names)
+            rates = arguments.one(rates, "velocities", len(points), robot.nv)
             curve = CubicHermiteSpline(knots, points, rates * T)
     first, second = curve.derivative(1), curve.derivative(2)
     return JointPath("spline", lambda s: (curve(s), first(s), second(s)), knots)
@@ -138,7 +138,7 @@ def one_degree_joints(robot: Robot, what: str) -> None:
 
 def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
     """q (m, nq), finite."""
-    array = np.asarray(arguments.finite(q, name, robot.nq), float)
+    array = np.asarray(arguments.finite(q, name, robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 2:
         raise ShapeError(f"{name} has shape {array.shape[1:] or array.shape}, expected ({robot.nq},) each.")
     return array

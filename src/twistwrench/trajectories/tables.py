@@ -113,7 +113,7 @@ def move_view(
     parts: list[RenderableType] = [first, table]
     if isinstance(trajectory, Fastest):
         parts.extend(_timeline(trajectory))
-    return Group(*parts, *_verdict(trajectory, violations))
+    return Group(*parts, *_verdict(trajectory, bounds, violations))
 
 
 def _share(x: float) -> str:
@@ -142,15 +142,29 @@ def _timeline(trajectory: Fastest) -> list[RenderableType]:
     return [table, *([Text(f"and {rest} shorter parts", style="dim")] if rest else [])]
 
 
-def _verdict(trajectory: Trajectory, violations: tuple[Violation, ...]) -> list[Text]:
+def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...]) -> list[Text]:
     if violations:
         lines = [Text(f"OVER LIMIT: {v}", style="bold red") for v in violations[:6]]
         return [*lines, *([Text(f"and {len(violations) - 6} more")] if len(violations) > 6 else [])]
+    unknown = _unknown_limits(trajectory, bounds)
+    within = "Within the limits that are known" if unknown else "Within all limits"
     if isinstance(trajectory, Fastest):
-        return [
-            Text(
-                "Within all limits, and at one of them at all times: it cannot be done faster on this path.",
-                style="bold",
-            )
-        ]
-    return [Text("Within all limits.", style="bold")]
+        within += ", and at one of them at all times: it cannot be done faster on this path"
+    return [Text(f"{within}.", style="bold"), *(Text(f"! {text}") for text in unknown)]
+
+
+def _unknown_limits(trajectory: Trajectory, bounds: Bounds) -> list[str]:
+    """A sentence for each kind of limit that some joints have not."""
+    names = np.array(trajectory.robot.model.velocity_names)
+    found = []
+    for kind, most in (("torque", bounds.effort), ("velocity", bounds.velocity)):
+        missing = names[~np.isfinite(most)]
+        if not len(missing):
+            continue
+        listed = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
+        of = "any joint" if len(missing) == len(names) else listed
+        column = "effort" if kind == "torque" else kind
+        found.append(
+            f"No {kind} limit of {of} is known, so none was asked for: --limits FILE.csv gives them ({column})."
+        )
+    return found

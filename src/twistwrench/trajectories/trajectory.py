@@ -156,9 +156,10 @@ def move(
     if waypoints is None:
         path = joint_line(robot, q0, q1)
     else:
-        between = np.atleast_2d(np.asarray(arguments.finite(waypoints, "waypoints", robot.nq), float))
+        names = robot.coordinate_names
+        between = np.atleast_2d(np.asarray(arguments.finite(waypoints, "waypoints", robot.nq, names=names), float))
         ends = [
-            np.asarray(arguments.one(arguments.finite(q, n, robot.nq), n, robot.nq), float)
+            np.asarray(arguments.one(arguments.finite(q, n, robot.nq, names=names), n, robot.nq), float)
             for n, q in (("q0", q0), ("q1", q1))
         ]
         path = spline(robot, np.concatenate([ends[:1], between, ends[1:]]))

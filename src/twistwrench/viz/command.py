@@ -13,14 +13,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ValueRangeError
+from ..report.motion_options import Load, motion_options, open_motion
 
 if TYPE_CHECKING:
-    from ..robot import Robot
     from .live import LiveView
     from .motion import Motion
-
-Load = Callable[..., "tuple[Robot, tuple[str, ...]]"]
-"""Loads the robot meant, and tells the joints held still; ``stiff`` takes elastic gears to be rigid."""
 
 __all__ = ["answer_plot", "answer_view", "plot_options", "view_options"]
 
@@ -89,13 +86,7 @@ def _motion_options(*, required: bool) -> tuple[Callable[[Any], Any], ...]:
             multiple=True,
             help="A point mass carried; may be repeated.",
         ),
-        click.option(
-            "--trajectory",
-            "trajectory",
-            metavar="FILE.csv",
-            required=required,
-            help="The motion; 'demo' is the one bundled with a robot.",
-        ),
+        motion_options(required=required),
     )
 
 
@@ -177,17 +168,29 @@ def _loaded(
     payloads: tuple[str, ...],
     wrenches: tuple[str, ...],
     no_friction: bool,
+    columns: tuple[str, ...],
+    rate: float | None,
+    lock_missing: bool,
+    smooth: bool,
 ) -> tuple[Any, dict[str, Any], Motion | None]:
     """The robot with its payloads, the wrenches on it, and its motion; limits that this passes are said on stderr."""
     from ..report.load import LoadedRobot, parse_payload, parse_wrenches
-    from ..report.trajectory import Trajectory, moves_motors
     from .motion import read_motion
 
-    robot, locked = load(stiff=path is not None and not moves_motors(path))
+    if path is None and (columns or rate is not None or lock_missing or smooth):
+        raise ValueRangeError(
+            "--columns, --rate, --lock-missing and --smooth are about a motion, and none is given. Add --trajectory."
+        )
+    trajectory = None
+    if path is None:
+        robot, _ = load()
+    else:
+        reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
+        robot, trajectory = open_motion(load, path, degrees=degrees, **reading)
     loaded = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     motion = None
-    if path is not None:
-        motion = read_motion(loaded, Trajectory.open(path, robot.model, degrees=degrees, locked=locked))
+    if trajectory is not None:
+        motion = read_motion(loaded, trajectory, smoothing=smooth)
         for sentence in motion.warnings:
             click.echo(f"note: {sentence}", err=True)
     return loaded.loaded, loaded.wrenches, motion

@@ -15,10 +15,11 @@ from ..report.coordinates import Coordinates, joint_rates
 from ..report.derivatives import Differentiation, States, spline_rates
 from ..report.load import LoadedRobot
 from ..report.tally import Extreme
+from .thinning import Thinned
 
 if TYPE_CHECKING:
     from ..model.model import Model
-    from ..report.trajectory import Trajectory
+    from ..motion.trajectory import Trajectory
     from ..robot import Robot
 
 Array = NDArray[Any]
@@ -26,7 +27,7 @@ Array = NDArray[Any]
 __all__ = ["Motion", "motion_of", "read_motion"]
 
 _MOST = 4000
-"""States kept of a long motion."""
+"""Evenly spaced states kept of a long motion; those at peaks may be three times as many."""
 _CHUNK = 8192
 _FEWEST = 6
 """Samples that velocities and accelerations can be derived from."""
@@ -35,7 +36,7 @@ _SLACK = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """States of a robot over time, evenly taken from a longer motion where that has very many."""
+    """States of a robot over time; of a motion of very many, evenly spaced ones and those at which a curve peaks."""
 
     load: LoadedRobot
     time: Array
@@ -53,13 +54,15 @@ class Motion:
     rows: int
     """Of the whole motion."""
     warnings: tuple[str, ...]
-    """A sentence for each limit that is passed."""
+    """A sentence for each limit that is passed, and for what in the input contradicts itself."""
+    still: Array
+    """(n, nv) bool: the velocity is derived and within its own uncertainty; friction that needs its sign is left out."""
 
     @property
     def states(self) -> States:
         """The same as the functions of :class:`~twistwrench.report.load.LoadedRobot` take it."""
         none = np.zeros((len(self.time), 0))
-        return States(self.time, self.q, self.dq, self.ddq, self.q, np.zeros(self.dq.shape, bool), none)
+        return States(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
 
     def require(self, robot: Robot) -> None:
         """Raise ValueRangeError unless this is a motion of that robot, whatever it carries."""
@@ -100,14 +103,16 @@ def motion_of(
     ((21, 1), 21)
     """
     model = robot.model
-    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq)
+    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq, names=robot.coordinate_names)
     if t.ndim != 1 or q.shape != (len(t), model.nq) or not len(t):
         raise ShapeError(f"a motion has time (n,) and q (n, {model.nq}), got {t.shape} and {q.shape}.")
     if (np.diff(t) <= 0).any():
         k = int(np.argmax(np.diff(t) <= 0))
         raise ValueRangeError(f"time does not increase from sample {k} ({t[k]:g} s) to the next ({t[k + 1]:g} s).")
     given = {"dq": dq, "ddq": ddq}
-    rates = {n: None if x is None else arguments.finite(x, n, model.nv) for n, x in given.items()}
+    rates = {
+        n: None if x is None else arguments.finite(x, n, model.nv, names=model.velocity_names) for n, x in given.items()
+    }
     for name, x in rates.items():
         if x is not None and x.shape != (len(t), model.nv):
             raise ShapeError(f"{name} has shape {x.shape}, expected ({len(t)}, {model.nv}).")
@@ -128,10 +133,21 @@ def motion_of(
     return replace(motion, warnings=(*motion.warnings, said))
 
 
-def read_motion(load: LoadedRobot, trajectory: Trajectory, progress: Callable[[int], None] | None = None) -> Motion:
-    """The motion in a file, as the command ``torques`` reads it; raises TrajectoryError as that does."""
-    differentiation = Differentiation.plan(trajectory, load.bare.model)
-    return _gathered(load, differentiation.states(_CHUNK, progress))
+def read_motion(
+    load: LoadedRobot,
+    trajectory: Trajectory,
+    progress: Callable[[int], None] | None = None,
+    *,
+    smoothing: bool = False,
+) -> Motion:
+    """The motion in a file, as the command ``torques`` reads it; raises TrajectoryError as that does.
+
+    ``smoothing`` fits its strength to the noise found before anything is derived.
+    """
+    differentiation = Differentiation.plan(trajectory, load.bare.model, smoothing=smoothing)
+    motion = _gathered(load, differentiation.states(_CHUNK, progress))
+    doubts = [*load.contradictions, *trajectory.contradictions(load.bare.limits)]
+    return replace(motion, warnings=(*(f"LOOK AGAIN: {said}" for said in doubts), *motion.warnings))
 
 
 def _continuous(model: Model, q: Array) -> Array:
@@ -145,29 +161,20 @@ def _continuous(model: Model, q: Array) -> Array:
 
 
 def _gathered(load: LoadedRobot, every: Iterator[States]) -> Motion:
-    """One pass in bounded memory: each time twice as many are kept as needed, every other one is let go."""
-    kept: list[tuple[Array, ...]] = []
-    step, rows, last = 1, 0, None
-    peaks = Extreme(load.bare.nv)
+    """One pass in bounded memory; torques, velocities and power keep the peaks of every row."""
+    nq, nv = load.bare.nq, load.bare.nv
+    kept = Thinned(4 * _MOST, slice(1, 2 + 2 * nv))
+    peaks = Extreme(nv)
     excesses = _Excesses(load)
     for s in every:
         torques = load.torques(s)
         peaks.add(s.time, np.abs(torques))
         excesses.add(s, torques)
-        here = np.arange(len(s))[(rows + np.arange(len(s))) % step == 0]
-        kept.append(tuple(x[here].copy() for x in (s.time, s.q, s.dq, s.ddq, torques)))
-        rows, last = rows + len(s), tuple(x[-1:].copy() for x in (s.time, s.q, s.dq, s.ddq, torques))
-        while sum(len(part[0]) for part in kept) > 2 * _MOST:
-            whole = _together(kept)
-            kept, step = [tuple(x[::2] for x in whole)], 2 * step
-    if last is not None and kept[-1][0][-1:] != last[0]:
-        kept.append(last)
-    time, q, dq, ddq, torques = _together(kept)
-    return Motion(load, time, q, dq, ddq, torques, peaks.value.copy(), rows, excesses.sentences())
-
-
-def _together(parts: list[tuple[Array, ...]]) -> tuple[Array, ...]:
-    return tuple(np.concatenate(columns) for columns in zip(*parts, strict=True))
+        power = (torques * s.dq).sum(axis=1)
+        kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.still]))
+    time, _, torques, dq, q, ddq, still = np.split(kept.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
+    said = excesses.sentences()
+    return Motion(load, time[:, 0], q, dq, ddq, torques, peaks.value.copy(), kept.count, said, still.astype(bool))
 
 
 class _Excesses:

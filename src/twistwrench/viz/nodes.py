@@ -61,7 +61,8 @@ class Nodes:
         self._marks = [
             (mark, self._mark(mark.body, f"torque_{mark.torque}")) for mark in torque_marks(self.robot.model)
         ]
-        self._add("com", server.scene.add_icosphere("/com", 0.026 * self.size, _bytes(COLOURS["com"])))
+        if any(body.inertia.mass for body in self.robot.model.bodies):
+            self._add("com", server.scene.add_icosphere("/com", 0.026 * self.size, _bytes(COLOURS["com"])))
 
     def switch(self, layer: str, on: bool) -> None:
         """Show a layer, or hide it."""

@@ -217,7 +217,7 @@ def plot_phase(motion: Motion, path: str | Path, joints: Sequence[str] = ()) -> 
         axis.axhline(0, color=AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
         axis.set_title(robot.model.velocity_names[k], loc="left", fontweight="bold")
-        most = np.nanmax(np.abs(shares[:, k])) if some[k] else np.nan
+        most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
         used = f"torque {most:.0%}" if some[k] else "no torque limit"
         axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if most > 1 else QUIET)
         axis.set_ylabel("rad/s" if angular else "m/s", fontsize=SMALL)

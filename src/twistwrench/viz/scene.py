@@ -64,13 +64,8 @@ class Scene:
         if not self.doubtful or len(self.robot.model.bodies) < 2:
             return self.remarks
         few = ", ".join(self.doubtful[:4]) + (", …" if len(self.doubtful) > 4 else "")
-        verb = "is that of a body" if len(self.doubtful) == 1 else "are those of bodies"
-        return (
-            *self.remarks,
-            f"Inertia of {few}: as the file has it, it {verb} about as long as the whole robot.".replace(
-                "it are", "they are"
-            ),
-        )
+        size = "a body" if len(self.doubtful) == 1 else "bodies"
+        return *self.remarks, f"Inertia of {few}: the file gives that of {size} about as long as the whole robot."
 
     def body_poses(self, q: ArrayLike) -> Array:
         """T_s,body of the moving bodies; (nq) → (nbodies, 4, 4), for any batch of q. Those of rotors, never drawn, are NaN."""

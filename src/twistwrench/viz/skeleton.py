@@ -17,7 +17,7 @@ from .surface import Surface, box, cylinder, ellipsoid, sphere
 if TYPE_CHECKING:
     from ..bodies.inertia import SpatialInertia
     from ..model.joint import Joint
-    from ..model.model import Model
+    from ..model.model import Body, Model
 
 Array = NDArray[Any]
 Part = tuple[int, Surface, tuple[float, float, float]]
@@ -58,6 +58,7 @@ def skeleton(model: Model) -> Skeleton:
         start = _axis_point(b.joint)
         ends[b.parent].append(b.placement[:3, :3] @ start + b.placement[:3, 3])
         looks += [(k, s, JOINT) for s in _joint(b.joint, start, r)]
+        looks += [(b.parent, s, TUBE) for s in _rail(model, b, size, r)]
     for k, b in bodies.items():
         start = _axis_point(b.joint)
         if b.joint.kind in ("planar", "floating"):
@@ -143,6 +144,17 @@ def _joint(joint: Joint, point: Array, r: float) -> list[Surface]:
     T = se3.pose(turned_z(w if w.any() else v), point)
     solid = cylinder(1.45 * r, 3.4 * r) if w.any() else box((2.6 * r, 2.6 * r, 4.0 * r))
     return [solid.placed(T)]
+
+
+def _rail(model: Model, body: Body, size: float, r: float) -> list[Surface]:
+    """What a sliding body slides on, in its parent's frame: from one limit to the other, or half the robot's size."""
+    axis = body.joint.axes[0]
+    if body.joint.nv != 1 or axis[:3].any():
+        return []
+    ends = np.array([model.limits.lower[body.v_index], model.limits.upper[body.v_index]]) * body.ratio + body.offset
+    ends = np.where(np.isfinite(ends), np.clip(ends, -size, size), [-size / 4, size / 4])
+    low, high = (body.placement[:3, :3] @ (x * axis[3:]) + body.placement[:3, 3] for x in ends)
+    return _tube(low, high, 0.5 * r)
 
 
 def _tube(start: Array, end: Array, r: float) -> list[Surface]:

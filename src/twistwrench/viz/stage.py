@@ -53,7 +53,7 @@ def draw(
     require_matplotlib("Drawing a robot")
     from matplotlib.collections import PolyCollection
 
-    poses = np.atleast_2d(arguments.finite(q, "draw: q", robot.nq))
+    poses = np.atleast_2d(arguments.finite(q, "draw: q", robot.nq, names=robot.coordinate_names))
     if poses.ndim > 2 or not len(poses):
         raise ShapeError(f"draw: q has shape {np.shape(q)}, expected ({robot.nq},), or (n, {robot.nq}) for n poses.")
     scene = scene_of(robot) if scene is None else scene

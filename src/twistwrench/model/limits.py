@@ -1,0 +1,61 @@
+"""Limits of the joints, and the one answer to whether a joint is beyond its limit of position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+__all__ = ["TOLERANCE", "Limits"]
+
+TOLERANCE = 1e-6
+"""Share of a joint's largest limit by which it may be past one and still counts as at it: rounding to float32, or to six
+digits in a file, is no excess."""
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Joint limits, one entry per velocity, (nv,) each: rad or m, rad/s or m/s, N m or N; inf where none is given.
+
+    Examples
+    --------
+    >>> limits = Limits(np.array([0.0]), np.array([1.5]), np.array([np.inf]), np.array([np.inf]))
+    >>> limits.exceeded([[-1e-7], [-1e-5]])
+    array([[False],
+           [ True]])
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+
+    @property
+    def tolerance(self) -> Array:
+        """How far past a limit of position a joint still counts as at it, (nv,) [rad or m].
+
+        :data:`TOLERANCE` of the larger of the joint's two limits, of those that are finite; of 1 where that is none or zero.
+        """
+        ends = np.abs(np.stack([self.lower, self.upper]))
+        largest = np.max(np.where(np.isfinite(ends), ends, 0.0), axis=0)
+        return np.asarray(TOLERANCE * np.where(largest > 0.0, largest, 1.0))
+
+    def exceeded(self, positions: Any) -> Array:
+        """Whether each joint is beyond a limit of position by more than :attr:`tolerance`.
+
+        Parameters
+        ----------
+        positions
+            (..., nv) the coordinate of each velocity [rad or m], see :meth:`Model.positions`.
+
+        Returns
+        -------
+        Array
+            (..., nv) of bool. NaN is beyond no limit.
+        """
+        x, most = np.asarray(positions, float), self.tolerance
+        return np.asarray((x < self.lower - most) | (x > self.upper + most))

@@ -1,0 +1,52 @@
+"""Remarks on what a robot file says, and one sentence for those that say the same of several links or joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+__all__ = ["Remark", "grouped"]
+
+_NAMED = 4
+"""Subjects that a grouped sentence names; the rest are counted, and stand in ``robot.defects``."""
+
+
+class Remark(str):
+    """A sentence whose subject is known: ``Remark("link 'a'", "has no mass") == "link 'a' has no mass"``."""
+
+    __slots__ = ("said", "subject")
+    subject: str
+    said: str
+
+    def __new__(cls, subject: str, said: str) -> Remark:
+        """The sentence ``subject said``."""
+        text = super().__new__(cls, f"{subject} {said}")
+        text.subject, text.said = subject, said
+        return text
+
+    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
+        return self.subject, self.said
+
+
+def grouped(remarks: Iterable[str]) -> list[str]:
+    """The remarks in their order, those that say the same of other subjects together in one sentence.
+
+    >>> grouped([Remark("joint 'a'", "has no limit"), "x", Remark("joint 'b'", "has no limit")])
+    ["joint 'a' has no limit; the same of joint 'b'", 'x']
+    """
+    others: dict[str, list[str]] = {}
+    first: list[str] = []
+    for remark in remarks:
+        key = remark.said if isinstance(remark, Remark) else remark
+        if key in others and isinstance(remark, Remark):
+            others[key].append(remark.subject)
+        else:
+            others.setdefault(key, [])
+            first.append(remark)
+    return [_together(r, others[r.said]) if isinstance(r, Remark) else r for r in first]
+
+
+def _together(remark: Remark, others: list[str]) -> str:
+    if not others:
+        return remark
+    more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
+    return f"{remark}; the same of {', '.join(others[:_NAMED])}{more}"

@@ -1,0 +1,199 @@
+"""Where a motion contradicts itself: rates that are not those of its positions, jumps, and time in another unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .coordinates import Coordinates
+from .rate_gain import RateGain, segments
+
+if TYPE_CHECKING:
+    from ..model.model import Limits
+    from .trajectory import Motion
+
+Array = NDArray[Any]
+
+__all__ = ["Contradictions"]
+
+_LEAST, _MOST = 0.5, 2.0
+"""Times the slope of the positions that a measured rate may be: filters and delays cost less, wrong units more."""
+_WITHIN = 0.1
+"""How near a known factor between units a gain is taken to be that factor."""
+_DEGREES = math.degrees(1.0)
+_WRAP = (1.5 * math.pi, 2.5 * math.pi)
+"""A step of an angle between these [rad] is taken for a turn that the log left out, where the log keeps within a turn."""
+_SPILL = 0.01 * math.pi
+_TOO_FAST = 3.0
+"""Times the greatest speed elsewhere, or the velocity limit, from which a step of more than half a turn is a jump."""
+_LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_STEPS = 1.0, 0.1, 0.05, 20
+"""A step of time [s] so long, with moves [rad, m] so short in every one, is in ms: else the motion would be sampled far
+more finely than it is slow."""
+
+
+class Contradictions:
+    """A tally over the rows of a motion, which come in any portions."""
+
+    def __init__(self, coordinates: Coordinates, *, time_stated: bool = True) -> None:
+        self._names = coordinates.velocity_names
+        self._angular = coordinates.angular_velocity
+        self._single = np.flatnonzero(coordinates.position_of >= 0)
+        self._at = coordinates.position_of[self._single]
+        self._turns = coordinates.angular[self._at]
+        self._bounded = self._turns & ~coordinates.endless[self._at]
+        self._time_stated = time_stated
+        count = len(self._single)
+        self._velocity, self._acceleration = RateGain(count), RateGain(len(self._names))
+        self._derived = RateGain(count)
+        self._last: tuple[float, Array] | None = None
+        self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
+        self._wraps = np.zeros(count, int)
+        self._jumps: dict[int, tuple[float, float, float]] = {}
+        """Of each joint the fastest step beyond half a turn: speed, time before, size."""
+        self._wrapped: dict[int, tuple[float, float, float]] = {}
+        """Of each joint the first step that may be a turn left out, likewise."""
+        self._speed, self._move = np.zeros(count), np.zeros(count)
+        self._steps: list[float] = []
+        self._rows = 0
+
+    def add(self, motion: Motion) -> None:
+        """Take in consecutive rows."""
+        t, q = motion.time, motion.q[:, self._at]
+        if not len(t):
+            return
+        self._look_at_steps(t, q)
+        curves = q.copy()
+        curves[:, self._turns] = np.unwrap(q[:, self._turns], axis=0)
+        dq, ddq = motion.dq, motion.ddq
+        for s in segments(t) if dq is not None or ddq is not None else ():
+            if dq is not None:
+                self._velocity.add(t[s], curves[s], dq[s][:, self._single])
+            if ddq is not None and dq is not None:
+                self._acceleration.add(t[s], dq[s], ddq[s])
+            elif ddq is not None:
+                self._derived.add(t[s], np.gradient(curves[s], t[s], axis=0), ddq[s][:, self._single])
+
+    def _look_at_steps(self, t: Array, q: Array) -> None:
+        self._rows += len(t)
+        self._least, self._greatest = np.minimum(self._least, q.min(axis=0)), np.maximum(self._greatest, q.max(axis=0))
+        if self._last is not None:
+            t, q = np.r_[self._last[0], t], np.concatenate([self._last[1][None], q])
+        self._last = float(t[-1]), q[-1].copy()
+        h, moved = np.diff(t), np.diff(q, axis=0)
+        if not len(h):
+            return
+        self._steps.append(float(np.median(h)))
+        size = np.abs(moved)
+        far = (size > math.pi) & self._bounded
+        speed = np.where(far | (size > math.pi) & self._turns, 0.0, size / h[:, None])
+        self._speed = np.maximum(self._speed, speed.max(axis=0))
+        self._move = np.maximum(self._move, np.where((size > math.pi) & self._turns, 0.0, size).max(axis=0))
+        for row, k in np.argwhere(far).tolist():
+            found = float(size[row, k] / h[row]), float(t[row]), float(moved[row, k])
+            if _WRAP[0] < size[row, k] < _WRAP[1]:
+                self._wraps[k] += 1
+                self._wrapped.setdefault(k, found)
+            elif k not in self._jumps or found[0] > self._jumps[k][0]:
+                self._jumps[k] = found
+
+    def _within_a_turn(self) -> Array:
+        about_zero = (self._least >= -math.pi - _SPILL) & (self._greatest <= math.pi + _SPILL)
+        return np.asarray(about_zero | ((self._least >= -_SPILL) & (self._greatest <= math.tau + _SPILL)))
+
+    def notes(self) -> list[str]:
+        """What was put right by itself."""
+        found = np.flatnonzero((self._wraps > 0) & self._within_a_turn())
+        return [
+            f"{self._names[self._single[k]]} steps by a full turn {self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}, "
+            f"first at t = {self._wrapped[k][1]:.4f} s: the log keeps within a turn, so it is taken to turn on."
+            for k in found.tolist()
+        ]
+
+    def sentences(self, limits: Limits | None = None) -> tuple[str, ...]:
+        """A sentence for each contradiction; limits of velocity help to tell a jump from a fast motion."""
+        of_time = tuple(self._of_time())
+        return (*of_time, *self._of_jumps(limits), *self._of_rates(time_told=bool(of_time)))
+
+    def _of_time(self) -> Iterable[str]:
+        step = float(np.median(self._steps)) if self._steps else 0.0
+        moves = (self._greatest - self._least).max(initial=0.0) > _SOME_MOVE if self._rows else False
+        slow = self._move.max(initial=0.0) < _SHORT_MOVE
+        if self._time_stated or self._rows < _FEWEST_STEPS or step < _LONG_STEP or not moves or not slow:
+            return
+        unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
+        yield (
+            f"the usual step of time is {step:.4g} s, and within one no joint moves by more than {self._move.max():.2g} rad or "
+            f"m: time seems to be in {unit}. Say its unit in the column's name, time [{unit}] or time [s], or by --columns "
+            f"'time=COLUMN [{unit}]'"
+        )
+
+    def _of_jumps(self, limits: Limits | None) -> Iterable[str]:
+        whole = self._within_a_turn()
+        for k in range(len(self._single)):
+            jump = self._jumps.get(k) or (None if whole[k] else self._wrapped.get(k))
+            if jump is None:
+                continue
+            joint = int(self._single[k])
+            known = float(limits.velocity[joint]) if limits is not None else math.inf
+            if jump[0] > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
+                yield (
+                    f"{self._names[joint]} jumps by {jump[2]:.4g} rad after t = {jump[1]:.4f} s, at {jump[0]:.3g} rad/s, "
+                    "and is no joint that turns on for ever: remove the rows, or add the turns that the log left out"
+                )
+
+    def _of_rates(self, *, time_told: bool) -> Iterable[str]:
+        every = np.arange(len(self._names))
+        cases = (
+            (self._velocity, self._single, "velocity", "positions", "/s"),
+            (self._acceleration, every, "acceleration", "velocities", "/s^2"),
+            (self._derived, self._single, "acceleration", "positions' velocities", "/s^2"),
+        )
+        for tally, joints, rate, base, per in cases:
+            angular = self._angular[joints]
+            gains = tally.result(angular)
+            said: dict[str, list[str]] = {}
+            for k in np.flatnonzero(~((gains > _LEAST) & (gains < _MOST))).tolist():
+                if time_told and math.isfinite(gains[k]) and any(_near(gains[k], f) for f in (1e3, 1e6, 1e9)):
+                    continue
+                what = _described(float(gains[k]), bool(angular[k]), base, per)
+                said.setdefault(what, []).append(self._names[joints[k]])
+            for what, names in said.items():
+                yield f"{_listed(names)}: the {rate} column {what}"
+
+
+def _described(gain: float, angular: bool, base: str, per: str) -> str:
+    slope = f"the slope of the {base}"
+    if math.isinf(gain):
+        return f"moves, and the {base} stand"
+    if abs(gain) < 0.02 and not (angular and _near(gain, 1 / _DEGREES)) and not _near(gain, 1e-3):
+        return f"is next to nothing, and the {base} move: leave the column out, then it is derived"
+    known = [
+        ("1000", 1e3, "time seems to be in ms"),
+        ("1/1000", 1e-3, "time, or the column, seems to be in another unit"),
+    ]
+    if angular:
+        known += [
+            ("57.3", _DEGREES, f"it seems to be in deg{per}; name the unit, as in 'JOINT [deg{per}]'"),
+            ("1/57.3", 1 / _DEGREES, "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'"),
+            ("9.55", 30 / math.pi, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"),
+        ]
+    else:
+        known[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
+    for shown, factor, reason in known:
+        if _near(gain, factor):
+            return f"is {shown} times {slope}: {reason}"
+    if _near(gain, -1.0):
+        return f"has the opposite sign of {slope}"
+    return f"is not {slope}, but some {float(f'{gain:.2g}'):g} times it"
+
+
+def _near(gain: float, factor: float) -> bool:
+    return abs(gain / factor - 1.0) < _WITHIN
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:8]) + (f", … ({len(names)} in all)" if len(names) > 8 else "")

@@ -1,0 +1,96 @@
+"""The motion in an archive that ``simulate --npz`` wrote, as a table under a header."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import NotFoundError, TrajectoryError
+from .block import Block
+
+Array = NDArray[Any]
+
+__all__ = ["NpzFile", "is_archive"]
+
+_MARK = "twistwrench simulation"
+_PARTS = {"q": ("coordinate_names", ""), "dq": ("velocity_names", ".vel"), "ddq": ("velocity_names", ".acc")}
+_PARTS["tau"] = ("velocity_names", ".tau")
+_ROWS = 1 << 14
+_FOREIGN = (
+    *(KeyError, TypeError, ValueError, IndexError, OSError, EOFError, MemoryError, NotImplementedError, RuntimeError),
+    *(OverflowError, SyntaxError, zlib.error, zipfile.BadZipFile),
+)
+"""What damaged archives end in, in the libraries that unpack them; a RecursionError is a RuntimeError."""
+
+
+def is_archive(path: Path) -> bool:
+    """Whether the file begins as archives of NumPy do; False for what cannot be read."""
+    try:
+        if not path.is_file():  # a pipe would lose what is read of it here
+            return False
+        with path.open("rb") as file:
+            return file.read(2) == b"PK"
+    except (OSError, ValueError):
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class NpzFile:
+    """A motion that is in memory whole."""
+
+    path: Path
+    header: tuple[str, ...]
+    table: Array
+    size: int
+    """Of the file [bytes]."""
+
+    @classmethod
+    def open(cls, path: str | Path) -> NpzFile:
+        """Read it all; raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`."""
+        path = Path(path)
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+                if not str(archive["format"]).startswith(_MARK):
+                    raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")  # noqa: TRY301
+                said = json.loads(str(archive["said"]))
+                columns, header = [np.asarray(archive["times"], float)[:, None]], ["time"]
+                for part, (names, ending) in _PARTS.items():
+                    values = np.asarray(archive[part], float)
+                    header += [f"{name}{ending}" for name in said[names]]
+                    columns.append(values.reshape(len(columns[0]), len(said[names])))
+                table = np.concatenate(columns, axis=1)
+        except TrajectoryError:
+            raise
+        except FileNotFoundError:
+            raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
+        except _FOREIGN as problem:
+            raise TrajectoryError(
+                f"{path}: an archive that cannot be read as a motion: {type(problem).__name__}: {problem}. Give one that "
+                "simulate --npz wrote, whole, or a CSV file."
+            ) from None
+        bad = ~np.isfinite(table).all(axis=1)
+        if bad.any():
+            raise TrajectoryError(
+                f"{path}: row {int(bad.argmax()) + 1} has a number that is not finite. Remove the row."
+            )
+        return cls(path, tuple(header), table, path.stat().st_size)
+
+    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
+        """All rows, in blocks: of the ``used`` columns."""
+        for k in range(0, len(self.table), _ROWS):
+            rows = self.table[k : k + _ROWS, list(used)]
+            share = len(rows) / len(self.table)
+            yield Block(rows, int(self.size * share), lambda row, k=k: f"row {k + row + 1}")  # type: ignore[misc]
+
+    def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
+        """None: it is read whole."""
+        del used, count, rows
+        return None

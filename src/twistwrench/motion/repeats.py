@@ -1,0 +1,92 @@
+"""Rows with the time of the row before: one row of each time is handed on, and what was done about it is counted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import TrajectoryError
+
+Array = NDArray[Any]
+
+__all__ = ["Repeats"]
+
+_MOST = 10_000
+"""Rows of one time, from which the clock is taken to stand."""
+
+
+class Repeats:
+    """Rows come in any portions; the last time of each is held back, as more rows of it may follow.
+
+    Rows that equal the one before are dropped. Others of one time become their mean, which is the best estimate of two
+    readings that a coarse clock does not tell apart.
+    """
+
+    def __init__(self, time: int, turning: Array, half_turn: Array, where: str) -> None:
+        self._time, self._turning, self._half_turn, self._where = time, turning, half_turn, where
+        self._held: Array | None = None
+        self.dropped = self.averaged = 0
+        self.first: float | None = None
+        """When rows that differ first had one time."""
+
+    def add(self, rows: Array) -> Array:
+        """Consecutive rows (n, columns) whose times do not decrease; those of times that are surely over."""
+        rows = rows if self._held is None else np.concatenate([self._held, rows])
+        if not len(rows):
+            return rows
+        time = rows[:, self._time]
+        starts = np.r_[0, np.flatnonzero(time[1:] != time[:-1]) + 1]
+        self._held = rows[starts[-1] :].copy()
+        if len(self._held) > _MOST:
+            raise TrajectoryError(
+                f"{self._where}: time stands at {float(time[-1])!r} for more than {_MOST} rows. Say how many rows a second has "
+                "(--rate HZ), after removing the column of time."
+            )
+        return self._one_each(rows[: starts[-1]])
+
+    def rest(self) -> Array | None:
+        """What was held back; None if no row came at all."""
+        held, self._held = self._held, None
+        return None if held is None else self._one_each(held)
+
+    def _one_each(self, rows: Array) -> Array:
+        time = rows[:, self._time]
+        again = np.r_[False, time[1:] == time[:-1]]
+        if not again.any():
+            return rows
+        same = again & np.r_[False, (rows[1:] == rows[:-1]).all(axis=1)]
+        self.dropped += int(same.sum())
+        rows, again = rows[~same], again[~same]
+        if not again.any():
+            return rows
+        starts = np.flatnonzero(~again)
+        counts = np.diff(np.r_[starts, len(rows)])
+        spread = np.maximum.reduceat(rows, starts) - np.minimum.reduceat(rows, starts)
+        at = np.flatnonzero(counts > 1)
+        if (spread[np.ix_(at, self._turning)] > self._half_turn).any():
+            k = at[int((spread[np.ix_(at, self._turning)] > self._half_turn).any(axis=1).argmax())]
+            raise TrajectoryError(
+                f"{self._where}: rows of one time, {float(rows[starts[k], self._time])!r}, differ by more than half a turn. "
+                "Keep one of them."
+            )
+        self.first = float(rows[starts[at[0]], self._time]) if self.first is None else self.first
+        self.averaged += int(counts[at].sum())
+        found = np.add.reduceat(rows, starts) / counts[:, None]
+        found[:, self._time] = rows[starts, self._time]
+        return np.asarray(found)
+
+    def notes(self) -> list[str]:
+        """A sentence for what was dropped, and one for what was averaged."""
+        said = []
+        if self.dropped:
+            said.append(
+                f"{self.dropped} row{'s that repeat the row' if self.dropped > 1 else ' that repeats the row'} before dropped."
+            )
+        if self.averaged:
+            said.append(
+                f"{self.averaged} rows have a time that others have too, the first at t = {self.first:.6g} s: the mean of each "
+                "is taken."
+            )
+        return said

@@ -1,0 +1,91 @@
+"""How far off a simulated motion may be: the errors of its steps, measured against the motion, and what to say of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..report.coordinates import Coordinates
+from .result import SimulationResult
+from .schemes import ADAPTIVE
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+Array = NDArray[Any]
+
+__all__ = ["Accuracy", "Extent"]
+
+_DRIFT = 0.01
+"""Share of the energy that moved from which the drift is remarked on."""
+_ERROR = 0.05
+"""Share of the motion from which its error is remarked on. Errors that would cancel are added up, so less says little."""
+_REST = 1e-9
+"""rad or m: a motion shorter than this is rest."""
+_ROWS = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Extent:
+    """How far and for how long the joints of a run move: all that turn together, and all that slide."""
+
+    travels: Array
+    """(nv,) rad or m, the largest difference of two places of a joint."""
+    spans: Array
+    """(nv,) s, the travel at the peak speed."""
+
+    @classmethod
+    def of(cls, robot: Robot, states: Array) -> Extent:
+        """Of states (n, nq + nv or more)."""
+        rows = np.unique(np.linspace(0, len(states) - 1, min(len(states), _ROWS)).round().astype(int))
+        q, dq = states[rows, : robot.nq], states[:, robot.nq : robot.nq + robot.nv]
+        each, speeds = np.ptp(robot.subtract(q, q[0]), axis=0), np.abs(dq).max(axis=0)
+        travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
+        angular = Coordinates.of(robot.model).angular_velocity
+        for group in (angular, ~angular):
+            if group.any():
+                travels[group], peak = each[group].max(), speeds[group].max()
+                spans[group] = travels[group] / peak if peak > 0.0 else 0.0
+        return cls(travels, spans)
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """The error of each coordinate, and of the motion as a whole."""
+
+    error: Array
+    """(nv,) rad or m, NaN where nothing is known."""
+    relative: float
+
+    @classmethod
+    def of(cls, extent: Extent, error: Array) -> Accuracy:
+        """An error (nv,), measured against the motion."""
+        return cls(error, float(np.max(error / np.maximum(extent.travels, _REST))))
+
+    @classmethod
+    def unknown(cls, nv: int) -> Accuracy:
+        """Where no step was judged."""
+        return cls(np.full(nv, np.nan), np.nan)
+
+    def told(self, found: SimulationResult, contacts: str) -> SimulationResult:
+        """The result with its errors, and with remarks where they, its contacts or its drift call for it."""
+        remarks = [*found.remarks, *filter(None, [contacts])]
+        less = "rtol" if found.method == ADAPTIVE else "dt"
+        if self.relative > _ERROR:
+            share = _percent(self.relative)
+            remarks.append(f"the errors of its steps add up to about {share} of the motion: take a smaller {less}")
+        if found.relative_drift > _DRIFT:
+            remarks.append(
+                f"the energy is off by {_percent(found.relative_drift)} of what moved: the motion, or the work said to be "
+                f"done, is wrong: take a smaller {less}"
+            )
+        return replace(found, remarks=tuple(remarks), error_estimate=self.error, relative_error=self.relative)
+
+
+def _percent(share: float) -> str:
+    return (
+        f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %" if share < 1e4 else "more than 10,000 times"
+    )

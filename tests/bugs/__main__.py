@@ -1,0 +1,121 @@
+"""Put each bug of ``bugs.toml`` in, one at a time, and see whether the tests notice: ``python -m tests.bugs``.
+
+A bug is a text that stands once in a file of ``src``, what stands there in its place, and the test files of its room. Those
+run first, stopped at the first failure; the whole suite runs for survivors only (``--whole``). Each bug goes into a copy of
+``src``; nothing of the checkout is touched. Results are kept, a line of JSON each, so that a run goes on where it stopped;
+a bug whose file or tests changed since is tried again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+SOURCE = Path("src/twistwrench")
+
+
+@dataclass(frozen=True)
+class Bug:
+    """One mistake that a person could make."""
+
+    name: str
+    file: str
+    """Below ``src/twistwrench``."""
+    right: str
+    wrong: str
+    tests: tuple[str, ...]
+    """Below ``tests``, those of the bug's room."""
+
+    @property
+    def key(self) -> str:
+        """Of the bug, its file and its tests as they are: what a kept result belongs to."""
+        found = hashlib.sha256(repr(asdict(self)).encode())
+        for path in (SOURCE / self.file, *(Path("tests") / t.partition("::")[0] for t in self.tests)):
+            found.update((ROOT / path).read_bytes())
+        return found.hexdigest()[:16]
+
+    def put_into(self, source: Path) -> None:
+        """Write the bug into a copy of ``src``."""
+        path = source / "twistwrench" / self.file
+        text = path.read_text("utf-8")
+        if text.count(self.right) != 1:
+            raise SystemExit(
+                f"{self.name}: {self.right!r} stands {text.count(self.right)} times in {self.file}, not once"
+            )
+        path.write_text(text.replace(self.right, self.wrong), "utf-8")
+
+
+def bugs() -> list[Bug]:
+    """All bugs of the table."""
+    table: list[dict[str, Any]] = tomllib.loads(Path(__file__).with_name("bugs.toml").read_text("utf-8"))["bug"]
+    return [Bug(**{**row, "tests": tuple(row["tests"])}) for row in table]
+
+
+def noticed(bug: Bug, tests: list[str], seconds: float) -> str:
+    """The first test that fails with the bug in; "" if none does."""
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "src"
+        shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("__pycache__"))
+        bug.put_into(source)
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *tests]
+        environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
+        try:
+            done = subprocess.run(
+                command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=seconds, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return f"no end within {seconds:.0f} s"
+    if done.returncode == 0:
+        return ""
+    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    if done.returncode not in (1, 2) or not failed:
+        raise SystemExit(f"{bug.name}: pytest ended with {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+    return failed[0].partition(" - ")[0]
+
+
+def main() -> int:
+    """Exit status 1 if a bug survives."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bugs", description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", help="bugs to try; all if none is named")
+    parser.add_argument("--whole", action="store_true", help="run the whole suite for those that survive their room")
+    parser.add_argument("--seed", type=int, default=0, help="of the order in which they are tried")
+    parser.add_argument("--count", type=int, help="how many to try")
+    parser.add_argument("--seconds", type=float, default=1800.0, help="allowed for the tests of one bug")
+    parser.add_argument("--results", type=Path, default=ROOT / ".bugs.jsonl", help="where results are kept")
+    asked = parser.parse_args()
+
+    chosen = [b for b in bugs() if not asked.names or b.name in asked.names]
+    random.Random(asked.seed).shuffle(chosen)
+    lines = asked.results.read_text("utf-8").splitlines() if asked.results.is_file() else []
+    known = {entry["key"]: entry for entry in map(json.loads, lines)}
+    survivors = []
+    for number, bug in enumerate(chosen[: asked.count], start=1):
+        entry = known.get(bug.key)
+        if entry is None or (asked.whole and not entry["noticed"] and not entry["whole"]):
+            found = "" if entry else noticed(bug, [f"tests/{t}" for t in bug.tests], asked.seconds)
+            whole = not found and asked.whole
+            if whole:
+                found = noticed(bug, ["-n", "2", "tests"], 4 * asked.seconds)
+            entry = {"name": bug.name, "key": bug.key, "noticed": found, "whole": whole}
+            with asked.results.open("a", encoding="utf-8") as kept:
+                kept.write(json.dumps(entry) + "\n")
+        print(f"{number:3} {bug.name}: {entry['noticed'] or 'SURVIVES'}", flush=True)
+        survivors += [] if entry["noticed"] else [bug.name]
+    print(f"{len(survivors)} of {len(chosen[: asked.count])} survive{': ' if survivors else ''}{', '.join(survivors)}")
+    return 1 if survivors else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
