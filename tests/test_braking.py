@@ -313,3 +313,22 @@ def test_all_of_xarm7_is_held():
     held = robot.gravity_forces(q0) + 0.9 * robot.model.friction.static * [1, -1, 1, -1, 1, -1, 1]
     found = robot.rollout(q0, np.zeros(7), held, duration=10.0, every=1000, friction=True)
     assert not found.dq.any() and np.array_equal(found.q[-1], q0)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("xarm_description/xarm7" not in FILES, reason="example-robot-data is not there")
+def test_xarm7_comes_down_as_an_adaptive_method_has_it():
+    """SciPy's Radau for 3 s, on friction eased off below 1e-4 rad/s; the methods of ours would need steps of 1e-8 s for that."""
+    from scipy.integrate import solve_ivp
+
+    robot = tw.load(FILES["xarm_description/xarm7"], inertia="accept")
+    law = robot.model.friction
+
+    def rate(_t, y):
+        return np.r_[
+            y[7:], robot.forward_dynamics(y[:7], y[7:], -law.viscous * y[7:] - law.static * np.tanh(y[7:] / 1e-4))
+        ]
+
+    wanted = solve_ivp(rate, (0, 3.0), np.zeros(14), method="Radau", rtol=1e-7, atol=1e-9).y[:7, -1]
+    found = robot.rollout(np.zeros(7), np.zeros(7), dt=H, duration=3.0, friction=True)
+    assert np.abs(found.q[-1] - wanted).max() < 1e-3

@@ -6,11 +6,13 @@ For the velocities v after a step of length h, with what else acts known at its 
     (2)  τ_i = τ0_i - kd_i (v_i - dq_i), or the limit that this is beyond
     (3)  φ_i = sign(v_i) F_i where v_i is not 0, and there what holds the joint, in [-F_i, F_i]
 
-c + g are the forces at q, c at the velocities before or, with friction, at the mean of dq and a first v: with q halfway along
-the step, steps are then symmetric but for what brakes, and gain no energy to speak of. V is viscous friction, F dry friction, kd the gain of the rates in a law of ours whose
-torque at dq is τ0. Linear parts stand beside M. The rest are two corners a joint: it sticks or slides, its torque is within the limits or at one. Which of them holds
-is guessed, the linear equations are solved, and the guess is mended by what they say: Newton's method on a function with
-corners, which ends exactly where a guess confirms itself. A joint that sticks has v = 0, not nearly 0.
+V is viscous friction, F dry friction, kd the gain of the rates in a law of ours whose torque at dq is τ0. g is that at q, and c
+that at the velocities dq, or with friction at the mean of dq and a first v: taken halfway along a step, steps are then
+symmetric but for what brakes, and gain no energy to speak of.
+
+Linear parts stand beside M. The rest are two corners a joint: it sticks or slides, its torque is within the limits or at one.
+Which of them holds is guessed, the linear equations are solved, and the guess is mended by what they say: Newton's method on a
+function with corners, which ends exactly where a guess confirms itself. A joint that sticks has v = 0, not nearly 0.
 
 Sources: Moreau, "Unilateral contact and dry friction in finite freedom dynamics", 1988, and Stewart and Trinkle, "An implicit
 time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb friction", Int. J. Num. Meth. Eng. 39, 1996,

@@ -122,7 +122,7 @@ class System:
         return self.held if self.tau is None else self.held + self.tau(t, q, dq)
 
     def _pushes(self, t: float, q: Array, dq: Array, at: Array) -> Iterator[tuple[int, Array]]:
-        """What each wrench, with the robot ``at`` (nq,), and each contact does to the joints, (nv,), and where its power goes."""
+        """What each wrench, at the place ``at`` (nq,), and each contact does to the joints, (nv,), and where its power goes."""
         for frame, law in self.wrenches.items():
             yield 2, self.robot.wrench_torques(at, law(t, q, dq), frame)
         for contact in self.contacts:
