@@ -16,7 +16,7 @@ from ..model.model import Body, Model
 
 Array = NDArray[Any]
 
-__all__ = ["moved", "normalised"]
+__all__ = ["halfway", "moved", "normalised"]
 
 TINY = 1e-30
 MOST = 2.0**14
@@ -33,6 +33,18 @@ def moved(model: Model, q: Array, dv: Array, angles: Array) -> Array:
         mine, k = slice(body.q_index, body.q_index + body.joint.nq), body.v_index
         x, v = q[mine], dv[k : k + body.joint.nv]
         found[mine] = _MOVES[body.joint.kind](x, v, angles[mine]) if body.joint.kind in _MOVES else x + v
+    return found
+
+
+def halfway(model: Model, q: Array, dv: Array, angles: Array) -> Array:
+    """q ⊕ dv/2, (nq,), whose angles need no look at their size: of sums, sines are taken part by part."""
+    found, turn = moved(model, q, 0.5 * dv, angles), 0.5 * dv
+    for body in model.leaders:
+        at, k = body.q_index, body.v_index
+        if body.joint.nv == 1:
+            found[at] = angles[at].turned(turn[k].clip(-MOST, MOST))
+        elif body.joint.kind == "planar":
+            found[at + 2] = angles[at + 2].turned(turn[k].clip(-MOST, MOST))
     return found
 
 

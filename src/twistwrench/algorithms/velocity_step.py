@@ -6,10 +6,13 @@ For the velocities v after a step of length h, with what else acts known at its 
     (2)  τ_i = τ0_i - kd_i (v_i - dq_i), or the limit that this is beyond
     (3)  φ_i = sign(v_i) F_i where v_i is not 0, and there what holds the joint, in [-F_i, F_i]
 
-c + g are the forces at the beginning, V is viscous friction, F dry friction, kd the gain of the rates in a law of ours whose
-torque at dq is τ0. Linear parts stand beside M. The rest are two corners a joint: it sticks or slides, its torque is within the limits or at one. Which of them holds
-is guessed, the linear equations are solved, and the guess is mended by what they say: Newton's method on a function with
-corners, which ends exactly where a guess confirms itself. A joint that sticks has v = 0, not nearly 0.
+V is viscous friction, F dry friction, kd the gain of the rates in a law of ours whose torque at dq is τ0. g is that at q, and c
+that at the velocities dq, or with friction at the mean of dq and a first v: taken halfway along a step, steps are then
+symmetric but for what brakes, and gain no energy to speak of.
+
+Linear parts stand beside M. The rest are two corners a joint: it sticks or slides, its torque is within the limits or at one.
+Which of them holds is guessed, the linear equations are solved, and the guess is mended by what they say: Newton's method on a
+function with corners, which ends exactly where a guess confirms itself. A joint that sticks has v = 0, not nearly 0.
 
 Sources: Moreau, "Unilateral contact and dry friction in finite freedom dynamics", 1988, and Stewart and Trinkle, "An implicit
 time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb friction", Int. J. Num. Meth. Eng. 39, 1996,
@@ -62,13 +65,15 @@ def velocity_step(
     viscous = model.friction.viscous if friction else zeros(model.nv)
     dry = rubbing(model) if friction else ()
     if dry or limits is not None:
-        return _Corners(model, q, dq, h, tau, gains, limits, viscous, dry, push, wrenches).solved()
+        return _Corners(model, q, dq, h, tau, gains, limits, viscous, dry, friction, push, wrenches).solved()
     force = tau if push is None else tau + push
     brakes = h * viscous if gains is None else h * (viscous + gains)
     if friction:
         force = force - viscous * dq
-    ddq = forward_dynamics(model, q, dq, force, wrenches, brakes if friction or gains is not None else None)
-    change = h * ddq
+    added = brakes if friction or gains is not None else None
+    change = h * forward_dynamics(model, q, dq, force, wrenches, added)
+    if friction:
+        change = h * forward_dynamics(model, q, dq + 0.5 * change, force, wrenches, added)
     v = dq + change
     return v, tau if gains is None else tau - gains * change, -viscous * v
 
@@ -82,7 +87,7 @@ class _Corners:
 
     def __init__(
         self, model: Model, q: Array, dq: Array, h: Any, tau: Array, gains: Array | None, limits: Array | None, viscous: Array,
-        dry: Sequence[int], push: Array | None, wrenches: Wrenches | None,
+        dry: Sequence[int], friction: bool, push: Array | None, wrenches: Wrenches | None,
     ) -> None:  # fmt: skip
         n = model.nv
         self.dq, self.h, self.tau, self.viscous, self.dry = dq, h, tau, viscous, dry
@@ -93,8 +98,9 @@ class _Corners:
             self.limited, held = [i for i in range(n) if not is_zero(self.gains[i])], clipped(tau, limits)
         M = mass_matrix(model, q)
         self.soft, self.A = SOFT * M.diagonal(), widened(M, h * viscous)
-        rest = -bias_forces(model, q, dq, wrenches) - viscous * dq
-        self.rest = rest if push is None else rest + push
+        self.model, self.q, self.wrenches = model, q, wrenches
+        self.known = -viscous * dq if push is None else push - viscous * dq
+        self.friction = friction
         back, forth = friction_bounds(model, dq, held)
         self.back, self.forth = h * back, h * forth
 
@@ -104,9 +110,13 @@ class _Corners:
         moving = signs(self.dq)
         for i in self.dry:
             s[i] = moving[i]  # what slides goes on, what rests stays
+        self.rest = self.known - bias_forces(self.model, self.q, self.dq, self.wrenches)
         v, taken, tau = self._by(s, t)
         for _ in range((WITH_LIMITS if self.limited else ROUNDS) - 1):
             s, t = self._sliding(s, v, taken), self._at_limits(t, tau)
+            v, taken, tau = self._by(s, t)
+        if self.friction:
+            self.rest = self.known - bias_forces(self.model, self.q, 0.5 * (self.dq + v), self.wrenches)
             v, taken, tau = self._by(s, t)
         if self.limited:
             used = self._used(t, tau)

@@ -111,6 +111,10 @@ class Expr:
         """Cosine; what ``np.cos`` calls."""
         return self.trace.cos(self)
 
+    def turned(self, by: Any) -> Expr:
+        """The angle and another, whose sines and cosines are those of the two."""
+        return self.trace.turned(self, self.trace.lift(by))
+
     def sqrt(self) -> Expr:
         """Square root; what ``np.sqrt`` calls."""
         return self.trace.sqrt(self)

@@ -33,6 +33,7 @@ class Trace:
 
     def __init__(self) -> None:
         self._table: dict[tuple[Any, ...], Expr] = {}
+        self._turned: dict[int, tuple[Expr, Expr]] = {}
         self.zero = self.constant(0.0)
         self.one = self.constant(1.0)
 
@@ -53,6 +54,7 @@ class Trace:
     def forget(self) -> None:
         """Let go of all expressions: they hold this trace, and a ring of millions waits long for Python's collector."""
         self._table.clear()
+        self._turned.clear()
 
     def constant(self, value: float) -> Expr:
         """A constant; -0.0 is 0.0."""
@@ -168,16 +170,29 @@ class Trace:
 
     # ── functions ──
 
+    def turned(self, a: Expr, b: Expr) -> Expr:
+        """a + b, whose sine and cosine are made of those of a and b: where code looks at the sizes of inputs, not of sums."""
+        total = self.add(a, b)
+        if total is not a and total is not b:
+            self._turned[total.index] = a, b
+        return total
+
     def sin(self, a: Expr) -> Expr:
         """Fold and make sin a; odd."""
         if a.op == "const":
             return self.constant(math.sin(a.value))
+        if a.index in self._turned:
+            x, y = self._turned[a.index]
+            return self.add(self.mul(self.sin(x), self.cos(y)), self.mul(self.cos(x), self.sin(y)))
         return self.neg(self.sin(a.a)) if a.op == "neg" and a.a is not None else self._make("sin", a)
 
     def cos(self, a: Expr) -> Expr:
         """Fold and make cos a; even."""
         if a.op == "const":
             return self.constant(math.cos(a.value))
+        if a.index in self._turned:
+            x, y = self._turned[a.index]
+            return self.sub(self.mul(self.cos(x), self.cos(y)), self.mul(self.sin(x), self.sin(y)))
         return self.cos(a.a) if a.op == "neg" and a.a is not None else self._make("cos", a)
 
     def sqrt(self, a: Expr) -> Expr:

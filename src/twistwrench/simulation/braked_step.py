@@ -11,6 +11,7 @@ from ..algorithms.velocity_step import velocity_step
 from ..model.regroup import regrouped
 from ..program.program import Program
 from ..program.trace import trace
+from .manifold import Manifold
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -26,7 +27,7 @@ class BrakedStep:
     def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
         from ..robot import _make_kernel
 
-        self.usual = usual
+        self.usual, self.friction = usual, friction
         """The length of a step [s], unless said otherwise."""
         self.gains = np.zeros(robot.nv) if gains is None else gains
         key = "braked step", friction, gains is not None
@@ -35,6 +36,14 @@ class BrakedStep:
             doc = f"Velocities of {robot.name} after a step, compiled."
             robot._kernels[key] = _make_kernel(_program(robot, friction, gains is not None), "braked step", doc)
         self.kernel = robot._kernels[key]
+
+    def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
+        """Where the velocities change, (nq,): halfway with friction, at the beginning without."""
+        return manifold.move(q, 0.5 * h * dq) if self.friction else q
+
+    def end(self, manifold: Manifold, middle: Array, v: Array, h: float) -> Array:
+        """Where the step ends, (nq,)."""
+        return manifold.move(middle, (0.5 * h if self.friction else h) * v)
 
     def __call__(self, q: Array, dq: Array, h: float, tau: Array, push: Array) -> tuple[Array, Array, Array]:
         """Velocities after the step, torques applied in it, and those of friction; ``push`` is what else acts on the joints."""

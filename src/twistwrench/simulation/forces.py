@@ -93,7 +93,7 @@ class System:
         if self.friction is not None:
             total = self.friction.left(dq, tau)
             powers[1] = total @ dq - powers[0]
-        for k, push in self._pushes(t, q, dq):
+        for k, push in self._pushes(t, q, dq, q):
             total = total + push
             powers[k] += push @ dq
         return total
@@ -106,9 +106,10 @@ class System:
             v, self.applied, powers[:] = last[4:]
             return v
         q, dq = self.split(y)
-        pushes = list(self._pushes(t, q, dq))
+        middle = self.braked.middle(self.manifold, q, dq, h)
+        pushes = list(self._pushes(t, q, dq, middle))
         push = sum((x for _, x in pushes), np.zeros(self.nv))
-        v, self.applied, lost = self.braked(q, dq, h, self._torques(t, q, dq), push)
+        v, self.applied, lost = self.braked(middle, dq, h, self._torques(t, q, dq), push)
         mean = 0.5 * (dq + v)
         powers[:] = self.applied @ mean, lost @ mean, 0.0, 0.0
         for k, x in pushes:
@@ -120,10 +121,10 @@ class System:
         """Those of the controller and of ``tau``, (nv,)."""
         return self.held if self.tau is None else self.held + self.tau(t, q, dq)
 
-    def _pushes(self, t: float, q: Array, dq: Array) -> Iterator[tuple[int, Array]]:
-        """What each wrench and each contact does to the joints, (nv,), and the place of its power."""
+    def _pushes(self, t: float, q: Array, dq: Array, at: Array) -> Iterator[tuple[int, Array]]:
+        """What each wrench, at the place ``at`` (nq,), and each contact does to the joints, (nv,), and where its power goes."""
         for frame, law in self.wrenches.items():
-            yield 2, self.robot.wrench_torques(q, law(t, q, dq), frame)
+            yield 2, self.robot.wrench_torques(at, law(t, q, dq), frame)
         for contact in self.contacts:
             touched = contact.torques(q, dq)
             if touched is not None:

@@ -27,6 +27,7 @@ Array = NDArray[Any]
 __all__ = ["Inputs", "cleaned"]
 
 MOST_STEPS = 10**9
+LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def cleaned(
         bool(limits),
         tuple(frames),
         names,
-        bool(friction),
+        bool(friction) and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names)),
         bool(torques),
     )
     given = [*_given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]

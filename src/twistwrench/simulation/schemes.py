@@ -48,7 +48,8 @@ class RungeKutta:
 class SemiImplicit:
     """Semi-implicit Euler: velocities by the rates before, coordinates by the velocities after, along the manifold.
 
-    Friction and the gains of the rates of a law that tells them are taken at the end of the step.
+    Friction and the gains of the rates of a law that tells them are taken at the end of the step. With friction, velocities
+    change halfway along the step.
     """
 
     order = SEMI_IMPLICIT_EULER.order
@@ -57,15 +58,17 @@ class SemiImplicit:
         self.system = system
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
-        """dq1 = dq + h ddq, or what brakes at the end of the step leaves of it; then q1 = q ⊕ h dq1."""
+        """dq1 = dq + h ddq, or what brakes at the end of the step leaves of it; then q1 = q ⊕ h dq1, or halves of both."""
         s = self.system
         if s.braked is None:
             y1 = y + h * rate
-        else:
-            y1, powers = y.copy(), np.zeros(len(WORKS))
-            y1[s.moving] = s.braked_step(t, y, h, powers)
-            y1[-len(WORKS) :] += h * powers
-        y1[: s.nq] = s.manifold.move(y[: s.nq], h * y1[s.moving])
+            y1[: s.nq] = s.manifold.move(y[: s.nq], h * y1[s.moving])
+            return y1
+        y1, powers = y.copy(), np.zeros(len(WORKS))
+        v = s.braked_step(t, y, h, powers)
+        middle = s.braked.middle(s.manifold, y[: s.nq], y[s.moving], h)
+        y1[: s.nq], y1[s.moving] = s.braked.end(s.manifold, middle, v, h), v
+        y1[-len(WORKS) :] += h * powers
         return y1
 
 

@@ -106,18 +106,26 @@ class Plan:
     # ── on symbols ──
 
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
-        """dq1 by :func:`~twistwrench.algorithms.velocity_step.velocity_step`, then q1 = q ⊕ h dq1."""
+        """dq1 by :func:`~twistwrench.algorithms.velocity_step.velocity_step`, then q1 = q ⊕ h dq1.
+
+        With friction, dq1 is that of the middle, qm = q ⊕ ½ h dq, and then q1 = qm ⊕ ½ h dq1.
+        """
         known, plant, rest = self._models(given)
         wanted = [rest[name] for name in self.law.names]
         if hasattr(self.law, "torques_of_step"):
             tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *wanted)
         else:  # a law of the caller's stays as it is
             tau, gains = self.law.torques(known, angles, q, dq, *wanted), None
+        middle = integration.halfway(self.model, q, h * dq, angles) if self.friction else angles
         dq1, tau, _ = velocity_step(
-            plant, angles, dq, h, tau, gains=gains, limits=rest["torque limits"] if self.limited else None,
+            plant, middle, dq, h, tau, gains=gains, limits=rest["torque limits"] if self.limited else None,
             friction=self.friction, wrenches=self._pushed(rest),
         )  # fmt: skip
-        found = integration.moved(self.model, q, h * dq1, angles), dq1
+        if self.friction:
+            q1 = integration.moved(self.model, middle, 0.5 * h * dq1, middle)
+        else:
+            q1 = integration.moved(self.model, q, h * dq1, angles)
+        found = q1, dq1
         return (*found, tau) if self.says_torques else found
 
     def _runge_kutta(
