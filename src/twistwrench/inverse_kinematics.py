@@ -128,11 +128,12 @@ def solve(
         start = search.inside(np.broadcast_to(given, (*shape, robot.nq)))
     flat_T = np.broadcast_to(target, (*shape, 4, 4)).reshape(-1, 4, 4)
     q, left, held, starts = search.best(flat_T, start.reshape(-1, robot.nq), again, np.random.default_rng(seed))
-    away = [x.astype(kind, copy=False).reshape(shape) for x in search.away(left)]
+    turn, way = (x.astype(kind, copy=False).reshape(shape) for x in search.away(left))
     return InverseKinematics(
         search.rounded(q, kind).reshape(*shape, robot.nq),
         search.there(left).reshape(shape),
-        *away,
+        turn,
+        way,
         starts.reshape(shape),
         held.reshape(*shape, robot.nv),
         robot.model.velocity_names,
