@@ -92,8 +92,9 @@ def identify(
         found, kept = trimmed(problem)
     else:
         found = fit(problem, keep=kept)
-    white = whiteness(found, kept)
-    if white is not None and white.length > 1:  # neighbours that hang together are one witness
+    white = whiteness(found, kept, problem.label)
+    again = len(np.unique(problem.label)) < len(kept)
+    if white is not None and white.length > 1 and not again:  # neighbours that hang together are one witness
         problem = replace(problem, label=np.arange(len(kept)) // white.length, state=found.state)
         found = fit(problem, keep=kept)
     left_out, between = ~used, np.zeros(len(log), bool)

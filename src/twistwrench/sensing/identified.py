@@ -86,13 +86,14 @@ class Identification:
         return self.fit.noise
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Confidence interval of one unknown, by its name in ``fit.unknowns.names`` (``turn`` ones about zero)."""
+        """Confidence interval of one unknown, by its name in ``fit.unknowns.names`` (``turn`` and ``tilt`` about zero)."""
         names = self.fit.unknowns.names
         if name not in names:
             raise ValueRangeError(f"{name!r} was not identified. Choose one of: {', '.join(names)}.")
         k = names.index(name)
         half = _student(self.fit, k, self.confidence) * math.sqrt(self.fit.covariance[k, k])
-        return float(self.fit.estimate[k]) - half, float(self.fit.estimate[k]) + half
+        middle = self.fit.state.delay if name == "delay" else float(self.fit.estimate[k])
+        return middle - half, middle + half
 
     @property
     def mass_interval(self) -> tuple[float, float]:

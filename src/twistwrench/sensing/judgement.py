@@ -88,13 +88,11 @@ def judged(found: Explanation, confidence: float, problem: Problem, log: Reading
         remarks.append(f"{int(use.between.sum())} readings between dwells, where orientations change, are not used.")
     slip, doubted = _explanation_doubts(found, log, problem)
     doubts = _noise_doubts(found) + doubted + ([slip] if slip else [])
-    units = unit_doubt(found, sensor, problem.log) if told and not log.motion_doubts() else None
-    doubts += log.motion_doubts() or ([units] if units else log.size_doubts()) if not slip else []
-    unsure: list[str] = []
-    if told and not doubts:
-        offered = offers(problem, fit, found.kept)
-        doubts = [str(offer) for offer in offered if offer.kind == "gain"]
-        unsure = [str(offer) for offer in offered if offer.kind != "gain"]
+    offered = offers(problem, fit, found.kept) if told and not doubts else []
+    gains = [str(offer) for offer in offered if offer.kind == "gain"]
+    unsure = [str(offer) for offer in offered if offer.kind != "gain"]
+    units = unit_doubt(found, sensor, problem.log) if told and not gains and not log.motion_doubts() else None
+    doubts += gains + (log.motion_doubts() or ([units] if units else log.size_doubts()) if not slip else [])
     unsure += _witness_doubts(found, problem, use)
     weak = weakness(fit, sensor, confidence) if told and not doubts else None  # more readings of the wrong kind help nobody
     verdict = Verdict.of(look_again=[*again, *doubts], unsure=unsure)

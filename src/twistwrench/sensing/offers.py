@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fit import Fit, Problem
+from .slips import listed_bias
 from .unknowns import State
 
 Array = NDArray[Any]
@@ -17,7 +18,8 @@ Array = NDArray[Any]
 __all__ = ["Offer", "gain_columns", "offers"]
 
 _SURE = 1e-4  # chance that an unknown which is none is offered
-_GAIN = 0.02  # of the load's wrench, from which a gain or cross-talk is no fine print
+_NEARLY = 0.8  # of the most that any explains, from which the one of fewest columns is preferred
+_GAIN = 0.05  # of the load's wrench, from which a gain or cross-talk is told from poses that are off by a degree or two
 _OPTIONS = {"drift": "drift=True", "delay": "delay=True", "turn": "orientation=True", "tilt": "tilt=True"}
 
 
@@ -28,75 +30,77 @@ class Offer:
     kind: str
     """drift, delay, turn, tilt, or gain."""
     share: float
-    """Of the squares of what was left that it explains."""
-    size: float
-    """Largest change [N m, N] over the log by drift; delay [s]; turn and tilt [rad]; gain, of the load's wrench."""
+    """Of the squares of what was left, in units of the noise, that it explains."""
+    said: str
+    """What it is, and how large."""
 
     def __str__(self) -> str:
-        explained = f"explains {100 * self.share:.0f} % of what is left (squares)"
-        option = _OPTIONS.get(self.kind)
-        if self.kind == "drift":
-            return f"A bias that drifts, by up to {self.size:.2g} over the log, {explained}: ask for {option}."
-        if self.kind == "delay":
-            return f"Readings that are late by {1e3 * self.size:.2g} ms {explained}: ask for {option}."
-        if self.kind == "turn":
-            return f"A mounting turned by {math.degrees(self.size):.2g}° {explained}: ask for {option}."
-        if self.kind == "tilt":
-            return f"A base tilted by {math.degrees(self.size):.2g}° {explained}: ask for {option}."
+        what = f"{self.said} would explain {100 * self.share:.0f} % of what is left (squares, in units of the noise)"
+        if self.kind != "gain":
+            return f"{what}: ask for {_OPTIONS[self.kind]}."
         return (
-            f"A gain or cross-talk of the sensor that is off by {100 * self.size:.2g} % {explained}: readings are linear in "
-            "the load's wrench, but not equal to it. Check the sensor's calibration matrix and its scale."
+            f"{what}: readings are linear in the load's wrench, but not equal to it. Check the sensor's calibration matrix and "
+            "its scale."
         )
 
 
 def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
     """What would explain the residuals of the kept rows (n,), the best first, each beside those before it.
 
-    Each adds columns E to the whitened design: with P the part of E orthogonal to it and to those before, of rank r,
-    F = (|P e|² / r) / ((|e|² - |P e|²) / (N - p - r)). Of those whose F is rarer than 1e-4 the one of least
-    N log(|e|² - |P e|²) + r log N (Schwarz) is taken.
+    Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
+    F = (|P'e|² / r) / ((|e|² - |P'e|²) / (ν - r)), with ν the degrees of freedom of the residuals e. Drift and gain have
+    columns of their own for each channel, and F is that of the channel where it is rarest, times six: a channel's variance
+    is estimated, so what spoils one channel alone hides in it. Of those rarer than 1e-4 the one of fewest columns is taken
+    that explains nearly as much as any.
     """
-    from scipy import special
-
     scale = fit.deviation[kept]
     e = (fit.residuals[kept] / scale).ravel()
-    N = e.size
 
     def flat(columns: Array) -> Array:
-        x = (columns[kept] / scale[..., None]).reshape(N, -1)
+        x = (columns[kept] / scale[..., None]).reshape(e.size, -1)
         size = np.linalg.norm(x, axis=0)
         return np.asarray(x[:, size > 0] / size[size > 0])
 
-    basis = _orthonormal(flat(fit.design), np.zeros((N, 0)))
+    basis = _orthonormal(flat(fit.design), np.zeros((e.size, 0)))
     candidates = {kind: flat(columns) for kind, columns in _candidates(problem, fit).items()}
     found: list[Offer] = []
-    e, total = e - basis @ (basis.T @ e), float(e @ e)
-    while candidates:
-        best: tuple[float, str, Array, float] | None = None
-        before = float(e @ e)
-        if before <= 1e-24 * max(total, 1.0):
-            break
+    e = e - basis @ (basis.T @ e)
+    total = float(e @ e)
+    while candidates and float(e @ e) > 1e-20 * max(total, 1e-300):
+        sure = {}
         for kind, E in candidates.items():
-            P = _orthonormal(E, basis)
-            r, free = P.shape[1], N - basis.shape[1] - P.shape[1]
-            if not r or free < 2:
-                continue
-            gain = float(((P.T @ e) ** 2).sum())
-            if special.fdtrc(r, free, gain / r / max((before - gain) / free, 1e-300)) > _SURE:
-                continue
-            score = N * math.log(max(before - gain, 1e-300)) + r * math.log(N)
-            if best is None or score < best[0]:
-                best = (score, kind, P, gain)
-        if best is None:
+            if _chance(kind, E, e, basis) < _SURE:
+                P = _orthonormal(E, basis)
+                sure[kind] = (P, float(((P.T @ e) ** 2).sum()))
+        if not sure:
             break
-        _, kind, P, gain = best
+        most = max(gain for _, gain in sure.values())
+        kind = min((k for k in sure if sure[k][1] >= _NEARLY * most), key=lambda k: sure[k][0].shape[1])
+        P, gain = sure[kind]
         candidates.pop(kind)
-        size = _size(kind, problem, fit, kept, (P @ (P.T @ e)).reshape(-1, 6) * scale)
-        if kind != "gain" or size > _GAIN:
-            found.append(Offer(kind, gain / total, size))
+        said = _said(kind, problem, fit, kept, (P @ (P.T @ e)).reshape(-1, 6) * scale)
+        if said is not None:
+            found.append(Offer(kind, gain / total, said))
         e = e - P @ (P.T @ e)
         basis = np.concatenate([basis, P], axis=1)
     return found
+
+
+def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
+    """How often noise alone is explained as well by the columns E (N, k)."""
+    from scipy import special
+
+    channel = np.arange(e.size) % 6
+    own = [channel == c for c in range(6)] if kind in ("drift", "gain") else [np.ones(e.size, bool)]
+    least = 1.0
+    for rows in own:
+        P = _orthonormal(E[:, E[rows].any(axis=0)], basis)
+        r, free = P.shape[1], float(rows.sum() - (basis[rows] ** 2).sum()) - P.shape[1]
+        gain, left = float(((P.T @ e) ** 2).sum()), float((e[rows] ** 2).sum())
+        if r and free >= 1:
+            F = gain / r / max((left - gain) / free, 1e-12 * left, 1e-300)
+            least = min(least, len(own) * float(special.fdtrc(r, free, F)))
+    return least
 
 
 def _orthonormal(E: Array, basis: Array) -> Array:
@@ -133,16 +137,20 @@ def _loads(fit: Fit) -> Array:
     return np.asarray(fit.design[..., part] @ fit.estimate[part])
 
 
-def _size(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) -> float:
-    """How large the unknown is, from the part (n, 6) of the residuals that it explains."""
+def _said(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) -> str | None:
+    """What the unknown is and how large, from the part (n, 6) of the residuals that it explains; None if it is fine print."""
     if kind == "drift":
-        return float(np.ptp(explained, axis=0).max())
+        return f"A bias that drifts, by {listed_bias(explained[-1] - explained[0])} [N m, N] over the log,"
     if kind == "gain":
         load = _loads(fit)[kept]
         rms = [np.sqrt(((x - x.mean(axis=0)).reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))) for x in (explained, load)]
-        return float((rms[0] / np.maximum(rms[1], 1e-12)).max())
+        share = float((rms[0] / np.maximum(rms[1], 1e-12)).max())
+        return f"A gain or cross-talk that is off by {100 * share:.2g} % of the load's wrench" if share > _GAIN else None
     columns = _candidates(problem, fit)[kind][kept] / fit.deviation[kept][..., None]
     A = fit.design[kept] / fit.deviation[kept][..., None]
     both = np.concatenate([columns, A], axis=-1).reshape(-1, columns.shape[-1] + A.shape[-1])
-    x = np.linalg.lstsq(both, (fit.residuals[kept] / fit.deviation[kept]).ravel(), rcond=None)[0]
-    return float(np.linalg.norm(x[: columns.shape[-1]])) if kind != "delay" else float(x[0])
+    x = np.linalg.lstsq(both, (fit.residuals[kept] / fit.deviation[kept]).ravel(), rcond=None)[0][: columns.shape[-1]]
+    if kind == "delay":
+        return f"Readings about {1e3 * float(x[0]):.2g} ms late"
+    what = "A mounting turned" if kind == "turn" else "A base tilted"
+    return f"{what} by about {math.degrees(float(np.linalg.norm(x))):.2g}°"

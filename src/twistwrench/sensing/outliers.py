@@ -20,6 +20,8 @@ Array = NDArray[Any]
 __all__ = ["least_rows", "runs", "touched_in_dwells", "trimmed"]
 
 _FALSE_ALARM = 1e-3  # chance that a clean log loses a reading
+_DWELL_ALARM = 1e-9  # that it loses a dwell: whole orientations go only where nothing else can be
+_DWELL = 5  # readings of a dwell
 _SUSPECT = 0.98  # share of clean readings below the distance from which one is looked at
 _WEAKER = 2.0  # times by which what is left out may widen any unknown's deviation
 _LEAST = 3  # gravity directions that fix a mass, its place and six biases
@@ -40,7 +42,7 @@ def touched_in_dwells(log: ReadingLog, found: Witnesses) -> Array:
     """
     touched = np.zeros(len(log), bool)
     place = found.row
-    dwells = np.flatnonzero(found.count > 4)
+    dwells = np.flatnonzero(found.count >= _DWELL)
     if not dwells.size:
         return touched
     off = np.zeros((len(log), 6))
@@ -63,7 +65,7 @@ def trimmed(problem: Problem) -> tuple[Fit, Array]:
     """Fit without outliers: the fit and which rows (n,) it kept.
 
     Huber's fit says which rows are suspect. They are left out, and each that the fit of the others predicts, within a test
-    whose chance of a false alarm is 1e-3 for the whole log, comes back; repeated until none changes. At least as many rows
+    whose chance of a false alarm is 1e-3 for the whole log (1e-9 for a dwell), comes back; repeated until none changes. At least as many rows
     stay as the unknowns need, at most a third goes, and what stays tells each unknown nearly as well as all: where it would
     not, all stay, and what they contradict is in the noise.
     Sources: Huber, "Robust Statistics", 1981; Cook and Weisberg, "Residuals and Influence in Regression", 1982, § 2.2.
@@ -87,7 +89,9 @@ def trimmed(problem: Problem) -> tuple[Fit, Array]:
             return fit(start, keep=everything), everything
         A, v = found.design[suspects], found.deviation[suspects] ** 2
         S = A @ found.covariance @ np.swapaxes(A, -1, -2) + v[..., None] * np.eye(6)
-        outside = CollisionThreshold.predictive(S, found.freedom, _FALSE_ALARM / n)(found.residuals[suspects])
+        test = CollisionThreshold.predictive(S, found.freedom, _FALSE_ALARM / n)
+        alarm = np.where(problem.count[suspects] < _DWELL, _FALSE_ALARM / n, _DWELL_ALARM)
+        outside = test.distance(found.residuals[suspects]) > special.chdtri(6, alarm)
         if outside.all():
             break
         keep[suspects[~outside]] = True

@@ -40,8 +40,10 @@ class Whiteness:
         return self.chance > _CHANCE
 
 
-def whiteness(fit: Fit, kept: Array) -> Whiteness | None:
+def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
     """Test the residuals of the kept rows (n,), in the order of the log; None of rows too few.
+
+    Of rows with one label (n,), an orientation that was visited again, the mean is taken off: they share their pose error.
 
     For each channel c, e_c' D e_c with D the mean of the two shifts by one row: the numerator of the lag-1 autocorrelation,
     as in Durbin and Watson's test, against its mean and variance under white noise, -tr Q_c' D Q_c and
@@ -51,6 +53,7 @@ def whiteness(fit: Fit, kept: Array) -> Whiteness | None:
     from scipy import special
 
     e = (fit.residuals / fit.deviation)[kept]
+    e = e - _means(e, label[kept])
     n, p = len(e), fit.design.shape[-1]
     if n < _LEAST:
         return None
@@ -79,6 +82,14 @@ def whiteness(fit: Fit, kept: Array) -> Whiteness | None:
     if result is None or result.white:
         return result
     return Whiteness(result.axis, result.lag1, result.chance, _length(e), result.test)
+
+
+def _means(e: Array, label: Array) -> Array:
+    """Means (n, 6) of the rows of each label; zero where a row is the only one."""
+    place, count = np.unique(label, return_inverse=True, return_counts=True)[1:]
+    total = np.zeros((len(count), e.shape[1]))
+    np.add.at(total, place, e)
+    return np.asarray(np.where(count[:, None] > 1, total / count[:, None], 0.0)[place])
 
 
 def _neighbours(x: Array) -> Array:
