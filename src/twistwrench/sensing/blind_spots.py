@@ -17,7 +17,18 @@ __all__ = ["advice", "blind_spots"]
 
 _NONE = 1e-6  # singular values below this share of the largest are rounding of the poses, not information
 _NEAR = 1e-3  # gravity directions nearer than this to each other [rad] are one
-_UNITS = {"drift m": "N m/s", "drift f": "N/s", "bias m": "N m", "bias f": "N", "mass": "kg", "m c": "kg m", "I": "kg m²", "turn": "rad", "tilt": "rad", "delay": "s"}
+_UNITS = {
+    "drift m": "N m/s",
+    "drift f": "N/s",
+    "bias m": "N m",
+    "bias f": "N",
+    "mass": "kg",
+    "m c": "kg m",
+    "I": "kg m²",
+    "turn": "rad",
+    "tilt": "rad",
+    "delay": "s",
+}
 
 
 def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float, load: Array | None = None) -> list[str]:

@@ -101,10 +101,18 @@ def _identify(plain: Callable[..., Any]) -> click.Command:
         "--orientation", is_flag=True, help="Also how the sensor's axes are turned against the frame of the poses."
     )
     @click.option("--drift", is_flag=True, help="Also a bias that changes linearly with time.")
-    @click.option("--delay", is_flag=True, help="Also the time by which readings are late; the log needs time and motion.")
-    @click.option("--tilt", is_flag=True, help="Also a tilt of the base, which turns gravity; the log needs orientations.")
+    @click.option(
+        "--delay", is_flag=True, help="Also the time by which readings are late; the log needs time and motion."
+    )
+    @click.option(
+        "--tilt", is_flag=True, help="Also a tilt of the base, which turns gravity; the log needs orientations."
+    )
     @click.option("--bias", metavar="m,m,m,f,f,f", help="A known bias, which is then not looked for.")
-    @click.option("--noise", metavar="M,F", help="Known noise of moments [N m] and forces [N], or of all six; estimated if not given.")
+    @click.option(
+        "--noise",
+        metavar="M,F",
+        help="Known noise of moments [N m] and forces [N], or of all six; estimated if not given.",
+    )
     @click.option("--keep-outliers", is_flag=True, help="Use readings that the others contradict, too.")
     @click.option("--save", "save_path", metavar="SENSOR.json", help="Write the sensor for `compensate`.")
     @_CSV

@@ -94,7 +94,9 @@ def judged(found: Explanation, confidence: float, problem: Problem, log: Reading
     units = unit_doubt(found, sensor, problem.log) if told and not gains and not log.motion_doubts() else None
     doubts += gains + (log.motion_doubts() or ([units] if units else log.size_doubts()) if not slip else [])
     unsure += _witness_doubts(found, problem, use)
-    weak = weakness(fit, sensor, confidence) if told and not doubts else None  # more readings of the wrong kind help nobody
+    weak = (
+        weakness(fit, sensor, confidence) if told and not doubts else None
+    )  # more readings of the wrong kind help nobody
     verdict = Verdict.of(look_again=[*again, *doubts], unsure=unsure)
     remarks = [*again, *remarks, *([weak] if weak else []), *unsure]
     kept = ~use.left_out & ~use.between

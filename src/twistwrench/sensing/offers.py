@@ -18,6 +18,7 @@ Array = NDArray[Any]
 __all__ = ["Offer", "gain_columns", "offers"]
 
 _SURE = 1e-4  # chance that an unknown which is none is offered
+_LEAST = 4.0  # degrees of freedom that are to be left
 _NEARLY = 0.8  # of the most that any explains, from which the one of fewest columns is preferred
 _GAIN = 0.05  # of the load's wrench, from which a gain or cross-talk is told from poses that are off by a degree or two
 _OPTIONS = {"drift": "drift=True", "delay": "delay=True", "turn": "orientation=True", "tilt": "tilt=True"}
@@ -48,7 +49,7 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
     """What would explain the residuals of the kept rows (n,), the best first, each beside those before it.
 
     Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
-    F = (|P'e|² / r) / ((|e|² - |P'e|²) / (ν - r)), with ν the degrees of freedom of the residuals e. Drift and gain have
+    F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e. Drift and gain have
     columns of their own for each channel, and F is that of the channel where it is rarest, times six: a channel's variance
     is estimated, so what spoils one channel alone hides in it. Of those rarer than 1e-4 the one of fewest columns is taken
     that explains nearly as much as any.
@@ -96,9 +97,9 @@ def _chance(kind: str, E: Array, e: Array, basis: Array) -> float:
     for rows in own:
         P = _orthonormal(E[:, E[rows].any(axis=0)], basis)
         r, free = P.shape[1], float(rows.sum() - (basis[rows] ** 2).sum()) - P.shape[1]
-        gain, left = float(((P.T @ e) ** 2).sum()), float((e[rows] ** 2).sum())
-        if r and free >= 1:
-            F = gain / r / max((left - gain) / free, 1e-12 * left, 1e-300)
+        before, after = (float((x[rows] ** 2).sum()) for x in (e, e - P @ (P.T @ e)))
+        if r and free >= _LEAST:
+            F = (before - after) / r / max(after / free, 1e-12 * before, 1e-300)
             least = min(least, len(own) * float(special.fdtrc(r, free, F)))
     return least
 
@@ -115,7 +116,12 @@ def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
     """Columns (n, 6, k) of each unknown that may be asked for and was not."""
     log, asked = problem.log, fit.unknowns
     state = State(fit.mounting, fit.state.tilt, fit.state.delay, fit.load, fit.state.middle)
-    possible = {"turn": True, "drift": True, "tilt": log.rotations is not None, "delay": log.V is not None and problem.timed}
+    possible = {
+        "turn": True,
+        "drift": True,
+        "tilt": log.rotations is not None,
+        "delay": log.V is not None and problem.timed,
+    }
     found = {}
     for kind, can in possible.items():
         if can and not getattr(asked, kind):
@@ -145,7 +151,9 @@ def _said(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) 
         load = _loads(fit)[kept]
         rms = [np.sqrt(((x - x.mean(axis=0)).reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))) for x in (explained, load)]
         share = float((rms[0] / np.maximum(rms[1], 1e-12)).max())
-        return f"A gain or cross-talk that is off by {100 * share:.2g} % of the load's wrench" if share > _GAIN else None
+        return (
+            f"A gain or cross-talk that is off by {100 * share:.2g} % of the load's wrench" if share > _GAIN else None
+        )
     columns = _candidates(problem, fit)[kind][kept] / fit.deviation[kept][..., None]
     A = fit.design[kept] / fit.deviation[kept][..., None]
     both = np.concatenate([columns, A], axis=-1).reshape(-1, columns.shape[-1] + A.shape[-1])

@@ -44,7 +44,9 @@ class Uncertainty:
             x = np.asarray(getattr(self, name), float)
             whole = np.isfinite(x) | (x == np.inf) if "freedom" in name else np.isfinite(x)
             if x.shape != shape or not whole.all() or (name != "covariance" and (x < 0).any()):
-                raise ValueRangeError(f"{name} is not {shape} numbers" + ("." if name == "covariance" else " from 0 on."))
+                raise ValueRangeError(
+                    f"{name} is not {shape} numbers" + ("." if name == "covariance" else " from 0 on.")
+                )
             object.__setattr__(self, name, x)
         if p and np.linalg.eigvalsh(self.covariance / _outer(self.covariance)).min() < -1e-9:
             raise ValueRangeError("covariance is none: it has a negative eigenvalue.")

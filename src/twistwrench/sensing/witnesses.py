@@ -91,7 +91,9 @@ def _at_rest(log: ReadingLog) -> Array:
     if log.V is None or log.dV is None:
         return np.ones(len(log), bool)
     slow = np.ones(len(log), bool)
-    for motion, part, most in zip((log.V, log.V, log.dV, log.dV), 2 * (slice(0, 3), slice(3, 6)), _AT_REST, strict=True):
+    for motion, part, most in zip(
+        (log.V, log.V, log.dV, log.dV), 2 * (slice(0, 3), slice(3, 6)), _AT_REST, strict=True
+    ):
         slow &= _lengths(motion[:, part]) < most
     edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
