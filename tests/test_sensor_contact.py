@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 
 import twistwrench as tw
-from sensor_logs import AT_REST, NOISE as SIX, TRUTH, UNEQUAL, dwells
+from sensor_logs import AT_REST, TRUTH, UNEQUAL, dwells
+from sensor_logs import NOISE as SIX
 from twistwrench.sensing import contact
 from twistwrench.sensing.compensation import compensation
 from twistwrench.sensing.fit import Problem, fit

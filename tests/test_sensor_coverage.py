@@ -11,9 +11,9 @@ import math
 import numpy as np
 import pytest
 from scipy import special
-from sensor_logs import AT_REST, BIAS, COM, MASS, NOISE, TOOL, TRUTH, UNEQUAL, drifting, dwells, motion
 
 import twistwrench as tw
+from sensor_logs import AT_REST, BIAS, COM, MASS, NOISE, TOOL, TRUTH, UNEQUAL, drifting, dwells, motion
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog

@@ -78,7 +78,8 @@ def compensation(
     """Take the load off a log, judge what is left by what the sensor's file knows, and look for contacts if asked to.
 
     With the file's ``uncertainty`` what is left r has the covariance S = diag σ² + A C A' of a new reading, and a contact is
-    told by Student's quantiles; without it, by its ``noise`` alone, as if the sensor were known exactly. An unknown inertia leaves only the forces of a log in motion to judge by: it has no part in them.
+    told by Student's quantiles; without it, by its ``noise`` alone, as if the sensor were known exactly. An unknown inertia
+    leaves only the forces of a log in motion to judge by: it has no part in them.
     """
     untold = sensor.untold(log.V, log.dV)
     judged = slice(3, 6) if untold else slice(0, 6)

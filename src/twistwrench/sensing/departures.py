@@ -28,7 +28,7 @@ _ROUNDS = 50
 def departure(
     log: ReadingLog, sensor: ForceTorqueSensor, rest: Array, sigma: Array, off: Callable[[Array], Array]
 ) -> str | None:
-    """What explains nearly all readings that are ``off`` of what is left, rest (n, 6), with noise sigma (n, 6); None if nothing.
+    """What explains nearly all readings that are ``off`` in rest (n, 6), with noise sigma (n, 6); None if nothing.
 
     Each channel is explained by columns X with Huber's weights: the powers 1, t, t² of time for a bias that drifts, or 1 and
     the load's six wrench components for a gain or cross-talk. A push of a while is neither.
@@ -65,8 +65,9 @@ def departure(
     if share > _MOST:
         return None
     return (
-        f"A gain or cross-talk is off by {100 * share:.2g} % of what the load does, which explains {before - best[0]} of {before} "
-        "readings that are off. Check the sensor's calibration matrix and its scale, or whether it is the log of this tool."
+        f"A gain or cross-talk is off by {100 * share:.2g} % of what the load does, which explains {before - best[0]} of "
+        f"{before} readings that are off. Check the sensor's calibration matrix and its scale, or whether it is the log of this "
+        "tool."
     )
 
 

@@ -22,6 +22,9 @@ Array = NDArray[Any]
 __all__ = ["Identification", "com_deviation", "mass_interval", "weakness"]
 
 
+_OK = Verdict(Word.OK)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification:
     """A sensor found from a log, and how well it is known. Regions are exact for noise that is normal."""
@@ -37,7 +40,7 @@ class Identification:
     """What a person should know before using it, in sentences."""
     doubts: tuple[str, ...] = ()
     """Why the log seems not to mean what it says: its units, sign, mounting or poses, in sentences."""
-    verdict: Verdict = Verdict(Word.OK)
+    verdict: Verdict = _OK
     """OK; UNSURE where the intervals may be too narrow; LOOK AGAIN with doubts, with readings left out, or with a load that
     no body can have or that may be none."""
     left_out: Array | None = None

@@ -36,7 +36,7 @@ class Offer:
     """What it is, and how large."""
 
     def __str__(self) -> str:
-        what = f"{self.said} would explain {100 * self.share:.0f} % of what is left (squares, in units of the noise)"
+        what = f"{self.said} would explain {100 * self.share:.0f} % of what is left (squares over noise)"
         if self.kind != "gain":
             return f"{what}: ask for {_OPTIONS[self.kind]}."
         return (
@@ -49,8 +49,8 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
     """What would explain the residuals of the kept rows (n,), the best first, each beside those before it.
 
     Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
-    F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e. Drift and gain have
-    columns of their own for each channel, and F is that of the channel where it is rarest, times six: a channel's variance
+    F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e.
+    Drift and gain have columns of their own for each channel, and F is that of the channel where it is rarest, times six: a channel's variance
     is estimated, so what spoils one channel alone hides in it. Of those rarer than 1e-4 the one of fewest columns is taken
     that explains nearly as much as any.
     """

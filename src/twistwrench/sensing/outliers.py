@@ -65,9 +65,9 @@ def trimmed(problem: Problem) -> tuple[Fit, Array]:
     """Fit without outliers: the fit and which rows (n,) it kept.
 
     Huber's fit says which rows are suspect. They are left out, and each that the fit of the others predicts, within a test
-    whose chance of a false alarm is 1e-3 for the whole log (1e-9 for a dwell), comes back; repeated until none changes. At least as many rows
-    stay as the unknowns need, at most a third goes, and what stays tells each unknown nearly as well as all: where it would
-    not, all stay, and what they contradict is in the noise.
+    whose chance of a false alarm is 1e-3 for the whole log (1e-9 for a dwell), comes back; repeated until none changes.
+    At least as many rows stay as the unknowns need, at most a third goes, and what stays tells each unknown nearly as well
+    as all: where it would not, all stay, and what they contradict is in the noise.
     Sources: Huber, "Robust Statistics", 1981; Cook and Weisberg, "Residuals and Influence in Regression", 1982, § 2.2.
     """
     from scipy import special

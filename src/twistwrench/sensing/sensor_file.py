@@ -38,8 +38,9 @@ def write_sensor(
     """Write a sensor and the noise (moments [N m], forces [N]) of its readings, every digit of them.
 
     ``uncertainty`` is how well it is known, as :attr:`Identification.uncertainty` has it: covariance and degrees of freedom,
-    which :func:`~twistwrench.sensing.compensation.compensation` needs for its rate of false alarms to hold. Whether the load's rotational inertia is known goes with it. Raises :class:`~twistwrench.ShapeError` for arguments of
-    another type, :class:`~twistwrench.ValueRangeError` for a noise that is none, or where nothing can be written.
+    which :func:`~twistwrench.sensing.compensation.compensation` needs for its rate of false alarms to hold. Whether the
+    load's rotational inertia is known goes with it. Raises :class:`~twistwrench.ShapeError` for arguments of another type,
+    :class:`~twistwrench.ValueRangeError` for a noise that is none, or where nothing can be written.
     """
     if not isinstance(sensor, ForceTorqueSensor) or not isinstance(path, str | Path):
         raise ShapeError(
