@@ -441,7 +441,7 @@ def test_a_motion_without_twists_is_recognised(run, tmp_path):
 def test_one_mass_has_one_interval_in_a_report(run, tmp_path):
     code, said = run("identify", "demo")
     assert code == 0
-    assert "mass kg 2.9858 0.0219" in said
+    assert "mass kg 2.9860 0.0220" in said
     assert "OK: 2.986 ± 0.022 kg (95 %) at" in said
     write_log(simulate(ForceTorqueSensor(bias=[0, 0, 0, 1, 2, 3]), 12, rng=3), tmp_path / "log.csv")
     code, said = run("identify", tmp_path / "log.csv")

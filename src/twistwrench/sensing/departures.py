@@ -66,8 +66,8 @@ def departure(
         return None
     return (
         f"A gain or cross-talk is off by {100 * share:.2g} % of what the load does, which explains {before - best[0]} of "
-        f"{before} readings that are off. Check the sensor's calibration matrix and its scale, or whether it is the log of this "
-        "tool."
+        f"{before} readings that are off. Check the sensor's calibration matrix and its scale, or whether it is the log of "
+        "this tool."
     )
 
 

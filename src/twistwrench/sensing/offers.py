@@ -50,9 +50,9 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:
 
     Each adds columns E to the whitened design. With P the part of E orthogonal to it and to those before, of rank r,
     F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e.
-    Drift and gain have columns of their own for each channel, and F is that of the channel where it is rarest, times six: a channel's variance
-    is estimated, so what spoils one channel alone hides in it. Of those rarer than 1e-4 the one of fewest columns is taken
-    that explains nearly as much as any.
+    Drift and gain have columns of their own for each channel, and F is that of the channel where it is rarest, times six:
+    a channel's variance is estimated, so what spoils one channel alone hides in it. Of those rarer than 1e-4 the one of
+    fewest columns is taken that explains nearly as much as any.
     """
     scale = fit.deviation[kept]
     e = (fit.residuals[kept] / scale).ravel()
