@@ -126,7 +126,7 @@ class ReadingLog:
     def rows(self, which: Any) -> ReadingLog:
         """The log of some of the readings only; ``which`` is a slice, a mask or indices."""
         optional = {name: getattr(self, name) for name in ("V", "dV", "time", "rotations")}
-        chosen = {name: None if x is None else x[which] for name, x in optional.items()}
+        chosen: dict[str, Any] = {name: None if x is None else x[which] for name, x in optional.items()}
         return replace(self, readings=self.readings[which], gravity=self.gravity[which], **chosen)
 
     def doubts(self) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
@@ -15,6 +16,8 @@ from ..outputs import replacing
 from .noise import checked_noise
 from .sensor import ForceTorqueSensor
 from .uncertainty import Uncertainty
+
+Array = NDArray[Any]
 
 __all__ = ["SensorFile", "read_sensor", "read_sensor_file", "write_sensor"]
 
@@ -99,15 +102,15 @@ def read_sensor_file(path: str | Path) -> SensorFile:
     return SensorFile(sensor, (moment, force), uncertainty)
 
 
-def _plain(x: Any) -> Any:
+def _plain(x: Array) -> Any:
     """Lists of numbers for JSON, which has no infinity: null."""
-    return np.where(np.isfinite(x), x, None).tolist()
+    return [_plain(row) for row in x] if x.ndim > 1 else [float(v) if np.isfinite(v) else None for v in x]
 
 
 def _uncertainty(known: dict[str, Any]) -> Uncertainty:
-    arrays = {name: np.array(known[name], object) for name in _ARRAYS}
-    numbers = {name: np.where(np.equal(x, None), np.inf, x).astype(float) for name, x in arrays.items()}
-    return Uncertainty(tuple(known["unknowns"]), **numbers)
+    # A float array takes None for NaN: what is no number in the file is an infinity, and refused where that is none.
+    arrays = {name: np.array(known[name], float) for name in _ARRAYS}
+    return Uncertainty(tuple(known["unknowns"]), **{k: np.where(np.isnan(x), np.inf, x) for k, x in arrays.items()})
 
 
 def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:
