@@ -55,7 +55,7 @@ def witnesses(log: ReadingLog) -> Witnesses:
 
     >>> still = ReadingLog.of(np.zeros((6, 6)), gravity=np.repeat([[0, 0, -9.81], [9.81, 0, 0]], 3, axis=0))
     >>> witnesses(still).count.tolist()
-    [3, 3]
+    [3.0, 3.0]
     """
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
     near = _nearness(unit)
