@@ -108,7 +108,7 @@ def test_coverage_holds_with_inertia_and_mounting():
         readings = exact.readings + rng.normal(size=(60, 6)) * np.repeat(NOISE, 3)
         log = ReadingLog.of(readings, gravity=exact.gravity, V=exact.V, dV=exact.dV)
         found = identify(log, inertia=True, orientation=True)
-        x, C = found.fit.estimate.copy(), found.fit.covariance
+        x, C = found.fit.estimate.copy(), found.fit.joint
         delta = tw.so3.log(sensor.mounting.T @ found.fit.mounting)  # in the sensor's own axes
         r = np.concatenate([x[:16] - truth, delta])
         inside.append(r @ np.linalg.solve(C, r) < 19 * stats.f.ppf(0.95, 19, found.fit.freedom.min()))

@@ -22,7 +22,7 @@ _SHELL_WORDS = (
     # The library speaks Python; the shell's user knows options.
     (r"\bPass frame=…, or load with tip=…", "Name one with --tip FRAME"),
     (r"\b(inertia|mimic|sign|symbols|form)='(\w+)'", r"--\1 \2"),
-    (r"\b(orientation|inertia)=True", r"--\1"),
+    (r"\b(orientation|inertia|drift|delay|tilt)=True", r"--\1"),
     (r"\bprecision='double'", "without --float"),
     (r"\btest=False", "--no-test"),
     (r"\bprefix='([^']*)'", r"--prefix '\1'"),

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..lie import so3
-from .fit import Unknowns
 from .log import ReadingLog
+from .unknowns import State, Unknowns
 
 Array = NDArray[Any]
 
@@ -17,7 +17,18 @@ __all__ = ["advice", "blind_spots"]
 
 _NONE = 1e-6  # singular values below this share of the largest are rounding of the poses, not information
 _NEAR = 1e-3  # gravity directions nearer than this to each other [rad] are one
-_UNITS = {"bias m": "N m", "bias f": "N", "mass": "kg", "m c": "kg m", "I": "kg m²", "turn": "rad"}
+_UNITS = {
+    "drift m": "N m/s",
+    "drift f": "N/s",
+    "bias m": "N m",
+    "bias f": "N",
+    "mass": "kg",
+    "m c": "kg m",
+    "I": "kg m²",
+    "turn": "rad",
+    "tilt": "rad",
+    "delay": "s",
+}
 
 
 def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float, load: Array | None = None) -> list[str]:
@@ -27,9 +38,9 @@ def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float, load: Array 
     >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
     mass +1 kg with bias fz +9.81 N changes no reading: these cannot be told apart.
     """
-    if unknowns.turn and load is None:
+    if unknowns.curved and load is None:
         load = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)])  # a load whose moments depend on every turn
-    A = unknowns.design(log, factor, np.eye(3), load).reshape(6 * len(log), -1) * unknowns.scales
+    A = unknowns.design(log, factor, State(load=load)).reshape(6 * len(log), -1) * unknowns.scales
     names = unknowns.names
     # Load first, bias last: each combination is then told as a change of the load that the bias can hide.
     order = [*range(6 * unknowns.bias, len(names)), *range(6 * unknowns.bias)]

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["sensor_group"]
 
-_FOUND_A_PROBLEM = ExitCode.NO
 _DEMOS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
 _HERE = Path(__file__).parent
 _SIGN = click.option(
@@ -101,8 +100,19 @@ def _identify(plain: Callable[..., Any]) -> click.Command:
     @click.option(
         "--orientation", is_flag=True, help="Also how the sensor's axes are turned against the frame of the poses."
     )
+    @click.option("--drift", is_flag=True, help="Also a bias that changes linearly with time.")
+    @click.option(
+        "--delay", is_flag=True, help="Also the time by which readings are late; the log needs time and motion."
+    )
+    @click.option(
+        "--tilt", is_flag=True, help="Also a tilt of the base, which turns gravity; the log needs orientations."
+    )
     @click.option("--bias", metavar="m,m,m,f,f,f", help="A known bias, which is then not looked for.")
-    @click.option("--noise", metavar="M,F", help="Known noise of moments [N m] and forces [N]; estimated if not given.")
+    @click.option(
+        "--noise",
+        metavar="M,F",
+        help="Known noise of moments [N m] and forces [N], or of all six; estimated if not given.",
+    )
     @click.option("--keep-outliers", is_flag=True, help="Use readings that the others contradict, too.")
     @click.option("--save", "save_path", metavar="SENSOR.json", help="Write the sensor for `compensate`.")
     @_CSV
@@ -116,6 +126,9 @@ def _identify(plain: Callable[..., Any]) -> click.Command:
         gravity: float,
         inertia: bool,
         orientation: bool,
+        drift: bool,
+        delay: bool,
+        tilt: bool,
         bias: str | None,
         noise: str | None,
         keep_outliers: bool,
@@ -125,8 +138,9 @@ def _identify(plain: Callable[..., Any]) -> click.Command:
     ) -> None:
         """Bias, mass and centre of mass of what the sensor carries, and how well they are known.
 
-        Exit code 1, LOOK AGAIN, if readings contradict the others, if units, sign, mounting or poses look wrong, or if no
-        body has the inertia found.
+        Exit code 1, LOOK AGAIN, if readings contradict the others, if units, sign, mounting, gain or poses look wrong, or if
+        no body has the inertia found; UNSURE if what is left is not white, or --drift, --delay, --tilt or --orientation would
+        explain it.
         """
         from .identification import identify
         from .sensor_file import write_sensor
@@ -138,22 +152,25 @@ def _identify(plain: Callable[..., Any]) -> click.Command:
             sign=sign,
             inertia=inertia,
             orientation=orientation,
+            drift=drift,
+            delay=delay,
+            tilt=tilt,
             bias=None if bias is None else _numbers(bias, "--bias", 6),
-            noise=None if noise is None else _noise(noise),
+            noise=None if noise is None else _numbers(noise, "--noise", 6 if noise.count(",") > 1 else 2),
             outliers="keep" if keep_outliers else "trim",
         )
         console.print(identification_view(found, readings))
         if save_path is not None:
-            write_sensor(found.sensor, save_path, found.noise)
+            write_sensor(found.sensor, save_path, found.noise, found.uncertainty)
         if csv_path is not None:
-            _write(readings, readings.readings - readings.predicted(found.sensor), csv_path)
+            _write(readings, found.rest(readings), csv_path)
         if plot_path is not None:
             from .plot import plot_compensation
 
             plot_compensation(readings, found.sensor, found.noise, plot_path, marked=~found.kept, mark="left out")
         _tell(save_path, csv_path, plot_path)
-        if found.doubtful:
-            sys.exit(_FOUND_A_PROBLEM)
+        if not found.verdict.ok:
+            sys.exit(found.verdict.exit_code)
 
     return identify_command
 
@@ -191,22 +208,22 @@ def _compensate(plain: Callable[..., Any]) -> click.Command:
         sign or orientation, or a log in motion whose moments hold an inertia that was not identified.
         """
         from .compensation import compensation
-        from .sensor_file import read_sensor
+        from .sensor_file import read_sensor_file
         from .tables import compensation_view
 
-        sensor, noise = read_sensor(_sensor_path(sensor_path))
+        file = read_sensor_file(_sensor_path(sensor_path))
         readings = _read(log, gravity)
-        found = compensation(readings, sensor, noise, false_alarms)
+        found = compensation(readings, file.sensor, file.noise, false_alarms, file.uncertainty)
         console.print(compensation_view(found))
         if csv_path is not None:
             _write(readings, found.rest, csv_path)
         if plot_path is not None:
             from .plot import plot_compensation
 
-            plot_compensation(readings, sensor, noise, plot_path, marked=found.hits, mark="contact")
+            plot_compensation(readings, file.sensor, file.noise, plot_path, marked=found.hits, mark="contact")
         _tell(csv_path, plot_path)
         if found.doubtful:
-            sys.exit(_FOUND_A_PROBLEM)
+            sys.exit(ExitCode.NO)
 
     return compensate_command
 
@@ -258,7 +275,7 @@ def _poses(plain: Callable[..., Any]) -> click.Command:
                 file.write(np.concatenate([quat, unit], axis=1))
         _tell(csv_path)
         if untold:
-            sys.exit(_FOUND_A_PROBLEM)
+            sys.exit(ExitCode.NO)
 
     return poses_command
 

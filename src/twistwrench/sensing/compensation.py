@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from ..errors import ModelWarning
 from .contact import CollisionThreshold
+from .departures import departure
 from .log import ReadingLog
 from .mismatch import log_doubt, smallest_noise
+from .noise import checked_noise
 from .sensor import ForceTorqueSensor
 from .slips import MAY_MOVE, seems_moving
+from .uncertainty import Uncertainty
 
 Array = NDArray[Any]
 
@@ -23,6 +26,10 @@ __all__ = ["Compensation", "compensation", "left_over"]
 _ALARM = 1e-6  # chance that noise alone puts a reading off
 _NEARLY_ALL = 0.75  # of the readings off, from which the file explains nothing
 _SOME = 0.1  # of the moments off, from which an unknown inertia shows
+_NO_COVARIANCE = (
+    "The sensor file lacks the covariance of what was identified: false alarms come more often than stated, the more so the "
+    "fewer orientations it is from. Identify again to have it."
+)
 _NOISY = 5.0  # times its noise, from which what is left counts as more than before
 
 
@@ -45,6 +52,8 @@ class Compensation:
     """Whether that is more than noise."""
     threshold: CollisionThreshold | None
     """What is called a contact, if any were looked for."""
+    remarks: tuple[str, ...] = ()
+    """What a person should know of the answer."""
 
     @property
     def hits(self) -> Array:
@@ -60,23 +69,49 @@ class Compensation:
 
 
 def compensation(
-    log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float], false_alarms: float | None = None
+    log: ReadingLog,
+    sensor: ForceTorqueSensor,
+    noise: tuple[float, float],
+    false_alarms: float | None = None,
+    uncertainty: Uncertainty | None = None,
 ) -> Compensation:
-    """Take the load off a log, judge what is left by the ``noise`` of the sensor's file, and look for contacts if asked to.
+    """Take the load off a log, judge what is left by what the sensor's file knows, and look for contacts if asked to.
 
-    An unknown inertia leaves only the forces of a log in motion to judge by: it has no part in them.
+    With the file's ``uncertainty`` what is left r has the covariance S = diag σ² + A C A' of a new reading, and a contact is
+    told by Student's quantiles; without it, by its ``noise`` alone, as if the sensor were known exactly. An unknown inertia
+    leaves only the forces of a log in motion to judge by: it has no part in them.
     """
     untold = sensor.untold(log.V, log.dV)
     judged = slice(3, 6) if untold else slice(0, 6)
-    threshold = None if false_alarms is None else CollisionThreshold.of_noise(noise, false_alarms, axes=judged)
+    S = np.diag(np.repeat(noise, 3) ** 2) if uncertainty is None else uncertainty.predictive(log, sensor)
+    freedom = None if uncertainty is None else uncertainty.noise_freedom
+    threshold, remarks = None, []
+    if false_alarms is not None:
+        S = S if uncertainty is not None else np.diag(np.repeat(checked_noise(noise), 3) ** 2)
+        threshold = CollisionThreshold.predictive(S, freedom, false_alarms, axes=judged)
+        if uncertainty is None:
+            remarks.append(_NO_COVARIANCE)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # ``untold`` says it
         rest = log.compensated(sensor)
     level = smallest_noise(log, sensor, noise)
-    off = CollisionThreshold.of_noise(level, _ALARM, axes=judged)(rest)
+    inexact = np.diag(np.maximum(np.repeat(level, 3) ** 2 - np.repeat(noise, 3) ** 2, 0.0))
+    if uncertainty is None:
+        inexact, freedom, S = np.zeros((6, 6)), None, np.diag(np.repeat(level, 3) ** 2)
+    test = CollisionThreshold.predictive(S + inexact, freedom, _ALARM, axes=judged)
+    off = test(rest)
     shows = bool(untold) and CollisionThreshold.of_noise(level, _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
-    doubts = [*_unexplained(log, sensor, noise, rest, off, level, judged), *log.motion_doubts()]
-    return Compensation(log, sensor, noise, rest, off, tuple(doubts), untold, shows, threshold)
+    doubts = _unexplained(log, sensor, noise, rest, off, level, judged)
+    sigma = np.sqrt(np.broadcast_to(np.diagonal(S + inexact, axis1=-2, axis2=-1), rest.shape))
+    if cause := departure(log, sensor, rest, sigma, test if threshold is None else threshold):
+        doubts = doubts if _named(doubts) else [cause]
+    doubts = [*doubts, *log.motion_doubts()]
+    return Compensation(log, sensor, noise, rest, off, tuple(doubts), untold, shows, threshold, tuple(remarks))
+
+
+def _named(doubts: list[str]) -> bool:
+    """Whether a doubt names what is wrong."""
+    return any("Perhaps" in doubt or MAY_MOVE in doubt for doubt in doubts)
 
 
 def _unexplained(

@@ -82,13 +82,37 @@ class CollisionThreshold:
     middle: Array
     """(6,) mean of compensated readings without contact."""
     covariance: Array
-    """(6, 6) of one of them."""
+    """(6, 6) of one of them, or (n, 6, 6) of each of n in order."""
     limit: float
     """The squared Mahalanobis distance from which a reading is called a contact."""
     false_alarms: float
     """Share of readings without contact that pass it."""
     axes: slice = field(default_factory=lambda: slice(0, 6))
     """Which of the six are looked at: ``slice(3, 6)`` for forces alone."""
+    freedom: Array | None = None
+    """(6,) degrees of freedom of the variances where they are estimates; None where they are known."""
+
+    @classmethod
+    def of_axes(cls, sigma: ArrayLike, false_alarms: float = 1e-6, *, axes: slice = slice(0, 6)) -> CollisionThreshold:
+        """From six known standard deviations, mx, my, mz [N m], fx, fy, fz [N]: a χ² test."""
+        return cls.predictive(np.diag(np.asarray(sigma, float) ** 2), None, false_alarms, axes=axes)
+
+    @classmethod
+    def predictive(
+        cls, covariance: ArrayLike, freedom: ArrayLike | None, false_alarms: float, *, axes: slice = slice(0, 6)
+    ) -> CollisionThreshold:
+        """From the covariance S (6, 6) or (n, 6, 6) of what a fit leaves of new readings, estimated with ``freedom`` (6,).
+
+        With S = L L' and u = L⁻¹ r, each u_c has Student's distribution of ν_c degrees of freedom. Its normal score
+        z_c = Φ⁻¹(T_ν(u_c)) is normal, so the sum of the squares is χ² with as many degrees as there are axes.
+        """
+        from scipy import special
+
+        _check_rate(false_alarms)
+        limit = float(special.chdtri(len(range(6)[axes]), false_alarms))
+        S = np.asarray(covariance, float)
+        nu = None if freedom is None else np.asarray(freedom, float)
+        return cls(np.zeros(6), S, limit, false_alarms, axes, nu)
 
     @classmethod
     def of_noise(
@@ -98,13 +122,7 @@ class CollisionThreshold:
 
         ``axes`` tests some only: ``slice(3, 6)`` the forces, where a load's inertia is unknown and spoils the moments.
         """
-        from scipy import special
-
-        _check_rate(false_alarms)
-        sigma = checked_noise(noise)
-        covariance = np.diag(np.repeat(sigma, 3) ** 2)
-        limit = float(special.chdtri(len(range(6)[axes]), false_alarms))
-        return cls(np.zeros(6), covariance, limit, false_alarms, axes)
+        return cls.of_axes(np.repeat(checked_noise(noise), 3), false_alarms, axes=axes)
 
     @classmethod
     def of_residuals(cls, residuals: ArrayLike, false_alarms: float = 1e-6) -> CollisionThreshold:
@@ -145,14 +163,38 @@ class CollisionThreshold:
         if given.shape[-1:] != (6,):
             raise ShapeError(f"compensated readings have shape {given.shape}, expected (..., 6): (m, f).")
         r = (given - self.middle)[..., self.axes]
-        return np.asarray((r * np.linalg.solve(self.covariance[self.axes, self.axes], r[..., None])[..., 0]).sum(-1))
+        u = np.linalg.solve(np.linalg.cholesky(self._S), r[..., None])[..., 0]
+        if self.freedom is not None:
+            u = _normal_scores(u, self.freedom[self.axes])
+        return np.asarray((u * u).sum(-1))
+
+    @property
+    def _S(self) -> Array:
+        return self.covariance[..., self.axes, self.axes]
 
     @property
     def per_axis(self) -> Array:
-        """The smallest moments [N m] and forces [N] (6,) that pass, each acting along its axis alone; inf if not looked at."""
+        """The smallest moments [N m] and forces [N] (6,) that pass, each acting along its axis alone; inf if not looked at.
+
+        Where readings have covariances of their own, those of the middle one.
+        """
+        from scipy import special
+
+        S = self._S if self._S.ndim == 2 else self._S[len(self._S) // 2]
+        times: Any = math.sqrt(self.limit)
+        if self.freedom is not None:
+            known = self.freedom[self.axes]
+            times = np.where(np.isinf(known), times, -special.stdtrit(np.minimum(known, 1e9), special.ndtr(-times)))
         least = np.full(6, math.inf)
-        least[self.axes] = np.sqrt(self.limit / np.diag(np.linalg.inv(self.covariance[self.axes, self.axes])))
+        least[self.axes] = times / np.sqrt(np.diag(np.linalg.inv(S)))
         return least
+
+
+def _normal_scores(u: Array, freedom: Array) -> Array:
+    """|z| of normal numbers as rare as u (..., k) of Student's distributions."""
+    from scipy import special
+
+    return np.asarray(-special.ndtri(special.stdtr(np.minimum(freedom, 1e9), -np.abs(u))))
 
 
 def _check_rate(false_alarms: float) -> None:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ..lie import so3
 from .blind_spots import blind_spots
-from .fit import Fit
+from .fit import Fit, Problem
 from .log import ReadingLog
-from .outliers import trimmed
+from .outliers import least_rows, trimmed
 from .sensor import Sign, sign_factor
+from .unknowns import State
 
 Array = NDArray[Any]
 
@@ -22,16 +23,14 @@ __all__ = [
     "Explanation",
     "as_good_as_the_best",
     "explain",
-    "first_guess",
+    "guessed",
     "in_a_plane",
-    "least_readings",
     "misfit",
     "others",
     "turns_may_help",
     "unexplained_turns",
 ]
 
-_LEAST = 3  # gravity directions that fix a mass, its place and six biases
 _SURE = 1e-4  # chance to prefer another explanation by luck
 _MAYBE = 1e-2  # chance to try others in vain
 _OFF_PLANE = 10.0  # times the noise, from which the wrong one of two signs is seen without a test
@@ -43,9 +42,19 @@ class Explanation:
     """A log explained with one sign, the mounting turned or not."""
 
     sign: Sign
-    turn: bool
     fit: Fit
     kept: Array
+    """(n,) which rows of the problem were used."""
+
+    @property
+    def turn(self) -> bool:
+        """Whether the mounting is an unknown."""
+        return self.fit.unknowns.turn
+
+    @property
+    def left(self) -> float:
+        """Product of the noise left of moments and forces."""
+        return float(np.prod(self.fit.noise))
 
     @property
     def mass(self) -> float:
@@ -69,36 +78,30 @@ class Explanation:
         return not _surely_less(other, self.fit, kept)
 
 
-def least_readings(unknowns: Any) -> int:
-    """How many readings these unknowns need."""
-    return max(_LEAST, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)
-
-
-def explain(sign: Sign, **problem: Any) -> Explanation | None:
+def explain(sign: Sign, problem: Problem) -> Explanation | None:
     """The log explained by that sign, as well as it can be; None if it tells too little for these unknowns."""
-    log, unknowns = problem["log"], problem["unknowns"]
-    factor = problem["factor"] = sign_factor(sign)
-    least = least_readings(unknowns)
-    if len(log) < least or blind_spots(log, unknowns, factor):
+    asked = replace(problem, factor=sign_factor(sign))
+    if len(asked.log) < least_rows(asked) or blind_spots(asked.log, asked.unknowns, asked.factor):
         return None
-    problem["mounting"] = (
-        first_guess(log, factor, fixed=None if unknowns.bias else problem["bias"]) if unknowns.turn else None
-    )
-    found, kept = trimmed(least, **problem)
-    return Explanation(sign, unknowns.turn, found, kept)
+    return Explanation(sign, *trimmed(guessed(asked)))
 
 
-def others(sign: Sign, **problem: Any) -> list[Explanation]:
+def guessed(problem: Problem) -> Problem:
+    """The problem with a first guess of the mounting, if that is asked for."""
+    mounting = first_guess(problem) if problem.unknowns.turn else np.eye(3)
+    return replace(problem, state=State(mounting))
+
+
+def others(sign: Sign, problem: Problem) -> list[Explanation]:
     """The explanations that were not asked for and have a mass, the one with least noise first."""
-    asked = problem["unknowns"]
     found = []
     for turn in (False, True):
         for other in get_args(Sign):
-            if (other, turn) != (sign, asked.turn):
-                explanation = explain(other, **{**problem, "unknowns": replace(asked, turn=turn)})
+            if (other, turn) != (sign, problem.unknowns.turn):
+                explanation = explain(other, problem.asked(turn=turn))
                 if explanation is not None and explanation.mass > 0:
                     found.append(explanation)
-    return sorted(found, key=lambda e: float(np.prod(e.fit.sigma)))
+    return sorted(found, key=lambda e: e.left)
 
 
 def as_good_as_the_best(sorted_: list[Explanation]) -> list[Explanation]:
@@ -109,17 +112,18 @@ def as_good_as_the_best(sorted_: list[Explanation]) -> list[Explanation]:
     return [e for e in good if not (e.turn and e.sign in straight)]
 
 
-def first_guess(log: ReadingLog, factor: float, fixed: Array | None) -> Array:
+def first_guess(problem: Problem) -> Array:
     """A mounting R_fs (3, 3) from forces alone: the rotation nearest to M of f = bias + M g, however large."""
+    log = problem.log
     felt = log.gravity
     if log.V is not None and log.dV is not None:
         felt = log.gravity - log.dV[:, 3:] - so3.cross(log.V[:, :3], log.V[:, 3:])
     f = log.readings[:, 3:]
-    if fixed is None:
+    if problem.unknowns.bias:
         felt, f = felt - felt.mean(axis=0), f - f.mean(axis=0)
     else:
-        f = f - fixed[3:]
-    M = factor * np.linalg.lstsq(felt, f, rcond=None)[0].T  # m R_fs'
+        f = f - problem.bias[3:]
+    M = problem.factor * np.linalg.lstsq(felt, f, rcond=None)[0].T  # m R_fs'
     U, _, Vt = np.linalg.svd(M)
     return np.asarray((U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt).T)
 
@@ -138,7 +142,7 @@ def in_a_plane(log: ReadingLog, found: Fit, kept: Array, mass: float) -> bool:
     if found.unknowns.bias:  # what is constant is as good as bias
         g = g - g.mean(axis=0)
     least = float(np.linalg.svd(g, compute_uv=False)[-1]) if len(g) > 2 else 0.0
-    return 2.0 * mass * least < _OFF_PLANE * float(found.sigma[1])
+    return 2.0 * mass * least < _OFF_PLANE * float(found.noise[1])
 
 
 def unexplained_turns(log: ReadingLog, found: Fit, kept: Array) -> float | None:

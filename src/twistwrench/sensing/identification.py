@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,14 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ShapeError, ValueRangeError
 from .blind_spots import advice, blind_spots
-from .explanations import Explanation, first_guess, least_readings
-from .fit import Unknowns, fit
+from .explanations import Explanation, guessed
+from .fit import Problem, fit
 from .identified import Identification
-from .judgement import judged
+from .judgement import Use, judged
 from .log import ReadingLog, checked_log
-from .noise import checked_noise
-from .outliers import trimmed
+from .noise import six_noises
+from .outliers import least_rows, touched_in_dwells, trimmed
 from .sensor import Sign, sign_factor
+from .unknowns import Unknowns
+from .whiteness import whiteness
+from .witnesses import witnesses
 
 Array = NDArray[Any]
 
@@ -29,8 +34,11 @@ def identify(
     sign: Sign = "on_sensor",
     inertia: bool = False,
     orientation: bool = False,
+    drift: bool = False,
+    delay: bool = False,
+    tilt: bool = False,
     bias: ArrayLike | None = None,
-    noise: tuple[float, float] | None = None,
+    noise: ArrayLike | None = None,
     outliers: str = "trim",
     confidence: float = 0.95,
 ) -> Identification:
@@ -56,48 +64,79 @@ def identify(
     (3.0, 0.1)
     """
     log, factor = checked_log(log, "identify"), sign_factor(sign)
-    unknowns = Unknowns(bias=bias is None, inertia=inertia, turn=orientation)
+    unknowns = Unknowns(bias is None, inertia, orientation, drift, tilt, delay)
     known_bias, known_noise = _checked(bias, noise, outliers, confidence)
-    if inertia and log.V is None:
+    _check_log(log, unknowns)
+    used = np.ones(len(log), bool)
+    witness = witnesses(log)
+    if outliers == "trim" and (touched := touched_in_dwells(log, witness)).any():
+        used = ~touched
+        witness = witnesses(log.rows(used))
+    problem = Problem(
+        witness.log,
+        unknowns,
+        factor,
+        known_bias,
+        known_noise,
+        witness.count,
+        witness.within,
+        witness.within_freedom,
+        witness.label,
+        log.time is not None,
+    )
+    if blind := blind_spots(log.rows(used), unknowns, factor):
+        raise ValueRangeError(f"{log.name}: {' '.join(blind[:3])} {advice(log, unknowns)}")
+    problem = guessed(problem)
+    kept = np.ones(len(witness.log), bool)
+    if outliers == "trim" and len(witness.log) > least_rows(problem):
+        found, kept = trimmed(problem)
+    else:
+        found = fit(problem, keep=kept)
+    white = whiteness(found, kept, problem.label)
+    again = len(np.unique(problem.label)) < len(kept)
+    if white is not None and white.length > 1 and not again:  # neighbours that hang together are one witness
+        problem = replace(problem, label=np.arange(len(kept)) // white.length, state=found.state)
+        found = fit(problem, keep=kept)
+    left_out, between = ~used, np.zeros(len(log), bool)
+    between[used] = witness.row < 0
+    left_out[used] = ~witness.spread(kept) & ~between[used]
+    return judged(Explanation(sign, found, kept), confidence, problem, log, Use(left_out, between, white))
+
+
+def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
+    if unknowns.inertia and log.V is None:
         raise ValueRangeError(
             f"{log.name}: inertia shows only in motion, and the log has none. Give V and dV (columns wx, wy, wz, vx, vy, "
             "vz, dwx, …, dvz), or ask for no inertia."
         )
-    least = least_readings(unknowns)
+    if unknowns.delay and (log.V is None or log.time is None):
+        raise ValueRangeError(
+            f"{log.name}: a delay shows only in motion, and the log has no {'time' if log.time is None else 'motion'}. Give "
+            "time, V and dV, or ask for no delay."
+        )
+    if unknowns.tilt and log.rotations is None:
+        raise ValueRangeError(
+            f"{log.name}: the log has gravity in the sensor's frame, so a tilt of the base has no part in it. Give "
+            "orientations, or ask for no tilt."
+        )
+    least = max(3, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)
     if len(log) < least:
         count, wanted = len(log), len(unknowns.names)
         raise ValueRangeError(
             f"{log.name}: {count} reading{'s' * (count > 1)}, and {wanted} unknowns need at least {least} in different "
             "orientations. Add readings; `poses` proposes some."
         )
-    if blind := blind_spots(log, unknowns, factor):
-        raise ValueRangeError(f"{log.name}: {' '.join(blind[:3])} {advice(log, unknowns)}")
-    problem: dict[str, Any] = {
-        "log": log,
-        "unknowns": unknowns,
-        "factor": factor,
-        "bias": known_bias,
-        "noise": known_noise,
-    }
-    if orientation:
-        problem["mounting"] = first_guess(log, factor, fixed=None if bias is None else known_bias)
-    if outliers == "trim" and len(log) > least:
-        found, kept = trimmed(least, **problem)
-    else:
-        kept = np.ones(len(log), bool)
-        found = fit(**problem, keep=kept)
-    return judged(Explanation(sign, orientation, found, kept), confidence, problem)
 
 
 def _checked(
-    bias: ArrayLike | None, noise: tuple[float, float] | None, outliers: str, confidence: float
+    bias: ArrayLike | None, noise: ArrayLike | None, outliers: str, confidence: float
 ) -> tuple[Array, Array | None]:
     known_bias = np.zeros(6) if bias is None else np.asarray(bias, float)
     if known_bias.shape != (6,):
         raise ShapeError(f"bias has shape {known_bias.shape}, expected (6,): mx, my, mz, fx, fy, fz.")
     if not np.isfinite(known_bias).all():
         raise ValueRangeError(f"bias {known_bias.tolist()} has a value that is not a finite number.")
-    known = None if noise is None else checked_noise(noise)
+    known = None if noise is None else six_noises(noise)
     if outliers not in ("trim", "keep"):
         raise ValueRangeError(f"outliers {outliers!r} is not known. Choose one of: trim, keep.")
     if not 0 < confidence < 1:

@@ -11,12 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ShapeError, ValueRangeError
 from ..lie import so3
+from ..verdict import Verdict, Word
 from .fit import Fit
-from .sensor import ForceTorqueSensor
+from .log import ReadingLog
+from .sensor import ForceTorqueSensor, sign_factor
+from .uncertainty import Uncertainty, uncertainty_of
 
 Array = NDArray[Any]
 
-__all__ = ["Identification", "mass_interval", "weakness"]
+__all__ = ["Identification", "com_deviation", "mass_interval", "weakness"]
+
+
+_OK = Verdict(Word.OK)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -25,19 +31,26 @@ class Identification:
 
     sensor: ForceTorqueSensor
     fit: Fit
+    rows: Array
+    """(n,) which witnesses were used: dwells, and readings in motion."""
     kept: Array
-    """(n,) which readings were used; the others are outliers."""
+    """(N,) which readings were used; the others are outliers, or were read between dwells."""
     confidence: float
     remarks: tuple[str, ...]
     """What a person should know before using it, in sentences."""
     doubts: tuple[str, ...] = ()
     """Why the log seems not to mean what it says: its units, sign, mounting or poses, in sentences."""
+    verdict: Verdict = _OK
+    """OK; UNSURE where the intervals may be too narrow; LOOK AGAIN with doubts, with readings left out, or with a load that
+    no body can have or that may be none."""
+    left_out: Array | None = None
+    """(N,) readings that the others contradict."""
 
     def __repr__(self) -> str:
         # What was found, never the arrays it was found from.
         place = ", ".join(f"{1e3 * x:.1f}" for x in self.sensor.load.com)
         wide = ", ".join(f"{5e2 * w:.1f}" for w in np.diff(self.com_intervals, axis=1)[:, 0])
-        look = "; LOOK AGAIN, see doubts and remarks" if self.doubtful else ""
+        look = f"; {self.verdict.word}, see doubts and remarks" if self.doubtful else ""
         return (
             f"<Identification: {self.mass_text}, com ({place}) ± ({wide}) mm, noise {self.noise[1]:.2g} N and "
             f"{self.noise[0]:.2g} N m{look}>"
@@ -52,27 +65,38 @@ class Identification:
     @property
     def outliers(self) -> list[int]:
         """Readings that were left out, counting from 0."""
-        return np.flatnonzero(~self.kept).tolist()
+        return [] if self.left_out is None else np.flatnonzero(self.left_out).tolist()
 
     @property
     def doubtful(self) -> bool:
-        """Whether a person must look: doubts, outliers left out, or a load that no body can have or that may be none."""
-        impossible = bool(self.sensor.load.defects()) or self.mass_interval[0] <= 0
-        return bool(self.doubts) or bool(self.outliers) or impossible
+        """Whether a person must look: the verdict is not OK."""
+        return not self.verdict.ok
+
+    def rest(self, log: ReadingLog) -> Array:
+        """What is left (n, 6) of the readings of the log it was found from: with the drift, tilt and delay that it has."""
+        unknowns, factor = self.fit.unknowns, sign_factor(self.sensor.sign)
+        explained = unknowns.design(log, factor, self.fit.state) @ self.fit.estimate
+        return np.asarray(log.readings - explained - (0.0 if unknowns.bias else np.asarray(self.sensor.bias)))
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """What the sensor's file keeps of how well it is known."""
+        return uncertainty_of(self.fit)
 
     @property
     def noise(self) -> tuple[float, float]:
-        """Standard deviation of one reading's moments [N m] and forces [N]."""
-        return float(self.fit.sigma[0]), float(self.fit.sigma[1])
+        """Standard deviation of one reading's moments [N m] and forces [N], root mean square of three channels each."""
+        return self.fit.noise
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Confidence interval of one unknown, by its name in ``fit.unknowns.names`` (``turn`` ones about zero)."""
+        """Confidence interval of one unknown, by its name in ``fit.unknowns.names`` (``turn`` and ``tilt`` about zero)."""
         names = self.fit.unknowns.names
         if name not in names:
             raise ValueRangeError(f"{name!r} was not identified. Choose one of: {', '.join(names)}.")
         k = names.index(name)
-        half = self._t * math.sqrt(self.fit.covariance[k, k])
-        return float(self.fit.estimate[k]) - half, float(self.fit.estimate[k]) + half
+        half = _student(self.fit, k, self.confidence) * math.sqrt(self.fit.covariance[k, k])
+        middle = self.fit.state.delay if name == "delay" else float(self.fit.estimate[k])
+        return middle - half, middle + half
 
     @property
     def mass_interval(self) -> tuple[float, float]:
@@ -87,10 +111,13 @@ class Identification:
         Source: Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954.
         """
         x, C = self._load
-        t2, m = self._t**2, x[0]
-        a = m * m - t2 * C[0, 0]
+        m, start = x[0], self.fit.unknowns.load.start
         out = np.tile([-math.inf, math.inf], (3, 1))
-        for k in range(3 if a > 0 else 0):
+        for k in range(3):
+            t2 = _student(self.fit, start + 1 + k, self.confidence) ** 2
+            a = m * m - t2 * C[0, 0]
+            if a <= 0:
+                continue
             b, c = m * x[1 + k] - t2 * C[0, 1 + k], x[1 + k] ** 2 - t2 * C[1 + k, 1 + k]
             root = math.sqrt(max(b * b - a * c, 0.0))
             out[k] = (b - root) / a, (b + root) / a
@@ -98,30 +125,24 @@ class Identification:
 
     def com_region_contains(self, com: ArrayLike) -> bool:
         """Whether a point (3,) [m] is in the joint confidence region of the centre of mass (Fieller's, for three)."""
-        from scipy import special
-
-        x, C = self._load
+        x, C = self._load[0], self._joint
         c = np.asarray(com, float)
         if c.shape != (3,):
             raise ShapeError(f"com has shape {c.shape}, expected (3,).")
         H = np.hstack([-c[:, None], np.eye(3)])  # h - m c
         r = H @ x
-        return bool(r @ np.linalg.solve(H @ C @ H.T, r) <= 3 * special.fdtri(3, self._freedom, self.confidence))
+        return bool(r @ np.linalg.solve(H @ C @ H.T, r) <= self._limit(3))
 
     def region_contains(self, mass: float, com: ArrayLike) -> bool:
         """Whether mass [kg] and centre of mass (3,) [m] are in their joint confidence region, an ellipsoid of (m, m c)."""
-        from scipy import special
-
-        x, C = self._load
+        x, C = self._load[0], self._joint
         r = np.array([mass, *(mass * np.asarray(com, float))]) - x
-        return bool(r @ np.linalg.solve(C, r) <= 4 * special.fdtri(4, self._freedom, self.confidence))
+        return bool(r @ np.linalg.solve(C, r) <= self._limit(4))
 
     @property
     def com_deviation(self) -> Array:
         """Standard deviations (3,) of the centre of mass [m], to first order."""
-        x, C = self._load
-        D = np.hstack([-(x[1:] / x[0])[:, None], np.eye(3)]) / x[0]
-        return np.sqrt(np.diag(D @ C @ D.T))
+        return com_deviation(self.fit)
 
     @property
     def turn(self) -> Array:
@@ -134,34 +155,41 @@ class Identification:
         return self.fit.estimate[part], self.fit.covariance[part, part]
 
     @property
-    def _freedom(self) -> float:
-        return _freedom(self.fit)
+    def _joint(self) -> Array:
+        part = slice(self.fit.unknowns.load.start, self.fit.unknowns.load.start + 4)
+        return self.fit.joint[part, part]
 
-    @property
-    def _t(self) -> float:
-        return _student(self.fit, self.confidence)
+    def _limit(self, count: int) -> float:
+        from scipy import special
+
+        return float(count * special.fdtri(count, min(self.fit.joint_freedom, 1e9), self.confidence))
+
+
+def com_deviation(fit: Fit) -> Array:
+    """Standard deviations (3,) of the centre of mass [m], to first order."""
+    part = slice(fit.unknowns.load.start, fit.unknowns.load.start + 4)
+    x, C = fit.estimate[part], fit.covariance[part, part]
+    D = np.hstack([-(x[1:] / x[0])[:, None], np.eye(3)]) / x[0]
+    return np.asarray(np.sqrt(np.diag(D @ C @ D.T)))
 
 
 def mass_interval(fit: Fit, confidence: float) -> tuple[float, float]:
     """Confidence interval of a fit's mass [kg]."""
     k = fit.unknowns.load.start
-    half = _student(fit, confidence) * math.sqrt(fit.covariance[k, k])
+    half = _student(fit, k, confidence) * math.sqrt(fit.covariance[k, k])
     return float(fit.estimate[k]) - half, float(fit.estimate[k]) + half
 
 
-def _freedom(fit: Fit) -> float:
-    return float(min(fit.freedom.min(), 1e9))
-
-
-def _student(fit: Fit, confidence: float) -> float:
+def _student(fit: Fit, k: int, confidence: float) -> float:
     from scipy import special
 
-    return float(special.stdtrit(_freedom(fit), 0.5 + 0.5 * confidence))
+    return float(special.stdtrit(min(float(fit.known[k]), 1e9), 0.5 + 0.5 * confidence))
 
 
-def weakness(result: Identification) -> str | None:
+def weakness(fit: Fit, sensor: ForceTorqueSensor, confidence: float) -> str | None:
     """A remark if mass or centre of mass is known badly."""
-    names, percent = result.fit.unknowns.names, 100 * result.confidence
+    result = Identification(sensor, fit, np.zeros(0), np.zeros(0), confidence, ())
+    names, percent = fit.unknowns.names, 100 * confidence
     if result.fit.unknowns.inertia:
         size = float(result.sensor.load.moment_about_com.trace())
         unsure = {n: float(np.ptp(result.interval(n))) / 2 for n in names if n.startswith("I")}

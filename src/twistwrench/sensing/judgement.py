@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import ValueRangeError
+from ..verdict import Verdict
 from .explanations import (
     Explanation,
     as_good_as_the_best,
@@ -20,23 +22,39 @@ from .explanations import (
     turns_may_help,
     unexplained_turns,
 )
+from .fit import Problem, few
 from .identified import Identification, mass_interval, weakness
 from .log import ReadingLog
+from .offers import offers
 from .outliers import runs
 from .sensor import ForceTorqueSensor
 from .slips import MAY_MOVE, MAY_POINT_UP, free_bias, listed_bias, may_point_up, seems_moving, swapped, upside_down
 from .units import unit_doubt
+from .whiteness import Whiteness
 
-__all__ = ["judged"]
+Array = NDArray[Any]
+
+__all__ = ["Use", "judged"]
 
 _MISFIT = 1.5  # residuals this many times the noise given are not that noise
 _UNEXPLAINED = 0.05  # of the change of forces, from which what is left may be more than noise
 
 
-def judged(found: Explanation, confidence: float, problem: dict[str, Any]) -> Identification:
+@dataclass(frozen=True, eq=False)
+class Use:
+    """What was made of the readings of a log."""
+
+    left_out: Array
+    """(N,) readings that the others contradict."""
+    between: Array
+    """(N,) readings between dwells."""
+    whiteness: Whiteness | None
+    """Of what is left; None of rows too few."""
+
+
+def judged(found: Explanation, confidence: float, problem: Problem, log: ReadingLog, use: Use) -> Identification:
     """The result with its remarks and doubts; an error if the mass is negative. ``problem`` is what the fit was asked."""
-    log: ReadingLog = problem["log"]
-    fit, kept, unknowns = found.fit, found.kept, found.fit.unknowns
+    fit, unknowns = found.fit, found.fit.unknowns
     deviation = math.sqrt(fit.covariance[unknowns.load.start, unknowns.load.start])
     if found.mass < -2 * deviation or found.mass == 0:
         raise ValueRangeError(_no_mass(found, log, problem))
@@ -45,35 +63,65 @@ def judged(found: Explanation, confidence: float, problem: dict[str, Any]) -> Id
     load = _load(found, told=told)
     sensor = ForceTorqueSensor(
         load,
-        fit.estimate[:6] if unknowns.bias else problem["bias"],
+        fit.estimate[:6] if unknowns.bias else problem.bias,
         found.sign,
         fit.mounting,
         inertia="unknown" if not unknowns.inertia else "accept" if load.defects() else "given",
     )
-    remarks = []
+    again, remarks = [], []
     if not told:
-        remarks.append(
+        again.append(
             f"The mass, {found.mass:.4g} ± {(high - low) / 2:.2g} kg ({100 * confidence:g} %), cannot be told from zero, so "
             "neither can its place."
         )
     elif defects := sensor.load.defects():
-        remarks.append(
+        again.append(
             f"The load cannot be a real body ({'; '.join(defects)}): noise is larger than what the motion shows. "
             "sensor.load.nearest_consistent() is the nearest that can; livelier motion tells more."
         )
-    if out := np.flatnonzero(~kept).tolist():
-        spans = [_span(log, a, b) for a, b in runs(~kept)]
+    counted = " (from 0)" if log.time is None else ""
+    if out := np.flatnonzero(use.left_out).tolist():
+        spans = [_span(log, a, b) for a, b in runs(use.left_out)]
         listed = ", ".join(spans[:10]) + (", …" if len(spans) > 10 else "")
-        counted = " (from 0)" if log.time is None else ""
-        remarks.append(f"Left out {len(out)} of {len(log)} readings that the others contradict: {listed}{counted}.")
+        again.append(f"Left out {len(out)} of {len(log)} readings that the others contradict: {listed}{counted}.")
+    if use.between.any():
+        remarks.append(f"{int(use.between.sum())} readings between dwells, where orientations change, are not used.")
     slip, doubted = _explanation_doubts(found, log, problem)
     doubts = _noise_doubts(found) + doubted + ([slip] if slip else [])
-    result = Identification(sensor, fit, kept, confidence, tuple(remarks))
-    motion = log.motion_doubts()
-    units = unit_doubt(result, log) if told and not motion else None
-    doubts += motion or ([units] if units else log.size_doubts()) if not slip else []
-    weak = weakness(result) if told and not doubts else None  # more readings of the wrong kind help nobody
-    return Identification(sensor, fit, kept, confidence, (*remarks, *([weak] if weak else [])), tuple(doubts))
+    offered = offers(problem, fit, found.kept) if told and not doubts else []
+    gains = [str(offer) for offer in offered if offer.kind == "gain"]
+    unsure = [str(offer) for offer in offered if offer.kind != "gain"]
+    units = unit_doubt(found, sensor, problem.log) if told and not gains and not log.motion_doubts() else None
+    doubts += gains + (log.motion_doubts() or ([units] if units else log.size_doubts()) if not slip else [])
+    unsure += _witness_doubts(found, problem, use)
+    weak = (
+        weakness(fit, sensor, confidence) if told and not doubts else None
+    )  # more readings of the wrong kind help nobody
+    verdict = Verdict.of(look_again=[*again, *doubts], unsure=unsure)
+    remarks = [*again, *remarks, *([weak] if weak else []), *unsure]
+    kept = ~use.left_out & ~use.between
+    return Identification(
+        sensor, fit, found.kept, kept, confidence, tuple(remarks), tuple(doubts), verdict, use.left_out
+    )
+
+
+def _witness_doubts(found: Explanation, problem: Problem, use: Use) -> list[str]:
+    """Why the intervals may be too narrow."""
+    doubts = []
+    count = len(np.unique(problem.label[found.kept]))
+    if problem.noise is None and few(problem.label[found.kept]):
+        doubts.append(
+            f"{count} orientations are too few to tell the noise of each channel: it is taken to be alike in the three forces "
+            "and in the three moments. Take six or more."
+        )
+    white = use.whiteness
+    if white is not None and not white.white:
+        doubts.append(
+            f"What is left is not white in the order of the log: {white.axis} has a lag-1 autocorrelation of {white.lag1:.2g} "
+            f"({white.test}; white noise has as much in one log of {1 / max(white.chance, 1e-12):.2g}). The intervals count "
+            f"{white.length} rows in a row as one witness, and may still be too narrow."
+        )
+    return doubts
 
 
 def _span(log: ReadingLog, first: int, last: int) -> str:
@@ -91,18 +139,18 @@ def _load(found: Explanation, *, told: bool) -> SpatialInertia:
     return load
 
 
-def _no_mass(found: Explanation, log: ReadingLog, problem: dict[str, Any]) -> str:
+def _no_mass(found: Explanation, log: ReadingLog, problem: Problem) -> str:
     said = f"{log.name}: mass comes out as {found.mass:.4g} kg"
-    if slip := _slip(found, log, problem, found):
+    if slip := _slip(found, problem, found):
         return f"{said}. {slip}"
-    better = others(found.sign, **problem)
-    if better and (slip := _slip(found, log, problem, better[0])):
+    better = others(found.sign, problem)
+    if better and (slip := _slip(found, problem, better[0])):
         return f"{said}. {slip}"
     if seems_moving(log):
         return f"{said}. {MAY_MOVE}"
     if not better:
         return f"{said}, with either sign. Check that the poses are of the sensor's frame and the readings of a load."
-    if (own := unexplained_turns(log, better[0].fit, better[0].kept)) is not None:
+    if (own := unexplained_turns(problem.log, better[0].fit, better[0].kept)) is not None:
         return f"{said}: {_poses(better[0], own)}"
     return f"{said}, so sign or mounting are not as said. {_ways(better, found, log)}"
 
@@ -123,19 +171,19 @@ def _ways(better: list[Explanation], found: Explanation, log: ReadingLog) -> str
     return f"{said} {MAY_POINT_UP}" if may_point_up(log, found.sign, best) else said
 
 
-def _slip(found: Explanation, log: ReadingLog, problem: dict[str, Any], than: Explanation) -> str | None:
+def _slip(found: Explanation, problem: Problem, than: Explanation) -> str | None:
     """A slip that explains the log surely better ``than`` what there is."""
     if (free := free_bias(found, problem)) is not None:
         return (
             f"The bias given does not fit: left free, it comes out as {listed_bias(free.fit.estimate[:6])} [N m, N], and what "
             f"is left goes from {_noise(found)} to {_noise(free)}. Give no bias, or that of today."
         )
-    if (exchanged := swapped(found, log, problem, than)) is not None:
+    if (exchanged := swapped(problem, than)) is not None:
         return (
             "Forces and moments seem swapped: with mx, my, mz and fx, fy, fz exchanged and "
             f"sign={exchanged.sign!r} what is left is {_noise(exchanged)}. Exchange the names of the columns."
         )
-    if (upright := upside_down(found, log, problem, than)) is not None:
+    if (upright := upside_down(found, problem, than)) is not None:
         return (
             f"gx, gy, gz seem to point up, as an accelerometer logs them: negated, what is left is {_noise(upright)}. Negate "
             "these three and keep the sign."
@@ -145,8 +193,9 @@ def _slip(found: Explanation, log: ReadingLog, problem: dict[str, Any], than: Ex
 
 def _noise_doubts(found: Explanation) -> list[str]:
     doubts = []
-    for what, sigma, part in zip(("moments", "forces"), found.fit.sigma, (slice(0, 3), slice(3, 6)), strict=True):
-        times = float(np.sqrt(np.mean(found.fit.residuals[found.kept][:, part] ** 2))) / sigma
+    scaled = (found.fit.residuals / found.fit.deviation)[found.kept]
+    for what, part in (("moments", slice(0, 3)), ("forces", slice(3, 6))):
+        times = float(np.sqrt(np.mean(scaled[:, part] ** 2)))
         if np.isinf(found.fit.freedom).all() and times > _MISFIT:
             doubts.append(
                 f"What is left of the {what} is {times:.2g} times the noise given: the intervals are too narrow. "
@@ -155,34 +204,34 @@ def _noise_doubts(found: Explanation) -> list[str]:
     return doubts
 
 
-def _explanation_doubts(found: Explanation, log: ReadingLog, problem: dict[str, Any]) -> tuple[str | None, list[str]]:
+def _explanation_doubts(found: Explanation, log: ReadingLog, problem: Problem) -> tuple[str | None, list[str]]:
     """A slip that explains the log, if there is one, else what may."""
-    share = misfit(log, found.fit, found.kept)
+    rows = problem.log
+    share = misfit(rows, found.fit, found.kept)
     doubts: list[str] = []
     if free_bias(found, problem) is not None:
-        return _slip(found, log, problem, found), []
+        return _slip(found, problem, found), []
     if share > _UNEXPLAINED:
         left = f"what is left is {_noise(found)}, {100 * share:.2g} % of how forces change"
-        tried = others(found.sign, **problem) if turns_may_help(log, found.fit, found.kept) else []
+        tried = others(found.sign, problem) if turns_may_help(rows, found.fit, found.kept) else []
         better = [e for e in tried if e.improves(found.fit)]
-        if slip := _slip(found, log, problem, better[0] if better else found):
+        if slip := _slip(found, problem, better[0] if better else found):
             return slip, []
         if better:
             doubts.append(f"Poses, sign or mounting do not explain the readings: {left}. {_ways(better, found, log)}")
         elif seems_moving(log):
             doubts.append(f"Poses do not explain the readings: {left}. {MAY_MOVE}")
-        elif (own := unexplained_turns(log, found.fit, found.kept)) is not None:
+        elif (own := unexplained_turns(rows, found.fit, found.kept)) is not None:
             doubts.append(f"Look at the poses: {_poses(found, own)}")
     if log.V is not None and not found.fit.unknowns.inertia:
-        unknowns = replace(found.fit.unknowns, inertia=True)
-        whole = explain(found.sign, **{**problem, "unknowns": unknowns})
+        whole = explain(found.sign, problem.asked(inertia=True))
         if whole is not None and whole.improves(found.fit):
             doubts.append(
                 f"The load's inertia shows in this motion, and the centre of mass is off without it: with inertia=True what "
                 f"is left goes from {_noise(found)} to {_noise(whole)}."
             )
-    if found.turn and not doubts and in_a_plane(log, found.fit, found.kept, found.mass):
-        other = explain("by_sensor" if found.sign == "on_sensor" else "on_sensor", **problem)
+    if found.turn and not doubts and in_a_plane(rows, found.fit, found.kept, found.mass):
+        other = explain("by_sensor" if found.sign == "on_sensor" else "on_sensor", problem)
         if other is not None and other.mass > 0 and other.equals(found.fit, found.kept):
             doubts.append(
                 f"Sign and mounting cannot be told apart: {other.options} leaves {_noise(other)}, no more than this. Make "

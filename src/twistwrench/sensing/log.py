@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ModelWarning, ShapeError, ValueRangeError
-from .directions import GRAVITY, gravity_in_frame, rotations_of_quaternions
+from .directions import GRAVITY, checked_rotations, gravity_in_frame, rotations_of_quaternions
 from .frames import unlabelled
 from .sensor import ForceTorqueSensor
 
@@ -52,6 +52,8 @@ class ReadingLog:
     """What was left out when it was read, in sentences."""
     by_gravity: bool = False
     """Whether gravity itself was logged, reading by reading, and not orientations."""
+    rotations: Array | None = None
+    """(n, 3, 3) orientations R_wf, or None where gravity itself was logged."""
 
     @classmethod
     def of(
@@ -108,7 +110,8 @@ class ReadingLog:
         if t is not None and (k := late(t)) is not None:
             raise ValueRangeError(f"{name}: time of reading {k} is {t[k]:g} s, {_AFTER.format(t[k - 1])}")
         by_gravity = pose is None and g.ndim == 2
-        log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name, by_gravity=by_gravity)
+        R = None if pose is None else np.broadcast_to(checked_rotations(pose), (len(r), 3, 3))
+        log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name, by_gravity=by_gravity, rotations=R)
         for doubt in log.doubts():
             warnings.warn(f"{name}: {doubt}", ModelWarning, stacklevel=2)
         return log
@@ -122,8 +125,9 @@ class ReadingLog:
 
     def rows(self, which: Any) -> ReadingLog:
         """The log of some of the readings only; ``which`` is a slice, a mask or indices."""
-        V, dV, time = (None if x is None else x[which] for x in (self.V, self.dV, self.time))
-        return replace(self, readings=self.readings[which], gravity=self.gravity[which], V=V, dV=dV, time=time)
+        optional = {name: getattr(self, name) for name in ("V", "dV", "time", "rotations")}
+        chosen: dict[str, Any] = {name: None if x is None else x[which] for name, x in optional.items()}
+        return replace(self, readings=self.readings[which], gravity=self.gravity[which], **chosen)
 
     def doubts(self) -> list[str]:
         """Units that look wrong, in words; empty when all look right."""

@@ -11,7 +11,7 @@ from ..errors import ValueRangeError
 
 Array = NDArray[Any]
 
-__all__ = ["checked_noise"]
+__all__ = ["checked_noise", "six_noises"]
 
 
 def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
@@ -29,4 +29,16 @@ def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
     if sigma.shape != (2,) or not np.isfinite(sigma).all() or (sigma < 0 if none_at_all else sigma <= 0).any():
         what = "numbers from 0 on" if none_at_all else "positive numbers"
         raise ValueRangeError(f"noise {noise!r} is not two {what}: of moments [N m] and of forces [N].")
+    return sigma
+
+
+def six_noises(noise: ArrayLike) -> Array:
+    """Standard deviations (6,) of mx, my, mz [N m], fx, fy, fz [N], from these six, or from two for three each.
+
+    >>> six_noises((0.01, 0.3)).tolist()
+    [0.01, 0.01, 0.01, 0.3, 0.3, 0.3]
+    """
+    sigma = np.asarray(noise, float) if np.shape(noise) == (6,) else np.repeat(checked_noise(noise), 3)
+    if not np.isfinite(sigma).all() or (sigma <= 0).any():
+        raise ValueRangeError(f"noise {noise!r} is not six positive numbers: mx, my, mz [N m], fx, fy, fz [N].")
     return sigma

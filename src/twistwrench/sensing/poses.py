@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ShapeError, ValueRangeError
 from .directions import GRAVITY, rotations_to_gravity
-from .fit import Unknowns
 from .log import ReadingLog, checked_log
 from .noise import checked_noise
+from .unknowns import State, Unknowns
 
 Array = NDArray[Any]
 
@@ -100,7 +100,7 @@ def checked_count(count: Any) -> int:
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:
     still = ReadingLog(np.zeros((len(gravity), 6)), gravity)
-    return unknowns.design(still, 1.0, np.eye(3))
+    return unknowns.design(still, 1.0, State())
 
 
 def _choices(candidates: ArrayLike | None, within: float) -> Array:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..core.files import read_text
@@ -15,18 +17,38 @@ from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeErro
 from ..outputs import replacing
 from .noise import checked_noise
 from .sensor import ForceTorqueSensor
+from .uncertainty import Uncertainty
 
-__all__ = ["read_sensor", "write_sensor"]
+Array = NDArray[Any]
+
+__all__ = ["SensorFile", "read_sensor", "read_sensor_file", "write_sensor"]
+
+_ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
 
 _MOST_BYTES = 2**20
 _ADVICE = "`sensor identify LOG --save FILE` writes one."
 
 
-def write_sensor(sensor: ForceTorqueSensor, path: str | Path, noise: tuple[float, float]) -> None:
+@dataclass(frozen=True)
+class SensorFile:
+    """What a sensor file says."""
+
+    sensor: ForceTorqueSensor
+    noise: tuple[float, float]
+    """Standard deviations of moments [N m] and forces [N]."""
+    uncertainty: Uncertainty | None
+    """How well the sensor is known; None in older files, which say nothing of it."""
+
+
+def write_sensor(
+    sensor: ForceTorqueSensor, path: str | Path, noise: tuple[float, float], uncertainty: Uncertainty | None = None
+) -> None:
     """Write a sensor and the noise (moments [N m], forces [N]) of its readings, every digit of them.
 
-    Whether the load's rotational inertia is known goes with it. Raises :class:`~twistwrench.ShapeError` for arguments of
-    another type, :class:`~twistwrench.ValueRangeError` for a noise that is none, or where nothing can be written.
+    ``uncertainty`` is how well it is known, as :attr:`Identification.uncertainty` has it: covariance and degrees of freedom,
+    which :func:`~twistwrench.sensing.compensation.compensation` needs for its rate of false alarms to hold. Whether the
+    load's rotational inertia is known goes with it. Raises :class:`~twistwrench.ShapeError` for arguments of another type,
+    :class:`~twistwrench.ValueRangeError` for a noise that is none, or where nothing can be written.
     """
     if not isinstance(sensor, ForceTorqueSensor) or not isinstance(path, str | Path):
         raise ShapeError(
@@ -42,12 +64,23 @@ def write_sensor(sensor: ForceTorqueSensor, path: str | Path, noise: tuple[float
     }
     if sensor.frame is not None:
         content["frame"] = sensor.frame
+    if uncertainty is not None:
+        content["uncertainty"] = {
+            "unknowns": list(uncertainty.unknowns),
+            **{name: _plain(getattr(uncertainty, name)) for name in _ARRAYS},
+        }
     with replacing(path) as scratch:
         scratch.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
 
 
 def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float]]:
-    """Read what :func:`write_sensor` wrote: the sensor and its noise.
+    """Read what :func:`write_sensor` wrote: the sensor and its noise. Raises as :func:`read_sensor_file` does."""
+    found = read_sensor_file(path)
+    return found.sensor, found.noise
+
+
+def read_sensor_file(path: str | Path) -> SensorFile:
+    """Read what :func:`write_sensor` wrote, and how well the sensor is known if the file says it.
 
     Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`.
     """
@@ -63,13 +96,26 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
             load, content["bias"], content["sign"], content["mounting"], content.get("frame"), _inertia(content, load)
         )
         moment, force = checked_noise(content["noise"], none_at_all=True).tolist()
+        known = content.get("uncertainty")
+        uncertainty = None if known is None else _uncertainty(known)
     except FileNotFoundError:
         raise NotFoundError(f"no sensor file {str(path)!r}. {_ADVICE}") from None
     except TwistWrenchError as problem:
         raise ValueRangeError(f"{path}: {problem}") from None
     except (ValueError, TypeError, KeyError):
         raise ValueRangeError(f"{path}: is no sensor file. {_ADVICE}") from None
-    return sensor, (moment, force)
+    return SensorFile(sensor, (moment, force), uncertainty)
+
+
+def _plain(x: Array) -> Any:
+    """Lists of numbers for JSON, which has no infinity: null."""
+    return [_plain(row) for row in x] if x.ndim > 1 else [float(v) if np.isfinite(v) else None for v in x]
+
+
+def _uncertainty(known: dict[str, Any]) -> Uncertainty:
+    # A float array takes None for NaN: what is no number in the file is an infinity, and refused where that is none.
+    arrays = {name: np.array(known[name], float) for name in _ARRAYS}
+    return Uncertainty(tuple(known["unknowns"]), **{k: np.where(np.isnan(x), np.inf, x) for k, x in arrays.items()})
 
 
 def _content(path: Path) -> dict[str, Any]:

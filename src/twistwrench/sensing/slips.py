@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .explanations import Explanation, explain
-from .fit import Fit
+from .fit import Fit, Problem
 from .log import AXES, ReadingLog
 from .sensor import Sign
 
@@ -40,39 +40,40 @@ _SURE = 1e-4  # chance to prefer another bias by luck
 _SWAP = [3, 4, 5, 0, 1, 2]
 
 
-def free_bias(found: Explanation, problem: dict[str, Any]) -> Explanation | None:
+def free_bias(found: Explanation, problem: Problem) -> Explanation | None:
     """The log explained with a bias of its own, where the one given fits surely worse: an F test of the six."""
     if found.fit.unknowns.bias:
         return None
     from scipy import special
 
-    free = explain(found.sign, **{**problem, "unknowns": replace(found.fit.unknowns, bias=True)})
+    free = explain(found.sign, problem.asked(bias=True))
     if free is None or free.mass <= 0:
         return None
     rows = free.kept & found.kept
-    scale = np.repeat(np.maximum(free.fit.sigma, 1e-12), 3)
+    scale = np.maximum(free.fit.deviation[rows], 1e-12)
     least, more = (float(((e.fit.residuals[rows] / scale) ** 2).sum()) for e in (free, found))
     known = 6.0 * rows.sum() - len(free.fit.unknowns.names)
     limit = float(special.fdtri(6.0, max(known, 1.0), 1 - _SURE))
     return free if (more - least) / 6 > limit * max(least, 1e-9) / max(known, 1.0) else None
 
 
-def swapped(found: Explanation, log: ReadingLog, problem: dict[str, Any], than: Explanation) -> Explanation | None:
+def swapped(problem: Problem, than: Explanation) -> Explanation | None:
     """The log explained with forces and moments exchanged, if surely better ``than`` another explanation."""
-    other = replace(log, readings=log.readings[:, _SWAP])
-    bias = np.asarray(problem["bias"])[_SWAP]
-    asked = {**problem, "log": other, "bias": bias, "unknowns": replace(found.fit.unknowns, turn=False)}
-    tried = [explain(sign, **asked) for sign in get_args(Sign)]
+    other = replace(problem.log, readings=problem.log.readings[:, _SWAP])
+    noise = None if problem.noise is None else problem.noise[_SWAP]
+    asked = replace(problem, log=other, bias=problem.bias[_SWAP], within=problem.within[_SWAP], noise=noise)
+    tried = [explain(sign, asked.asked(turn=False)) for sign in get_args(Sign)]
     exchanged: Fit = replace(than.fit, residuals=than.fit.residuals[:, _SWAP])
     good = [e for e in tried if e is not None and e.mass > 0 and e.improves(exchanged)]
-    return min(good, key=lambda e: float(np.prod(e.fit.sigma)), default=None)
+    return min(good, key=lambda e: e.left, default=None)
 
 
-def upside_down(found: Explanation, log: ReadingLog, problem: dict[str, Any], than: Explanation) -> Explanation | None:
+def upside_down(found: Explanation, problem: Problem, than: Explanation) -> Explanation | None:
     """The log in motion explained with gravity the other way, if surely better; at rest that is the other sign."""
+    log = problem.log
     if not log.by_gravity or log.V is None:
         return None
-    other = explain(found.sign, **{**problem, "log": replace(log, gravity=-log.gravity)})
+    other = explain(found.sign, replace(problem, log=replace(log, gravity=-log.gravity)))
     return other if other is not None and other.mass > 0 and other.improves(than.fit) else None
 
 

@@ -13,7 +13,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..lie import so3
 from ..report.usage import in_shell_words
+from ..verdict import Word
 from .compensation import Compensation, left_over
 from .identified import Identification
 from .log import AXES, ReadingLog
@@ -53,8 +55,20 @@ def identification_view(found: Identification, log: ReadingLog) -> RenderableTyp
             table.add_row(
                 f"mounting turned about {axis}", "°", _number(math.degrees(found.turn[k]), 3), _number(half, 3)
             )
+    per, state = "s" if log.time is not None else "reading", found.fit.state
+    for name in [n for n in names if n.startswith("drift")]:
+        low, high = found.interval(name)
+        unit = f"{'N m' if name[6] == 'm' else 'N'}/{per}"
+        table.add_row(name, unit, f"{(low + high) / 2:.3g}".replace("-", "−"), f"{(high - low) / 2:.2g}")
+    if found.fit.unknowns.tilt:
+        half = max(np.ptp(found.interval(name)) / 2 for name in names if name.startswith("tilt"))
+        tilt = math.degrees(np.linalg.norm(so3.log(state.tilt)))
+        table.add_row("base tilted by", "°", _number(tilt, 3), _number(math.degrees(half), 3))
+    if found.fit.unknowns.delay:
+        half = np.ptp(found.interval("delay")) / 2
+        table.add_row("readings are late by", "ms", _number(1e3 * state.delay, 2), _number(1e3 * half, 2))
     parts: list[RenderableType] = [_heading(log, found.sensor.sign), table]
-    parts.append(_before_and_after(log, log.readings - log.predicted(found.sensor), found.kept))
+    parts.append(_before_and_after(log, found.rest(log), found.kept))
     parts.append(Text(f"Noise of a reading: {found.noise[0]:.3g} N m, {found.noise[1]:.3g} N (1 σ)."))
     parts.extend(_remarks([*log.notes, *found.remarks, *found.doubts]))
     return Group(*parts, Text(), _verdict(found))
@@ -68,7 +82,9 @@ def _verdict(found: Identification) -> Text:
     place = ", ".join(_number(1e3 * x, 1) for x in found.sensor.load.com)
     mass = found.mass_text.replace("-", "−")
     text = f": {mass} at ({place}) mm." if found.mass_interval[0] > 0 else f": {mass}, which may be nothing."
-    return Text.assemble(("LOOK AGAIN", "bold red") if found.doubtful else ("OK", "bold green"), text)
+    word = found.verdict.word
+    colour = {Word.OK: "bold green", Word.UNSURE: "bold yellow"}.get(word, "bold red")
+    return Text.assemble((str(word), colour), text)
 
 
 def compensation_view(found: Compensation) -> RenderableType:
@@ -85,7 +101,7 @@ def compensation_view(found: Compensation) -> RenderableType:
                 f"{' or '.join(least)} on{'; moments are not looked at' if found.untold else ''}."
             )
         )
-    parts.extend(_remarks([*log.notes, *([found.untold] if found.untold else []), *found.doubts]))
+    parts.extend(_remarks([*log.notes, *([found.untold] if found.untold else []), *found.remarks, *found.doubts]))
     return Group(*parts, Text(), _outcome(found))
 
 

@@ -13,8 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .identified import Identification
+from .explanations import Explanation
+from .identified import com_deviation
 from .log import ReadingLog
+from .sensor import ForceTorqueSensor
 
 Array = NDArray[Any]
 
@@ -57,9 +59,9 @@ _SURE, _NOISE_SURE = 1e-5, 1e-3  # chances that an interval below misses the tru
 _NO_NOISE = 1e-4  # of the weight; below, what is left of the readings is their rounding
 
 
-def unit_doubt(result: Identification, log: ReadingLog) -> str | None:
+def unit_doubt(result: Explanation, sensor: ForceTorqueSensor, log: ReadingLog) -> str | None:
     """Which unit the log seems to be in, and what to do about it; None if the tool found is one that there may be."""
-    found = _found(result, log)
+    found = _found(result, sensor, log)
     usual = _USUAL.copy()
     usual[1, 1] = _FAR
     # Poses that are off leave moments of a lever's length times the forces they leave, whatever the sensor.
@@ -75,7 +77,7 @@ def unit_doubt(result: Identification, log: ReadingLog) -> str | None:
     beyond = bool((found[:, 0] > _BEYOND).any())
     if not (ways or beyond):
         return None
-    load, noise = result.sensor.load, result.noise
+    load, noise = sensor.load, result.fit.noise
     tool = (
         f"a mass of {load.mass:.3g} kg, {_length(float(np.linalg.norm(load.com)))} out, on a sensor with noise of "
         f"{noise[1]:.2g} N and {noise[0]:.2g} N m"
@@ -91,15 +93,15 @@ def _overlap(found: Array, usual: Array) -> Array:
     return (found[:, 0] <= usual[:, 1]) & (found[:, 2] >= usual[:, 0])
 
 
-def _found(result: Identification, log: ReadingLog) -> Array:
+def _found(result: Explanation, sensor: ForceTorqueSensor, log: ReadingLog) -> Array:
     """Mass [kg], distance of the centre of mass [m] and quotient of the noises [1/m]: (3, 3) surely from, about, to."""
     from scipy import special
 
     kept, unknowns = result.kept, result.fit.unknowns
     mass, start = float(result.fit.load[0]), unknowns.load.start
-    t = float(special.stdtrit(min(float(result.fit.freedom.min()), 1e9), 1 - _SURE))
+    t = float(special.stdtrit(min(float(result.fit.known[start]), 1e9), 1 - _SURE))
     heavy = t * math.sqrt(result.fit.covariance[start, start])
-    out, far = float(np.linalg.norm(result.sensor.load.com)), t * float(np.linalg.norm(result.com_deviation))
+    out, far = float(np.linalg.norm(sensor.load.com)), t * float(np.linalg.norm(com_deviation(result.fit)))
     freedom = max(3.0 * kept.sum() - len(unknowns.names) / 2, 1.0)
     moment, force = np.sqrt((result.fit.residuals[kept].reshape(-1, 2, 3) ** 2).sum(axis=(0, 2)) / freedom)
     weight = mass * float(np.linalg.norm(log.gravity, axis=1).mean())
