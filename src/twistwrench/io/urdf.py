@@ -36,7 +36,8 @@ def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> M
     """
     builder = ModelBuilder(robot.attributes.get("name", "").strip() or "robot", source)
     for link in robot.all("link"):
-        builder.add_link(link.text("name"), _inertia(link, snap), where=f"line {link.line}")
+        shaped = bool(link.all("visual") or link.all("collision"))
+        builder.add_link(link.text("name"), _inertia(link, snap), where=f"line {link.line}", shaped=shaped)
     for joint in robot.all("joint"):
         _add_joint(builder, joint)
     return builder

@@ -88,6 +88,7 @@ def assemble(
         leaves=tree.leaves,
         link_inertias={link.name: link.inertia for link in links.values()},
         source=source,
+        shaped=frozenset(link.name for link in links.values() if link.shaped),
         snap=snap,
     )
     return fuse(model, held)

@@ -61,13 +61,17 @@ class ModelBuilder:
         """Note something doubtful: a :class:`~twistwrench.ModelWarning` on building, kept in the defects."""
         self._remarks.append(text)
 
-    def add_link(self, name: str, inertia: SpatialInertia | None = None, where: str = "") -> None:
+    def add_link(
+        self, name: str, inertia: SpatialInertia | None = None, where: str = "", *, shaped: bool = False
+    ) -> None:
         """Add a link with its inertia about its own frame's origin; None is a link without mass.
+
+        ``shaped`` says that the link has a shape in its file, so that it cannot be a mere frame.
 
         Raises :class:`~twistwrench.ModelError` for a name taken, :class:`~twistwrench.InertiaError` for numbers that
         are not finite and for a negative mass.
         """
-        link = link_entry(name, inertia, where)
+        link = link_entry(name, inertia, where, shaped)
         _check_new("link", name, where, self._links.get(name))
         self._links[name] = link
 

@@ -48,6 +48,8 @@ class LinkEntry:
     inertia: SpatialInertia
     """About the link frame's origin; zero when none is given."""
     where: str
+    shaped: bool = False
+    """Whether it has a shape, to be seen or to be touched."""
 
     def __str__(self) -> str:
         return label("link", self.name, self.where)
@@ -99,9 +101,9 @@ def _shape_in_words(shape: tuple[int, ...]) -> str:
     return f"numbers of shape {shape}" if shape else "a number"
 
 
-def link_entry(name: str, inertia: SpatialInertia | None, where: str) -> LinkEntry:
+def link_entry(name: str, inertia: SpatialInertia | None, where: str, shaped: bool = False) -> LinkEntry:
     """A link whose inertia is finite and whose mass is not negative: no policy can mend those."""
-    link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where)
+    link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped)
     if not np.isfinite(link.inertia.parameters).all():
         raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
     if link.inertia.mass < 0:

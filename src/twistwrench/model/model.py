@@ -99,6 +99,8 @@ class Model:
     """What drives the joints, by joint; their rotors are among the bodies, their elasticity among the springs."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
     """(frame, inertia about it) of what was attached; the bodies and the links that carry it have it in them."""
+    shaped: frozenset[str] = frozenset()
+    """The links that the file gives a shape, to be seen or to be touched."""
     snap: float = 0.0
     """How near to 0 or ±1 an entry of a fixed rotation was to be to count as exactly that; edits keep to it."""
 
