@@ -6,9 +6,9 @@ import warnings
 
 import numpy as np
 import pytest
-from robot_files import BESIDE, FILES
 
 import twistwrench as tw
+from robot_files import BESIDE, FILES
 from twistwrench.model.massless import massless_links
 
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
