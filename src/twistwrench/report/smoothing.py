@@ -28,7 +28,8 @@ _DECAY = 28.0
 
 
 def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
-    """The smoothed values of one column; t (n,), x (n,) → (n,). ``step`` is the usual time step."""
+    """The smoothed values of one column, or of several alike; t (n,), x (n,) or (n, k) → as x. ``step`` is the usual time
+    step."""
     if strength == 0.0 or len(x) < 4:
         return x.copy()
     from scipy.linalg import solveh_banded
@@ -39,10 +40,11 @@ def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
     for k in range(4):
         bands[3 - k, k:] = np.sum(D[k:, : 4 - k] * D[: len(D) - k, k:], axis=1)
     bands[3] += 1.0 / strength
-    u = solveh_banded(bands, _apply(D, x), check_finite=False, overwrite_ab=True)
+    weights = D.reshape(*D.shape, *[1] * (x.ndim - 1))
+    u = solveh_banded(bands, _apply(weights, x), check_finite=False, overwrite_ab=True)
     z = x.copy()
     for k in range(4):
-        z[k : k + len(u)] -= D[:, k] * u
+        z[k : k + len(u)] -= weights[:, k] * u
     return z
 
 
