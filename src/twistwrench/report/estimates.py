@@ -27,7 +27,7 @@ Array = NDArray[Any]
 
 __all__ = ["PeakEstimate", "estimate_peaks"]
 
-_DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 160, 32, 4096
+_DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 128, 32, 4096
 _SEED = 8
 _REACH, _SPLINE_REACH = 16.0, 24
 """Samples, in units of strength^(1/6) and beyond: what is farther off changes a smoothed value by less than 1e-3."""
@@ -92,7 +92,7 @@ class _Search:
         excess, spread = excess_of_largest(values, sigma, self.contenders.runs)
         value = float(self.peak.value[joint]) - excess
         return PeakEstimate(
-            value=self.sign[joint] * value,
+            value=float(self.sign[joint] * value),
             sigma=math.hypot(spread, bias),
             time=float(self.peak.time[joint]),
             speed=float(self.way[joint] * self.speed.value[joint]),

@@ -53,12 +53,16 @@ class SampleErrors:
     def drawn(self, rng: np.random.Generator, curve: Array, speed: Array, count: int) -> Array:
         """Samples (n, k, count) that a log of this curve (n, k) could hold; ``speed`` (n, k) is the curve's."""
         n, k = curve.shape
-        late = rng.normal(size=(n, 1, count)) * (self.stamp * speed)[:, :, None]
-        found = curve[:, :, None] + late + self.white[:, None] * rng.normal(size=(n, k, count))
-        place = self.grid[:, None] * rng.uniform(-0.5, 0.5, (k, count))  # where the grid lies under the curve is unknown
-        step = np.where(self.grid > 0, self.grid, 1.0)[:, None]
-        on_grid = np.round((found + place) / step) * step - place
-        return np.where(self.grid[:, None] > 0, on_grid, found)
+        found = np.repeat(curve[:, :, None], count, axis=2)
+        if self.stamp.any():
+            found += rng.normal(size=(n, 1, count)) * (self.stamp * speed)[:, :, None]
+        for column in np.flatnonzero(self.white).tolist():
+            found[:, column] += self.white[column] * rng.normal(size=(n, count))
+        for column in np.flatnonzero(self.grid).tolist():
+            step = self.grid[column]
+            place = step * rng.uniform(-0.5, 0.5, count)  # where the grid lies under the curve is unknown
+            found[:, column] = np.round((found[:, column] + place) / step) * step - place
+        return found
 
 
 def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Survey) -> SampleErrors:
