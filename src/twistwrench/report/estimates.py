@@ -28,6 +28,8 @@ Array = NDArray[Any]
 __all__ = ["PeakEstimate", "estimate_peaks"]
 
 _DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 128, 32, 4096
+_HIDDEN = math.sqrt(2.0)
+"""The smoothed motion is flat already where smoothing flattens: it shows that much less of the bias."""
 _SEED = 8
 _REACH, _SPLINE_REACH = 16.0, 24
 """Samples, in units of strength^(1/6) and beyond: what is farther off changes a smoothed value by less than 1e-3."""
@@ -93,7 +95,7 @@ class _Search:
         value = float(self.peak.value[joint]) - excess
         return PeakEstimate(
             value=float(self.sign[joint] * value),
-            sigma=math.hypot(spread, bias),
+            sigma=math.hypot(spread, _HIDDEN * bias),
             time=float(self.peak.time[joint]),
             speed=float(self.way[joint] * self.speed.value[joint]),
             speed_sigma=speed_sigma,

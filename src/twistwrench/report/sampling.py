@@ -52,7 +52,7 @@ class SampleErrors:
 
     def drawn(self, rng: np.random.Generator, curve: Array, speed: Array, count: int) -> Array:
         """Samples (n, k, count) that a log of this curve (n, k) could hold; ``speed`` (n, k) is the curve's."""
-        n, k = curve.shape
+        n = len(curve)
         found = np.repeat(curve[:, :, None], count, axis=2)
         if self.stamp.any():
             found += rng.normal(size=(n, 1, count)) * (self.stamp * speed)[:, :, None]

@@ -124,8 +124,10 @@ def _bar(joint: JointTorque, length: int) -> Text:
         return Text("-", style="dim")
     filled = min(length, round(joint.share * length))
     style = "red" if joint.share > 1 else "yellow" if joint.share > 0.8 else "green"
-    bar = [("━" * filled, style), ("─" * (length - filled), "dim"), " "] if length else []
-    return Text.assemble(*bar, (f"{100 * joint.share:.0f} %".rjust(6 if length else 0), style))
+    found = Text()
+    if length:
+        found.append("━" * filled, style).append("─" * (length - filled), "dim").append(" ")
+    return found.append(f"{100 * joint.share:.0f} %".rjust(6 if length else 0), style)
 
 
 def _split(report: TorqueReport) -> Table:
