@@ -124,7 +124,9 @@ class Differentiation:
         deviation = quality.error if smoothing else quality.noise
         if smoothing:
             for k, error in enumerate(deviation.tolist()):
-                strengths[k] = best_strength(times, [x[:, k] for x in curves], error, quality.step)
+                strengths[k] = best_strength(
+                    times, [x[:, k] for x in curves], error, quality.step, float(quality.quantum[k])
+                )
         factors = trajectory.columns.factors[differentiated]
 
         def sigma(order: int) -> Array:

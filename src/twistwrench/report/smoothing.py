@@ -23,6 +23,8 @@ _MOST_MARGIN = 16384
 _FAR, _NEAR, _REACH, _FEW = 6.0, 10.0, 5, 0.01
 """A glitch is that many standard deviations off the curve of strength ``_NEAR``, more than ``_REACH`` samples on either
 side are, and there are few: else it is the motion that is fast."""
+_FAR_ENOUGH = 1.0
+"""Share of the squares that rounding leaves from which a curve does not follow the stairs."""
 _DECAY = 28.0
 """exp(-28) < 1e-12: what is left of a sample's influence beyond the margin."""
 
@@ -61,10 +63,14 @@ def _apply(D: Array, x: Array) -> Array:
     return np.asarray(sum(D[:, k] * x[k : k + len(D)] for k in range(4)))
 
 
-def best_strength(times: Sequence[Array], parts: Sequence[Array], noise: float, step: float) -> float:
+def best_strength(
+    times: Sequence[Array], parts: Sequence[Array], noise: float, step: float, grid: float = 0.0
+) -> float:
     """The strength that leaves the least expected error of z, given the standard deviation of the noise.
 
-    Mallows' criterion: the mean squared residual plus twice the noise's variance times the share of it that passes.
+    Mallows' criterion: the mean squared residual plus twice the noise's variance times the share of it that passes. It
+    takes the noise to be white. Rounding to a ``grid`` is not where a slow motion keeps to a point of the grid for many
+    samples, and a curve may then follow the stairs: it is smoothed on until it passes through them.
     """
     if noise == 0.0:
         return 0.0
@@ -78,7 +84,40 @@ def best_strength(times: Sequence[Array], parts: Sequence[Array], noise: float, 
         risk = squares / sum(len(x) for x in parts) + 2.0 * noise**2 * _passed(float(strength))
         if risk < least:
             best, least = float(strength), risk
-    return best
+    return best if grid == 0.0 else _through_stairs(times, parts, best, step, grid)
+
+
+def _through_stairs(times: Sequence[Array], parts: Sequence[Array], least: float, step: float, grid: float) -> float:
+    """The smallest strength, at least ``least``, whose curves leave the samples on stairs as far off as rounding does.
+
+    From a step up to the next, or down to the next, the motion passes one step of the grid, so that rounding leaves the
+    samples between them off by grid²/12 in the mean of squares; a curve that follows the stairs comes nearer.
+    """
+    climbing = [_climbing(x, grid) for x in parts]
+    expected = sum(np.count_nonzero(rows) for rows in climbing) * grid**2 / 12.0
+    if expected == 0.0:
+        return least
+    for strength in _STRENGTHS[0.99 * least <= _STRENGTHS]:
+        if margin_of(float(strength)) > _MOST_MARGIN:
+            break
+        squares = sum(
+            float(np.sum((x - smooth(t, x, float(strength), step))[rows] ** 2))
+            for t, x, rows in zip(times, parts, climbing, strict=True)
+        )
+        if squares >= _FAR_ENOUGH * expected:
+            return float(strength)
+    return least
+
+
+def _climbing(x: Array, grid: float) -> Array:
+    """(n,) bool: the samples between two jumps in the same direction."""
+    steps = np.diff(x)
+    jumps = np.flatnonzero(np.abs(steps) > 0.5 * grid)
+    alike = steps[jumps[1:]] * steps[jumps[:-1]] > 0
+    marks = np.zeros(len(x) + 1, int)
+    np.add.at(marks, jumps[:-1][alike] + 1, 1)
+    np.add.at(marks, jumps[1:][alike] + 1, -1)
+    return np.asarray(np.cumsum(marks)[: len(x)] > 0)
 
 
 def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
