@@ -15,7 +15,7 @@ from ..model.model import Model
 from .continuity import Continuity
 from .coordinates import Coordinates, joint_rates
 from .sampling import SampleErrors, sample_errors
-from .smoothing import best_strength, margin_of, smooth
+from .smoothing import alike_samples, best_strength, margin_of, smooth
 from .strays import residual_spread, strays
 from .survey import Survey, survey
 from .trajectory import Motion, Trajectory
@@ -127,6 +127,9 @@ class Differentiation:
                 strengths[k] = best_strength(
                     times, [x[:, k] for x in curves], error, quality.step, float(quality.quantum[k])
                 )
+            # Rounding errors that are alike m times in a row have m times the power at low frequencies, where it passes.
+            alike = [alike_samples([x[:, k] for x in curves], float(g)) for k, g in enumerate(quality.quantum)]
+            deviation = deviation * np.where(strengths > 0, np.sqrt(alike), 1.0)
         factors = trajectory.columns.factors[differentiated]
 
         def sigma(order: int) -> Array:
@@ -149,7 +152,8 @@ class Differentiation:
             if source == "velocities"
             else _to_joints(model, sigma(2)),
             sigma_dq=_to_joints(model, sigma(1)) if derives_velocities else none,
-            spread=residual_spread(times, curves, strengths, quality.step, deviation) * (factors if derives else 1.0),
+            spread=residual_spread(times, curves, strengths, quality.step, quality.error)
+            * (factors if derives else 1.0),
             errors=sample_errors(times, curves, quality).scaled(factors if derives else np.zeros(0)),
         )
 

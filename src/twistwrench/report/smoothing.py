@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-__all__ = ["best_strength", "margin_of", "smooth"]
+__all__ = ["alike_samples", "best_strength", "margin_of", "smooth"]
 
 _STRENGTHS = 10.0 ** np.arange(-1.0, 15.01, 0.5)
 _MOST_MARGIN = 16384
 _FAR, _NEAR, _REACH, _FEW = 6.0, 10.0, 5, 0.01
 """A glitch is that many standard deviations off the curve of strength ``_NEAR``, more than ``_REACH`` samples on either
 side are, and there are few: else it is the motion that is fast."""
-_FAR_ENOUGH = 1.0
-"""Share of the squares that rounding leaves from which a curve does not follow the stairs."""
+_MOST_ALIKE = 10.0
 _DECAY = 28.0
 """exp(-28) < 1e-12: what is left of a sample's influence beyond the margin."""
 
@@ -69,55 +68,41 @@ def best_strength(
     """The strength that leaves the least expected error of z, given the standard deviation of the noise.
 
     Mallows' criterion: the mean squared residual plus twice the noise's variance times the share of it that passes. It
-    takes the noise to be white. Rounding to a ``grid`` is not where a slow motion keeps to a point of the grid for many
-    samples, and a curve may then follow the stairs: it is smoothed on until it passes through them.
+    takes the noise to be white. Rounding to a ``grid`` is not where a slow motion keeps to a point of the grid for several
+    samples: as many times as much of its variance passes then.
     """
     if noise == 0.0:
         return 0.0
     best, least = 0.0, 2.0 * noise**2
+    alike = alike_samples(parts, grid)
     parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
     for strength in _STRENGTHS:
         if margin_of(float(strength)) > _MOST_MARGIN:
             break
         pairs = list(zip(times, parts, strict=True))
         squares = sum(float(np.sum((x - smooth(t, x, float(strength), step)) ** 2)) for t, x in pairs)
-        risk = squares / sum(len(x) for x in parts) + 2.0 * noise**2 * _passed(float(strength))
+        risk = squares / sum(len(x) for x in parts) + 2.0 * noise**2 * min(1.0, alike * _passed(float(strength)))
         if risk < least:
             best, least = float(strength), risk
-    return best if grid == 0.0 else _through_stairs(times, parts, best, step, grid)
+    return best
 
 
-def _through_stairs(times: Sequence[Array], parts: Sequence[Array], least: float, step: float, grid: float) -> float:
-    """The smallest strength, at least ``least``, whose curves leave the samples on stairs as far off as rounding does.
+def alike_samples(parts: Sequence[Array], grid: float) -> float:
+    """How many samples in a row share one rounding error, in the mean over those that move; 1 to 10, and 1 without a grid.
 
-    From a step up to the next, or down to the next, the motion passes one step of the grid, so that rounding leaves the
-    samples between them off by grid²/12 in the mean of squares; a curve that follows the stairs comes nearer.
+    A slow motion keeps to a point of the grid for many samples. Beyond ten the motion is so slow that stairs are all there
+    is to see.
     """
-    climbing = [_climbing(x, grid) for x in parts]
-    expected = sum(np.count_nonzero(rows) for rows in climbing) * grid**2 / 12.0
-    if expected == 0.0:
-        return least
-    for strength in _STRENGTHS[0.99 * least <= _STRENGTHS]:
-        if margin_of(float(strength)) > _MOST_MARGIN:
-            break
-        squares = sum(
-            float(np.sum((x - smooth(t, x, float(strength), step))[rows] ** 2))
-            for t, x, rows in zip(times, parts, climbing, strict=True)
-        )
-        if squares >= _FAR_ENOUGH * expected:
-            return float(strength)
-    return least
-
-
-def _climbing(x: Array, grid: float) -> Array:
-    """(n,) bool: the samples between two jumps in the same direction."""
-    steps = np.diff(x)
-    jumps = np.flatnonzero(np.abs(steps) > 0.5 * grid)
-    alike = steps[jumps[1:]] * steps[jumps[:-1]] > 0
-    marks = np.zeros(len(x) + 1, int)
-    np.add.at(marks, jumps[:-1][alike] + 1, 1)
-    np.add.at(marks, jumps[1:][alike] + 1, -1)
-    return np.asarray(np.cumsum(marks)[: len(x)] > 0)
+    if grid == 0.0:
+        return 1.0
+    total = weighted = 0.0
+    for x in parts:
+        steps = np.diff(x)
+        jumps = np.flatnonzero(np.abs(steps) > 0.5 * grid)
+        climbs = steps[jumps[1:]] * steps[jumps[:-1]] > 0  # up and up, or down and down: a whole step is passed
+        between = np.diff(jumps)[climbs].astype(float)
+        total, weighted = total + float(between.sum()), weighted + float((between**2).sum())
+    return min(_MOST_ALIKE, max(1.0, weighted / total)) if total else 1.0
 
 
 def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
