@@ -128,7 +128,10 @@ class Differentiation:
                     times, [x[:, k] for x in curves], error, quality.step, float(quality.quantum[k])
                 )
             # Rounding errors that are alike m times in a row have m times the power at low frequencies, where it passes.
-            alike = [alike_samples([x[:, k] for x in curves], float(g)) for k, g in enumerate(quality.quantum)]
+            alike = [
+                alike_samples([x[:, k] for x in curves], float(g), float(e))
+                for k, (g, e) in enumerate(zip(quality.quantum, deviation, strict=True))
+            ]
             deviation = deviation * np.where(strengths > 0, np.sqrt(alike), 1.0)
         factors = trajectory.columns.factors[differentiated]
 

@@ -74,7 +74,7 @@ def best_strength(
     if noise == 0.0:
         return 0.0
     best, least = 0.0, 2.0 * noise**2
-    alike = alike_samples(parts, grid)
+    alike = alike_samples(parts, grid, noise)
     parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
     for strength in _STRENGTHS:
         if margin_of(float(strength)) > _MOST_MARGIN:
@@ -87,14 +87,15 @@ def best_strength(
     return best
 
 
-def alike_samples(parts: Sequence[Array], grid: float) -> float:
+def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
     """How many samples in a row share one rounding error, in the mean over those that move; 1 to 10, and 1 without a grid.
 
     A slow motion keeps to a point of the grid for many samples. Beyond ten the motion is so slow that stairs are all there
-    is to see.
+    is to see. Of the whole ``noise``, only what rounding makes of it counts.
     """
-    if grid == 0.0:
+    if grid == 0.0 or noise == 0.0:
         return 1.0
+    rounding = min(1.0, grid**2 / 12.0 / noise**2)
     total = weighted = 0.0
     for x in parts:
         steps = np.diff(x)
@@ -102,7 +103,8 @@ def alike_samples(parts: Sequence[Array], grid: float) -> float:
         climbs = steps[jumps[1:]] * steps[jumps[:-1]] > 0  # up and up, or down and down: a whole step is passed
         between = np.diff(jumps)[climbs].astype(float)
         total, weighted = total + float(between.sum()), weighted + float((between**2).sum())
-    return min(_MOST_ALIKE, max(1.0, weighted / total)) if total else 1.0
+    length = min(_MOST_ALIKE, max(1.0, weighted / total)) if total else 1.0
+    return 1.0 + (length - 1.0) * rounding
 
 
 def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
