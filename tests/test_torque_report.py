@@ -173,7 +173,7 @@ def test_torque_noise_is_that_of_repeated_noisy_logs(ur5, tmp_path):
     report_of(ur5, write_motion(tmp_path / "c.csv", ur5, t, [clean], ("",)), csv=tmp_path / "o.csv")
     exact = np.loadtxt(tmp_path / "o.csv", delimiter=",", skiprows=1)[:, 1:]
     spread = (found - exact)[50:-50].std(axis=0)
-    claimed = [j.uncertainty for j in reports[0].joints]
+    claimed = [j.noise for j in reports[0].joints]
     # The claim is for the state where M is largest, the spread an average over the motion.
     assert (spread < 1.1 * np.array(claimed)).all()
     assert (spread > 0.6 * np.array(claimed)).all()

@@ -90,8 +90,7 @@ def torques(
 ) -> None:
     """Which torques a motion takes, which joint is over its limit, and what causes it.
 
-    Exit code 1 if a limit of torque, velocity or position is passed. UNSURE, where noise reaches over a limit, ends
-    with code 0.
+    The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
     """
     from .outputs import check_outputs, picture_path
 
@@ -139,8 +138,8 @@ def torques(
         plot_motors(report, motor_plot)
     for written in filter(None, (csv_path, plot_path, motor_plot)):
         click.echo(f"wrote {written}")
-    if report.contradictions or report.excesses or any(use.too_small for use in report.motors):
-        sys.exit(_FOUND_A_PROBLEM)
+    if not report.verdict.ok:
+        sys.exit(report.verdict.exit_code)
 
 
 @main.command()

@@ -14,7 +14,8 @@ from ..errors import TrajectoryError
 from ..model.model import Model
 from .continuity import Continuity
 from .coordinates import Coordinates, joint_rates
-from .smoothing import best_strength, margin_of, smooth
+from .sampling import SampleErrors, sample_errors
+from .smoothing import alike_samples, best_strength, margin_of, smooth
 from .strays import residual_spread, strays
 from .survey import Survey, survey
 from .trajectory import Motion, Trajectory
@@ -22,14 +23,14 @@ from .windows import windows
 
 Array = NDArray[Any]
 
-__all__ = ["Differentiation", "States", "spline_rates"]
+__all__ = ["SURE", "Differentiation", "States", "spline_rates"]
 
 _DEGREE = 5
 _FEWEST = _DEGREE + 1
 _SPLINE_MARGIN = 64
 """Samples. The pull of a sample on a quintic spline falls by 0.43 a sample: by 4e-24 over the margin."""
 _EXCERPTS, _EXCERPT_ROWS = 8, 2048
-_SURE = 5.0
+SURE = 5.0
 """Standard deviations from which a velocity's sign is believed: of ten million rows at rest, six would be taken to move."""
 _ROUND_OFFS = 16.0
 """Units in the last place of q that rounding of the samples and of the spline moves its slope by, over a step of time."""
@@ -49,8 +50,8 @@ class States:
     still: Array
     """(n, nv) bool: the velocity is derived and within its own uncertainty, so that its sign means nothing."""
     stray: Array
-    """(n, k) how far samples lie from the smoothed curve, in standard deviations; 0 but at samples that belong to no noise,
-    k = 0 if nothing was smoothed."""
+    """(n, k, 2) how far samples lie from the smoothed curve, in standard deviations and in SI units; 0 but at samples that
+    belong to no noise. (n, 0) if nothing was smoothed."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -93,6 +94,8 @@ class Differentiation:
     """(nv,) that of the velocities; 0 where they are given."""
     spread: Array
     """(k,) standard deviation of the samples about the smoothed curve, in SI units, strays aside; 0 for none."""
+    errors: SampleErrors
+    """Those of the columns that are differentiated, in SI units."""
 
     @classmethod
     def plan(cls, trajectory: Trajectory, model: Model, *, smoothing: bool = False) -> Differentiation:
@@ -121,7 +124,15 @@ class Differentiation:
         deviation = quality.error if smoothing else quality.noise
         if smoothing:
             for k, error in enumerate(deviation.tolist()):
-                strengths[k] = best_strength(times, [x[:, k] for x in curves], error, quality.step)
+                strengths[k] = best_strength(
+                    times, [x[:, k] for x in curves], error, quality.step, float(quality.quantum[k])
+                )
+            # Rounding errors that are alike m times in a row have m times the power at low frequencies, where it passes.
+            alike = [
+                alike_samples([x[:, k] for x in curves], float(g), float(e))
+                for k, (g, e) in enumerate(zip(quality.quantum, deviation, strict=True))
+            ]
+            deviation = deviation * np.where(strengths > 0, np.sqrt(alike), 1.0)
         factors = trajectory.columns.factors[differentiated]
 
         def sigma(order: int) -> Array:
@@ -144,8 +155,14 @@ class Differentiation:
             if source == "velocities"
             else _to_joints(model, sigma(2)),
             sigma_dq=_to_joints(model, sigma(1)) if derives_velocities else none,
-            spread=residual_spread(times, curves, strengths, quality.step, deviation) * (factors if derives else 1.0),
+            spread=residual_spread(times, curves, strengths, quality.step, quality.error)
+            * (factors if derives else 1.0),
+            errors=sample_errors(times, curves, quality).scaled(factors if derives else np.zeros(0)),
         )
+
+    def smoothed(self) -> Differentiation:
+        """The same of the same file, smoothed as much as its noise asks."""
+        return Differentiation.plan(self.trajectory, self.model, smoothing=True)
 
     @property
     def derives(self) -> bool:
@@ -154,31 +171,54 @@ class Differentiation:
 
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[States]:
         """The motion in runs of about ``core`` rows; the same values whatever ``core``, to round-off."""
-        margin = (
+        for states, _, inner in self.surrounded_states(core, progress):
+            yield states.at(inner)
+
+    def surrounded_states(
+        self, core: int, progress: Callable[[int], None] | None = None
+    ) -> Iterator[tuple[States, Motion, slice]]:
+        """The motion in overlapping runs, what the file says there, and the slice that is new in each.
+
+        Around that slice are :attr:`margin` rows more, or as many as there are: all that its values depend on.
+        """
+        for rows, inner in windows(self.trajectory.tables(progress), max(core, self.margin), self.margin):
+            motion = self.trajectory.motion(rows)
+            yield self.complete(motion), motion, inner
+
+    @property
+    def margin(self) -> int:
+        """Rows on either side that a row's derived values depend on."""
+        return (
             max([_SPLINE_MARGIN, *(margin_of(s) + _SPLINE_MARGIN for s in self.strengths if s)]) if self.derives else 0
         )
-        for rows, inner in windows(self.trajectory.tables(progress), max(core, margin), margin):
-            yield self._complete(self.trajectory.motion(rows)).at(inner)
 
-    def _complete(self, motion: Motion) -> States:
-        """Add what the file does not give; all at rows of one window."""
+    def complete(self, motion: Motion) -> States:
+        """Consecutive rows with what the file does not give."""
         t, q, dq, ddq = motion.time, motion.q, motion.dq, motion.ddq
-        still, stray = np.zeros((len(t), self.model.nv), bool), np.zeros((len(t), 0))
+        still = np.zeros((len(t), self.model.nv), bool)
+        stray = np.zeros((len(t), 0))
         if dq is None:
             curves = self.continuity.curves(q)
-            q = self._smoothed(t, curves)
-            stray = self._strays(curves - q)
-            dq, derived = joint_rates(self.model, q, *spline_rates(t, q))
+            q = self.smooth(t, curves)
+            speed, second = spline_rates(t, q)
+            stray = self._strays(curves - q, speed)
+            dq, derived = joint_rates(self.model, q, speed, second)
             ddq = derived if ddq is None else ddq
             still = self._still(t, motion.q, dq) | self._contradicted(t, curves, dq)
         elif ddq is None:
-            logged, dq = dq, self._smoothed(t, dq)
-            stray = self._strays(logged - dq)
+            logged, dq = dq, self.smooth(t, dq)
             ddq, _ = spline_rates(t, dq)
+            stray = self._strays(logged - dq, ddq)
         return States(t, q, dq, ddq, motion.q, still, stray)
 
-    def _strays(self, residual: Array) -> Array:
-        return strays(residual, self.spread, self.strengths) if self.strengths.any() else residual[:, :0]
+    def curves(self, motion: Motion) -> Array:
+        """(n, k) the columns that are differentiated, without the jumps of wrapped angles."""
+        return self.continuity.curves(motion.q) if motion.dq is None else motion.dq
+
+    def _strays(self, residual: Array, speed: Array) -> Array:
+        if not self.strengths.any():
+            return residual[:, :0]
+        return strays(residual, np.maximum(self.spread, self.errors.deviation(speed)), self.strengths)
 
     def _still(self, t: Array, q: Array, dq: Array) -> Array:
         """Where derived velocities (n, nv) are within their uncertainty: that of noise, and that of arithmetic."""
@@ -189,7 +229,7 @@ class Differentiation:
         repeats = np.zeros((len(t), q.shape[1]), bool)
         repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
         repeats &= self.quality.quantum == 0
-        still = np.asarray(np.abs(dq) <= _SURE * self.sigma_dq)
+        still = np.asarray(np.abs(dq) <= SURE * self.sigma_dq)
         for b in self.model.leaders:
             q_here = slice(b.q_index, b.q_index + b.joint.nq)
             here = slice(b.v_index, b.v_index + b.joint.nv)
@@ -207,7 +247,7 @@ class Differentiation:
         if len(t) < 3:
             return claimed
         span, moved = t[2:] - t[:-2], curves[2:] - curves[:-2]
-        shown = np.maximum(self.quality.quantum, _SURE * self.quality.noise)
+        shown = np.maximum(self.quality.quantum, SURE * self.quality.noise)
         factors = self.trajectory.columns.factors["q"]
         for b in self.model.leaders:
             if b.joint.nq == 1:
@@ -216,7 +256,8 @@ class Differentiation:
                 claimed[1:-1, b.v_index] = large & (step * moved[:, b.q_index] <= 0)
         return claimed
 
-    def _smoothed(self, t: Array, x: Array) -> Array:
+    def smooth(self, t: Array, x: Array) -> Array:
+        """The columns (n, k), or (n, k, ...) for many logs at the same times, each smoothed by its strength."""
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
         return np.stack(columns, axis=1) if columns else x
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .derivatives import Differentiation, States
+from .estimates import PeakEstimate
 from .load import LoadedRobot
 from .motors import MotorUse
 from .strays import Stray
@@ -19,16 +21,19 @@ from .tally import Gaps
 
 if TYPE_CHECKING:
     from ..model.model import Limits
+    from ..verdict import Verdict
 
 Array = NDArray[Any]
 
 ZERO = 1e-9
 _SMALL = 0.02
 """Share of the robot's largest torque, or of its own limit, below which a joint's peak is no measure of its noise."""
+NEGLIGIBLE = 0.001
+"""Share of a peak from which noise is estimated, and worth a column."""
 _AT_AN_END = 5.0
 """How many times as uncertain derived accelerations are at the ends of a log."""
 
-__all__ = ["ZERO", "Excess", "JointTorque", "TorqueReport", "worst_joint"]
+__all__ = ["NEGLIGIBLE", "ZERO", "Excess", "JointTorque", "TorqueReport", "worst_joint"]
 
 
 @dataclass(frozen=True)
@@ -46,16 +51,33 @@ class JointTorque:
     """inf where none is known."""
     terms: dict[str, float]
     """The causes of the peak, by name; they add up to it."""
-    uncertainty: float
-    """Standard deviation of the torque from noise of the log; 0 where accelerations are given.
+    noise: float
+    """Standard deviation of single torques from noise of the log, as they were derived; 0 where accelerations are given.
 
     It varies with the pose. This is the largest over some 32 states, evenly spaced, of each chunk of rows worked on.
     """
+    estimate: PeakEstimate | None = None
+    """The peak without that noise; None where the noise does not matter."""
+
+    @property
+    def likely(self) -> float:
+        """The peak without the noise of the log, with its sign."""
+        return self.peak if self.estimate is None else self.estimate.value
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard deviation of :attr:`likely`."""
+        return self.noise if self.estimate is None else self.estimate.sigma
+
+    @property
+    def when(self) -> float:
+        """When :attr:`likely` occurs [s]."""
+        return self.time if self.estimate is None else self.estimate.time
 
     @property
     def share(self) -> float:
-        """|peak| over limit; 0 where there is no limit."""
-        return abs(self.peak) / self.limit
+        """|peak| over limit, without noise; 0 where there is no limit."""
+        return abs(self.likely) / self.limit
 
     @property
     def main_cause(self) -> tuple[str, float]:
@@ -113,6 +135,16 @@ class TorqueReport:
     contradictions: tuple[str, ...] = ()
     """A sentence for each thing by which the input contradicts itself, so that no figure can be trusted."""
 
+    smoothed: Differentiation | None = None
+    """What the peaks without noise come from; None where noise does not matter."""
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """OK, UNSURE, OVER LIMIT or LOOK AGAIN, with the reasons."""
+        from .reasons import verdict_of
+
+        return verdict_of(self)
+
     @property
     def scale(self) -> float:
         """The largest torque; what is some 1e-9 of it is zero up to rounding."""
@@ -129,14 +161,14 @@ class TorqueReport:
 
     def at_an_end(self, joint: JointTorque) -> bool:
         """Whether the joint's peak is where derived accelerations want for neighbours."""
-        d = self.differentiation
+        d = self.differentiation if self.smoothed is None else self.smoothed
         if d.source == "given":
             return False
         steps = 3 if not d.strengths.any() else math.ceil(d.strengths.max() ** (1 / 6))
-        return min(joint.time - self.begin, self.end - joint.time) < steps * self.quality.step
+        return min(joint.when - self.begin, self.end - joint.when) < steps * self.quality.step
 
     def reach(self, joint: JointTorque) -> float:
-        """How far the peak may be off: ``uncertainty``, and several times that at an end of the log."""
+        """How far the peak may be off, as a standard deviation: several times its own at an end of the log."""
         return joint.uncertainty * (_AT_AN_END if self.at_an_end(joint) else 1.0)
 
     @property
@@ -144,7 +176,7 @@ class TorqueReport:
         """The joint nearest to its limit, or of the largest peak where no limit is known; None without joints."""
         if not self.joints:
             return None
-        return worst_joint([abs(j.peak) for j in self.joints], [j.limit for j in self.joints])
+        return worst_joint([abs(j.likely) for j in self.joints], [j.limit for j in self.joints])
 
 
 def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array) -> int:

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from .motors import Demand, MotorUse
 
-__all__ = ["motors_table", "motors_verdict"]
+__all__ = ["motor_in_words", "motors_table", "motors_verdict"]
 
 _SHORT = {"peak current": "peak", "rms current": "rms"}
 
@@ -19,7 +19,7 @@ _SHORT = {"peak current": "peak", "rms current": "rms"}
 def motors_table(motors: Sequence[MotorUse]) -> Table:
     """A row per motor; limits stand behind the values, what passes one is red."""
     table = Table(box=SIMPLE_HEAD, title="Motors", title_justify="left", title_style="bold", pad_edge=False)
-    table.add_column("joint", no_wrap=True)
+    table.add_column("joint", overflow="fold")
     heads = [f"{_SHORT.get(d.what, d.what)} \\[{d.unit}]" for d in motors[0].demands]
     for head in (*heads, "power \\[W]", "heat \\[W]", "used"):
         table.add_column(head, justify="right", no_wrap=True)
@@ -45,7 +45,7 @@ def motors_verdict(motors: Sequence[MotorUse]) -> Text:
     """One line: which motors are too small, by what; or which is nearest to its limits."""
     small = sorted((use for use in motors if use.too_small), key=lambda use: -use.tightest.share)
     if small:
-        shown = "; ".join(_why(use) for use in small[:3])
+        shown = "; ".join(motor_in_words(use) for use in small[:3])
         more = f"; and {len(small) - 3} more" if len(small) > 3 else ""
         return Text.assemble(("MOTOR TOO SMALL", "bold red"), f": {shown}{more}.")
     known = [use for use in motors if any(math.isfinite(d.limit) for d in use.demands)]
@@ -53,11 +53,12 @@ def motors_verdict(motors: Sequence[MotorUse]) -> Text:
         return Text.assemble(("MOTORS", "bold"), ": their limits are not known.")
     return Text.assemble(
         ("MOTORS OK", "bold green"),
-        f": nearest to its limits is {_why(max(known, key=lambda use: use.tightest.share))}.",
+        f": nearest to its limits is {motor_in_words(max(known, key=lambda use: use.tightest.share))}.",
     )
 
 
-def _why(use: MotorUse) -> str:
+def motor_in_words(use: MotorUse) -> str:
+    """What of the motor is nearest to its limit, or farthest beyond."""
     d = use.tightest
     when = "" if math.isnan(d.time) else f" at t = {d.time:.3f} s"
     return f"{use.joint}, {d.what} {d.value:.4g} {d.unit} of {d.limit:.4g} ({100 * d.share:.0f} %){when}"

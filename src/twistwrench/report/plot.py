@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..figure import AXIS, BLUE, GREEN, GREY, LINE, ORANGE, OVER, PURPLE, QUIET, SKY, SMALL, VERMILION, figure, save
+from .figures import cause_label
 from .findings import ZERO, JointTorque, TorqueReport
-from .tables import cause_label, torque_label
+from .tables import torque_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,19 +16,21 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-__all__ = ["best_strength", "margin_of", "smooth"]
+__all__ = ["alike_samples", "best_strength", "margin_of", "smooth"]
 
 _STRENGTHS = 10.0 ** np.arange(-1.0, 15.01, 0.5)
 _MOST_MARGIN = 16384
 _FAR, _NEAR, _REACH, _FEW = 6.0, 10.0, 5, 0.01
 """A glitch is that many standard deviations off the curve of strength ``_NEAR``, more than ``_REACH`` samples on either
 side are, and there are few: else it is the motion that is fast."""
+_MOST_ALIKE = 10.0
 _DECAY = 28.0
 """exp(-28) < 1e-12: what is left of a sample's influence beyond the margin."""
 
 
 def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
-    """The smoothed values of one column; t (n,), x (n,) → (n,). ``step`` is the usual time step."""
+    """The smoothed values of one column, or of several alike; t (n,), x (n,) or (n, k) → as x. ``step`` is the usual time
+    step."""
     if strength == 0.0 or len(x) < 4:
         return x.copy()
     from scipy.linalg import solveh_banded
@@ -39,10 +41,11 @@ def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
     for k in range(4):
         bands[3 - k, k:] = np.sum(D[k:, : 4 - k] * D[: len(D) - k, k:], axis=1)
     bands[3] += 1.0 / strength
-    u = solveh_banded(bands, _apply(D, x), check_finite=False, overwrite_ab=True)
+    weights = D.reshape(*D.shape, *[1] * (x.ndim - 1))
+    u = solveh_banded(bands, _apply(weights, x), check_finite=False, overwrite_ab=True)
     z = x.copy()
     for k in range(4):
-        z[k : k + len(u)] -= D[:, k] * u
+        z[k : k + len(u)] -= weights[:, k] * u
     return z
 
 
@@ -59,24 +62,49 @@ def _apply(D: Array, x: Array) -> Array:
     return np.asarray(sum(D[:, k] * x[k : k + len(D)] for k in range(4)))
 
 
-def best_strength(times: Sequence[Array], parts: Sequence[Array], noise: float, step: float) -> float:
+def best_strength(
+    times: Sequence[Array], parts: Sequence[Array], noise: float, step: float, grid: float = 0.0
+) -> float:
     """The strength that leaves the least expected error of z, given the standard deviation of the noise.
 
-    Mallows' criterion: the mean squared residual plus twice the noise's variance times the share of it that passes.
+    Mallows' criterion: the mean squared residual plus twice the noise's variance times the share of it that passes. It
+    takes the noise to be white. Rounding to a ``grid`` is not where a slow motion keeps to a point of the grid for several
+    samples: as many times as much of its variance passes then.
     """
     if noise == 0.0:
         return 0.0
     best, least = 0.0, 2.0 * noise**2
+    alike = alike_samples(parts, grid, noise)
     parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
     for strength in _STRENGTHS:
         if margin_of(float(strength)) > _MOST_MARGIN:
             break
         pairs = list(zip(times, parts, strict=True))
         squares = sum(float(np.sum((x - smooth(t, x, float(strength), step)) ** 2)) for t, x in pairs)
-        risk = squares / sum(len(x) for x in parts) + 2.0 * noise**2 * _passed(float(strength))
+        risk = squares / sum(len(x) for x in parts) + 2.0 * noise**2 * min(1.0, alike * _passed(float(strength)))
         if risk < least:
             best, least = float(strength), risk
     return best
+
+
+def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
+    """How many samples in a row share one rounding error, in the mean over those that move; 1 to 10, and 1 without a grid.
+
+    A slow motion keeps to a point of the grid for many samples. Beyond ten the motion is so slow that stairs are all there
+    is to see. Of the whole ``noise``, only what rounding makes of it counts.
+    """
+    if grid == 0.0 or noise == 0.0:
+        return 1.0
+    rounding = min(1.0, grid**2 / 12.0 / noise**2)
+    total = weighted = 0.0
+    for x in parts:
+        steps = np.diff(x)
+        jumps = np.flatnonzero(np.abs(steps) > 0.5 * grid)
+        climbs = steps[jumps[1:]] * steps[jumps[:-1]] > 0  # up and up, or down and down: a whole step is passed
+        between = np.diff(jumps)[climbs].astype(float)
+        total, weighted = total + float(between.sum()), weighted + float((between**2).sum())
+    length = min(_MOST_ALIKE, max(1.0, weighted / total)) if total else 1.0
+    return 1.0 + (length - 1.0) * rounding
 
 
 def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:

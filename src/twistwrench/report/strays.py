@@ -30,7 +30,9 @@ class Stray:
     time: float
     """Of the farthest [s]."""
     sigmas: float
-    """How far that one is from the curve, with its sign."""
+    """How far that one is from the curve, in standard deviations, with its sign."""
+    off: float
+    """The same in SI units."""
 
 
 class Strays:
@@ -40,14 +42,17 @@ class Strays:
         self._found: dict[int, Stray] = {}
 
     def add(self, time: Array, stray: Array) -> None:
-        """Take in times (n,) and distances (n, k) as :func:`strays` gives them."""
-        for k in np.flatnonzero(stray.any(axis=0)).tolist():
-            row = int(np.abs(stray[:, k]).argmax())
-            new = Stray(k, int(np.count_nonzero(stray[:, k])), float(time[row]), float(stray[row, k]))
+        """Take in times (n,) and distances (n, k, 2) as :func:`strays` gives them, or (n, 0)."""
+        if not stray.any():
+            return
+        for k in np.flatnonzero(stray[:, :, 0].any(axis=0)).tolist():
+            sigmas, off = stray[:, k].T
+            row = int(np.abs(sigmas).argmax())
+            new = Stray(k, int(np.count_nonzero(sigmas)), float(time[row]), float(sigmas[row]), float(off[row]))
             old = self._found.get(k)
             if old is not None:
                 far = max(old, new, key=lambda s: abs(s.sigmas))
-                new = Stray(k, old.count + new.count, far.time, far.sigmas)
+                new = Stray(k, old.count + new.count, far.time, far.sigmas, far.off)
             self._found[k] = new
 
     def result(self) -> tuple[Stray, ...]:
@@ -56,18 +61,20 @@ class Strays:
 
 
 def strays(residual: Array, spread: Array, strengths: Array) -> Array:
-    """Residuals (n, k) over their spread (k,), where that is beyond 6 and the farthest for its neighbourhood; else 0."""
+    """Residuals (n, k) over their spread (n, k), and as they are, (n, k, 2); 0 but where they are beyond 6 of it and the
+    farthest for their neighbourhood."""
     from scipy.ndimage import maximum_filter1d
 
-    found = np.zeros_like(residual)
-    for k in np.flatnonzero((spread > 0) & (strengths > 0)).tolist():
-        size = np.abs(residual[:, k]) / spread[k]
+    found = np.zeros((*residual.shape, 2))
+    for k in np.flatnonzero(spread.any(axis=0) & (strengths > 0)).tolist():
+        off = residual[:, k] / spread[:, k]
+        size = np.abs(off)
         if not (size > _FAR).any():
             continue
         # A glitch pulls the curve towards itself, and so its neighbours away from the curve, by less than half as much.
         reach = 2 * math.ceil(3.0 * strengths[k] ** (1 / 6)) + 1
         far = (size > _FAR) & (size > 0.5 * maximum_filter1d(size, reach, mode="nearest"))
-        found[far, k] = residual[far, k] / spread[k]
+        found[far, k, 0], found[far, k, 1] = off[far], residual[far, k]
     return found
 
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-__all__ = ["Survey", "noise", "quantum", "survey"]
+__all__ = ["ORDERS", "Survey", "deviation", "differences", "noise", "quantum", "survey"]
 
-_ORDERS = range(3, 9)
+ORDERS = range(3, 9)
+"""Of the differences that noise is told from motion by."""
 _FINEST_DECIMAL = 11
 _ROUND_OFF = 4e-16
 """Noise below this share of the values is arithmetic, not measurement."""
@@ -101,14 +102,14 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
     """
     size = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)
     least = np.full(parts[0].shape[1], np.inf)
-    for order in _ORDERS:
-        residuals = [_residuals(t, x, order) for t, x in zip(times, parts, strict=True) if len(t) > order]
+    for order in ORDERS:
+        residuals = [differences(t, x, order) for t, x in zip(times, parts, strict=True) if len(t) > order]
         if residuals:
-            least = np.minimum(least, _deviation(np.concatenate(residuals), _GRID_STEPS * np.asarray(quanta)))
+            least = np.minimum(least, deviation(np.concatenate(residuals), _GRID_STEPS * np.asarray(quanta)))
     return np.asarray(np.where(np.isfinite(least) & (least > _ROUND_OFF * size), least, 0.0))
 
 
-def _deviation(residuals: Array, floor: Array) -> Array:
+def deviation(residuals: Array, floor: Array) -> Array:
     """Standard deviation (k,) of residuals (n, k), without the few beyond 5 of them and ``floor``, over and over."""
     squares = residuals**2
     found = whole = np.mean(squares, axis=0)
@@ -129,7 +130,7 @@ def _moves(parts: Sequence[Array]) -> Array:
     return np.asarray(np.any([np.ptp(x, axis=0) > 0 for x in parts if len(x)], axis=0))
 
 
-def _residuals(t: Array, x: Array, order: int) -> Array:
+def differences(t: Array, x: Array, order: int) -> Array:
     """Divided differences of x at times t, their weights scaled to unit norm; (n,), (n, k) → (n - order, k)."""
     t = np.lib.stride_tricks.sliding_window_view(t, order + 1) - t[: len(t) - order, None]
     t = t / t[:, -1:]

@@ -4,51 +4,67 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
 from ..model.model import BASE
+from ..verdict import Word
 from .coordinates import Coordinates
-from .findings import Excess, JointTorque, TorqueReport
+from .figures import cause_label, number, spread
+from .findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 from .load import TERMS
 from .motors_text import motors_table, motors_verdict
+from .reasons import because
 
-__all__ = ["cause_label", "notes", "report_view", "torque_label", "verdict"]
+__all__ = ["notes", "report_view", "torque_label", "verdict_view"]
 
-_LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 _BAR = 12
-_NOISY, _NEGLIGIBLE = 0.02, 0.001
-"""Shares of a peak from which its noise is a reason to smooth, and worth a column."""
+_BAR_FROM = 104
+"""Columns of the console from which there is room for bars."""
+_NOISY = 0.02
+"""Share of a peak from which its noise is a reason to smooth."""
 _MOST_LISTED = 4
 _MANY_TURNS, _LONG_STEP = 4 * math.pi, 1.0
 """Angles [rad] and time steps [s] beyond which the unit is in doubt."""
-_TITLES = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
-
-
-def cause_label(term: str) -> str:
-    """How a term of the torque is called in print."""
-    return _LABELS.get(term, term)
+_STYLES = {Word.OK: "bold green", Word.UNSURE: "bold yellow", Word.OVER_LIMIT: "bold red", Word.LOOK_AGAIN: "bold red"}
 
 
 def report_view(report: TorqueReport, *, degrees: bool = False, why: bool = False) -> RenderableType:
-    """The whole report; angles in degrees if ``degrees``, and what each link does to the worst joint if ``why``."""
-    parts: list[RenderableType] = [_heading(report), _peaks(report), _split(report)]
-    if why and report.worst is not None:
-        parts.append(_why(report, report.worst))
-    if report.motors:
-        parts.append(motors_table(report.motors))
-    if moved := [e for e in report.excesses if e.kind != "effort"]:
-        parts.append(_motion_limits(moved, degrees=degrees))
-    parts.extend(Text.assemble(("! ", "yellow"), note) for note in notes(report))
-    if len(parts) > 3:
-        parts.append(Text())
-    lines = [verdict(report), *([motors_verdict(report.motors)] if report.motors else [])]
-    return Group(*parts, *(lines if not report.excesses else reversed(lines)))  # the worst news last
+    """The whole report, the verdict first; angles in degrees if ``degrees``, and what each link does to the worst joint if
+    ``why``."""
+    return _View(report, degrees, why)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """The report, once the width it is printed in is known."""
+
+    report: TorqueReport
+    degrees: bool
+    why: bool
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        report = self.report
+        yield verdict_view(report)
+        yield Text()
+        yield _heading(report)
+        yield _peaks(report, bars=options.max_width >= _BAR_FROM)
+        yield _split(report)
+        if self.why and report.worst is not None:
+            yield _why(report, report.worst)
+        if report.motors:
+            yield motors_table(report.motors)
+            yield motors_verdict(report.motors)
+        if moved := [e for e in report.excesses if e.kind != "effort"]:
+            yield _motion_limits(moved, degrees=self.degrees)
+        for note in notes(report):
+            yield Text.assemble(("! ", "yellow"), note)
 
 
 def _heading(report: TorqueReport) -> Text:
@@ -67,7 +83,7 @@ def _heading(report: TorqueReport) -> Text:
 
 def _table(report: TorqueReport, title: str) -> Table:
     table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
-    table.add_column("joint", no_wrap=True)
+    table.add_column("joint", overflow="fold")
     if len(_units(report)) > 1:
         table.add_column("unit", style="dim")
     return table
@@ -86,28 +102,32 @@ def _cells(report: TorqueReport, joint: JointTorque) -> list[RenderableType]:
     return [Text(joint.joint), *([joint.unit] if len(_units(report)) > 1 else [])]
 
 
-def _peaks(report: TorqueReport) -> Table:
+def _peaks(report: TorqueReport, *, bars: bool) -> Table:
     table = _table(report, _title(report, "Torques"))
-    unsure = _noise_matters(report)
-    for name in ("peak", *(["± 1σ"] if unsure else []), "rms", "limit"):
+    unsure = report.smoothed is not None
+    for name in ("peak", *(["less\nnoise", "± 1σ"] if unsure else []), "rms", "limit"):
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("share of limit", no_wrap=True)
+    table.add_column("share of limit" if bars else "of\nlimit", no_wrap=True, justify="left" if bars else "right")
     table.add_column("when \\[s]", justify="right", no_wrap=True)
     for j in report.joints:
-        spread = [f"{j.uncertainty:.2g}"] if unsure else []
+        likely = [torque_label(report, j.likely), spread(report.reach(j))] if unsure else []
         limit = f"{j.limit:.4g}" if math.isfinite(j.limit) else "none"
+        share = _bar(j, _BAR if bars else 0)
         table.add_row(
-            *_cells(report, j), torque_label(report, j.peak), *spread, _number(j.rms), limit, _bar(j), f"{j.time:.3f}"
+            *_cells(report, j), torque_label(report, j.peak), *likely, number(j.rms), limit, share, f"{j.when:.3f}"
         )
     return table
 
 
-def _bar(joint: JointTorque) -> Text:
+def _bar(joint: JointTorque, length: int) -> Text:
     if not math.isfinite(joint.limit):
-        return Text("–", style="dim")
-    filled = min(_BAR, round(joint.share * _BAR))
+        return Text("-", style="dim")
+    filled = min(length, round(joint.share * length))
     style = "red" if joint.share > 1 else "yellow" if joint.share > 0.8 else "green"
-    return Text.assemble(("━" * filled, style), ("─" * (_BAR - filled), "dim"), (f" {100 * joint.share:4.0f} %", style))
+    found = Text()
+    if length:
+        found.append("━" * filled, style).append("─" * (length - filled), "dim").append(" ")
+    return found.append(f"{100 * joint.share:.0f} %".rjust(6 if length else 0), style)
 
 
 def _split(report: TorqueReport) -> Table:
@@ -122,7 +142,7 @@ def _split(report: TorqueReport) -> Table:
         cells = [
             Text(torque_label(report, j.terms[term]), style="bold" if term == main and some else "") for term in shown
         ]
-        table.add_row(*_cells(report, j), *cells, f"{cause_label(main)} {100 * share:.0f} %" if some else "–")
+        table.add_row(*_cells(report, j), *cells, f"{cause_label(main)} {100 * share:.0f} %" if some else "-")
     return table
 
 
@@ -152,7 +172,7 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
         factor, unit = (180 / math.pi, e.unit.replace("rad", "deg")) if degrees and e.angular else (1.0, e.unit)
         what = {"lower": "position, lower", "upper": "position, upper"}.get(e.kind, e.kind)
         table.add_row(
-            Text(e.joint), f"{what} \\[{unit}]", _number(e.value * factor), _number(e.limit * factor), f"{e.time:.3f}"
+            Text(e.joint), f"{what} \\[{unit}]", number(e.value * factor), number(e.limit * factor), f"{e.time:.3f}"
         )
     return table
 
@@ -215,15 +235,11 @@ def _stray_notes(report: TorqueReport) -> Iterator[str]:
     shown = []
     for s in report.strays[:_MOST_LISTED]:
         place = int(d.places[s.column])
-        size = (
-            s.sigmas
-            * d.spread[s.column]
-            / d.trajectory.columns.factors["dq" if d.source == "velocities" else "q"][s.column]
-        )
+        size = s.off / d.trajectory.columns.factors["dq" if d.source == "velocities" else "q"][s.column]
         count = f", {s.count} samples, the farthest" if s.count > 1 else ""
         shown.append(
             f"{d.trajectory.columns.header[place]}{count} at t = {s.time:.4f} s off by {size:.3g} "
-            f"({abs(s.sigmas):.0f} σ)".replace("-", "−")
+            f"({abs(s.sigmas):.0f} σ)"
         )
     if shown:
         more = f"; and {len(report.strays) - len(shown)} columns more" if len(report.strays) > len(shown) else ""
@@ -254,105 +270,72 @@ def _unit_hints(report: TorqueReport) -> Iterator[str]:
         yield f"The usual time step is {report.quality.step:.4g} s. Is time in ms? It is taken to be in seconds."
 
 
-def _noise_matters(report: TorqueReport) -> bool:
-    return any(j.uncertainty > _NEGLIGIBLE * report.reference(j) for j in report.joints)
-
-
 def _quality_notes(report: TorqueReport) -> Iterator[str]:
     d, q = report.differentiation, report.quality
     if d.source == "given":
         return
-    if not _noise_matters(report):
-        yield f"Noise of the log moves no torque by more than {100 * _NEGLIGIBLE:g} % of its peak."
+    if report.smoothed is None:
+        yield f"Noise of the log moves no torque by more than {100 * NEGLIGIBLE:g} % of its peak."
         return
     worst = int(q.noise.argmax())
     grid = f", on a grid of {q.quantum[worst]:.3g}" if q.quantum[worst] else ""
     joint = report.joints[int(d.sigma_ddq.argmax())]
     unit = "rad/s²" if joint.unit == "N m" else "m/s²"
-    loudest = max(report.joints, key=lambda j: j.uncertainty)
+    loudest = max(report.joints, key=lambda j: j.noise)
+    late = report.smoothed.errors.stamp
+    stamps = f", and stamps that are off by {1e3 * np.median(late[late > 0]):.2g} ms" if _stamps_matter(report) else ""
     yield (
         f"The log has noise of {q.noise[worst]:.2g} (1 σ, {d.trajectory.columns.header[d.places[worst]]}, "
-        f"in the file's unit{grid}). It makes accelerations unsure by {d.sigma_ddq.max():.2g} {unit} ({joint.joint}) "
-        f"and torques by up to {loudest.uncertainty:.2g} {loudest.unit} ({loudest.joint}), see the column ± 1σ."
+        f"in the file's unit{grid}){stamps}. It makes accelerations unsure by {d.sigma_ddq.max():.2g} {unit} "
+        f"({joint.joint}) and single torques by up to {spread(loudest.noise)} {loudest.unit} ({loudest.joint})."
     )
-    if late := [j.joint for j in report.joints if report.at_an_end(j)]:
+    yield (
+        "The column less noise is the peak after smoothing to the noise found, less what noise adds to a largest value; "
+        "± 1σ is its standard deviation. Shares of limits, and the verdict, are about it."
+    )
+    if ends := [j.joint for j in report.joints if report.at_an_end(j)]:
         yield (
-            f"The peak of {', '.join(late)} lies at an end of the log, where derived accelerations are several times "
-            "as uncertain as ± 1σ says, for want of neighbours. Log a little more before and after."
+            f"The peak of {', '.join(ends)} lies at an end of the log, where derived accelerations are several times "
+            "as uncertain, for want of neighbours. Log a little more before and after."
         )
-    if not d.strengths.any() and any(j.uncertainty > _NOISY * report.reference(j) for j in report.joints):
+    if not d.strengths.any() and any(j.noise > _NOISY * report.reference(j) for j in report.joints):
         yield (
-            f"Noise makes more than {100 * _NOISY:.0f} % of a peak. Try --smooth, "
-            "or log velocities and accelerations as well."
+            f"Noise makes more than {100 * _NOISY:.0f} % of a peak as derived. Try --smooth, which also cleans the split, "
+            "the CSV and the plot, or log velocities and accelerations as well."
         )
 
 
-def verdict(report: TorqueReport) -> Text:
-    """One line: whether every limit is kept, and if not, where, when and why."""
-    by_name = {j.joint: j for j in report.joints}
-    if report.contradictions:
-        return Text.assemble(("LOOK AGAIN", "bold red"), f": {'; '.join(report.contradictions)}.")
-    if report.excesses:
-        e = report.excesses[0]
-        if e.kind == "effort":
-            cause, share = by_name[e.joint].main_cause
-            text = (
-                f"{e.joint} at t = {e.time:.3f} s takes {_number(e.value)} {e.unit}, limit {e.limit:.4g} "
-                f"({100 * abs(e.value) / e.limit:.0f} %), mostly {cause_label(cause)} ({100 * share:.0f} %)"
-            )
-        else:
-            text = f"{e.joint} at t = {e.time:.3f} s passes its {_TITLES[e.kind]} limit"
-        others: dict[str, list[str]] = {}
-        for x in report.excesses[1:]:
-            kinds = others.setdefault(x.joint, [])
-            if _TITLES[x.kind] not in kinds and (x.joint, _TITLES[x.kind]) != (e.joint, _TITLES[e.kind]):
-                kinds.append(_TITLES[x.kind])
-        rest = [f"{joint} ({', '.join(kinds)})" for joint, kinds in others.items() if kinds]
-        also = f"; also {', '.join(rest[:3])}" + (" and more" if len(rest) > 3 else "") if rest else ""
-        doubt = ""
-        if all(
-            x.kind == "effort" and abs(x.value) - report.reach(by_name[x.joint]) <= x.limit for x in report.excesses
-        ):
-            doubt = f", by less than its noise (± {report.reach(by_name[e.joint]):.2g} {e.unit})"
-        return Text.assemble(("OVER LIMIT", "bold red"), f": {text}{doubt}{also}.")
+def _stamps_matter(report: TorqueReport) -> bool:
+    """Whether most columns that move show that stamps are off, by more than their noise."""
+    assert report.smoothed is not None
+    errors = report.smoothed.errors
+    moving = report.quality.noise > 0
+    shows = errors.stamp > 0
+    return bool(moving.any() and (shows & moving).sum() > 0.5 * moving.sum())
+
+
+def verdict_view(report: TorqueReport) -> Text:
+    """The verdict with its reasons, the first beside it and each other on a line of its own."""
+    verdict = report.verdict
+    reasons = verdict.reasons or (_nearest(report),)
+    style = _STYLES[verdict.word]
+    text = Text.assemble((str(verdict.word), style), f": {reasons[0]}.")
+    for reason in reasons[1:]:
+        text.append(f"\n  - {reason}.")
+    return text
+
+
+def _nearest(report: TorqueReport) -> str:
+    """What an OK says besides."""
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     if not limited:
-        return Text.assemble((_fine(report), "bold green"), ": no limit is passed; torque limits are not known.")
-    unsure = [j for j in limited if abs(j.peak) + report.reach(j) > j.limit]
-    if unsure:
-        j = max(unsure, key=lambda j: (abs(j.peak) + report.reach(j)) / j.limit)
-        end = " at an end of the log" if report.at_an_end(j) else ""
-        return Text.assemble(
-            ("UNSURE", "bold yellow"),
-            f": no limit is passed, but the noise of {j.joint}'s peak{end}, {_number(j.peak)} ± {report.reach(j):.2g} "
-            f"{j.unit} at t = {j.time:.3f} s, reaches over its limit, {j.limit:.4g}.",
-        )
-    if report.strays:
-        return Text.assemble(
-            ("UNSURE", "bold yellow"), ": no limit is passed, but only once samples were flattened that are no noise."
-        )
+        return "no limit is passed; torque limits are not known"
     j = max(limited, key=lambda j: j.share)
     if report.is_zero(j.peak):
-        return Text.assemble((_fine(report), "bold green"), ": no limit is passed, and no joint has a torque to give.")
-    cause, share = j.main_cause
-    return Text.assemble(
-        (_fine(report), "bold green"),
-        f": nearest to its limit is {j.joint}, {100 * j.share:.0f} % at t = {j.time:.3f} s, "
-        f"mostly {cause_label(cause)} ({100 * share:.0f} %).",
-    )
-
-
-def _fine(report: TorqueReport) -> str:
-    return "TORQUES OK" if report.motors else "OK"
+        return "no limit is passed, and no joint has a torque to give"
+    return f"nearest to its limit is {j.joint}, {100 * j.share:.0f} % at t = {j.when:.3f} s{because(j)}"
 
 
 def torque_label(report: TorqueReport, value: float) -> str:
     """A torque with four digits; 0 for what is but rounding of the others."""
-    return "0" if report.is_zero(value) else _number(value)
-
-
-def _number(value: float) -> str:
-    """Four significant digits, three decimals at most: in N m, m and rad a person looks no closer."""
-    if abs(value) < 5e-4:
-        return "0"
-    return f"{value:.{min(max(3 - math.floor(math.log10(abs(value))), 0), 3)}f}".replace("-", "−")
+    return "0" if report.is_zero(value) else number(value)

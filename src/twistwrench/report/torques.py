@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,8 @@ from ..errors import TrajectoryError
 from .coordinates import Coordinates
 from .decimation import Envelope
 from .derivatives import Differentiation, States
-from .findings import Excess, JointTorque, TorqueReport, worst_joint
+from .estimates import estimate_peaks
+from .findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport, worst_joint
 from .load import TERMS, LoadedRobot
 from .motors import MotorTally
 from .strays import Strays
@@ -52,7 +54,7 @@ class _Pass:
         self.envelope = Envelope()
         self.around: States | None = None
         self.gaps = Gaps(_GAP * usual_step)
-        self.uncertainty = np.zeros(nv)
+        self.noise = np.zeros(nv)
         self.largest = np.zeros(load.bare.nq)
         self.strays = Strays()
         self.motors = MotorTally(load.loaded.model)
@@ -89,7 +91,7 @@ class _Pass:
             some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
             M = self.load.loaded.mass_matrix(some.q)
             spread = np.sqrt((M * M) @ (sigma_ddq**2))
-            self.uncertainty = np.maximum(self.uncertainty, spread.max(axis=0))
+            self.noise = np.maximum(self.noise, spread.max(axis=0))
 
     def _check_motion(self, s: States) -> None:
         at, limits = self.coordinates.position_of, self.limits
@@ -130,7 +132,7 @@ class _Pass:
                 rms=float(rms[k]),
                 limit=float(self.limits.effort[k]),
                 terms={term: float(values[k]) for term, values in self.terms.items()},
-                uncertainty=float(self.uncertainty[k]),
+                noise=float(self.noise[k]),
             )
             for k, name in enumerate(c.velocity_names)
         )
@@ -163,7 +165,7 @@ def analyse(
             if table is not None:
                 parts = list(load.terms(s).values()) if split else []
                 table.write(np.concatenate([s.time[:, None], torques, *parts], axis=1))
-    return TorqueReport(
+    report = TorqueReport(
         robot=load.bare.name,
         trajectory=str(differentiation.trajectory.path),
         rows=run.rows,
@@ -184,6 +186,17 @@ def analyse(
         around=run.around or States.none(load.bare.nq, nv),
         contradictions=(*load.contradictions, *differentiation.trajectory.contradictions(limits)),
     )
+    return _without_noise(report, chunk, progress)
+
+
+def _without_noise(report: TorqueReport, chunk: int, progress: Callable[[int], None] | None) -> TorqueReport:
+    """The report with the peaks of the smoothed motion and how sure they are, where noise matters."""
+    if not any(j.noise > NEGLIGIBLE * report.reference(j) for j in report.joints):
+        return report
+    plan = report.differentiation if report.differentiation.strengths.any() else report.differentiation.smoothed()
+    estimates = estimate_peaks(report.load, plan, chunk, progress)
+    joints = tuple(replace(j, estimate=e) for j, e in zip(report.joints, estimates, strict=True))
+    return replace(report, joints=joints, smoothed=plan)
 
 
 def _check_finite(torques: Array, s: States) -> None:

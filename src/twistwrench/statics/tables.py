@@ -86,8 +86,8 @@ def payload_view(
             _number(found.unloaded[k]),
             _number(found.per_kilogram[k]),
             _number(found.torques[k]),
-            "–" if math.isinf(found.limits[k]) else f"{found.limits[k]:g}",
-            "–" if not math.isfinite(found.per_joint[k]) else _number(max(found.per_joint[k], 0.0)),
+            "-" if math.isinf(found.limits[k]) else f"{found.limits[k]:g}",
+            "-" if not math.isfinite(found.per_joint[k]) else _number(max(found.per_joint[k], 0.0)),
             f"{100 * share:.0f} %" if math.isfinite(found.limits[k]) else "",
             Text("█" * round(_BAR * min(share, 1.0)), style="red" if worst or share > 1 else "cyan"),
             style=style,
@@ -141,7 +141,7 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> lis
         weakest = weakest_direction(robot, q, frame=frame, limits=limits)
     except ValueRangeError:
         return lines
-    d = ", ".join(f"{0.0 if abs(x) < 5e-4 else x:.2f}" for x in weakest.wrench[3:]).replace("-", "−")
+    d = ", ".join(f"{0.0 if abs(x) < 5e-4 else x:.2f}" for x in weakest.wrench[3:])
     limited = f", limited by {weakest.joint_names[int(weakest.joint)]}" if weakest.joint >= 0 else ""
     return [*lines, Text(f"Weakest along ({d}): {_force(weakest.magnitude)} N{limited}."), Text()]
 
@@ -207,4 +207,4 @@ def _force(value: Any) -> str:
 def _number(value: Any, least: float = 5e-4) -> str:
     if abs(value) < least:
         return "0"
-    return f"{value:.4g}".replace("-", "−")
+    return f"{value:.4g}"

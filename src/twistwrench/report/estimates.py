@@ -1,0 +1,164 @@
+"""The largest torque without the noise of the log, and how sure that is: the log is drawn again and again.
+
+The smoothed motion is taken for the true one. Logs of it are drawn with the errors that the log was found to have, and
+treated as the log was. What comes out differs from what went in as the log's own peak differs from the truth: by the
+smoothing's bias, by the noise that is left, and by what choosing the largest value adds.
+Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapters 6 and 10.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .contenders import Contenders, excess_of_largest
+from .coordinates import joint_rates
+from .derivatives import SURE, Differentiation, States, spline_rates
+from .load import LoadedRobot
+from .tally import Extreme
+from .trajectory import Motion
+
+Array = NDArray[Any]
+
+__all__ = ["PeakEstimate", "estimate_peaks"]
+
+_DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 128, 32, 4096
+_HIDDEN = math.sqrt(2.0)
+"""The smoothed motion is flat already where smoothing flattens: it shows that much less of the bias."""
+_SEED = 8
+_REACH, _SPLINE_REACH = 16.0, 24
+"""Samples, in units of strength^(1/6) and beyond: what is farther off changes a smoothed value by less than 1e-3."""
+_CELL = 2.0
+"""Samples, in units of strength^(1/6), after which the noise of smoothed accelerations is about independent."""
+
+
+@dataclass(frozen=True)
+class PeakEstimate:
+    """The largest magnitude of one joint's torque as the noise of the log lets it be known."""
+
+    value: float
+    """With its sign."""
+    sigma: float
+    """Its standard deviation."""
+    time: float
+    """When the smoothed motion has it [s]."""
+    speed: float
+    """The largest velocity of the smoothed motion, with its sign."""
+    speed_sigma: float
+    """The standard deviation of velocities there."""
+
+
+class _Search:
+    """One pass over the smoothed motion: the peaks, what contends with them, and the log around them."""
+
+    def __init__(self, differentiation: Differentiation, load: LoadedRobot) -> None:
+        nv = load.bare.nv
+        strengths = differentiation.strengths[differentiation.strengths > 0]
+        wide = float(strengths.max()) ** (1 / 6) if strengths.size else 0.0
+        narrow = float(strengths.min()) ** (1 / 6) if strengths.size else 0.0
+        self.differentiation, self.load = differentiation, load
+        self.cell = max(1, round(_CELL * narrow))
+        self.reach = math.ceil(_REACH * wide) + _SPLINE_REACH + self.cell
+        self.peak, self.speed = Extreme(nv), Extreme(nv)
+        self.sign, self.way = np.ones(nv), np.ones(nv)
+        self.contenders = Contenders(nv, self.cell)
+        self.around: list[tuple[Motion, int] | None] = [None] * nv
+
+    def add(self, states: States, motion: Motion, inner: slice) -> None:
+        """Take in an overlapping run."""
+        core = states.at(inner)
+        torques = self.load.torques(core)
+        self.contenders.add(np.abs(torques))
+        for joint, row in self.peak.add(core.time, np.abs(torques)):
+            self.sign[joint] = np.sign(torques[row, joint]) or 1.0
+            place = inner.start + row
+            first = max(0, place - self.reach)
+            rows = slice(first, place + self.reach + 1)
+            self.around[joint] = _part(motion, rows), place - first
+        for joint, row in self.speed.add(core.time, np.abs(core.dq)):
+            self.way[joint] = np.sign(core.dq[row, joint]) or 1.0
+
+    def estimate(self, joint: int) -> PeakEstimate:
+        """The joint's peak."""
+        found = self.around[joint]
+        assert found is not None
+        motion, row = found
+        near = slice(max(0, row - self.cell), row + self.cell + 1)
+        bias, sigma, speed_sigma = self._drawn(motion, near, joint)
+        values = self.contenders.result()[:, joint]
+        excess, spread = excess_of_largest(values, sigma, self.contenders.runs)
+        value = float(self.peak.value[joint]) - excess
+        return PeakEstimate(
+            value=float(self.sign[joint] * value),
+            sigma=math.hypot(spread, _HIDDEN * bias),
+            time=float(self.peak.time[joint]),
+            speed=float(self.way[joint] * self.speed.value[joint]),
+            speed_sigma=speed_sigma,
+        )
+
+    def _drawn(self, motion: Motion, near: slice, joint: int) -> tuple[float, float, float]:
+        """Bias and deviation of the peak near some rows, and deviation of the velocity there."""
+        d, t = self.differentiation, motion.time
+        curve = d.smooth(t, d.curves(motion))
+        columns = curve.shape[1]
+        count = min(_DRAWS, max(_FEWEST_DRAWS, _MOST_COLUMNS // max(1, columns)))
+        speed = spline_rates(t, curve)[0]
+        logs = d.smooth(t, d.errors.drawn(np.random.default_rng(_SEED), curve, speed, count))
+        first, second = spline_rates(t, logs.reshape(len(t), -1))
+        each = [x.reshape(len(t), columns, count)[near] for x in (logs, first, second)]
+        clean = [x[near] for x in (curve, *spline_rates(t, curve))]
+        true, _ = self._torques(motion, near, [x[:, :, None] for x in clean])
+        drawn, dq = self._torques(motion, near, each)
+        peaks = (self.sign[joint] * drawn[:, :, joint]).max(axis=0)
+        bias = float(peaks.mean() - (self.sign[joint] * true[:, :, joint]).max())
+        middle = len(dq) // 2
+        return bias, float(peaks.std(ddof=1)), float(dq[middle, :, joint].std(ddof=1))
+
+    def _torques(self, motion: Motion, near: slice, logs: list[Array]) -> tuple[Array, Array]:
+        """Torques and velocities (n, count, nv) of smoothed logs (n, k, count) with their derivatives."""
+        d, model = self.differentiation, self.differentiation.model
+        n, _, count = logs[0].shape
+        x, first, second = (np.moveaxis(a, 1, 2).reshape(n * count, -1) for a in logs)
+
+        def given(values: Array | None) -> Array:
+            assert values is not None
+            return np.repeat(values[near], count, axis=0)
+
+        if motion.dq is None:
+            q = x
+            dq, ddq = joint_rates(model, q, first, second)
+            ddq = ddq if motion.ddq is None else given(motion.ddq)
+        else:
+            q, dq, ddq = given(motion.q), x, first
+        still = np.abs(dq) <= SURE * d.sigma_dq if d.derives_velocities else np.zeros(dq.shape, bool)
+        time, none = np.repeat(motion.time[near], count), np.zeros((n * count, 0))
+        torques = self.load.torques(States(time, q, dq, ddq, q, still, none))
+        return torques.reshape(n, count, -1), dq.reshape(n, count, -1)
+
+
+def _part(motion: Motion, rows: slice) -> Motion:
+    def part(values: Array | None) -> Array | None:
+        return None if values is None else values[rows].copy()
+
+    return Motion(motion.time[rows].copy(), motion.q[rows].copy(), part(motion.dq), part(motion.ddq))
+
+
+def estimate_peaks(
+    load: LoadedRobot,
+    differentiation: Differentiation,
+    chunk: int,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[PeakEstimate, ...]:
+    """The peak of each joint without the noise of the log; ``differentiation`` smooths as much as the noise asks.
+
+    Reads the file once. Draws come from a fixed seed, so that the same log always gives the same numbers.
+    """
+    search = _Search(differentiation, load)
+    for states, motion, inner in differentiation.surrounded_states(chunk, progress):
+        search.add(states, motion, inner)
+    return tuple(search.estimate(k) for k in range(load.bare.nv))
