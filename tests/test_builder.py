@@ -226,8 +226,9 @@ def test_no_policy_mends_numbers_that_are_none(policy):
             two_links(SpatialInertia.from_parameters([mass, *np.zeros(9)]), None).build(inertia=policy)
 
 
-def test_a_massless_moving_link_is_no_defect():
-    assert two_links(None, None).build().defects == ()
+def test_a_massless_moving_link_of_a_file_is_named():
+    (remark,) = two_links(None, None).build().defects
+    assert "no mass: " in remark
 
 
 # ── tip ──

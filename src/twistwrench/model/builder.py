@@ -170,7 +170,9 @@ class ModelBuilder:
         )
         model = _locked(model, lock or {})
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
-        found += _on_massless([str(self._links[link]) for link in massless_links(model)])
+        # Files that forget masses; a table of lengths alone, for kinematics, has none on purpose.
+        described = [self._links[link] for link in massless_links(model) if self._links[link].where]
+        found += _on_massless([str(link) for link in described])
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *found))
         for text in grouped(model.defects):
             warnings.warn(f"robot {self.name!r}: {text}.", ModelWarning, stacklevel=_frames_to_user())
