@@ -19,6 +19,7 @@ import pytest
 import twistwrench as tw
 from twistwrench import ValueRangeError, outputs
 from twistwrench.core.csv_writer import CsvWriter, harmless_text, meant_text
+from twistwrench.motion.trajectory import Trajectory
 from twistwrench.outputs import check_outputs, picture_path, replacing
 from twistwrench.report.table_file import TableFile
 from twistwrench.statics.tables import write_payload
@@ -291,17 +292,17 @@ def test_numbers_come_back_to_the_last_bit_and_stay_numbers():
 NAMES = ["a,b", "=1+1", 'say "x"\nand y']
 
 
-def arm():
+def arm(names=NAMES):
     """Joints whose names a spreadsheet would split or run."""
     links = "".join(
         f'<link name="l{k}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
         "</link>"
-        for k in range(4)
+        for k in range(len(names) + 1)
     )
     joints = "".join(
         f'<joint name="{html.escape(name).replace(chr(10), "&#10;")}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
         '<axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="9"/></joint>'
-        for k, name in enumerate(NAMES)
+        for k, name in enumerate(names)
     )
     return tw.load(f'<robot name="arm">{links}{joints}</robot>')
 
@@ -334,3 +335,13 @@ def test_every_csv_file_quotes_names_and_makes_them_harmless(tmp_path):
     for path in tmp_path.iterdir():
         assert "\n=1+1" not in path.read_text()
         assert ",=1+1" not in path.read_text()
+
+
+def test_a_motion_of_joints_with_such_names_is_read_back(tmp_path):
+    """To the last bit. A name over two lines is left out: a motion is read line by line."""
+    robot = arm([*NAMES[:2], 'say "x" now', "'=x"])
+    moving = tw.trajectories.move(robot, np.zeros(4), np.ones(4))
+    motion = Trajectory.open(moving.to_csv(tmp_path / "motion.csv", 0.01), robot.model)
+    read, sampled = motion.motion(np.concatenate(list(motion.tables()))), moving.sample(0.01)
+    for name in ("time", "q", "dq", "ddq"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(sampled, name))

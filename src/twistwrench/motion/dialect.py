@@ -6,6 +6,8 @@ import csv
 import re
 from dataclasses import dataclass
 
+from ..core.csv_writer import meant_text
+
 __all__ = ["Dialect", "is_number"]
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
@@ -54,7 +56,7 @@ class Dialect:
             cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True, strict=True), [])
         except csv.Error:
             cells = line.split(self.separator)
-        return [cell.strip() for cell in cells]
+        return [meant_text(cell.strip()) for cell in cells]
 
     @property
     def name(self) -> str:

@@ -102,7 +102,7 @@ def read_sensor_file(path: str | Path) -> SensorFile:
         raise NotFoundError(f"no sensor file {str(path)!r}. {_ADVICE}") from None
     except TwistWrenchError as problem:
         raise ValueRangeError(f"{path}: {problem}") from None
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, OverflowError):
         raise ValueRangeError(f"{path}: is no sensor file. {_ADVICE}") from None
     return SensorFile(sensor, (moment, force), uncertainty)
 
@@ -121,7 +121,7 @@ def _uncertainty(known: dict[str, Any]) -> Uncertainty:
 def _content(path: Path) -> dict[str, Any]:
     with foreign_errors(lambda reason: ValueRangeError(f"is no sensor file: {reason}. {_ADVICE}")):
         try:
-            content = json.loads(read_text(path, _MOST_BYTES))
+            content = json.loads(read_text(path, _MOST_BYTES), parse_int=float)  # no number beyond floats
         except FileNotFoundError:
             raise NotFoundError(str(path)) from None
     if not isinstance(content, dict):
