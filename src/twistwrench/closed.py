@@ -255,8 +255,7 @@ class ClosedRobot:
     def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
         """Torques as those that move the robot, Pτ, and those that the constraints bear; (nq), (nv) → (nv), (nv)."""
         q, tau = self._state("split", q=q, tau=tau)
-        kind = np.result_type(q, tau)
-        motion = (self._reach(q)[1].projector @ tau[..., None])[..., 0].astype(kind, copy=False)
+        motion = (self._reach(q)[1].projector @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
         return MotionForceSplit(motion, tau - motion)
 
     @lazy.by_blocks(lambda closed, _: [(closed.nv,)])
@@ -315,11 +314,9 @@ class ClosedRobot:
         if not self._kept:
             ddq = self.robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
             return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], len(self.sizes)), ddq.dtype))
-        rows = list(self.independent)
+        rows, call = list(self.independent), self.robot._with_wrenches
         with np.errstate(all="ignore"):
-            ddq, some, pivots = self.robot._with_wrenches(
-                "constrained_dynamics", (q, dq, tau), by, on, None, constraints=self._kept
-            )
+            ddq, some, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=self._kept)
         lam = np.zeros((*some.shape[:-1], len(self.sizes)), some.dtype)
         lam[..., rows] = some
         again = doubtful(pivots, self.sizes[rows])
@@ -327,9 +324,8 @@ class ClosedRobot:
             usual = np.broadcast_to(q, (*again.shape, self.nq))[~again]
             lam[~again] = (self._reach(usual)[1].range @ lam[~again][..., None])[..., 0]
         if again.any():
-            h = self.robot._with_wrenches("bias_forces", (q, dq), by, on, None)
-            batch = again.shape
-            q, dq, force = (np.broadcast_to(x, (*batch, x.shape[-1]))[again] for x in (q, dq, tau - h))
+            h = call("bias_forces", (q, dq), by, on, None)
+            q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
             ddq[again], lam[again] = self._by_singular_values(q, dq, force)
         return ConstrainedMotion(ddq, lam)
 

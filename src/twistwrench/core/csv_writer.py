@@ -63,11 +63,8 @@ class CsvWriter:
     def row(self, cells: Iterable[str | float | None]) -> None:
         """Add one row; numbers with the digits that give them back exactly, None as an empty cell."""
         line = io.StringIO()
-        csv.writer(
-            line, lineterminator="\r\n"
-        ).writerow(  # a carriage return in a name is quoted only if it may end lines
-            [harmless_text(c) if isinstance(c, str) else "" if c is None else repr(float(c)) for c in cells]
-        )
+        texts = [harmless_text(c) if isinstance(c, str) else "" if c is None else repr(float(c)) for c in cells]
+        csv.writer(line, lineterminator="\r\n").writerow(texts)  # a return in a name is quoted only if it may end lines
         self.file.write((line.getvalue().removesuffix("\r\n") + "\n").encode())
 
     def numbers(self, rows: Array) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..core.csv_writer import CsvWriter
 from ..model.model import BASE, Body, Model
 from .coordinates import Coordinates
 
@@ -98,11 +98,12 @@ def as_text(robot: Robot, kind: Literal["json", "csv"]) -> str:
     """:func:`summary` as JSON, or :func:`joint_rows` as CSV with a header; what is not known is null or empty."""
     if kind == "json":
         return json.dumps(summary(robot), indent=2, ensure_ascii=False) + "\n"
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(joint_rows(robot.model))
-    return text.getvalue()
+    file = io.BytesIO()
+    writer = CsvWriter(file)
+    writer.row(COLUMNS)
+    for row in joint_rows(robot.model):
+        writer.row(row.values())
+    return file.getvalue().decode()
 
 
 def _root(model: Model) -> str:
