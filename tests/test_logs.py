@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import twistwrench as tw
 from motions import write_motion
 from twistwrench import load, robots
 from twistwrench.errors import ModelWarning, TrajectoryError, TwistWrenchError, UnknownNameError, ValueRangeError
@@ -409,6 +410,16 @@ def test_mutated_bytes_end_in_errors_of_the_tree(model, write, arm, tmp_path):
     assert read_well > 50
 
 
+def test_a_joint_called_like_a_unit_is_read_from_our_own_files(tmp_path):
+    text = tw.robots.path_of("planar_2r").read_text().replace('"joint1"', '"arm [deg]"')
+    robot = tw.load(text)
+    result = robot.simulate([0.1, 0.2], duration=0.1, dt=0.01)
+    for kind in ("csv", "npz"):
+        path = getattr(result, f"to_{kind}")(tmp_path / f"s.{kind}")
+        motion, _ = read(path, robot.model)
+        np.testing.assert_array_equal(motion.q, result.q)
+
+
 def test_a_last_number_that_is_cut_is_noted(model, write):
     text = ",".join(EXACT) + "\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.6f},{0.2 * k:.6f}\n" for k in range(40))
     for content, cut in ((text, False), (text[:-1], False), (text[:-4], True)):
@@ -443,6 +454,15 @@ CONTRADICTIONS = {
     "accelerations in degrees": ((Q, DQ, np.degrees(DDQ)), "the acceleration column is 57.3 times"),
     "a sign": ((Q, DQ * [1, -1]), "elbow_joint: the velocity column has the opposite sign"),
     "columns changed about": ((Q, DQ[:, ::-1]), "the velocity column"),
+    "velocities a fifth too large": (
+        (Q, 1.2 * DQ),
+        "the velocity column is not the slope of the positions, but some 1.2",
+    ),
+    "velocities a fifth too small": ((Q, 0.8 * DQ), "but some 0.8 times"),
+    "one velocity of a motor": ((Q, DQ * [1, 2]), "elbow_joint: the velocity column is not the slope"),
+    "a clock at half its rate": ((Q, DQ / 2), "but some 0.5 times"),
+    "accelerations twice as large": ((Q, DQ, 2 * DDQ), "the acceleration column is not the slope"),
+    "accelerations in g": ((Q, DQ, 9.81 * DDQ), "but some 9.8 times"),
     "positions that stand": ((NONE, DQ), "the velocity column moves, and the positions stand"),
 }
 

@@ -585,3 +585,13 @@ def test_bad_input_of_the_command_is_one_line(arguments, says):
     assert says in done.output
     assert done.output.startswith("error: ")
     assert done.output.count("\n") == 1
+
+
+@pytest.mark.parametrize("keyword", ["tau", "controller"])
+def test_labelled_torques_of_a_function_are_not_read_by_position(keyword):
+    """As labelled constants are refused: other labels in another order would be other torques."""
+    pd = pytest.importorskip("pandas")
+    arm = tw.robots.planar_2r()
+    torques = pd.Series([1.0, 2.0], index=["joint2", "joint1"])
+    with pytest.raises(tw.SimulationError, match="named columns"):
+        arm.simulate([0.0, 0.0], duration=0.1, dt=0.01, **{keyword: lambda t, q, dq: torques})

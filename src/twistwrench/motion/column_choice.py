@@ -43,12 +43,14 @@ class _Header:
 
     cells: Sequence[str]
     where: str
+    joints: Sequence[str] = ()
+    """Names that are taken as they stand, brackets at their ends included."""
     free: list[int] = field(init=False)
     split: list[tuple[str, str | None]] = field(init=False)
 
     def __post_init__(self) -> None:
         self.free = [k for k, cell in enumerate(self.cells) if cell]
-        self.split = [split_unit(cell) for cell in self.cells]
+        self.split = [(cell, None) if cell in self.joints else split_unit(cell) for cell in self.cells]
 
     def found(self) -> str:
         """The names, as they end an error."""
@@ -86,7 +88,7 @@ def choose(
         raise TrajectoryError(
             f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
         )
-    header, notes = _Header(cells, where), list[str]()
+    header, notes = _Header(cells, where, coordinates.names), list[str]()
     names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
     told = _told(header, names, columns)
     time = _time(header, told.pop(("time", 0), None), rate, notes)
@@ -119,7 +121,7 @@ def absent_joints(
     cells: Sequence[str], coordinates: Coordinates, joints: Sequence[str], columns: Mapping[str, str]
 ) -> tuple[str, ...]:
     """Which of the ``joints`` have no column of their position in this header, by their names or as ``columns`` says."""
-    header = _Header(cells, "")
+    header = _Header(cells, "", coordinates.names)
     given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
     names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
     for key in columns:

@@ -20,8 +20,9 @@ Array = NDArray[Any]
 
 __all__ = ["Contradictions"]
 
-_LEAST, _MOST = 0.5, 2.0
-"""Times the slope of the positions that a measured rate may be: filters and delays cost less, wrong units more."""
+_ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
+"""Times the slope of what it belongs to that a measured rate may be: filters and delays cost less (measured velocities of
+real logs are 0.94 to 1.02 times the slope), a wrong unit, ratio or clock more."""
 _WITHIN = 0.1
 """How near a known factor between units a gain is taken to be that factor."""
 _DEGREES = math.degrees(1.0)
@@ -156,7 +157,8 @@ class Contradictions:
             angular = self._angular[joints]
             gains = tally.result(angular)
             said: dict[str, list[str]] = {}
-            for k in np.flatnonzero(~((gains > _LEAST) & (gains < _MOST))).tolist():
+            least, most = _ALLOWED[rate]
+            for k in np.flatnonzero(~((gains > least) & (gains < most))).tolist():
                 if time_told and math.isfinite(gains[k]) and any(_near(gains[k], f) for f in (1e3, 1e6, 1e9)):
                     continue
                 what = _described(float(gains[k]), bool(angular[k]), base, per)
@@ -179,8 +181,9 @@ def _described(gain: float, angular: bool, base: str, per: str) -> str:
         known += [
             ("57.3", _DEGREES, f"it seems to be in deg{per}; name the unit, as in 'JOINT [deg{per}]'"),
             ("1/57.3", 1 / _DEGREES, "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'"),
-            ("9.55", 30 / math.pi, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"),
         ]
+        if per == "/s":
+            known.append(("9.55", 30 / math.pi, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"))
     else:
         known[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
     for shown, factor, reason in known:

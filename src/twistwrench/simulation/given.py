@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import arguments
 from ..core.arguments import positive, whole
 from ..errors import SimulationError, ValueRangeError
 
@@ -38,9 +39,8 @@ class Law:
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """What the function gives."""
         try:
-            found = np.asarray(
-                self.function(t, q.copy(), dq.copy())
-            )  # a function may keep what it is given, or change it
+            # A function may keep what it is given, or change it; a table that it gives would be read by position.
+            found = arguments.plain(self.function(t, q.copy(), dq.copy()), self.what)
         except Exception as problem:
             kind = type(problem).__name__
             raise SimulationError(f"{self.what} failed at t = {t:.9g} s with {kind}: {problem}") from problem
