@@ -127,6 +127,19 @@ def test_a_fitted_duration_touches_a_limit_and_passes_none(bundled, shape):
     assert hasty.violations()
 
 
+@pytest.mark.parametrize("begin", [0.0, 1.5])
+def test_a_fitted_motion_takes_as_long_as_its_mirror_image(bundled, begin):
+    """On the other side of where it hangs a pendulum takes the same torques with the other sign."""
+    robot = bundled("pendulum")
+    bounds, times = trajectories.limits.bounds_of(robot, effort=15.0), []
+    for way in (1.0, -1.0):
+        path = trajectories.joint_line(robot, [way * begin], [way * (begin + 0.7)])
+        scaling = trajectories.fitted(robot, path, bounds=bounds)
+        assert trajectories.Trajectory(robot, path, scaling).violations(bounds) == ()
+        times.append(scaling.duration)
+    assert times[0] == pytest.approx(times[1], rel=1e-9)
+
+
 def test_violations_name_joint_kind_and_time(bundled):
     robot = bundled("ur5")
     moving = trajectories.move(robot, HOME, HOME + np.array([0, 0, 3.0, 0, 0, 0]), trajectories.cubic(0.5))
