@@ -164,6 +164,14 @@ def test_damping_and_friction_are_told_apart(run, tmp_path):
     assert second["damping"] == second["friction"] == 0.0
 
 
+def test_a_mimic_joint_is_independent_where_it_is_asked_for(run, tmp_path):
+    text = robots.path_of("planar_2r").read_text()
+    path = tmp_path / "follower.urdf"
+    path.write_text(re.sub(r'(<joint name="joint2".*?)</joint>', r'\1<mimic joint="joint1"/></joint>', text, flags=re.DOTALL))
+    for flags, nv in (([], 1), (["--mimic", "follow"], 1), (["--mimic", "independent"], 2)):
+        assert json.loads(run("info", path, "--json", *flags)[1])["nv"] == nv
+
+
 @pytest.mark.parametrize("flags, ratio", [([], "0.5"), (["--degrees"], "0.0087266")])
 def test_a_slider_that_follows_an_angle_does_so_by_its_unit(run, tmp_path, flags, ratio):
     """Half a metre for each radian is 8.7 mm for each degree, and 0.2 m stay 0.2 m."""

@@ -460,6 +460,8 @@ def test_honest_logs_are_not_accused(arm, tmp_path):
     rounded = np.round(Q / 1e-3) * 1e-3
     flicker = np.array([0.3, -0.2]) + 1e-4 * (rng.random(Q.shape) < 0.02)  # an encoder at rest
     steady = np.outer(T, [0.1, -0.2])
+    turned = 3.0 * np.outer(T, [1, -1])
+    wrapped = np.arctan2(np.sin(turned), np.cos(turned))
     for columns in (
         (Q,),
         (Q, DQ),
@@ -469,8 +471,17 @@ def test_honest_logs_are_not_accused(arm, tmp_path):
         (flicker, NONE),
         (flicker, 0.01 * rng.normal(size=Q.shape)),
         (steady, np.tile([0.1, -0.2], (len(T), 1)), NONE),
+        (wrapped, np.tile([3.0, -3.0], (len(T), 1))),
     ):
         assert said_of(tmp_path, arm, *columns)[0] == ()
+
+
+def test_rates_of_a_joint_that_wraps_are_compared_too(arm, tmp_path):
+    turned = 3.0 * np.outer(T, [1, -1])
+    wrapped = np.arctan2(np.sin(turned), np.cos(turned))
+    assert (np.abs(np.diff(wrapped, axis=0)).max(axis=0) > 6).all()
+    (said,), _ = said_of(tmp_path, arm, wrapped, np.degrees(np.tile([3.0, -3.0], (len(T), 1))))
+    assert "57.3 times the slope of the positions" in said
 
 
 def test_time_in_milliseconds_is_told_unless_its_unit_is(arm, tmp_path):

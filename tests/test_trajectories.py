@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -233,7 +234,8 @@ def test_a_path_that_ends_early_says_where_and_why_and_keeps_what_it_has(bundled
     assert_allclose(reached, T[:3, 3] + error.reached * (end - T)[:3, 3], atol=1e-6)
 
 
-def test_a_limit_on_the_way_is_named(bundled):
+@pytest.mark.parametrize("down, limit", [(0.3, "1.6"), (-0.2, "1.4")], ids=["upper", "lower"])
+def test_a_limit_on_the_way_is_named(bundled, down, limit):
     text = (
         tw.robots.path_of("ur5")
         .read_text()
@@ -242,8 +244,8 @@ def test_a_limit_on_the_way_is_named(bundled):
     robot = tw.load(text)
     T = robot.forward_kinematics(HOME)
     end = T.copy()
-    end[2, 3] -= 0.3
-    with pytest.raises(tw.PathError, match=r"elbow_joint reaches its limit 1\.6"):
+    end[2, 3] -= down
+    with pytest.raises(tw.PathError, match=f"elbow_joint reaches its limit {re.escape(limit)}"):
         trajectories.follow_poses(robot, trajectories.straight_path(T, end), HOME)
 
 
