@@ -160,14 +160,18 @@ def test_damping_and_friction_are_told_apart(run, tmp_path):
     path.write_text(text.replace("</joint>", '<dynamics damping="1.5" friction="0.25"/></joint>', 1))
     model = tw.load(path).model
     [first, second] = json.loads(run("info", path, "--json")[1])["joints"]
-    assert (first["damping"], first["friction"]) == (1.5, 0.25) == (model.friction.viscous[0], model.friction.coulomb[0])
+    assert (
+        (first["damping"], first["friction"]) == (1.5, 0.25) == (model.friction.viscous[0], model.friction.coulomb[0])
+    )
     assert second["damping"] == second["friction"] == 0.0
 
 
 def test_a_mimic_joint_is_independent_where_it_is_asked_for(run, tmp_path):
     text = robots.path_of("planar_2r").read_text()
     path = tmp_path / "follower.urdf"
-    path.write_text(re.sub(r'(<joint name="joint2".*?)</joint>', r'\1<mimic joint="joint1"/></joint>', text, flags=re.DOTALL))
+    path.write_text(
+        re.sub(r'(<joint name="joint2".*?)</joint>', r'\1<mimic joint="joint1"/></joint>', text, flags=re.DOTALL)
+    )
     for flags, nv in (([], 1), (["--mimic", "follow"], 1), (["--mimic", "independent"], 2)):
         assert json.loads(run("info", path, "--json", *flags)[1])["nv"] == nv
 
@@ -180,7 +184,9 @@ def test_a_slider_that_follows_an_angle_does_so_by_its_unit(run, tmp_path, flags
     mimic = '<mimic joint="joint1" multiplier="0.5" offset="0.2"/>'
     limit = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
     path = tmp_path / "rack.urdf"
-    path.write_text(f'{head}<joint name="joint2" type="prismatic"' + tail.replace("</joint>", f"{limit}{mimic}</joint>", 1))
+    path.write_text(
+        f'{head}<joint name="joint2" type="prismatic"' + tail.replace("</joint>", f"{limit}{mimic}</joint>", 1)
+    )
     code, said = run("info", path, *flags)
     assert code == 0, said
     assert f"follows {ratio} × joint1 +0.2" in " ".join(said.split())
