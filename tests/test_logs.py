@@ -19,6 +19,7 @@ from twistwrench.motion import csv_file as csv_module
 from twistwrench.motion.column_names import NamedJoints
 from twistwrench.motion.trajectory import Trajectory, joints_without_column, open_motion_file
 from twistwrench.report.locks import joints_beside
+from twistwrench.shell import RobotOptions
 
 pytest_plugins = ("torque_fixtures",)
 LOGS = Path(__file__).resolve().parents[2] / "shared" / "logs"
@@ -593,6 +594,14 @@ def test_a_chain_holds_all_joints_beside_it(run):
     assert code == 0, text
     assert "2 moving bodies" in text
     assert run("info", "ur5", "--chain", "upper_arm_link", "nothing")[0] == 2
+
+
+def test_what_is_locked_stays_where_it_was_put_beside_a_chain_too():
+    lock, chain = {"wrist_3_joint": 0.7}, ("upper_arm_link", "wrist_1_link")
+    whole, part = robots.ur5(), RobotOptions("ur5", False, lock, None, "follow", "error", None, False, chain).load()
+    assert part.joint_names == ("elbow_joint", "wrist_1_joint")
+    q = np.array([0, 0, 0.3, -0.4, 0, 0.7])
+    np.testing.assert_allclose(part.forward_kinematics(q[2:4]), whole.forward_kinematics(q), atol=1e-12)
 
 
 # ── real logs ──
