@@ -270,3 +270,13 @@ def test_a_robot_without_mass_has_no_centre_of_mass():
         0.0,
         0.0,
     ]
+
+
+@pytest.mark.parametrize("batch", [(), (2,)], ids=["one", "batch"])
+@pytest.mark.parametrize("place", list(np.ndindex(3, 3)))
+def test_each_entry_of_a_rotation_is_looked_at(place, batch):
+    R = np.tile(tw.so3.exp([0.3, -0.5, 0.7]), (*batch, 1, 1))
+    assert arguments.rotation(R, "R") is R
+    R[..., *place] += 1e-3
+    with pytest.raises(tw.ValueRangeError, match="R is not a rotation"):
+        arguments.rotation(R, "R")

@@ -79,8 +79,12 @@ def test_a_payload_causes_what_the_robot_needs_with_it_and_not_without():
     load = tw.SpatialInertia.box((0.1, 0.2, 0.3), mass=3.0)
     carrying = robot.with_payload(load, "panda_hand")
     state = random_state(robot, np.random.default_rng(5))
-    found = carrying.explain(*state).of("payload at panda_hand")
+    why, bare = carrying.explain(*state), robot.explain(*state)
+    found = why.of("payload at panda_hand")
     assert_close(found, carrying.inverse_dynamics(*state) - robot.inverse_dynamics(*state), 1e-10, "payload")
+    assert set(why.causes) == {*bare.causes, "payload at panda_hand"}
+    for cause in bare.causes:  # and nothing else changes
+        np.testing.assert_allclose(why.of(cause), bare.of(cause), rtol=0, atol=1e-10 * np.abs(bare.torque).max())
 
 
 def test_rotors_cause_what_they_add_whether_or_not_the_links_were_weighed_with_them():

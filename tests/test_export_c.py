@@ -339,7 +339,8 @@ def test_names_of_a_robot_can_neither_end_a_comment_nor_break_an_identifier(tmp_
 
 @compiled
 @pytest.mark.parametrize("precision", ["double", "float"])
-def test_the_test_passes_and_notices_a_wrong_number(precision, bundled, tmp_path):
+@pytest.mark.parametrize("wrong", ["1.1 times", "no number"])
+def test_the_test_passes_and_notices_a_wrong_number(wrong, precision, bundled, tmp_path):
     robot = bundled("panda")
     _, source, test = robot.export_c(MAIN[:2], tmp_path, precision=precision)
     program = tmp_path / "check"
@@ -348,7 +349,12 @@ def test_the_test_passes_and_notices_a_wrong_number(precision, bundled, tmp_path
     assert done.returncode == 0 and done.stdout.count("ok  ") == 2, done.stdout
     text = source.read_text()
     constant = max(re.findall(r"\b\d\.\d{5,}", text), key=float)
-    source.write_text(text.replace(constant, str(float(constant) * 1.1)))
+    if wrong == "1.1 times":
+        source.write_text(text.replace(constant, str(float(constant) * 1.1)))
+    else:  # the first entry at the first state alone
+        one_off = re.sub(r"(_M\[3\]\[49\] = \{\n    \{)[^,]+", rf"\1({precision})NAN", test.read_text())
+        assert one_off.count("NAN") == 1
+        test.write_text(one_off)
     build("cc", [*STRICT, source, test, "-o", program, "-lm"])
     done = subprocess.run([program], capture_output=True, text=True)
     assert done.returncode == 1 and "FAIL" in done.stdout, done.stdout

@@ -92,6 +92,11 @@ def test_no_file_that_was_read_is_overwritten(run, tmp_path):
     code, output = run("arm.h", "--c", "arm.c")
     assert code == 2 and "overwrite the file of" in output, output
     assert (tmp_path / "arm.h").read_bytes() == before
+    motors = tmp_path / "motors.c"
+    motors.write_text("actuators: {joint1: {friction: {viscous: 1 N m s/rad}}}")
+    code, output = run("planar_2r", "--actuators", "motors.c", "--c", "motors.c")
+    assert code == 2 and "overwrite the file of --actuators" in output, output
+    assert motors.read_text().startswith("actuators")
 
 
 def test_inputs_to_differentiate_by_and_parameters_are_joined_by_plus(run, tmp_path):

@@ -146,6 +146,26 @@ def test_any_other_scaling_is_slower(bundled):
     assert quick.violations() == ()
 
 
+@pytest.mark.parametrize("out", [1, -1], ids=["counted outward", "counted inward"])
+@pytest.mark.parametrize("slope", [0.4, -0.4], ids=["upward", "downward"])
+def test_a_slider_that_is_held_while_it_is_turned_is_bounded_on_both_sides(slope, out):
+    """Its force is weight and m r ω²: what bounds it bounds the rate alone, by what the weight leaves on that side."""
+    c, s = np.cos(slope), np.sin(slope)
+    robot = tw.load(
+        f"""<robot name="turntable"><link name="base"/>
+        <link name="table"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <link name="rider"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="turn" type="continuous"><parent link="base"/><child link="table"/><axis xyz="0 0 1"/></joint>
+        <joint name="slide" type="prismatic"><parent link="table"/><child link="rider"/><origin xyz="{c} 0 {s}"/>
+        <axis xyz="{out * c} 0 {out * s}"/><limit lower="-1" upper="1" velocity="9" effort="20"/></joint></robot>"""
+    )
+    motion = fastest(robot, trajectories.joint_line(robot, [0, 0], [3, 0]), effort=[50, 20])
+    assert_extreme(motion)
+    weight, inward = 2 * 9.81 * s, 2 * c * c  # along the slider, and m r ω² of ω = 1
+    fastest_turn = np.sqrt((20 + weight) / inward)
+    assert np.abs(motion(instants(motion))[1][:, 0]).max() == pytest.approx(fastest_turn, rel=WITHIN)
+
+
 def test_the_phase_plane_has_the_motion_below_its_limit_curves(bundled):
     robot = bundled("planar_2r")
     motion = fastest(robot, spline(robot, [[0, 0], [0.8, -0.5], [0.3, 0.9]]), effort=[60, 30])

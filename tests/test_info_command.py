@@ -154,6 +154,44 @@ def test_info_as_json_and_csv_has_the_numbers_of_the_robot(run, ur5):
     assert summary["tip"] == "tool0"
 
 
+def test_damping_and_friction_are_told_apart(run, tmp_path):
+    text = robots.path_of("planar_2r").read_text()
+    path = tmp_path / "rough.urdf"
+    path.write_text(text.replace("</joint>", '<dynamics damping="1.5" friction="0.25"/></joint>', 1))
+    model = tw.load(path).model
+    [first, second] = json.loads(run("info", path, "--json")[1])["joints"]
+    assert (
+        (first["damping"], first["friction"]) == (1.5, 0.25) == (model.friction.viscous[0], model.friction.coulomb[0])
+    )
+    assert second["damping"] == second["friction"] == 0.0
+
+
+def test_a_mimic_joint_is_independent_where_it_is_asked_for(run, tmp_path):
+    text = robots.path_of("planar_2r").read_text()
+    path = tmp_path / "follower.urdf"
+    path.write_text(
+        re.sub(r'(<joint name="joint2".*?)</joint>', r'\1<mimic joint="joint1"/></joint>', text, flags=re.DOTALL)
+    )
+    for flags, nv in (([], 1), (["--mimic", "follow"], 1), (["--mimic", "independent"], 2)):
+        assert json.loads(run("info", path, "--json", *flags)[1])["nv"] == nv
+
+
+@pytest.mark.parametrize("flags, ratio", [([], "0.5"), (["--degrees"], "0.0087266")])
+def test_a_slider_that_follows_an_angle_does_so_by_its_unit(run, tmp_path, flags, ratio):
+    """Half a metre for each radian is 8.7 mm for each degree, and 0.2 m stay 0.2 m."""
+    text = robots.path_of("planar_2r").read_text()
+    head, tail = text.split('<joint name="joint2" type="continuous"', 1)
+    mimic = '<mimic joint="joint1" multiplier="0.5" offset="0.2"/>'
+    limit = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    path = tmp_path / "rack.urdf"
+    path.write_text(
+        f'{head}<joint name="joint2" type="prismatic"' + tail.replace("</joint>", f"{limit}{mimic}</joint>", 1)
+    )
+    code, said = run("info", path, *flags)
+    assert code == 0, said
+    assert f"follows {ratio} × joint1 +0.2" in " ".join(said.split())
+
+
 def test_json_has_null_where_nothing_is_known(run):
     [first, _] = json.loads(run("info", "planar_2r", "--json")[1])["joints"]
     assert first["lower"] is first["effort"] is None

@@ -20,6 +20,7 @@ from twistwrench.motion import csv_file as csv_module
 from twistwrench.motion.column_names import NamedJoints
 from twistwrench.motion.trajectory import Trajectory, joints_without_column, open_motion_file
 from twistwrench.report.locks import joints_beside
+from twistwrench.shell import RobotOptions
 
 pytest_plugins = ("torque_fixtures",)
 LOGS = Path(__file__).resolve().parents[2] / "shared" / "logs"
@@ -480,6 +481,8 @@ def test_honest_logs_are_not_accused(arm, tmp_path):
     rounded = np.round(Q / 1e-3) * 1e-3
     flicker = np.array([0.3, -0.2]) + 1e-4 * (rng.random(Q.shape) < 0.02)  # an encoder at rest
     steady = np.outer(T, [0.1, -0.2])
+    turned = 3.0 * np.outer(T, [1, -1])
+    wrapped = np.arctan2(np.sin(turned), np.cos(turned))
     for columns in (
         (Q,),
         (Q, DQ),
@@ -489,8 +492,17 @@ def test_honest_logs_are_not_accused(arm, tmp_path):
         (flicker, NONE),
         (flicker, 0.01 * rng.normal(size=Q.shape)),
         (steady, np.tile([0.1, -0.2], (len(T), 1)), NONE),
+        (wrapped, np.tile([3.0, -3.0], (len(T), 1))),
     ):
         assert said_of(tmp_path, arm, *columns)[0] == ()
+
+
+def test_rates_of_a_joint_that_wraps_are_compared_too(arm, tmp_path):
+    turned = 3.0 * np.outer(T, [1, -1])
+    wrapped = np.arctan2(np.sin(turned), np.cos(turned))
+    assert (np.abs(np.diff(wrapped, axis=0)).max(axis=0) > 6).all()
+    (said,), _ = said_of(tmp_path, arm, wrapped, np.degrees(np.tile([3.0, -3.0], (len(T), 1))))
+    assert "57.3 times the slope of the positions" in said
 
 
 def test_time_in_milliseconds_is_told_unless_its_unit_is(arm, tmp_path):
@@ -602,6 +614,14 @@ def test_a_chain_holds_all_joints_beside_it(run):
     assert code == 0, text
     assert "2 moving bodies" in text
     assert run("info", "ur5", "--chain", "upper_arm_link", "nothing")[0] == 2
+
+
+def test_what_is_locked_stays_where_it_was_put_beside_a_chain_too():
+    lock, chain = {"wrist_3_joint": 0.7}, ("upper_arm_link", "wrist_1_link")
+    whole, part = robots.ur5(), RobotOptions("ur5", False, lock, None, "follow", "error", None, False, chain).load()
+    assert part.joint_names == ("elbow_joint", "wrist_1_joint")
+    q = np.array([0, 0, 0.3, -0.4, 0, 0.7])
+    np.testing.assert_allclose(part.forward_kinematics(q[2:4]), whole.forward_kinematics(q), atol=1e-12)
 
 
 # ── real logs ──

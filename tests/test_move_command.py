@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import twistwrench as tw
 from twistwrench.cli import main
 
 ENDS = ("--from=0,-1.2,1.5,-0.3,1.5,0", "--to", "1.2,-0.8,1.1,-0.9,1.2,1")
@@ -44,6 +45,17 @@ def test_a_straight_line_in_degrees(run, tmp_path):
     assert "Within all limits." in output
     rows = list(csv.reader(file.read_text().splitlines()))
     assert np.allclose([float(x) for x in rows[1][1:7]], [0, -70, 85, -20, 85, 0])
+
+
+@pytest.mark.parametrize("flags, quarter", [(["--degrees"], 90.0), ([], np.pi / 2)])
+def test_ways_and_peaks_are_in_the_unit_asked_for(run, flags, quarter):
+    """The cubic timing is fastest half way, 3/2 of the mean; MR section 9.2.2."""
+    code, output = run(
+        "move", "planar_2r", *flags, "--from=0,0", "--to", f"{quarter!r},0", "--scaling", "cubic", "--duration", 1
+    )
+    assert code == 0, output
+    row = next(line.split() for line in output.splitlines() if line.split()[:1] == ["joint1"])
+    assert row[1:3] == [f"{quarter:.4g}", f"{1.5 * quarter:.4g}"]
 
 
 def test_a_path_that_ends_early_is_kept_until_there(run, tmp_path):
@@ -83,6 +95,16 @@ def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):
     assert code == 1
     assert "CANNOT: the robot cannot hold itself on this path" in output
     assert "29.43 of 20" in output
+
+
+@pytest.mark.parametrize("flags, over", [([], False), (["--friction"], True)])
+def test_friction_is_judged_where_it_is_counted(run, tmp_path, flags, over):
+    """Half a radian in a second takes less than 4 N m without friction; at 0.75 rad/s this drags with 3.75 N m more."""
+    text = tw.robots.path_of("pendulum").read_text()
+    limit = '<limit effort="5" velocity="9"/><dynamics damping="5"/></joint>'
+    (tmp_path / "r.urdf").write_text(text.replace("</joint>", limit, 1))
+    code, output = run("move", tmp_path / "r.urdf", "--to", 0.5, "--duration", 1, "--scaling", "cubic", *flags)
+    assert (code, "OVER LIMIT: hinge: torque" in output) == (int(over), over), output
 
 
 def test_waypoints_are_met(run, tmp_path):

@@ -529,6 +529,11 @@ def test_degrees_are_those_of_planar_joints_too(tmp_path):
         done = twistwrench(tmp_path / "sled.urdf", "--degrees", *given, "--duration", 0.01, "--npz", place)
         assert done.exit_code == 0, done.output
         np.testing.assert_allclose(SimulationResult.load(place).q[0], [1, 2, np.pi / 2])
+    done = twistwrench(
+        tmp_path / "sled.urdf", "--degrees", "--velocity", "slide=90,1,2", "--duration", 0.01, "--npz", place
+    )
+    assert done.exit_code == 0, done.output
+    np.testing.assert_allclose(SimulationResult.load(place).dq[0], [np.pi / 2, 1, 2])
 
 
 def test_an_interrupted_command_shows_and_writes_what_there_is(tmp_path, monkeypatch):
@@ -554,6 +559,19 @@ def test_the_command_knows_the_ground_and_what_is_carried():
     assert done.exit_code == 0, done.output
     assert "box touches the plane at 0.20" in done.output
     assert "work of contacts" in done.output
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_the_ground_of_the_command_has_the_friction_it_was_given(tmp_path, mu):
+    """A box that slides on four feet loses mu g of its speed in a second, whatever it weighs."""
+    feet = [x for a in (-1, 1) for b in (-1, 1) for x in ("--touch", f"box:{a},{b},0")]
+    done = twistwrench(
+        "floating_box", "--duration", 0.5, "--ground", 0, "--contact", f"1e4,1,{mu}", *feet, "--velocity",
+        "root_joint=0,0,0,3,0,0", "--dt", 0.01, "--npz", tmp_path / "a.npz",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    lost = 3.0 - SimulationResult.load(tmp_path / "a.npz").dq[-1, 3]
+    assert lost == pytest.approx(mu * 9.81 * 0.5, rel=0.1, abs=1e-9)  # it comes down on its feet first
 
 
 def test_the_command_writes_what_it_has_when_a_step_is_unstable(tmp_path):

@@ -131,6 +131,22 @@ def test_bad_limit_files_are_refused(ur5, tmp_path, text, said):
         read_limits(path, ur5.model)
 
 
+@pytest.mark.parametrize("upper, over", [(60, False), (40, True)])
+def test_limits_of_the_command_are_in_the_unit_of_its_angles(run, tmp_path, upper, over):
+    t = np.linspace(0, 1, 101)
+    place = 25 * (1 - np.cos(np.pi * t))  # to 50 degrees
+    rates = 25 * np.pi * np.sin(np.pi * t), 25 * np.pi**2 * np.cos(np.pi * t)
+    table = np.column_stack([t, place, 0 * t, rates[0], 0 * t, rates[1], 0 * t])
+    header = "time,joint1,joint2,joint1.vel,joint2.vel,joint1.acc,joint2.acc"
+    np.savetxt(tmp_path / "m.csv", table, delimiter=",", header=header, comments="")
+    (tmp_path / "limits.csv").write_text(f"joint,lower,upper,effort\njoint1,-1,{upper},1e4\njoint2,-1,1,1e4\n")
+    code, said = run(
+        *("torques", "planar_2r", "--degrees", "--trajectory", tmp_path / "m.csv", "--limits", tmp_path / "limits.csv")
+    )
+    assert code == int(over), said
+    assert ("joint1 at t = 1.000 s passes its position limit" in said) is over, said
+
+
 def test_positions_of_planar_and_floating_velocities_have_no_limits(tmp_path):
     urdf, path = tmp_path / "sled.urdf", tmp_path / "limits.csv"
     urdf.write_text(SLED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -127,6 +128,19 @@ def test_a_fitted_duration_touches_a_limit_and_passes_none(bundled, shape):
     assert hasty.violations()
 
 
+@pytest.mark.parametrize("begin", [0.0, 1.5])
+def test_a_fitted_motion_takes_as_long_as_its_mirror_image(bundled, begin):
+    """On the other side of where it hangs a pendulum takes the same torques with the other sign."""
+    robot = bundled("pendulum")
+    bounds, times = trajectories.limits.bounds_of(robot, effort=15.0), []
+    for way in (1.0, -1.0):
+        path = trajectories.joint_line(robot, [way * begin], [way * (begin + 0.7)])
+        scaling = trajectories.fitted(robot, path, bounds=bounds)
+        assert trajectories.Trajectory(robot, path, scaling).violations(bounds) == ()
+        times.append(scaling.duration)
+    assert times[0] == pytest.approx(times[1], rel=1e-9)
+
+
 def test_violations_name_joint_kind_and_time(bundled):
     robot = bundled("ur5")
     moving = trajectories.move(robot, HOME, HOME + np.array([0, 0, 3.0, 0, 0, 0]), trajectories.cubic(0.5))
@@ -220,7 +234,8 @@ def test_a_path_that_ends_early_says_where_and_why_and_keeps_what_it_has(bundled
     assert_allclose(reached, T[:3, 3] + error.reached * (end - T)[:3, 3], atol=1e-6)
 
 
-def test_a_limit_on_the_way_is_named(bundled):
+@pytest.mark.parametrize("down, limit", [(0.3, "1.6"), (-0.2, "1.4")], ids=["upper", "lower"])
+def test_a_limit_on_the_way_is_named(bundled, down, limit):
     text = (
         tw.robots.path_of("ur5")
         .read_text()
@@ -229,8 +244,8 @@ def test_a_limit_on_the_way_is_named(bundled):
     robot = tw.load(text)
     T = robot.forward_kinematics(HOME)
     end = T.copy()
-    end[2, 3] -= 0.3
-    with pytest.raises(tw.PathError, match=r"elbow_joint reaches its limit 1\.6"):
+    end[2, 3] -= down
+    with pytest.raises(tw.PathError, match=f"elbow_joint reaches its limit {re.escape(limit)}"):
         trajectories.follow_poses(robot, trajectories.straight_path(T, end), HOME)
 
 

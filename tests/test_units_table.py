@@ -9,6 +9,7 @@ import pytest
 from scipy import special
 
 from twistwrench.io.units import UNITS, in_si
+from twistwrench.motion.units import unit_factor
 from twistwrench.report.strays import residual_spread
 from twistwrench.sensing.fit import Problem, Unknowns, fit
 from twistwrench.sensing.log import ReadingLog
@@ -49,6 +50,26 @@ SI = {
 
 def test_the_table_has_every_unit():
     assert {kind: set(units) for kind, units in UNITS.items()} == {kind: set(units) for kind, units in SI.items()}
+
+
+ANGLES = {"rad": 1.0, "mrad": MILLI, "deg": DEGREE, "°": DEGREE, "degrees": DEGREE, "rev": math.tau, "turn": math.tau}
+LENGTHS = {"m": 1.0, "cm": CENTI, "mm": MILLI, "um": MICRO}
+LOGGED = {
+    ("q", True): ANGLES,
+    ("q", False): LENGTHS,
+    ("dq", True): {**{f"{u}/s": x for u, x in ANGLES.items()}, "1/s": 1.0, "rpm": TURN_A_MINUTE},
+    ("dq", False): {f"{u}/s": x for u, x in LENGTHS.items()},
+    ("ddq", True): {**{f"{u}/s^2": x for u, x in ANGLES.items()}, "1/s^2": 1.0},
+    ("ddq", False): {f"{u}/s^2": x for u, x in LENGTHS.items()},
+    ("tau", True): {"N m": 1.0, "mN m": MILLI, "kN m": KILO, "N cm": CENTI},
+    ("tau", False): {"N": 1.0, "mN": MILLI, "kN": KILO},
+}
+"""Of columns of logs: positions, velocities, accelerations and torques, of what turns and of what slides."""
+
+
+@pytest.mark.parametrize(("of", "unit"), [(of, unit) for of, units in LOGGED.items() for unit in units])
+def test_every_unit_of_a_log_has_its_factor(of, unit):
+    assert unit_factor(unit, *of, "the log") == pytest.approx(LOGGED[of][unit], rel=1e-14)
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(kind, unit) for kind, units in SI.items() for unit in units])

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
 
 import twistwrench as tw
 from robot_files import FILES, NONE
 from twistwrench import verify as module
+from twistwrench.cli import main
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.testing import KINDS, random_inertia, random_pose, random_robot
 from twistwrench.verify import Check, render, verify
@@ -217,3 +219,20 @@ def test_a_slide_without_gravity_agrees_though_nothing_is_left_of_its_coriolis_f
     assert verify(tw.Robot(builder.build(gravity=(0, 0, 0))), states=3).passed
     fan = random_robot(11, joints=1, kinds=("revolute",)).with_gravity((0, 0, 0))
     assert verify(fan, states=3).passed
+
+
+@pytest.mark.parametrize("off, code", [(0.0, 0), (1e-6, 1), (np.nan, 1)])
+def test_the_command_ends_with_1_where_a_check_disagrees(monkeypatch, off, code):
+    monkeypatch.setattr(module, "_LAWS", (("a law", "what it compares", 1e-9, lambda _robot, _at: off),))
+    monkeypatch.setattr(module, "_PEERS", ())
+    done = CliRunner().invoke(main, ["verify", "pendulum"])
+    assert done.exit_code == code, done.output
+    assert ("DISAGREES" in done.output) is bool(code)
+
+
+def test_other_libraries_are_asked_under_the_robots_gravity():
+    pytest.importorskip("pinocchio")
+    pytest.importorskip("mujoco")
+    report = verify(tw.robots.ur5().with_gravity((1.0, 2.0, -3.0)), states=1)
+    for name in ("Pinocchio", "MuJoCo"):
+        assert row(report, name).passed, row(report, name)

@@ -190,6 +190,21 @@ def test_each_limit_that_is_passed_is_a_sentence(bundled):
     assert any(sentence.startswith(f"{worst} passes its velocity limit") for sentence in found)
 
 
+def test_the_mirrored_motion_passes_the_same_limits():
+    robot = tw.load(
+        """<robot name="hinge"><link name="base"/>
+        <link name="bar"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="hinge" type="revolute"><parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>
+        <limit lower="-0.5" upper="0.5" velocity="1" effort="4"/></joint></robot>"""
+    )
+    t = np.linspace(0, 1, 11)  # t³: all rates have one sign
+    q, dq, ddq = t[:, None] ** 3, 3 * t[:, None] ** 2, 6 * t[:, None]
+    ahead, back = (motion_of(robot, t, way * q, way * dq, way * ddq).warnings for way in (1, -1))
+    for kind in ("torque limit by 2", "upper limit by 0.5", "velocity limit by 2"):
+        assert sum(kind in said for said in ahead) == 1, ahead
+    assert [said.replace("upper", "lower") for said in ahead] == [said for said in back if said], back
+
+
 # ── energies and pictures ──
 
 
@@ -359,6 +374,22 @@ def test_the_shell_writes_pages(tmp_path):
     result = run("view", "panda", "--lock", "panda_joint1=0.3", "--html", out)
     assert result.exit_code == 0, result.output
     assert len(read_page(out)[0]["hands"]) == 6
+
+
+def test_friction_is_in_the_torques_unless_it_is_left_out(tmp_path):
+    text = re.sub(r"<dynamics[^>]*/>", "", tw.robots.path_of("pendulum").read_text())
+    (tmp_path / "r.urdf").write_text(text.replace("</joint>", '<dynamics damping="5"/></joint>', 1))
+    robot = tw.load(tmp_path / "r.urdf")
+    q, dq, ddq = swing(robot)
+    name = robot.joint_names[0]
+    header = f"time,{name},{name}.vel,{name}.acc"
+    np.savetxt(tmp_path / "m.csv", np.column_stack([T, q, dq, ddq]), delimiter=",", header=header, comments="")
+    for flags, friction in (([], 5.0 * dq), (["--no-friction"], 0.0)):
+        page = tmp_path / "a.html"
+        done = run("view", tmp_path / "r.urdf", "--trajectory", tmp_path / "m.csv", "--html", page, *flags)
+        assert done.exit_code == 0, done.output
+        wanted = robot.inverse_dynamics(q, dq, ddq) + friction
+        np.testing.assert_allclose(read_page(page)[1]["torques"].reshape(-1, 1), wanted, atol=1e-5)  # float32
 
 
 def test_the_shell_films_and_draws(tmp_path):

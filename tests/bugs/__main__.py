@@ -1,4 +1,4 @@
-"""Put each bug of ``bugs.toml`` in, one at a time, and see whether the tests notice: ``python -m tests.bugs``.
+"""Put each bug of the tables here (``*.toml``) in, one at a time, and see whether the tests notice: ``python -m tests.bugs``.
 
 A bug is a text that stands once in a file of ``src``, what stands there in its place, and the test files of its room. Those
 run first, stopped at the first failure; the whole suite runs for survivors only (``--whole``). Each bug goes into a copy of
@@ -58,9 +58,10 @@ class Bug:
 
 
 def bugs() -> list[Bug]:
-    """All bugs of the table."""
-    table: list[dict[str, Any]] = tomllib.loads(Path(__file__).with_name("bugs.toml").read_text("utf-8"))["bug"]
-    return [Bug(**{**row, "tests": tuple(row["tests"])}) for row in table]
+    """All bugs of all tables."""
+    tables = [tomllib.loads(path.read_text("utf-8")) for path in sorted(Path(__file__).parent.glob("*.toml"))]
+    rows: list[dict[str, Any]] = [row for table in tables for row in table["bug"]]
+    return [Bug(**{**row, "tests": tuple(row["tests"])}) for row in rows]
 
 
 def noticed(bug: Bug, tests: list[str], seconds: float) -> str:

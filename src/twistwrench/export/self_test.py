@@ -36,7 +36,7 @@ static {type} gap(const {type} *found, const {type} *wanted, int n, {type} size)
     {type} worst = {zero};
     for (int k = 0; k < n; k++) {{
         const {type} apart = fabs{f}(found[k] - wanted[k]) / size;
-        if (!(apart <= worst))
+        if (worst >= {zero} && !(apart <= worst)) /* once it is NaN, it stays so */
             worst = apart;
     }}
     return worst;
@@ -110,7 +110,7 @@ def _function(robot: Robot, request: Request) -> tuple[str, str]:
         lines += [
             "        {",
             f"            const {precision} apart = gap({name}, {n.name}[k], {port.size}, {_hex(size, precision)});",
-            f"            if (!(apart <= worst_{name}))",
+            f"            if (worst_{name} >= 0.0{f} && !(apart <= worst_{name}))",
             f"                worst_{name} = apart;",
             "        }",
         ]
