@@ -259,6 +259,17 @@ def test_bodies_that_cannot_exist():
         SpatialInertia.from_points([1, 1], [[0, 0, 1], [0, 0, -1]]).log_cholesky()
 
 
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e9])
+def test_moments_may_miss_the_triangle_inequality_by_a_millionth(scale):
+    """To 1e-6 of their sum, whatever the scale: files with six digits are read, and a flat plate is no nearer than that."""
+    for beyond, allowed in ((4e-7, True), (4e-5, False), (4e-3, False)):
+        G = SpatialInertia.from_com(1.0, moment_about_com=scale * np.diag([1.0, 1.0, 2.0 + beyond]))
+        assert (G.defects() == []) is allowed
+    for below, allowed in ((-4e-7, True), (-4e-5, False)):
+        G = SpatialInertia.from_com(1.0, moment_about_com=scale * np.diag([below, 1.0, 1.0]))
+        assert (G.defects() == []) is allowed
+
+
 def test_vectors_of_the_wrong_shape():
     body = RigidBody(SpatialInertia.sphere(0.1, mass=1.0))
     for call, message in (

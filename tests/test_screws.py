@@ -197,6 +197,16 @@ def test_kinds_are_named():
     assert rows.kind.tolist() == ["pure rotation", "pure translation", "screw motion", "rest"]
 
 
+@pytest.mark.parametrize("pitch", [1e-9, -1e-9, 1e-3])
+def test_a_small_pitch_is_no_rounding(pitch):
+    """A lead of nanometres beside a lever of a metre is a million times what doubles round, and named a screw's."""
+    S = screw_axis([1, 2, -2], point=[0.3, -0.7, 1.1], pitch=pitch)
+    assert tw.Twist(S, "b").kind == "screw motion"
+    assert tw.Wrench(np.roll(S, 3), "b").kind == "wrench"
+    assert (pose(3, "a", "b") @ tw.Twist(S, "b")).kind == "screw motion"
+    assert tw.Twist(screw_axis([1, 2, -2], point=[0.3, -0.7, 1.1]), "b").kind == "pure rotation"
+
+
 def test_reciprocity():
     hinge = tw.Twist(screw_axis([0, 0, 1], point=[1, 0, 0]), "b")
     through, beside = (tw.Wrench.of_force([0.3, 1, 0.5], "b", at=p) for p in ([1, 0, 7], [0, 0, 0]))
