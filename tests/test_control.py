@@ -289,6 +289,17 @@ def test_a_hand_with_a_mass_given_to_it_swings_at_the_root_of_stiffness_over_mas
     np.testing.assert_allclose(X, e * np.cos(np.sqrt(k / m) * run.times[:, None]), atol=1e-6)
 
 
+@pytest.mark.parametrize("mass", [None, 5.0])
+@pytest.mark.parametrize("kind", ["world_aligned", "body"])
+def test_a_hand_on_its_reference_has_the_acceleration_of_the_reference(ur5, kind, mass):
+    """Without an error nothing yields, whatever the mass: d/dt V_d goes through to the frame."""
+    T, dV = ur5.forward_kinematics(Q6), np.array([0.3, -0.8, 0.5, 1.0, -2.0, 0.7])
+    measured = {} if mass is None else {"mass": mass, "wrench_on_robot": lambda t, q, dq: np.zeros(6)}
+    law = Impedance(ur5, lambda t: (T, np.zeros(6), dV), 400.0, 30.0, kind=kind, **measured)
+    ddq = ur5.forward_dynamics(Q6, np.zeros(6), law(0.0, Q6, np.zeros(6)))
+    np.testing.assert_allclose(ur5.frame_acceleration(Q6, np.zeros(6), ddq), dV, atol=1e-9)
+
+
 def test_a_pushed_hand_moves_as_the_mass_spring_and_damper_it_is_told_to_be(planar):
     """M_d ë + B ė + K e = -F from rest, F a constant force of the world, solved by the exponential of the matrix."""
     M_d, B, K = 5.0, 30.0, 400.0

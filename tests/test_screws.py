@@ -180,6 +180,15 @@ def test_the_screw_of_an_axis_fixes_it_and_its_axis_moves_with_the_frame(seed):
     assert gap(so3.cross(T.rotation @ q + T.position - moved.point, moved.direction), 0) <= 1e-13
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_infinite_pitch_is_the_limit_of_large_ones(sign):
+    """S / |h| → (0, ± ŝ): a thread to the left of no end slides against its direction."""
+    direction, point = [1, 2, -2], [0.3, -0.7, 1.1]
+    near = screw_axis(direction, point, sign * 1e12) / 1e12
+    assert gap(screw_axis(direction, point, sign * np.inf), near) <= 2e-12
+    assert gap(wrench_along(direction, point, sign * np.inf), np.roll(near, 3)) <= 2e-12
+
+
 def test_tiny_screws_have_axes():
     axis = axis_of([0, 0, 1e-200, 0, -1e-200, 0])
     assert axis.point.tolist() == [1, 0, 0]

@@ -76,7 +76,7 @@ def failing(bug: Bug | None, tests: list[str], seconds: float) -> str:
     """The first test that fails with the bug in, or without any; "" if none does."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "src"
-        shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("*.pyc.*"))  # bytecode saves seconds
         if bug:
             bug.put_into(source)
         command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *tests]
