@@ -176,6 +176,8 @@ def test_batches_longer_than_a_block_and_empty_ones():
     single = body.wrench(V.astype(np.float32), dV.astype(np.float32))
     assert single.dtype == np.float32
     assert_close(single, body.wrench(V, dV), 1e-5)
+    for mixed in (body.wrench(V.astype(np.float32), dV), body.acceleration(V.astype(np.float32), dV)):
+        assert mixed.dtype == np.float64  # what float64 says is not rounded
 
 
 @law

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from random_trees import DIFFERENCES, ROUNDING, UNDRIVEN, body_poses, frames
 import twistwrench as tw
+from random_trees import DIFFERENCES, ROUNDING, UNDRIVEN, body_poses, frames
 from twistwrench import Ad, se3, so3
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.model.model import BASE
