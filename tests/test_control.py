@@ -56,7 +56,8 @@ def test_computed_torque_follows_a_trajectory_without_error(ur5):
 
 def test_computed_torque_with_a_payload_it_does_not_know_rests_where_its_gains_carry_it(ur5):
     """At rest M Kp e + g = g of the loaded robot: e = Kp⁻¹ M⁻¹ (g_loaded - g), M and g those of the model."""
-    loaded = ur5.with_payload(tw.SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+    # On the upper arm: a wrist that feels a hundred times the inertia it knows of comes to no rest.
+    loaded = ur5.with_payload(tw.SpatialInertia.from_com(3.0, (0.4, 0, 0.1)), "upper_arm_link")
     law = ComputedTorque(ur5, Q6, 100.0, 20.0)
     run = loaded.simulate(Q6, None, 3.0, 0.5, tau=law)
     q = run.q[-1]
