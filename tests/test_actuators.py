@@ -143,6 +143,7 @@ def test_the_speed_torque_region():
     w = np.array([0.0, knee - 1e-9, knee + 10, 469.0, 471.0])
     expected = [2.0, 2.0, 0.1 * (48 - 0.1 * (knee + 10)) / 0.5, 0.1 * (48 - 46.9) / 0.5, -np.inf]
     np.testing.assert_allclose(motor.greatest_torque(w), expected, rtol=1e-9)
+    assert motor.greatest_torque([-471.0, -469.0, np.nan]) == pytest.approx([-np.inf, 2.0, np.nan], nan_ok=True)
     assert motor.greatest_torque(0.0, motor.current_continuous) == pytest.approx(0.8)
     assert Motor(0.1, voltage=48.0).greatest_torque([479.0, 481.0]).tolist() == [np.inf, -np.inf]  # no resistance
     assert motor.voltage_at(2.0, 100.0, current_rate=0.0) == pytest.approx(11.0)

@@ -176,6 +176,8 @@ def test_batches_longer_than_a_block_and_empty_ones():
     single = body.wrench(V.astype(np.float32), dV.astype(np.float32))
     assert single.dtype == np.float32
     assert_close(single, body.wrench(V, dV), 1e-5)
+    for mixed in (body.wrench(V.astype(np.float32), dV), body.acceleration(V.astype(np.float32), dV)):
+        assert mixed.dtype == np.float64  # what float64 says is not rounded
 
 
 @law
@@ -257,6 +259,17 @@ def test_bodies_that_cannot_exist():
         RigidBody(np.eye(6))
     with pytest.raises(tw.InertiaError, match="no extent"):
         SpatialInertia.from_points([1, 1], [[0, 0, 1], [0, 0, -1]]).log_cholesky()
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e9])
+def test_moments_may_miss_the_triangle_inequality_by_a_millionth(scale):
+    """To 1e-6 of their sum, whatever the scale: files with six digits are read, and a flat plate is no nearer than that."""
+    for beyond, allowed in ((4e-7, True), (4e-5, False), (4e-3, False)):
+        G = SpatialInertia.from_com(1.0, moment_about_com=scale * np.diag([1.0, 1.0, 2.0 + beyond]))
+        assert (G.defects() == []) is allowed
+    for below, allowed in ((-4e-7, True), (-4e-5, False)):
+        G = SpatialInertia.from_com(1.0, moment_about_com=scale * np.diag([below, 1.0, 1.0]))
+        assert (G.defects() == []) is allowed
 
 
 def test_vectors_of_the_wrong_shape():

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from twistwrench.kernels import cache
 from twistwrench.kernels.code import compiled
 from twistwrench.kernels.ufunc import make_ufunc
 from twistwrench.program.trace import trace
-from twistwrench.targets.machine import DOUBLE, SINGLE
+from twistwrench.targets.machine import DOUBLE, SINGLE, chosen
 from twistwrench.targets.numpy import NumpyKernel
 
 PROGRAM = trace(lambda x: 3.0 * x + 0.5, [("x", ())], ["y"])
@@ -91,6 +92,11 @@ def test_code_of_another_compiler_or_processor_is_not_taken(place, monkeypatch):
             assert not compiled(PROGRAM, DOUBLE).cached, name
             assert compiled(PROGRAM, DOUBLE).cached, name
         assert compiled(PROGRAM, DOUBLE).cached, "back to the first"
+    here = chosen()
+    for other in (replace(here, cpu="generic"), replace(here, features=",".join(here.features.split(",")[1:]))):
+        assert not compiled(PROGRAM, DOUBLE, other).cached, other  # of the same text, but other instructions
+        assert compiled(PROGRAM, DOUBLE, other).cached, other
+    assert compiled(PROGRAM, DOUBLE).cached, "back to the first"
 
 
 def test_the_second_process_compiles_nothing(place):

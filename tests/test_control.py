@@ -56,7 +56,8 @@ def test_computed_torque_follows_a_trajectory_without_error(ur5):
 
 def test_computed_torque_with_a_payload_it_does_not_know_rests_where_its_gains_carry_it(ur5):
     """At rest M Kp e + g = g of the loaded robot: e = Kp⁻¹ M⁻¹ (g_loaded - g), M and g those of the model."""
-    loaded = ur5.with_payload(tw.SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+    # On the upper arm: a wrist that feels a hundred times the inertia it knows of comes to no rest.
+    loaded = ur5.with_payload(tw.SpatialInertia.from_com(3.0, (0.4, 0, 0.1)), "upper_arm_link")
     law = ComputedTorque(ur5, Q6, 100.0, 20.0)
     run = loaded.simulate(Q6, None, 3.0, 0.5, tau=law)
     q = run.q[-1]
@@ -287,6 +288,17 @@ def test_a_hand_with_a_mass_given_to_it_swings_at_the_root_of_stiffness_over_mas
     run = planar.simulate(Q, None, 0.8, 0.02, tau=law)
     X, _ = tasks(law, run)
     np.testing.assert_allclose(X, e * np.cos(np.sqrt(k / m) * run.times[:, None]), atol=1e-6)
+
+
+@pytest.mark.parametrize("mass", [None, 5.0])
+@pytest.mark.parametrize("kind", ["world_aligned", "body"])
+def test_a_hand_on_its_reference_has_the_acceleration_of_the_reference(ur5, kind, mass):
+    """Without an error nothing yields, whatever the mass: d/dt V_d goes through to the frame."""
+    T, dV = ur5.forward_kinematics(Q6), np.array([0.3, -0.8, 0.5, 1.0, -2.0, 0.7])
+    measured = {} if mass is None else {"mass": mass, "wrench_on_robot": lambda t, q, dq: np.zeros(6)}
+    law = Impedance(ur5, lambda t: (T, np.zeros(6), dV), 400.0, 30.0, kind=kind, **measured)
+    ddq = ur5.forward_dynamics(Q6, np.zeros(6), law(0.0, Q6, np.zeros(6)))
+    np.testing.assert_allclose(ur5.frame_acceleration(Q6, np.zeros(6), ddq), dV, atol=1e-9)
 
 
 def test_a_pushed_hand_moves_as_the_mass_spring_and_damper_it_is_told_to_be(planar):

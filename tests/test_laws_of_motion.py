@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import twistwrench as tw
 from random_trees import DIFFERENCES, ROUNDING, UNDRIVEN, body_poses, frames
 from twistwrench import Ad, se3, so3
+from twistwrench.model.builder import ModelBuilder
 from twistwrench.model.model import BASE
 from twistwrench.testing import assert_close, derivative_along, random_state
 
@@ -61,6 +63,25 @@ def test_subtract_undoes_add(robot, rng):
     q1 = robot.random_configuration(rng, 50)
     back = robot.add(q, robot.subtract(q1, q))
     assert_close(robot.link_poses(back), robot.link_poses(q1), ROUNDING, "q ⊕ (q1 ⊖ q), as poses")
+
+
+def test_random_configurations_without_limits_fill_a_turn_and_a_metre_either_way():
+    """Each coordinate by its own kind, in its own place: of a planar joint x, y within ±1 m and theta within ±π."""
+    builder = ModelBuilder("sled")
+    for name in ("sled", "wheel", "slide"):
+        builder.add_link(name)
+        builder.add_link(f"{name}_end")
+    builder.add_joint("plane", "planar", "sled", "sled_end", axis=(0, 0, 1))
+    builder.add_joint("to_wheel", "fixed", "sled_end", "wheel")
+    builder.add_joint("turn", "continuous", "wheel", "wheel_end", axis=(0, 0, 1))
+    builder.add_joint("to_slide", "fixed", "wheel_end", "slide")
+    builder.add_joint("push", "prismatic", "slide", "slide_end", axis=(0, 0, 1))
+    robot = tw.Robot(builder.build())
+    assert robot.coordinate_names == ("plane.x", "plane.y", "plane.theta", "turn", "push")
+    reach = np.array([1.0, 1.0, np.pi, np.pi, 1.0])
+    q = robot.random_configuration(0, 500)
+    assert (np.abs(q) <= reach).all()
+    assert (np.abs(q).max(axis=0) >= 0.95 * reach).all()  # missed by 0.95⁵⁰⁰, one in 10¹¹
 
 
 # ── momentum and centre of mass ──

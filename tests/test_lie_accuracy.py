@@ -176,6 +176,17 @@ def test_float32_stays_float32():
     assert np.abs(se3.log(T) - V).max() <= 1e-5
 
 
+@pytest.mark.parametrize("length", [1e5, 1e9, 1e12, 1e25, 3e38])
+def test_float32_vectors_of_any_length_turn(length):
+    """Where the square of w is beyond float32 too: some rotation about its axis, and a left Jacobian that keeps the axis."""
+    w = np.array([0.6, 0.0, -0.8], np.float32)
+    R, J = so3.exp(np.float32(length) * w), so3.left_jacobian(np.float32(length) * w)
+    assert R.dtype == J.dtype == np.float32
+    assert np.abs(R.T @ R - np.eye(3)).max() <= 1e-5
+    assert np.abs(R @ w - w).max() <= 1e-5
+    assert np.abs(J - np.outer(w, w)).max() <= 1e-4
+
+
 def test_integers_are_read_as_floats():
     assert se3.exp([0, 0, 0, 1, 2, 3]).dtype == float
 

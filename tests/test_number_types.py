@@ -194,6 +194,18 @@ def test_kernels_refuse_what_numpy_would(robot):
     assert kernel(np.zeros(3, np.float16)).dtype == np.float32
 
 
+def test_wrenches_as_lists_take_the_precision_of_the_state(robot):
+    """A list has no precision of its own; an array has, and what float64 holds is computed in float64."""
+    state, push = np.zeros((3, 3), np.float32), [0.0, 0.0, 0.0, 0.0, 1.5, 0.0]
+    for side in ("wrench_by_robot", "wrench_on_robot"):
+        for given, precision in ((push, np.float32), (np.array(push, "f"), np.float32), (np.array(push), np.float64)):
+            assert robot.inverse_dynamics(*state, **{side: {robot.tip: given}}).dtype == precision
+    tau = robot.inverse_dynamics(*state, wrench_by_robot={robot.tip: push})
+    np.testing.assert_allclose(
+        tau, robot.inverse_dynamics(*state.astype(float), wrench_by_robot={robot.tip: push}), 1e-5
+    )
+
+
 def test_two_results_are_not_written_to_one_memory(robot):
     q = np.zeros((5, 3))
     room = np.zeros((6, 3, 3))

@@ -184,7 +184,7 @@ def test_a_pose_beyond_the_joint_limits_exits_1_and_says_by_how_much(run, tmp_pa
     said = " ".join(output.split())
     assert code == 1
     assert "wrist_1_joint at 400° is 40° above its upper position limit, 360°" in said
-    assert "elbow_joint at −200° is 20° below its lower position limit, −180°" in said
+    assert "elbow_joint at -200° is 20° below its lower position limit, -180°" in said
     verdict = said[said.index("OVER LIMIT") :]
     assert verdict.index("wrist_1_joint") < verdict.index("elbow_joint")  # the farthest first
     for edge in (high, -high):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from twistwrench import robots
 from twistwrench.program.program import FUSED, Program
 from twistwrench.program.trace import Trace, trace
-from twistwrench.targets.numpy import NumpyKernel
+from twistwrench.targets.numpy import CHUNK, NumpyKernel
 
 
 def traced(function, inputs="xyzw") -> Program:
@@ -232,3 +232,11 @@ def test_deep_programs_do_not_overflow_the_stack():
     assert program.counts() == {"add": depth}
     # Sums of 1 are exact up to 2^53.
     assert NumpyKernel(program, "chain", "")(2.0, 1.0) == depth + 2.0
+
+
+@pytest.mark.parametrize("samples", [CHUNK - 1, CHUNK, CHUNK + 1, 2 * CHUNK + 3])
+def test_numpy_takes_batches_of_any_length(samples):
+    """In parts that fit the caches; no sample is left out between them."""
+    x = np.arange(2.0 * samples).reshape(samples, 2)
+    found = NumpyKernel(trace(lambda a: a * a[::-1] + 1.0, [("a", (2,))], ["b"]), "turned", "")(x)
+    assert np.array_equal(found, x * x[:, ::-1] + 1.0)

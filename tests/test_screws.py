@@ -180,6 +180,15 @@ def test_the_screw_of_an_axis_fixes_it_and_its_axis_moves_with_the_frame(seed):
     assert gap(so3.cross(T.rotation @ q + T.position - moved.point, moved.direction), 0) <= 1e-13
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_infinite_pitch_is_the_limit_of_large_ones(sign):
+    """S / |h| → (0, ± ŝ): a thread to the left of no end slides against its direction."""
+    direction, point = [1, 2, -2], [0.3, -0.7, 1.1]
+    near = screw_axis(direction, point, sign * 1e12) / 1e12
+    assert gap(screw_axis(direction, point, sign * np.inf), near) <= 2e-12
+    assert gap(wrench_along(direction, point, sign * np.inf), np.roll(near, 3)) <= 2e-12
+
+
 def test_tiny_screws_have_axes():
     axis = axis_of([0, 0, 1e-200, 0, -1e-200, 0])
     assert axis.point.tolist() == [1, 0, 0]
@@ -195,6 +204,16 @@ def test_kinds_are_named():
     assert ((T_ab @ couple).kind, (T_ab @ couple).axis.pitch) == ("pure couple", np.inf)
     rows = tw.Twist([[0, 0, 1, 0, 2, 0], [0, 0, 0, 0, 2, 0], [0, 0, 1, 0, 0, 1], [0] * 6], "b")
     assert rows.kind.tolist() == ["pure rotation", "pure translation", "screw motion", "rest"]
+
+
+@pytest.mark.parametrize("pitch", [1e-9, -1e-9, 1e-3])
+def test_a_small_pitch_is_no_rounding(pitch):
+    """A lead of nanometres beside a lever of a metre is a million times what doubles round, and named a screw's."""
+    S = screw_axis([1, 2, -2], point=[0.3, -0.7, 1.1], pitch=pitch)
+    assert tw.Twist(S, "b").kind == "screw motion"
+    assert tw.Wrench(np.roll(S, 3), "b").kind == "wrench"
+    assert (pose(3, "a", "b") @ tw.Twist(S, "b")).kind == "screw motion"
+    assert tw.Twist(screw_axis([1, 2, -2], point=[0.3, -0.7, 1.1]), "b").kind == "pure rotation"
 
 
 def test_reciprocity():

@@ -35,6 +35,10 @@ def test_names_limits_and_coordinates():
     assert list(robot.actuators) == ["elbow_joint.motor"]
     assert robot.limits.effort.tolist() == [150, 150, np.inf, 28, 28, 28, 150]  # the motor's torque is what is limited
     assert robot.limits.upper[-1] == np.inf
+    assert robot.limits.velocity.tolist() == [
+        *arm.limits.velocity,
+        arm.limits.velocity[2],
+    ]  # both sides keep that of the joint
 
 
 def test_equations_of_motion_follow_from_the_energies():

@@ -350,6 +350,23 @@ def test_limits_mean_what_the_format_says(kind, limit, expected, remarks):
         assert "'j' (line 4)" in defect or "name='j'> (line 4)" in defect
 
 
+@pytest.mark.parametrize(
+    ("said", "ratio", "offset"),
+    [
+        ("", 1, 0),
+        ('multiplier="-2" offset="0.3"', -2, 0.3),
+        ('offset="0.3"', 1, 0.3),
+        ('multiplier="0" offset="0.3"', 0, 0.3),
+    ],
+)
+def test_a_mimic_joint_stands_at_multiplier_times_its_leader_plus_offset(said, ratio, offset):
+    """What is left out is 1 and 0, and a multiplier of 0 is none that is left out: it holds the joint at the offset."""
+    follower = joint("k", "base", "arm", f'<axis xyz="0 0 1"/><mimic joint="j" {said}/>')
+    leader = joint("j", "base", "lead", '<axis xyz="0 0 1"/>')
+    found = tw.Robot(load(robot(BASE, ARM, '<link name="lead"/>', leader, follower)))
+    assert_close(found.forward_kinematics([0.7], "arm"), se3.exp([0, 0, ratio * 0.7 + offset, 0, 0, 0]), 1e-15)
+
+
 def test_damping_and_friction_are_read():
     model = load(moving('<dynamics damping="0.5" friction="0.25"/>'))
     assert (model.friction.viscous.tolist(), model.friction.coulomb.tolist()) == ([0.5], [0.25])
