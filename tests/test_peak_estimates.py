@@ -14,6 +14,7 @@ from twistwrench import load, robots
 from twistwrench.errors import ModelWarning
 from twistwrench.report.contenders import Contenders, excess_of_largest
 from twistwrench.report.sampling import sample_errors
+from twistwrench.report.smoothing import best_strength
 from twistwrench.report.survey import survey
 
 TIAGO = Path(__file__).resolve().parents[2] / "shared" / "logs" / "tiago"
@@ -138,13 +139,37 @@ def test_a_peak_that_stands_alone_is_not_corrected():
     assert excess_of_largest(np.array([10.0, 5.0, 4.0]), 0.1, 3) == (0.0, 0.1)
 
 
+def test_the_flanks_of_a_peak_do_not_contend_with_it():
+    """However the runs lie, one smooth hill is one contender: it stands alone, and nothing is taken off it."""
+    for shift in range(10):
+        found = Contenders(1, 10)
+        found.add(30.0 - 1e-3 * (np.arange(200) - 100.0 - shift)[:, None] ** 2)
+        assert np.isfinite(found.result()).sum() == 1
+        assert excess_of_largest(found.result()[:, 0], 0.2, found.runs) == (0.0, 0.2)
+
+
+@pytest.mark.parametrize("late", range(8))
+def test_late_stamps_do_not_keep_a_short_log_from_being_smoothed(late):
+    """Their noise lives in the few rows that are fast, so that its variance is known badly; 3 s at 100 Hz."""
+    t, rng = np.arange(300) * 1e-2, np.random.default_rng(late)
+    x = np.sin(2.0 * t)[:, None] * np.exp(-8.0 * (t - 1.5) ** 2)[:, None]
+    speed = np.gradient(x[:, 0], t)[:, None]
+    seen = x + 3e-4 * speed * rng.normal(size=(300, 1))
+    noise = survey([t], [seen]).noise[0]
+    assert best_strength([t], [seen[:, 0]], float(noise), 1e-2) >= 10.0
+
+
 @pytest.mark.parametrize("portion", [1, 7, 1000])
-def test_contenders_are_the_largest_of_each_run_of_rows(portion):
+def test_contenders_are_the_largest_of_each_run_of_rows_but_flanks(portion):
+    """A run whose largest value is next to a larger one is the flank of its neighbour, and no contender."""
     values = np.random.default_rng(3).normal(size=(995, 2))
     found = Contenders(2, 10)
     for k in range(0, 995, portion):
         found.add(values[k : k + portion])
     runs = np.maximum.reduceat(values, np.arange(0, 995, 10))
+    around = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
+    after = around[[min(k + 11, 996) for k in range(0, 995, 10)]]
+    runs[(runs < around[0:995:10]) | (runs < after)] = -np.inf
     assert found.runs == 100
     np.testing.assert_array_equal(found.result(), -np.sort(-runs, axis=0))
 

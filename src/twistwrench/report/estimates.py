@@ -25,11 +25,15 @@ from .trajectory import Motion
 
 Array = NDArray[Any]
 
-__all__ = ["PeakEstimate", "estimate_peaks"]
+__all__ = ["UNDERSMOOTHED", "PeakEstimate", "estimate_peaks"]
 
 _DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 128, 32, 4096
 _HIDDEN = math.sqrt(2.0)
 """The smoothed motion is flat already where smoothing flattens: it shows that much less of the bias."""
+UNDERSMOOTHED = 10.0**-0.5
+"""Share of the strength that is best for positions which peaks are estimated with. The best balances the smoothing's bias
+against noise, and of the bias a smoothed log shows only part; with less strength the noise outweighs it. Source: Hall,
+The Bootstrap and Edgeworth Expansion, 1992, section 4.5."""
 _SEED = 8
 _REACH, _SPLINE_REACH = 16.0, 24
 """Samples, in units of strength^(1/6) and beyond: what is farther off changes a smoothed value by less than 1e-3."""
