@@ -28,8 +28,6 @@ Array = NDArray[Any]
 __all__ = ["UNDERSMOOTHED", "PeakEstimate", "estimate_peaks"]
 
 _DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 128, 32, 4096
-_HIDDEN = math.sqrt(2.0)
-"""The smoothed motion is flat already where smoothing flattens: it shows that much less of the bias."""
 UNDERSMOOTHED = 10.0**-0.5
 """Share of the strength that is best for positions which peaks are estimated with. The best balances the smoothing's bias
 against noise, and of the bias a smoothed log shows only part; with less strength the noise outweighs it. Source: Hall,
@@ -99,7 +97,7 @@ class _Search:
         value = float(self.peak.value[joint]) - excess
         return PeakEstimate(
             value=float(self.sign[joint] * value),
-            sigma=math.hypot(spread, _HIDDEN * bias),
+            sigma=math.hypot(spread, bias),
             time=float(self.peak.time[joint]),
             speed=float(self.way[joint] * self.speed.value[joint]),
             speed_sigma=speed_sigma,
