@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from motions import report_of, write_motion, write_positions
 from robot_files import FILES
@@ -16,6 +19,7 @@ from twistwrench.report.contenders import Contenders, excess_of_largest
 from twistwrench.report.sampling import sample_errors
 from twistwrench.report.smoothing import best_strength
 from twistwrench.report.survey import survey
+from twistwrench.report.tables import report_view, torque_label
 
 TIAGO = Path(__file__).resolve().parents[2] / "shared" / "logs" / "tiago"
 STEP = 2 * np.pi / 8192
@@ -108,6 +112,51 @@ def test_intervals_hold_the_true_peak_of_several_robots_and_rates(tmp_path, name
     robot = getattr(robots, name)()
     seeds = range(12 if robot.nv > 2 else 25)
     check_coverage(misses(robot, rate, ERRORS[errors], 5.0, seeds, tmp_path, smoothing=False))
+
+
+def noisy_log(tmp_path, **errors):
+    """A motion of planar_2r with noise: the robot, its file, times and positions (n, 2); 3 s at 200 Hz."""
+    robot, t = robots.planar_2r(), np.arange(600) / 200
+    q = logged(smooth_motion(robot, 3.0, 1), t, np.random.default_rng(1), **errors)
+    return robot, t, q
+
+
+def test_a_knock_is_reported_without_smooth_too(tmp_path):
+    robot, t, q = noisy_log(tmp_path, white=1e-4)
+    q[300, 1] += 0.02
+    report = report_of(robot, write_positions(tmp_path / "m.csv", robot, t, q), smoothing=False, friction=False)
+    assert [(s.column, s.time) for s in report.strays] == [(1, pytest.approx(1.5))]
+    assert any("no noise" in reason for reason in report.verdict.reasons)
+    assert not any(reason.startswith("noise explains") for reason in report.verdict.reasons)
+
+
+@pytest.mark.parametrize("kind", ["velocity", "upper"])
+def test_a_limit_of_motion_passed_by_less_than_noise_is_unsure(tmp_path, kind):
+    robot, t, q = noisy_log(tmp_path, white=1e-4)
+    at = smooth_motion(robot, 3.0, 1)(t)
+    true = {"velocity": np.abs(at[1]), "upper": at[0]}[kind].max(axis=0)
+    wide = np.full(2, np.inf)
+    bounds = replace(robot.limits, **({"lower": -wide, "upper": wide, "velocity": wide, "effort": wide} | {kind: true}))
+    path = write_positions(tmp_path / "m.csv", robot, t, q)
+    report = report_of(robot, path, limits=bounds, smoothing=False, friction=False)
+    assert kind in {e.kind for e in report.excesses}
+    said = " ".join(report.verdict.reasons)
+    assert report.verdict.word == "UNSURE", said
+    assert f"noise explains why the {'velocity' if kind == 'velocity' else 'position'} limit" in said
+
+
+@pytest.mark.parametrize("width", [80, 110])
+def test_the_report_of_a_noisy_log_fits_the_console(tmp_path, width):
+    robot, t, q = noisy_log(tmp_path, white=1e-4)
+    report = report_of(robot, write_positions(tmp_path / "m.csv", robot, t, q), smoothing=False, friction=False)
+    console = Console(width=width, file=io.StringIO(), color_system=None)
+    console.print(report_view(report))
+    printed = console.file.getvalue()
+    assert "…" not in printed
+    assert "What the peak is made of [N m]" in printed
+    for j in report.joints:
+        for value in (j.peak, j.likely, j.rms, *j.terms.values()):
+            assert torque_label(report, value) in printed
 
 
 @pytest.mark.parametrize("errors", ["white", "stamps", "all"])

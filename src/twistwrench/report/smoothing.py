@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -134,7 +134,7 @@ def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
     return x
 
 
-@lru_cache(maxsize=None)
+@cache
 def _passed(strength: float) -> float:
     """The mean over all frequencies of what the smoother passes; 1 at strength 0."""
     w = (np.arange(20000) + 0.5) * (math.pi / 20000)

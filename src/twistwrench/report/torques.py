@@ -194,9 +194,9 @@ def _without_noise(report: TorqueReport, chunk: int, progress: Callable[[int], N
     if not any(j.noise > NEGLIGIBLE * report.reference(j) for j in report.joints):
         return report
     plan = report.differentiation.smoothed(UNDERSMOOTHED)
-    estimates = estimate_peaks(report.load, plan, chunk, progress)
+    estimates, strays = estimate_peaks(report.load, plan, chunk, progress)
     joints = tuple(replace(j, estimate=e) for j, e in zip(report.joints, estimates, strict=True))
-    return replace(report, joints=joints, smoothed=plan)
+    return replace(report, joints=joints, smoothed=plan, strays=report.strays or strays)
 
 
 def _check_finite(torques: Array, s: States) -> None:
