@@ -71,8 +71,8 @@ def _own(largest: Array, before: Array, after: Array) -> Array:
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:
     """By how much the largest of falling ``values`` (k,) exceeds the largest true value, and that excess's deviation.
 
-    Values of -inf do not count. Each other is a true one with independent normal noise of deviation ``sigma``; they are the largest
-    of ``runs``. The true values that contend are taken to spread as much less than the values as the noise's variance
+    Values of -inf do not count. Each other is a true one with independent normal noise of deviation ``sigma``; they are
+    the largest of ``runs``. The true values that contend are taken to spread as much less than the values as the noise's variance
     explains.
     """
     from scipy.special import log_ndtr
