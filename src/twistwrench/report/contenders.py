@@ -72,8 +72,8 @@ def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, fl
     """By how much the largest of falling ``values`` (k,) exceeds the largest true value, and that excess's deviation.
 
     Values of -inf do not count. Each other is a true one with independent normal noise of deviation ``sigma``; they are
-    the largest of ``runs``. The true values that contend are taken to spread as much less than the values as the noise's variance
-    explains.
+    the largest of ``runs``. The true values that contend are taken to spread as much less than the values as the noise's
+    variance explains.
     """
     from scipy.special import log_ndtr
 
