@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from motions import report_of, write_motion, write_positions
 from robot_files import FILES
@@ -14,7 +17,9 @@ from twistwrench import load, robots
 from twistwrench.errors import ModelWarning
 from twistwrench.report.contenders import Contenders, excess_of_largest
 from twistwrench.report.sampling import sample_errors
+from twistwrench.report.smoothing import best_strength
 from twistwrench.report.survey import survey
+from twistwrench.report.tables import report_view, torque_label
 
 TIAGO = Path(__file__).resolve().parents[2] / "shared" / "logs" / "tiago"
 STEP = 2 * np.pi / 8192
@@ -109,6 +114,51 @@ def test_intervals_hold_the_true_peak_of_several_robots_and_rates(tmp_path, name
     check_coverage(misses(robot, rate, ERRORS[errors], 5.0, seeds, tmp_path, smoothing=False))
 
 
+def noisy_log(tmp_path, **errors):
+    """A motion of planar_2r with noise: the robot, its file, times and positions (n, 2); 3 s at 200 Hz."""
+    robot, t = robots.planar_2r(), np.arange(600) / 200
+    q = logged(smooth_motion(robot, 3.0, 1), t, np.random.default_rng(1), **errors)
+    return robot, t, q
+
+
+def test_a_knock_is_reported_without_smooth_too(tmp_path):
+    robot, t, q = noisy_log(tmp_path, white=1e-4)
+    q[300, 1] += 0.02
+    report = report_of(robot, write_positions(tmp_path / "m.csv", robot, t, q), smoothing=False, friction=False)
+    assert [(s.column, s.time) for s in report.strays] == [(1, pytest.approx(1.5))]
+    assert any("no noise" in reason for reason in report.verdict.reasons)
+    assert not any(reason.startswith("noise explains") for reason in report.verdict.reasons)
+
+
+@pytest.mark.parametrize("kind", ["velocity", "upper"])
+def test_a_limit_of_motion_passed_by_less_than_noise_is_unsure(tmp_path, kind):
+    robot, t, q = noisy_log(tmp_path, white=1e-4)
+    at = smooth_motion(robot, 3.0, 1)(t)
+    true = {"velocity": np.abs(at[1]), "upper": at[0]}[kind].max(axis=0)
+    wide = np.full(2, np.inf)
+    bounds = replace(robot.limits, **({"lower": -wide, "upper": wide, "velocity": wide, "effort": wide} | {kind: true}))
+    path = write_positions(tmp_path / "m.csv", robot, t, q)
+    report = report_of(robot, path, limits=bounds, smoothing=False, friction=False)
+    assert kind in {e.kind for e in report.excesses}
+    said = " ".join(report.verdict.reasons)
+    assert report.verdict.word == "UNSURE", said
+    assert f"noise explains why the {'velocity' if kind == 'velocity' else 'position'} limit" in said
+
+
+@pytest.mark.parametrize("width", [80, 110])
+def test_the_report_of_a_noisy_log_fits_the_console(tmp_path, width):
+    robot, t, q = noisy_log(tmp_path, white=1e-4)
+    report = report_of(robot, write_positions(tmp_path / "m.csv", robot, t, q), smoothing=False, friction=False)
+    console = Console(width=width, file=io.StringIO(), color_system=None)
+    console.print(report_view(report))
+    printed = console.file.getvalue()
+    assert "…" not in printed
+    assert "What the peak is made of [N m]" in printed
+    for j in report.joints:
+        for value in (j.peak, j.likely, j.rms, *j.terms.values()):
+            assert torque_label(report, value) in printed
+
+
 @pytest.mark.parametrize("errors", ["white", "stamps", "all"])
 def test_noise_and_late_stamps_are_told_apart(errors):
     given = {"white": 0.0, "grid": 0.0, "stamp": 0.0} | ERRORS[errors]
@@ -138,13 +188,37 @@ def test_a_peak_that_stands_alone_is_not_corrected():
     assert excess_of_largest(np.array([10.0, 5.0, 4.0]), 0.1, 3) == (0.0, 0.1)
 
 
+def test_the_flanks_of_a_peak_do_not_contend_with_it():
+    """However the runs lie, one smooth hill is one contender: it stands alone, and nothing is taken off it."""
+    for shift in range(10):
+        found = Contenders(1, 10)
+        found.add(30.0 - 1e-3 * (np.arange(200) - 100.0 - shift)[:, None] ** 2)
+        assert np.isfinite(found.result()).sum() == 1
+        assert excess_of_largest(found.result()[:, 0], 0.2, found.runs) == (0.0, 0.2)
+
+
+@pytest.mark.parametrize("late", range(8))
+def test_late_stamps_do_not_keep_a_short_log_from_being_smoothed(late):
+    """Their noise lives in the few rows that are fast, so that its variance is known badly; 3 s at 100 Hz."""
+    t, rng = np.arange(300) * 1e-2, np.random.default_rng(late)
+    x = np.sin(2.0 * t)[:, None] * np.exp(-8.0 * (t - 1.5) ** 2)[:, None]
+    speed = np.gradient(x[:, 0], t)[:, None]
+    seen = x + 3e-4 * speed * rng.normal(size=(300, 1))
+    noise = survey([t], [seen]).noise[0]
+    assert best_strength([t], [seen[:, 0]], float(noise), 1e-2) >= 10.0
+
+
 @pytest.mark.parametrize("portion", [1, 7, 1000])
-def test_contenders_are_the_largest_of_each_run_of_rows(portion):
+def test_contenders_are_the_largest_of_each_run_of_rows_but_flanks(portion):
+    """A run whose largest value is next to a larger one is the flank of its neighbour, and no contender."""
     values = np.random.default_rng(3).normal(size=(995, 2))
     found = Contenders(2, 10)
     for k in range(0, 995, portion):
         found.add(values[k : k + portion])
     runs = np.maximum.reduceat(values, np.arange(0, 995, 10))
+    around = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
+    after = around[[min(k + 11, 996) for k in range(0, 995, 10)]]
+    runs[(runs < around[0:995:10]) | (runs < after)] = -np.inf
     assert found.runs == 100
     np.testing.assert_array_equal(found.result(), -np.sort(-runs, axis=0))
 

@@ -19,28 +19,36 @@ _UNSURE = 0.12
 
 
 class Contenders:
-    """The largest values of each column, one for each run of ``rows`` rows; rows come in any portions."""
+    """The largest values of each column, one for each run of ``rows`` rows; rows come in any portions.
+
+    A run whose largest value stands at its border, with a larger one next to it, is but the flank of its neighbour: noise
+    moves both alike, and it does not count.
+    """
 
     def __init__(self, columns: int, rows: int) -> None:
         self.rows = rows
-        self.runs = 0
-        """How many runs there were."""
         self._seen = 0
-        self._open = np.full(columns, -np.inf)
+        self._held = np.zeros((0, columns))
+        self._before = np.full(columns, -np.inf)
+        """The row before those that are held."""
         self._kept = np.zeros((0, columns))
+
+    @property
+    def runs(self) -> int:
+        """How many runs there were."""
+        return -(-self._seen // self.rows)
 
     def add(self, values: Array) -> None:
         """Take in consecutive values (n, columns)."""
-        begun = self._seen % self.rows
-        starts = np.arange(-begun, len(values), self.rows).clip(min=0)
-        found = np.maximum.reduceat(values, starts)
-        if begun:
-            found[0] = np.maximum(found[0], self._open)
         self._seen += len(values)
-        self.runs = -(-self._seen // self.rows)
-        done = len(found) - (self._seen % self.rows > 0)
-        self._open = found[-1].copy()
-        self._keep(found[:done])
+        held = np.concatenate([self._held, values])
+        done = max(0, len(held) - 1) // self.rows  # runs of which the next row is known
+        if done:
+            runs = held[: done * self.rows].reshape(done, self.rows, -1)
+            before = np.concatenate([self._before[None], runs[:-1, -1]])
+            self._keep(_own(runs.max(axis=1), before, held[self.rows : done * self.rows + 1 : self.rows]))
+            self._before = runs[-1, -1].copy()
+        self._held = held[done * self.rows :].copy()
 
     def _keep(self, values: Array) -> None:
         self._kept = np.concatenate([self._kept, values])
@@ -48,19 +56,28 @@ class Contenders:
             self._kept = -np.partition(-self._kept, _MOST - 1, axis=0)[:_MOST]
 
     def result(self) -> Array:
-        """(runs, columns): each column's largest values, falling; of very many runs the first few thousand."""
-        last = self._open[None, :] if self._seen % self.rows else self._open[None, :0].reshape(0, len(self._open))
+        """(runs, columns): each column's largest values, falling, and -inf at last for runs that do not count; of very many
+        runs the first few thousand."""
+        last = self._held.max(axis=0, keepdims=True) if len(self._held) else self._held
+        last = _own(last, self._before[None], np.full_like(last, -np.inf))
         return -np.sort(-np.concatenate([self._kept, last]), axis=0)[:_MOST]
+
+
+def _own(largest: Array, before: Array, after: Array) -> Array:
+    """The largest values of runs (n, columns), -inf where the row before or after a run is larger still."""
+    return np.where((largest >= before) & (largest >= after), largest, -np.inf)
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:
     """By how much the largest of falling ``values`` (k,) exceeds the largest true value, and that excess's deviation.
 
-    Each value is a true one with independent normal noise of deviation ``sigma``; they are the largest of ``runs``. The
-    true values that contend are taken to spread as much less than the values as the noise's variance explains.
+    Values of -inf do not count. Each other is a true one with independent normal noise of deviation ``sigma``; they are
+    the largest of ``runs``. The true values that contend are taken to spread as much less than the values as the noise's
+    variance explains.
     """
     from scipy.special import log_ndtr
 
+    values = values[np.isfinite(values)]
     near = values[values >= values[0] - _NEAR * sigma]
     if len(near) < 2 or sigma == 0.0:
         return 0.0, sigma

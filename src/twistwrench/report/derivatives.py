@@ -98,8 +98,11 @@ class Differentiation:
     """Those of the columns that are differentiated, in SI units."""
 
     @classmethod
-    def plan(cls, trajectory: Trajectory, model: Model, *, smoothing: bool = False) -> Differentiation:
-        """Look at excerpts of the file and decide. ``smoothing`` fits its strength to the noise found."""
+    def plan(
+        cls, trajectory: Trajectory, model: Model, *, smoothing: bool = False, share: float = 1.0
+    ) -> Differentiation:
+        """Look at excerpts of the file and decide. ``smoothing`` fits its strength to the noise found, and takes that
+        ``share`` of it."""
         has = trajectory.columns.places
         source = "given" if has["ddq"] is not None else "velocities" if has["dq"] is not None else "positions"
         differentiated = "dq" if source == "velocities" else "q"
@@ -124,7 +127,7 @@ class Differentiation:
         deviation = quality.error if smoothing else quality.noise
         if smoothing:
             for k, error in enumerate(deviation.tolist()):
-                strengths[k] = best_strength(
+                strengths[k] = share * best_strength(
                     times, [x[:, k] for x in curves], error, quality.step, float(quality.quantum[k])
                 )
             # Rounding errors that are alike m times in a row have m times the power at low frequencies, where it passes.
@@ -160,9 +163,9 @@ class Differentiation:
             errors=sample_errors(times, curves, quality).scaled(factors if derives else np.zeros(0)),
         )
 
-    def smoothed(self) -> Differentiation:
-        """The same of the same file, smoothed as much as its noise asks."""
-        return Differentiation.plan(self.trajectory, self.model, smoothing=True)
+    def smoothed(self, share: float = 1.0) -> Differentiation:
+        """The same of the same file, smoothed by a ``share`` of the strength that its noise asks for."""
+        return Differentiation.plan(self.trajectory, self.model, smoothing=True, share=share)
 
     @property
     def derives(self) -> bool:

@@ -20,16 +20,21 @@ from .contenders import Contenders, excess_of_largest
 from .coordinates import joint_rates
 from .derivatives import SURE, Differentiation, States, spline_rates
 from .load import LoadedRobot
+from .strays import Stray, Strays
 from .tally import Extreme
 from .trajectory import Motion
 
 Array = NDArray[Any]
 
-__all__ = ["PeakEstimate", "estimate_peaks"]
+__all__ = ["UNDERSMOOTHED", "PeakEstimate", "estimate_peaks"]
 
 _DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 128, 32, 4096
 _HIDDEN = math.sqrt(2.0)
 """The smoothed motion is flat already where smoothing flattens: it shows that much less of the bias."""
+UNDERSMOOTHED = 10.0**-0.5
+"""Share of the strength that is best for positions which peaks are estimated with. The best balances the smoothing's bias
+against noise, and of the bias a smoothed log shows only part; with less strength the noise outweighs it. Source: Hall,
+The Bootstrap and Edgeworth Expansion, 1992, section 4.5."""
 _SEED = 8
 _REACH, _SPLINE_REACH = 16.0, 24
 """Samples, in units of strength^(1/6) and beyond: what is farther off changes a smoothed value by less than 1e-3."""
@@ -67,11 +72,13 @@ class _Search:
         self.peak, self.speed = Extreme(nv), Extreme(nv)
         self.sign, self.way = np.ones(nv), np.ones(nv)
         self.contenders = Contenders(nv, self.cell)
+        self.strays = Strays()
         self.around: list[tuple[Motion, int] | None] = [None] * nv
 
     def add(self, states: States, motion: Motion, inner: slice) -> None:
         """Take in an overlapping run."""
         core = states.at(inner)
+        self.strays.add(core.time, core.stray)
         torques = self.load.torques(core)
         self.contenders.add(np.abs(torques))
         for joint, row in self.peak.add(core.time, np.abs(torques)):
@@ -153,12 +160,12 @@ def estimate_peaks(
     differentiation: Differentiation,
     chunk: int,
     progress: Callable[[int], None] | None = None,
-) -> tuple[PeakEstimate, ...]:
-    """The peak of each joint without the noise of the log; ``differentiation`` smooths as much as the noise asks.
+) -> tuple[tuple[PeakEstimate, ...], tuple[Stray, ...]]:
+    """The peak of each joint without the noise of the log, and the samples that are no noise but were smoothed away.
 
     Reads the file once. Draws come from a fixed seed, so that the same log always gives the same numbers.
     """
     search = _Search(differentiation, load)
     for states, motion, inner in differentiation.surrounded_states(chunk, progress):
         search.add(states, motion, inner)
-    return tuple(search.estimate(k) for k in range(load.bare.nv))
+    return tuple(search.estimate(k) for k in range(load.bare.nv)), search.strays.result()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["cause_label", "number", "spread"]
+from rich.text import Text
+
+__all__ = ["cause_label", "number", "spread", "title_line"]
 
 _LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 
@@ -39,3 +41,8 @@ def spread(sigma: float) -> str:
         return "<0.001" if sigma > 0 else "0"
     rounded = float(f"{sigma:.1e}")
     return f"{rounded:.{min(max(1 - math.floor(math.log10(rounded) + 1e-9), 0), 3)}f}"
+
+
+def title_line(text: str, style: str = "bold") -> Text:
+    """The title of a table, which stays on one line where the table is narrower than it."""
+    return Text(text, style=style, no_wrap=True, overflow="ignore")

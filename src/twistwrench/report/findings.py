@@ -125,7 +125,7 @@ class TorqueReport:
     limits: Limits
     """What was held against the motion."""
     strays: tuple[Stray, ...]
-    """Samples that smoothing removed and noise does not explain."""
+    """Samples that smoothing removed and noise does not explain, be it the one for the peaks only."""
     still: tuple[float, ...]
     """Of each joint: the share of rows in which it rests, or moves, within the noise of its derived velocity."""
     motors: tuple[MotorUse, ...]

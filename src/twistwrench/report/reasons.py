@@ -46,7 +46,8 @@ def verdict_of(report: TorqueReport) -> Verdict:
             f"{'their' if len(massless) > 1 else 'its'} weight is missing from the torques"
         )
     if report.strays:
-        unsure.append("samples were flattened that are no noise")
+        flattened = "were flattened" if report.differentiation.strengths.any() else "are left out of the peaks"
+        unsure.append(f"samples {flattened} that are no noise")
     return Verdict.of(look_again=list(report.contradictions), over=stated, unsure=unsure)
 
 
@@ -86,8 +87,9 @@ def _judge_torques(
             for j in sorted(explained, key=lambda j: -abs(j.peak) / j.limit)[:_MOST_LISTED]
         ]
         more = len(explained) - len(shown)
+        what = "samples that are no noise, or noise, explain" if report.strays else "noise explains"
         unsure.append(
-            f"noise explains why the limit of {len(explained)} joint{'s' if len(explained) > 1 else ''} is passed: "
+            f"{what} why the limit of {len(explained)} joint{'s' if len(explained) > 1 else ''} is passed: "
             f"{'; '.join(shown)}{f'; and {more} more' if more else ''}"
         )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ _FAR, _NEAR, _REACH, _FEW = 6.0, 10.0, 5, 0.01
 """A glitch is that many standard deviations off the curve of strength ``_NEAR``, more than ``_REACH`` samples on either
 side are, and there are few: else it is the motion that is fast."""
 _MOST_ALIKE = 10.0
+_MOST_PASSED, _MOST_RISK = 0.95, 4.0
+"""Most of the noise that a smoother may pass and still count, and most mean square of what it takes off, with twice the
+noise that it passes, in units of the noise's variance: 2 for no smoother, and as much again since that is an estimate."""
 _DECAY = 28.0
 """exp(-28) < 1e-12: what is left of a sample's influence beyond the margin."""
 
@@ -65,15 +69,18 @@ def _apply(D: Array, x: Array) -> Array:
 def best_strength(
     times: Sequence[Array], parts: Sequence[Array], noise: float, step: float, grid: float = 0.0
 ) -> float:
-    """The strength that leaves the least expected error of z, given the standard deviation of the noise.
+    """The strength that leaves the least expected error of z, given about how large the noise is; 0 where none is better.
 
-    Mallows' criterion: the mean squared residual plus twice the noise's variance times the share of it that passes. It
-    takes the noise to be white. Rounding to a ``grid`` is not where a slow motion keeps to a point of the grid for several
-    samples: as many times as much of its variance passes then.
+    Generalised cross-validation: the mean squared residual over the square of the share of noise that it holds. The noise
+    of a short log is known to a fourth only, and that of late stamps lives in the few rows that are fast, so that
+    Mallows' criterion, which asks for the noise itself, now and then smooths next to nothing. Rounding to a ``grid`` is
+    not white where a slow motion keeps to a point of the grid for several samples: as many times as much of its variance
+    passes then.
+    Source: Craven and Wahba, "Smoothing noisy data with spline functions", Numer. Math. 31, 1979.
     """
     if noise == 0.0:
         return 0.0
-    best, least = 0.0, 2.0 * noise**2
+    best, least = 0.0, math.inf
     alike = alike_samples(parts, grid, noise)
     parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
     for strength in _STRENGTHS:
@@ -81,7 +88,11 @@ def best_strength(
             break
         pairs = list(zip(times, parts, strict=True))
         squares = sum(float(np.sum((x - smooth(t, x, float(strength), step)) ** 2)) for t, x in pairs)
-        risk = squares / sum(len(x) for x in parts) + 2.0 * noise**2 * min(1.0, alike * _passed(float(strength)))
+        mean = squares / sum(len(x) for x in parts)
+        passed = min(_MOST_PASSED, alike * _passed(float(strength)))
+        if mean + 2.0 * noise**2 * passed > _MOST_RISK * noise**2:
+            continue  # the motion is too fast for that
+        risk = mean / (1.0 - passed) ** 2
         if risk < least:
             best, least = float(strength), risk
     return best
@@ -123,6 +134,7 @@ def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
     return x
 
 
+@cache
 def _passed(strength: float) -> float:
     """The mean over all frequencies of what the smoother passes; 1 at strength 0."""
     w = (np.arange(20000) + 0.5) * (math.pi / 20000)

@@ -16,7 +16,7 @@ from rich.text import Text
 from ..model.model import BASE
 from ..verdict import Word
 from .coordinates import Coordinates
-from .figures import cause_label, number, spread
+from .figures import cause_label, number, spread, title_line
 from .findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 from .load import TERMS
 from .motors_text import motors_table, motors_verdict
@@ -82,7 +82,7 @@ def _heading(report: TorqueReport) -> Text:
 
 
 def _table(report: TorqueReport, title: str) -> Table:
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    table = Table(box=SIMPLE_HEAD, title=title_line(title), title_justify="left", pad_edge=False)
     table.add_column("joint", overflow="fold")
     if len(_units(report)) > 1:
         table.add_column("unit", style="dim")
@@ -95,7 +95,7 @@ def _units(report: TorqueReport) -> list[str]:
 
 def _title(report: TorqueReport, text: str) -> str:
     units = _units(report)
-    return f"{text} \\[{units[0]}]" if len(units) == 1 else text
+    return f"{text} [{units[0]}]" if len(units) == 1 else text
 
 
 def _cells(report: TorqueReport, joint: JointTorque) -> list[RenderableType]:
@@ -158,7 +158,7 @@ def _why(report: TorqueReport, k: int) -> Table:
 
 def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
     table = Table(
-        box=SIMPLE_HEAD, title="Motion limits passed", title_justify="left", title_style="bold red", pad_edge=False
+        box=SIMPLE_HEAD, title=title_line("Motion limits passed", "bold red"), title_justify="left", pad_edge=False
     )
     for name, side in (
         ("joint", "left"),
@@ -243,8 +243,13 @@ def _stray_notes(report: TorqueReport) -> Iterator[str]:
         )
     if shown:
         more = f"; and {len(report.strays) - len(shown)} columns more" if len(report.strays) > len(shown) else ""
+        what = (
+            "--smooth flattened samples"
+            if d.strengths.any()
+            else "the peaks less noise leave out samples, as --smooth would,"
+        )
         yield (
-            f"WARNING: --smooth flattened samples that noise does not explain: {'; '.join(shown)}{more}, in the file's "
+            f"WARNING: {what} that noise does not explain: {'; '.join(shown)}{more}, in the file's "
             "unit. If the robot did move so, the torques there are far too low; if the log is wrong, remove the samples."
         )
 

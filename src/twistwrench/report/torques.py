@@ -14,7 +14,7 @@ from ..errors import TrajectoryError
 from .coordinates import Coordinates
 from .decimation import Envelope
 from .derivatives import Differentiation, States
-from .estimates import estimate_peaks
+from .estimates import UNDERSMOOTHED, estimate_peaks
 from .findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport, worst_joint
 from .load import TERMS, LoadedRobot
 from .motors import MotorTally
@@ -193,10 +193,10 @@ def _without_noise(report: TorqueReport, chunk: int, progress: Callable[[int], N
     """The report with the peaks of the smoothed motion and how sure they are, where noise matters."""
     if not any(j.noise > NEGLIGIBLE * report.reference(j) for j in report.joints):
         return report
-    plan = report.differentiation if report.differentiation.strengths.any() else report.differentiation.smoothed()
-    estimates = estimate_peaks(report.load, plan, chunk, progress)
+    plan = report.differentiation.smoothed(UNDERSMOOTHED)
+    estimates, strays = estimate_peaks(report.load, plan, chunk, progress)
     joints = tuple(replace(j, estimate=e) for j, e in zip(report.joints, estimates, strict=True))
-    return replace(report, joints=joints, smoothed=plan)
+    return replace(report, joints=joints, smoothed=plan, strays=report.strays or strays)
 
 
 def _check_finite(torques: Array, s: States) -> None:
