@@ -180,12 +180,20 @@ def test_stiff_gains_bring_the_arm_to_rest_at_the_goal():
         assert robot.kinetic_energy(found.q, found.dq)[-10:].max() < 1e-3
 
 
-def test_computed_torque_takes_its_rates_at_the_end_too():
-    """ė1 = ė / (1 + h kd) without kp, however large h kd."""
-    robot = tw.robots.ur5()
-    state = random_state(robot, 3)
-    found = robot.rollout(state.q, state.dq, ComputedTorque(state.q, 0.0, 5000.0), steps=3)
-    np.testing.assert_allclose(found.dq[1:4], state.dq / 6.0 ** np.arange(1, 4)[:, None], rtol=1e-9)
+def test_computed_torque_rests_where_its_gains_carry_an_unknown_load_whatever_the_step():
+    """M kp e = what the law does not know of, at rest; damping taken by the law's own model would shift that by 1 + h kd."""
+    robot = tw.robots.planar_2r()
+    loaded = robot.with_payload(tw.SpatialInertia.from_com(0.2, com=(0, 0, 0)))
+    goal, kp, kd = np.array([0.3, 0.4]), 100.0, 20.0
+    rest = []
+    for dt in (1e-3, 1e-2):
+        found = robot.rollout(
+            goal, np.zeros(2), ComputedTorque(goal, kp, kd), dt=dt, duration=5.0, parameters={"tip.mass": 0.2}
+        )
+        rest.append(found.q[-1])
+    np.testing.assert_allclose(rest[0], rest[1], atol=1e-9)
+    unknown = loaded.gravity_forces(rest[0]) - robot.gravity_forces(rest[0])
+    np.testing.assert_allclose(robot.mass_matrix(rest[0]) @ (kp * (goal - rest[0])), unknown, atol=1e-8)
 
 
 def test_simulations_take_the_same_steps():

@@ -172,7 +172,10 @@ def test_watching_updating_and_going_over_a_record_are_one(planar):
     assert not observer.residual.any()
 
 
-def test_the_wrench_of_a_push_is_found_by_six_joints(ur5):
+def test_the_wrench_of_a_push_is_found_by_six_joints():
+    drive = {"ratio": 101, "rotor": {"inertia": "40 g cm^2", "extra": True}}  # without rotors the wrists would whirl
+    ur5 = tw.robots.ur5()
+    ur5 = ur5.with_actuators({"actuators": dict.fromkeys(ur5.joint_names, drive)})
     F, observer = np.array([0.4, -0.3, 0.2, 6.0, -4.0, 8.0]), MomentumObserver(ur5, 60.0)
     hold = ComputedTorque(ur5, Q6, 100.0, 20.0)
     run = ur5.simulate(Q6, None, 0.5, 0.001, controller=observer.watch(hold), wrench_on_robot={"tool0": F}, rtol=1e-7)

@@ -38,7 +38,7 @@ GOOD_LIMITS = "joint,effort\nelbow_joint,100\n"
 TABLE: dict[str, tuple[str, Files, ExitCode, str]] = {
     # ── answers ──
     "a robot that is fine": ("info pendulum", {}, ExitCode.FINE, r"pendulum"),
-    "a limit that is passed": ("torques ur5 --trajectory demo --payload 100", {}, ExitCode.NO, r"ur5"),
+    "a limit that is passed": ("torques ur5 --trajectory demo --payload 100", {}, ExitCode.NO, r"OVER LIMIT: shoulder_lift_joint"),
     "a pose that cannot be held": ("payload ur5 --limits l.csv", {"l.csv": "joint,effort\nshoulder_lift_joint,1e-3\n"}, ExitCode.NO, r"ur5"),
     # ── usage ──
     "a command that is none": ("dance", {}, ExitCode.BAD_INPUT, r"error: No such command 'dance'"),

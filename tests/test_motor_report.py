@@ -121,6 +121,7 @@ def test_a_motion_without_motor_columns_takes_elastic_gears_as_stiff(tmp_path):
     assert "OK: nearest to its limit" in result.output
     header, *rows = [line for line in MOTION.read_text().splitlines() if not line.startswith("#")]
     k = header.split(",").index("elbow_joint")
+    header, *rows = (",".join(line.split(",")[:7]) for line in (header, *rows))  # positions only
     moved = tmp_path / "moved.csv"
     moved.write_text("\n".join([f"{header},elbow_joint.motor", *(f"{row},{row.split(',')[k]}" for row in rows)]))
     arguments = ["torques", "ur5", "--trajectory", str(moved), "--actuators", str(path)]

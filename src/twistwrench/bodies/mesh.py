@@ -8,6 +8,7 @@ where they bound cavities: :mod:`twistwrench.bodies.shells`.
 
 from __future__ import annotations
 
+import math
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,7 +76,7 @@ def mesh(
     signs = turned * _signs(name, np.where((turned < 0)[shell, None, None], a[:, ::-1], a), shell, count)
     six = signs[shell] * six
     volume = six.sum() / 6.0
-    if not volume > 1e-15 * extent**3:
+    if not math.isfinite(volume) or not math.cbrt(volume) > 1e-5 * extent:
         raise ModelError(f"{name} encloses no volume ({volume:.3g} m³).")
     sums = a.sum(axis=1)
     h = six @ sums / 24.0

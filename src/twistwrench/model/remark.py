@@ -13,7 +13,6 @@ _NAMED = 4
 class Remark(str):
     """A sentence whose subject is known: ``Remark("link 'a'", "has no mass") == "link 'a' has no mass"``."""
 
-    __slots__ = ("said", "subject")
     subject: str
     said: str
 
@@ -23,8 +22,8 @@ class Remark(str):
         text.subject, text.said = subject, said
         return text
 
-    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
-        return self.subject, self.said
+    def __reduce__(self) -> tuple[type[Remark], tuple[str, str]]:
+        return Remark, (self.subject, self.said)
 
 
 def grouped(remarks: Iterable[str]) -> list[str]:

@@ -145,11 +145,17 @@ class ComputedTorque:
         return np.asarray(computed_torque(model, angles, dq, self._wanted(model, q, dq, *given)))
 
     def torques_of_step(
-        self, model: Model, angles: Array, q: Array, dq: Array, h: Any, /, *given: Array
+        self,
+        model: Model,
+        angles: Array,
+        q: Array,
+        dq: Array,
+        h: Any,  # noqa: ARG002  of all laws
+        /,
+        *given: Array,
     ) -> tuple[Array, None]:
-        """The law whose ddq is that of the rates ddq leads to: ddq = ddq_des + kp e + kd (dq_des - dq - h ddq)."""
-        wanted = self._wanted(model, q, dq, *given) / (1.0 + h * given[3])
-        return np.asarray(computed_torque(model, angles, dq, wanted)), None
+        """The law at dq, kd too: at rates that the law's own model predicts, kd would change where it rests."""
+        return self.torques(model, angles, q, dq, *given), None
 
     def _wanted(
         self, model: Model, q: Array, dq: Array, q_des: Array, dq_des: Array, kp: Array, kd: Array, ddq_des: Array
