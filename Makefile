@@ -8,7 +8,7 @@ DEMO   := demo
 
 help:
 	@echo "make demo      install, and ask whether a UR5 can carry 10 kg, and then 5 kg, along a bundled path"
-	@echo "make check     install, then lint, types, import layers and the tests of the core: some two minutes"
+	@echo "make check     install, then lint, types, import layers and the tests of the core: minutes"
 	@echo "make test      install, then lint, types, import layers and all tests but the slow ones"
 	@echo "make test-all  the same with the slow oracles"
 	@echo "make lowest    install the oldest versions that pyproject.toml allows, and run the tests but the slow ones on them"
