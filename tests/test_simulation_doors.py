@@ -165,7 +165,7 @@ def fails(value):
         (None, r"gave None at t = .*, expected real numbers of shape \(2,\)"),
         (["a", "b"], "expected real numbers"),
         ([1j, 0], "expected real numbers"),
-        ([[1], [1, 2]], "ValueError"),
+        ([[1], [1, 2]], "ShapeError: the controller is not an array of real numbers"),
     ],
 )
 def test_a_controller_that_fails_says_when_and_nothing_is_lost(arm, method, value, says):
