@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, TrajectoryError
 from .block import Block
 
@@ -24,11 +23,6 @@ _MARK = "twistwrench simulation"
 _PARTS = {"q": ("coordinate_names", ""), "dq": ("velocity_names", ".vel"), "ddq": ("velocity_names", ".acc")}
 _PARTS["tau"] = ("velocity_names", ".tau")
 _ROWS = 1 << 14
-_FOREIGN = (
-    *(KeyError, TypeError, ValueError, IndexError, OSError, EOFError, MemoryError, NotImplementedError, RuntimeError),
-    *(OverflowError, SyntaxError, zlib.error, zipfile.BadZipFile),
-)
-"""What damaged archives end in, in the libraries that unpack them; a RecursionError is a RuntimeError."""
 
 
 def is_archive(path: Path) -> bool:
@@ -56,26 +50,12 @@ class NpzFile:
     def open(cls, path: str | Path) -> NpzFile:
         """Read it all; raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`."""
         path = Path(path)
-        try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                if not str(archive["format"]).startswith(_MARK):
-                    raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")  # noqa: TRY301
-                said = json.loads(str(archive["said"]))
-                columns, header = [np.asarray(archive["times"], float)[:, None]], ["time"]
-                for part, (names, ending) in _PARTS.items():
-                    values = np.asarray(archive[part], float)
-                    header += [f"{name}{ending}" for name in said[names]]
-                    columns.append(values.reshape(len(columns[0]), len(said[names])))
-                table = np.concatenate(columns, axis=1)
-        except TrajectoryError:
-            raise
-        except FileNotFoundError:
-            raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
-        except _FOREIGN as problem:
-            raise TrajectoryError(
-                f"{path}: an archive that cannot be read as a motion: {type(problem).__name__}: {problem}. Give one that "
-                "simulate --npz wrote, whole, or a CSV file."
-            ) from None
+        if not path.is_file():
+            raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.")
+        advice = "Give one that simulate --npz wrote, whole, or a CSV file."
+        unreadable = f"{path}: an archive that cannot be read as a motion"
+        with foreign_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
+            header, table = _read(path)
         bad = ~np.isfinite(table).all(axis=1)
         if bad.any():
             raise TrajectoryError(
@@ -94,3 +74,16 @@ class NpzFile:
         """None: it is read whole."""
         del used, count, rows
         return None
+
+
+def _read(path: Path) -> tuple[list[str], Array]:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        if not str(archive["format"]).startswith(_MARK):
+            raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")
+        said = json.loads(str(archive["said"]))
+        columns, header = [np.asarray(archive["times"], float)[:, None]], ["time"]
+        for part, (names, ending) in _PARTS.items():
+            values = np.asarray(archive[part], float)
+            header += [f"{name}{ending}" for name in said[names]]
+            columns.append(values.reshape(len(columns[0]), len(said[names])))
+        return header, np.concatenate(columns, axis=1)
