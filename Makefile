@@ -40,20 +40,21 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
 # One file or two of each tower: a change that breaks the core shows here.
-CHECK := tests/test_lie.py tests/test_screws.py tests/test_laws_of_chapter_8.py tests/test_kernels.py tests/test_urdf.py \
-  tests/test_bundled_robots.py tests/test_statics.py tests/test_import.py tests/test_torque_report.py
+CHECK := tests/lie/test_lie.py tests/bodies/test_screws.py tests/laws/test_laws_of_chapter_8.py tests/kernels/test_kernels.py tests/formats/test_urdf.py \
+  tests/model/test_bundled_robots.py tests/statics/test_statics.py tests/meta/test_import.py tests/report/test_torque_report.py
 
 check: lint
 	$(BIN)/pytest -n 2 $(CHECK)
 
 test: lint
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist loadfile
 
 test-all: lint
-	$(BIN)/pytest -n 2 -m "slow or not slow"
+	$(BIN)/pytest -n 2 --dist loadfile -m "slow or not slow"
 
 # Run-time extras and what tests need; linters and peers are tried in their newest versions only. What those old versions are
 # told by newer ones below them is not our business, so their deprecations pass.
@@ -64,7 +65,7 @@ $(VENV)-lowest/.made: pyproject.toml
 	touch $@
 
 lowest: $(VENV)-lowest/.made
-	$(VENV)-lowest/bin/python -m pytest -n 2 -W ignore::DeprecationWarning
+	$(VENV)-lowest/bin/python -m pytest -n 2 --dist loadfile -W ignore::DeprecationWarning
 
 gallery: $(VENV)/.demo
 	$(BIN)/python -m examples

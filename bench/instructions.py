@@ -45,7 +45,7 @@ def texts_of(kernel: Any, precision: Any) -> list[str]:
     import llvmlite.binding as llvm
 
     from twistwrench.errors import KernelError
-    from twistwrench.kernels.code import compiled
+    from twistwrench.kernels.jit import compiled
     from twistwrench.kernels.ufunc import owner_of
 
     owner, texts, emit = owner_of(kernel), [], llvm.TargetMachine.emit_object

@@ -10,7 +10,8 @@ import numpy as np
 import twistwrench as tw
 from bench.cases import MATRICES, Case, States
 from bench.timing import Contender, calls
-from twistwrench.quantities import checked_options, program_of
+from twistwrench.robot.quantity_options import checked_options
+from twistwrench.robot.quantity_programs import program_of
 
 KERNEL, METHOD = "twistwrench kernel", "twistwrench method"
 

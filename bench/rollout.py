@@ -18,7 +18,7 @@ from bench import machine, peer_mujoco
 from bench.cases import CASES, Case, States
 from bench.ours import Ours
 from bench.timing import ROUNDS, Contender, interleave
-from twistwrench.simulation import PD
+from twistwrench.simulation import BatchPD
 
 SIZE, STEPS, SECOND, DT = 4096, 100, 1000, 1e-3
 KP, KD = 100.0, np.array([10.0, 10, 10, 10, 1, 1, 0.5])
@@ -40,7 +40,7 @@ def times(rounds: int = ROUNDS, size: int = SIZE, steps: int = STEPS) -> dict[st
         Contender("fresh arrays", ours.sweep(size, steps), size * steps),
         Contender("one state in ten", ours.sweep(size, steps, every=10), size * steps),
         Contender("float32", ours.sweep(size, steps, dtype=np.float32), size * steps),
-        Contender("rk4", ours.sweep(size, steps, integrator="rk4"), size * steps),
+        Contender("rk4", ours.sweep(size, steps, method="rk4"), size * steps),
     ]
     one = [Contender(OURS, ours.sweep(None, SECOND), SECOND), Contender(THEIRS, theirs.sweep(1, SECOND), SECOND)]
     return {
@@ -67,10 +67,10 @@ class _Ours:
         self.robot, self.index = ours.robot, ours.q_index
         self.q, self.dq = (np.ascontiguousarray(x[:, self.index]) for x in (states.q, states.dq))
 
-    def law(self, dtype: type) -> PD:
+    def law(self, dtype: type) -> BatchPD:
         """The panda's joints are a chain: they have one order everywhere."""
         zero = np.zeros(self.robot.nq, dtype)
-        return PD(zero, np.full(self.robot.nv, KP, dtype), KD.astype(dtype))
+        return BatchPD(zero, np.full(self.robot.nv, KP, dtype), KD.astype(dtype), gravity=False)
 
     def final(self, steps: int) -> np.ndarray:
         found = self.robot.rollout(self.q, self.dq, self.law(float), dt=DT, steps=steps, every=steps)

@@ -16,8 +16,12 @@ CACHE = "TWISTWRENCH_CACHE_DIR"
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Point the cache at a new folder before any test is collected; the workers of pytest-xdist inherit it."""
+    """What the workers of pytest-xdist inherit: a new folder as the cache, and one thread of BLAS each.
+
+    Workers whose BLAS has as many threads as there are cores wait for each other: small factorisations take three times as long.
+    """
     if not hasattr(config, "workerinput"):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         config.stash[_FOLDER] = os.environ[CACHE] = tempfile.mkdtemp(prefix="twistwrench-tests-")
 
 
@@ -28,6 +32,35 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 _FOLDER = pytest.StashKey[str]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--by-file", action="store_true", help="list the seconds that each test file took")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """What each file took, the slowest first."""
+    if not config.getoption("--by-file"):
+        return
+    taken: dict[str, float] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                name = report.nodeid.partition("::")[0]
+                taken[name] = taken.get(name, 0.0) + report.duration
+    for name, seconds in sorted(taken.items(), key=lambda item: -item[1])[:60]:
+        terminalreporter.write_line(f"{seconds:8.1f} s  {name}")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Examples that need a newer SciPy than the oldest that is allowed."""
+    examples = [item for item in items if item.name.endswith(("se3.as_scipy", "se3.from_scipy"))]
+    if examples:
+        from scipy.spatial import transform
+
+        if not hasattr(transform, "RigidTransform"):
+            for item in examples:
+                item.add_marker(pytest.mark.skip(reason="RigidTransform came with SciPy 1.16"))
 
 
 @pytest.fixture(scope="session")

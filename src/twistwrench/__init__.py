@@ -8,7 +8,6 @@ import typing as _typing
 from . import robots
 from .bodies.inertia import SpatialInertia
 from .bodies.rigid_body import RigidBody
-from .differentiate import differentiate
 from .errors import (
     CacheWarning,
     ConstraintError,
@@ -33,7 +32,9 @@ from .errors import (
 from .kernels.threads import get_threads, set_threads
 from .lie import se3, so3
 from .lie.adjoint import Ad, ad
-from .robot import Robot, from_dh, from_screws, load
+from .robot import Robot, from_dh, from_drake, from_mujoco, from_pinocchio, from_rtb, from_screws, load, save
+from .robot.differentiate import differentiate
+from .robots.finding import find
 from .screws.pose import Pose
 from .screws.twist import Twist
 from .screws.wrench import Wrench
@@ -51,6 +52,7 @@ __all__ = [
     "MissingExtraError",
     "ModelError",
     "ModelWarning",
+    "Motion",
     "NotFoundError",
     "PathError",
     "Pose",
@@ -69,11 +71,18 @@ __all__ = [
     "Wrench",
     "ad",
     "differentiate",
+    "doctor",
+    "find",
     "from_dh",
+    "from_drake",
+    "from_mujoco",
+    "from_pinocchio",
+    "from_rtb",
     "from_screws",
     "get_threads",
     "load",
     "robots",
+    "save",
     "se3",
     "set_threads",
     "so3",
@@ -83,6 +92,7 @@ if _typing.TYPE_CHECKING:
     from . import control as control
     from . import convert as convert
     from . import cuda as cuda
+    from . import diagnosis as diagnosis
     from . import modern_robotics as modern_robotics
     from . import sensing as sensing
     from . import simulation as simulation
@@ -91,11 +101,14 @@ if _typing.TYPE_CHECKING:
     from . import testing as testing
     from . import trajectories as trajectories
     from . import viz as viz
+    from .diagnosis.examination import doctor as doctor
+    from .motion.motion import Motion as Motion
 
 _LATER = (
     "control",
     "convert",
     "cuda",
+    "diagnosis",
     "modern_robotics",
     "sensing",
     "simulation",
@@ -111,6 +124,10 @@ _LATER = (
 def __getattr__(name: str) -> object:
     if name in _LATER:
         return _importlib.import_module(f"{__name__}.{name}")
+    if name == "Motion":
+        return _importlib.import_module(f"{__name__}.motion.motion").Motion
+    if name == "doctor":
+        return _importlib.import_module(f"{__name__}.diagnosis.examination").doctor
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

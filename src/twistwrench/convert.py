@@ -1,4 +1,4 @@
-"""States in the words of other libraries: the orders, signs and frames of Pinocchio and MuJoCo.
+"""States in the words of other libraries: the orders, signs and frames of Pinocchio, MuJoCo and Drake; SciPy's quaternions.
 
 Joints are matched by name, so the other library must have read the same file. Theirs marked with a star, there is one
 matrix P for each library with
@@ -9,7 +9,8 @@ Where a joint mimics another here and is independent there, P has a row for it a
 
 Pinocchio: children of one link in alphabetical order; floating joints ``(x, y, z, qx, qy, qz, qw)`` and body twists
 ``(v, omega)``; unbounded angles as (cos, sin). MuJoCo: children in document order; floating joints
-``(x, y, z, qw, qx, qy, qz)``, their velocity the origin's along world axes, then omega in the body.
+``(x, y, z, qw, qx, qy, qz)``, their velocity the origin's along world axes, then omega in the body. Drake: its joints say where
+they begin; velocities of ball, planar and floating joints along the parent's axes, ball joints as roll, pitch, yaw.
 """
 
 from __future__ import annotations
@@ -18,31 +19,48 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .core import arguments
 from .errors import ModelError, UnknownNameError
+from .formats.urdf import rotation_of_rpy, rpy_of_rotation
 from .lie import quaternion
 from .model.model import BASE, Body
 from .robot import Robot
-
-Array = NDArray[Any]
+from .typing import Array
 
 __all__ = [
+    "drake_rates",
+    "from_drake",
     "from_mujoco",
     "from_pinocchio",
+    "from_scipy_quaternion",
     "mujoco_rates",
     "pinocchio_rates",
     "swap_halves",
+    "to_drake",
     "to_mujoco",
     "to_pinocchio",
+    "to_scipy_quaternion",
 ]
-
-_LINEAR_FIRST = np.roll(np.eye(6), 3, axis=0)
 
 
 def swap_halves(rows: ArrayLike) -> Array:
-    """Twists, wrenches or Jacobians (6, ...) from linear part first to angular part first, or back."""
+    """Twists, wrenches or Jacobians from linear part first to angular part first, or back.
+
+    Parameters
+    ----------
+    rows : (6, ...) array_like
+
+    Returns
+    -------
+    rows : (6, ...) array
+
+    Examples
+    --------
+    >>> swap_halves([1, 2, 3, 4, 5, 6]).tolist()
+    [4, 5, 6, 1, 2, 3]
+    """
     return np.roll(arguments.plain(rows, "swap_halves: rows"), 3, axis=0)
 
 
@@ -50,13 +68,32 @@ def swap_halves(rows: ArrayLike) -> Array:
 
 
 def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
-    """q and any number of dq, ddq as Pinocchio's ``model`` takes them; (..., nq), (..., nv) each."""
+    """Configuration and velocities in Pinocchio's order.
+
+    Parameters
+    ----------
+    robot : Robot
+    model : the other library's model of the same robot
+    q : (nq,) array_like, configuration
+    *rates : (..., nv) array_like, any number of dq, ddq
+
+    Returns
+    -------
+    arrays : tuple, q and the rates as ``model`` takes them
+
+    Raises
+    ------
+    UnknownNameError
+        A joint is in one of the two only.
+    ShapeError
+        The last axes are not the robot's sizes, or batch shapes do not broadcast.
+    """
     q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
     theirs = np.zeros((*q.shape[:-1], model.nq))
     for body, joint in _pinocchio_joints(robot, model):
         mine = body.ratio * _part(body, q) + body.offset if body.follows else _part(body, q)
-        if body.joint.kind == "floating":
-            mine = np.concatenate([mine[..., 4:], np.roll(_unit(mine[..., :4]), -1, axis=-1)], axis=-1)
+        if body.joint.quaternion is not None:
+            mine = body.joint.to_pinocchio(mine)
         elif joint.nq > joint.nv:  # planar and unbounded: the angle comes last, as its cosine and sine
             mine = np.concatenate([mine[..., :-1], np.cos(mine[..., -1:]), np.sin(mine[..., -1:])], axis=-1)
         theirs[..., joint.idx_q : joint.idx_q + joint.nq] = mine
@@ -68,15 +105,38 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
 
 
 def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
-    """The way back. Angles kept there as (cos, sin) come out within ±π; mimic joints are taken to follow."""
+    """Configuration and velocities from Pinocchio's order.
+
+    Parameters
+    ----------
+    robot : Robot
+    model : the other library's model of the same robot
+    q : (..., model.nq) array_like, configuration there
+    *rates : (..., model.nv) array_like, any number of dq, ddq there
+
+    Returns
+    -------
+    arrays : tuple, q (..., nq) and the rates (..., nv)
+
+    Raises
+    ------
+    UnknownNameError
+        A joint is in one of the two only.
+    ShapeError
+        An array is of another size.
+
+    Notes
+    -----
+    Angles kept there as (cos, sin) come out within ±π; mimic joints are taken to follow.
+    """
     q = arguments.real(q, "from_pinocchio: q", model.nq).astype(float)
     ours = np.zeros((*q.shape[:-1], robot.nq))
     for body, joint in _pinocchio_joints(robot, model):
         if body.follows:
             continue
         theirs = q[..., joint.idx_q : joint.idx_q + joint.nq]
-        if body.joint.kind == "floating":
-            theirs = np.concatenate([np.roll(theirs[..., 3:], 1, axis=-1), theirs[..., :3]], axis=-1)
+        if body.joint.quaternion is not None:
+            theirs = body.joint.from_pinocchio(theirs)
         elif joint.nq > joint.nv:
             angle = np.arctan2(theirs[..., -1:], theirs[..., -2:-1])
             theirs = np.concatenate([theirs[..., :-2], angle], axis=-1)
@@ -86,12 +146,29 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
 
 
 def pinocchio_rates(robot: Robot, model: Any) -> Array:
-    """P with dq* = P dq; (nv*, nv). It is constant: both take the twist of a joint in the moving frame."""
+    """Matrix between the velocities of robot and Pinocchio model: P with dq* = P dq, dq* Pinocchio's.
+
+    Parameters
+    ----------
+    robot : Robot
+    model : the other library's model of the same robot
+
+    Returns
+    -------
+    P : (model.nv, nv) array
+
+    Raises
+    ------
+    UnknownNameError
+        A joint is in one of the two only.
+
+    Notes
+    -----
+    It is constant: both take the twist of a joint in the moving frame.
+    """
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _pinocchio_joints(robot, model):
-        turn = {"floating": _LINEAR_FIRST, "planar": np.roll(np.eye(3), 2, axis=0)}.get(
-            body.joint.kind, np.eye(joint.nv)
-        )
+        turn = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
         P[joint.idx_v : joint.idx_v + joint.nv, _columns(body)] = body.ratio * turn
     return P
 
@@ -106,10 +183,7 @@ def _pinocchio_joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
             raise ModelError(
                 f"joint {body.joint.name!r} is {body.joint.kind} here and {joint.shortname()} in Pinocchio."
             )
-        if body.joint.kind == "planar" and body.joint.axes[0, 2] != 1.0:
-            raise ModelError(
-                f"planar joint {body.joint.name!r} is not normal to z, and Pinocchio's planar joints all are."
-            )
+        body.joint.require_pinocchio()
         yield body, joint
 
 
@@ -119,13 +193,32 @@ def _pinocchio_joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
 def to_mujoco(
     robot: Robot, model: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
 ) -> tuple[Array, ...]:
-    """q, and dq and ddq where given, as MuJoCo's ``model`` takes them; one state."""
+    """Configuration, velocities and accelerations in MuJoCo's order; one state.
+
+    Parameters
+    ----------
+    robot : Robot
+    model : the other library's model of the same robot
+    q : (nq,) array_like, configuration
+    dq : (nv,) array_like, optional, joint velocities [rad/s, m/s]
+    ddq : (nv,) array_like, optional, joint accelerations [rad/s², m/s²]
+
+    Returns
+    -------
+    arrays : tuple, q, and dq and ddq where given, as ``model`` takes them
+
+    Raises
+    ------
+    UnknownNameError
+        A joint is in one of the two only.
+    ShapeError
+        The last axes are not the robot's sizes, or batch shapes do not broadcast.
+    """
     q = arguments.one(q, "to_mujoco: q", robot.nq, names=robot.coordinate_names)
     theirs = np.zeros(model.nq)
     for body, joint in _mujoco_joints(robot, model):
         mine = body.ratio * _part(body, q) + body.offset if body.follows else _part(body, q)
-        if body.joint.kind == "floating":
-            mine = np.concatenate([mine[4:], _unit(mine[:4])])
+        mine = body.joint.to_mujoco(mine)
         theirs[int(joint.qposadr[0]) :][: len(mine)] = mine
     P = mujoco_rates(robot, model, q)
     found, names = [theirs], robot.model.velocity_names
@@ -141,14 +234,37 @@ def to_mujoco(
 def from_mujoco(
     robot: Robot, model: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
 ) -> tuple[Array, ...]:
-    """The way back; mimic joints are taken to follow. One state."""
+    """Configuration, velocities and accelerations from MuJoCo's order; one state.
+
+    Parameters
+    ----------
+    robot : Robot
+    model : the other library's model of the same robot
+    q : (model.nq,) array_like, qpos
+    dq : (model.nv,) array_like, optional, qvel
+    ddq : (model.nv,) array_like, optional, qacc
+
+    Returns
+    -------
+    arrays : tuple, q (nq,), and dq and ddq (nv,) where given
+
+    Raises
+    ------
+    UnknownNameError
+        A joint is in one of the two only.
+    ShapeError
+        An array is of another size.
+
+    Notes
+    -----
+    Mimic joints are taken to follow.
+    """
     theirs = arguments.one(q, "from_mujoco: q", model.nq)
     ours = np.zeros(robot.nq)
     for body, joint in _mujoco_joints(robot, model):
         if not body.follows:
             part = theirs[int(joint.qposadr[0]) :][: body.joint.nq]
-            part = np.concatenate([part[3:], part[:3]]) if body.joint.kind == "floating" else part
-            ours[body.q_index : body.q_index + body.joint.nq] = part
+            ours[body.places[0]] = body.joint.from_mujoco(part)
     P = np.linalg.pinv(mujoco_rates(robot, model, ours))
     found = [ours]
     if dq is not None:
@@ -159,14 +275,31 @@ def from_mujoco(
 
 
 def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
-    """P with dq* = P dq at q; (nv*, nv). MuJoCo takes the linear velocity of floating joints along the world's axes."""
+    """Matrix between the velocities of robot and MuJoCo model: P with dq* = P dq at q, dq* MuJoCo's.
+
+    Parameters
+    ----------
+    robot : Robot
+    model : the other library's model of the same robot
+    q : (nq,) array_like, configuration
+
+    Returns
+    -------
+    P : (model.nv, nv) array
+
+    Raises
+    ------
+    UnknownNameError
+        A joint is in one of the two only.
+
+    Notes
+    -----
+    MuJoCo takes the linear velocity of floating joints along the world's axes.
+    """
     q = arguments.one(q, "mujoco_rates: q", robot.nq, names=robot.coordinate_names)
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _mujoco_joints(robot, model):
-        turn = np.eye(body.joint.nv)
-        if body.joint.kind == "floating":
-            turn = np.zeros((6, 6))
-            turn[:3, 3:], turn[3:, :3] = quaternion.rotation(_part(body, q)[:4]), np.eye(3)
+        turn = body.joint.mujoco_rates(_part(body, q))
         start = int(joint.dofadr[0])
         P[start : start + body.joint.nv, _columns(body)] = body.ratio * turn
     return P
@@ -175,22 +308,236 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
 def _turning(robot: Robot, dq: Array) -> Array:
     """What P ddq lacks of d(P dq)/dt, in our axes: omega × v of each floating joint."""
     extra = np.zeros(robot.nv)
-    for body in robot.model.bodies:
-        if body.joint.kind == "floating":
-            V = dq[_columns(body)]
-            extra[body.v_index + 3 : body.v_index + 6] = np.cross(V[:3], V[3:])
+    for body in robot.model.leaders:
+        extra[body.places[1]] = body.joint.mujoco_turning(dq[body.places[1]])
     return extra
 
 
 def _mujoco_joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
     """Each body with MuJoCo's joint of the same name."""
-    _check_names(robot, [model.joint(i).name for i in range(model.njnt)], "MuJoCo")
+    names = [_mujoco_name(model, i) for i in range(model.njnt)]
+    _check_names(robot, names, "MuJoCo")
+    numbers = {name: i for i, name in enumerate(names)}
     for body in robot.model.bodies:
-        if body.joint.kind == "floating" and (body.parent != BASE or not np.array_equal(body.placement, np.eye(4))):
+        if not body.joint.driven and (body.parent != BASE or not np.array_equal(body.placement, np.eye(4))):
             raise ModelError(
                 f"joint {body.joint.name!r} floats away from the world's origin; MuJoCo has no joint for that."
             )
-        yield body, model.joint(body.joint.name)
+        yield body, model.joint(numbers[body.joint.name])
+
+
+def _mujoco_name(model: Any, i: int) -> str:
+    """The joint's name; of one without, that which reading its MJCF file gives it: ``body3.hinge``, ``body3.slide1``."""
+    if model.joint(i).name:
+        return str(model.joint(i).name)
+    b = int(model.jnt_bodyid[i])
+    place = str(i - int(model.body_jntadr[b])) if model.body_jntnum[b] > 1 else ""
+    return f"{model.body(b).name or f'body{b}'}.{('free', 'ball', 'slide', 'hinge')[int(model.jnt_type[i])]}{place}"
+
+
+# ── Drake ──
+
+
+def to_drake(
+    robot: Robot, plant: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
+) -> tuple[Array, ...]:
+    """Positions, velocities and accelerations in the order of a plant of Drake's; one state.
+
+    Parameters
+    ----------
+    robot : Robot, as :func:`twistwrench.from_drake` makes it, or one with joints of the same names
+    plant : pydrake MultibodyPlant, finalised
+    q : (nq,) array_like, configuration
+    dq : (nv,) array_like, optional, joint velocities [rad/s, m/s]
+    ddq : (nv,) array_like, optional, joint accelerations [rad/s², m/s²]
+
+    Returns
+    -------
+    arrays : tuple, q, and dq and ddq where given, as the plant takes them
+
+    Raises
+    ------
+    UnknownNameError
+        A joint of the robot is not in the plant.
+    ModelError
+        A joint moves in the plant and not in the robot.
+    ShapeError
+        An array is of another size.
+    """
+    q = arguments.one(q, "to_drake: q", robot.nq, names=robot.coordinate_names)
+    theirs = np.zeros(plant.num_positions())
+    for body, joint, k in _drake_joints(robot, plant):
+        mine = body.ratio * _part(body, q) + body.offset if body.follows else _part(body, q)
+        if "rpy" in joint.type_name():
+            R = body.joint.pose(mine)[:3, :3]
+            mine = np.concatenate([rpy_of_rotation(np.asarray(R, float)), mine[4:]])
+        elif body.joint.quaternion is not None:
+            mine = np.concatenate([mine[:4] / np.linalg.norm(mine[:4]), mine[4:]])
+        at = joint.position_start() + k
+        theirs[at : at + len(mine)] = mine
+    P, found, names = drake_rates(robot, plant, q), [theirs], robot.model.velocity_names
+    if dq is not None:
+        dq = arguments.one(dq, "to_drake: dq", robot.nv, names=names)
+        found.append(P @ dq)
+    if dq is not None and ddq is not None:
+        ddq = arguments.one(ddq, "to_drake: ddq", robot.nv, names=names)
+        found.append(P @ (ddq + _drake_turning(robot, dq)))
+    return tuple(found)
+
+
+def from_drake(
+    robot: Robot, plant: Any, q: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
+) -> tuple[Array, ...]:
+    """Configuration, velocities and accelerations from the order of a plant of Drake's; one state.
+
+    Parameters
+    ----------
+    robot : Robot
+    plant : pydrake MultibodyPlant, finalised
+    q : (plant.num_positions(),) array_like
+    dq : (plant.num_velocities(),) array_like, optional
+    ddq : (plant.num_velocities(),) array_like, optional
+
+    Returns
+    -------
+    arrays : tuple, q (nq,), and dq and ddq (nv,) where given
+
+    Raises
+    ------
+    UnknownNameError
+        A joint of the robot is not in the plant.
+    ModelError
+        A joint moves in the plant and not in the robot.
+    ShapeError
+        An array is of another size.
+    """
+    theirs = arguments.one(q, "from_drake: q", plant.num_positions())
+    ours = robot.neutral
+    for body, joint, k in _drake_joints(robot, plant):
+        if body.follows:
+            continue
+        part = theirs[joint.position_start() + k :]
+        if "rpy" in joint.type_name():
+            part = np.concatenate([quaternion.from_matrix(rotation_of_rpy(part[:3])), part[3:]])
+        ours[body.places[0]] = part[: body.joint.nq]
+    P, found = np.linalg.pinv(drake_rates(robot, plant, ours)), [ours]
+    if dq is not None:
+        found.append(P @ arguments.one(dq, "from_drake: dq", plant.num_velocities()))
+    if ddq is not None and dq is not None:
+        found.append(
+            P @ arguments.one(ddq, "from_drake: ddq", plant.num_velocities()) - _drake_turning(robot, found[1])
+        )
+    return tuple(found)
+
+
+def drake_rates(robot: Robot, plant: Any, q: ArrayLike) -> Array:
+    """Matrix between the velocities of robot and plant: P with dq* = P dq at q, dq* Drake's.
+
+    Parameters
+    ----------
+    robot : Robot
+    plant : pydrake MultibodyPlant, finalised
+    q : (nq,) array_like, configuration
+
+    Returns
+    -------
+    P : (plant.num_velocities(), nv) array
+
+    Raises
+    ------
+    UnknownNameError
+        A joint of the robot is not in the plant.
+    ModelError
+        A joint moves in the plant and not in the robot.
+
+    Notes
+    -----
+    Drake takes velocities of ball, planar and floating joints along the parent's axes, angular part first.
+    """
+    q = arguments.one(q, "drake_rates: q", robot.nq, names=robot.coordinate_names)
+    P = np.zeros((plant.num_velocities(), robot.nv))
+    for body, joint, k in _drake_joints(robot, plant):
+        mine, nv = _part(body, q), body.joint.nv
+        turn = np.eye(nv)
+        if body.joint.quaternion is not None:
+            turn = np.kron(np.eye(nv // 3), np.asarray(body.joint.pose(mine)[:3, :3], float))
+        elif not body.joint.plain_rates:
+            turn = np.asarray(body.joint.rates(mine), float)
+        at = joint.velocity_start() + k
+        P[at : at + nv, _columns(body)] = body.ratio * turn
+    return P
+
+
+def _drake_turning(robot: Robot, dq: Array) -> Array:
+    """What P ddq lacks of d(P dq)/dt, in our axes: ω × v of joints that turn and slide at once."""
+    extra = np.zeros(robot.nv)
+    for body in robot.model.leaders:
+        if not body.joint.plain_rates:
+            V = body.joint.axes.T @ dq[body.places[1]]
+            extra[body.places[1]] = body.joint.axes[:, 3:] @ np.cross(V[:3], V[3:])
+    return extra
+
+
+def _drake_joints(robot: Robot, plant: Any) -> Iterator[tuple[Body, Any, int]]:
+    """Each body with Drake's joint of the same name, and which of its axes it is: ``NAME.1`` is the second of two."""
+    theirs = {}
+    for joint in (plant.get_joint(i) for i in plant.GetJointIndices()):
+        if joint.num_velocities():
+            label = f"{plant.GetModelInstanceName(joint.model_instance())}::{joint.name()}"
+            theirs[label] = theirs[joint.name()] = joint
+    met = set()
+    for body in robot.model.bodies:
+        name, k = body.joint.name, 0
+        if name not in theirs and name.endswith((".0", ".1")):
+            name, k = name[:-2], int(name[-1])
+        if name not in theirs:
+            raise UnknownNameError.of("joint of Drake's plant", body.joint.name, theirs)
+        met.add(theirs[name].index())
+        yield body, theirs[name], k
+    for name, joint in theirs.items():
+        if joint.index() not in met:
+            raise ModelError(f"joint {name!r} moves in Drake's plant and not here: is it locked, or the base floating?")
+
+
+# ── SciPy ──
+
+
+def to_scipy_quaternion(Q: ArrayLike) -> Array:
+    """Quaternions as SciPy's ``Rotation.from_quat`` takes them, scalar last.
+
+    Parameters
+    ----------
+    Q : (..., 4) array_like, (w, x, y, z)
+
+    Returns
+    -------
+    Q : (..., 4) array, (x, y, z, w)
+
+    Examples
+    --------
+    >>> to_scipy_quaternion([1, 0, 0, 0]).tolist()
+    [0.0, 0.0, 0.0, 1.0]
+    """
+    return np.roll(np.asarray(arguments.real(Q, "to_scipy_quaternion: Q", 4), float), -1, axis=-1)
+
+
+def from_scipy_quaternion(Q: ArrayLike) -> Array:
+    """Quaternions as SciPy's ``Rotation.as_quat`` gives them, scalar first then.
+
+    Parameters
+    ----------
+    Q : (..., 4) array_like, (x, y, z, w)
+
+    Returns
+    -------
+    Q : (..., 4) array, (w, x, y, z)
+
+    Examples
+    --------
+    >>> from_scipy_quaternion([0, 0, 0, 1]).tolist()
+    [1.0, 0.0, 0.0, 0.0]
+    """
+    return np.roll(np.asarray(arguments.real(Q, "from_scipy_quaternion: Q", 4), float), 1, axis=-1)
 
 
 # ── both ──
@@ -214,7 +561,3 @@ def _part(body: Body, q: Array) -> Array:
 
 def _columns(body: Body) -> slice:
     return slice(body.v_index, body.v_index + body.joint.nv)
-
-
-def _unit(quat: Array) -> Array:
-    return np.asarray(quat / np.linalg.norm(quat, axis=-1, keepdims=True))

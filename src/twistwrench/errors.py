@@ -3,7 +3,7 @@
 ::
 
     TwistWrenchError
-    ├── ModelError (ValueError)             a robot description that cannot be meant
+    ├── ModelError (ValueError)             an invalid robot description
     │   ├── RobotFileError                  not readable as a robot file
     │   └── InertiaError                    a body that cannot exist
     ├── ShapeError (ValueError)             an argument of the wrong shape
@@ -55,6 +55,10 @@ __all__ = [
 ]
 
 
+_LONGEST = 200
+"""Characters of a name that an error shows."""
+
+
 class TwistWrenchError(Exception):
     """Root of every error the library raises on purpose."""
 
@@ -64,7 +68,7 @@ class TwistWrenchError(Exception):
 
 
 class ModelError(TwistWrenchError, ValueError):
-    """A robot description that cannot be meant: no root, a cycle, a zero axis, reversed limits."""
+    """An invalid robot description: no root, a cycle, a zero axis, reversed limits."""
 
 
 class RobotFileError(ModelError):
@@ -88,12 +92,29 @@ class UnknownNameError(TwistWrenchError, KeyError):
 
     @classmethod
     def of(cls, kind: str, name: object, choices: Iterable[str]) -> UnknownNameError:
-        """Build the error for ``name``, listing ``choices``, nearest spelling first."""
-        known = list(choices)
-        near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
+        """Error for an unknown name, listing the choices, nearest spelling first.
+
+        Parameters
+        ----------
+        kind : str, what the name is of
+        name : what was given
+        choices : iterable of str
+
+        Returns
+        -------
+        error : UnknownNameError
+
+        Examples
+        --------
+        >>> print(UnknownNameError.of("joint", "elbo", ["elbow", "wrist"]))
+        no joint named 'elbo'. Did you mean 'elbow'? Known: elbow, wrist.
+        """
+        known, text = list(choices), repr(name)
+        text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+        near = difflib.get_close_matches(str(name)[:_LONGEST], known, n=3, cutoff=0.5)
         listed = ", ".join(known[:40]) + (f", … ({len(known)} in all)" if len(known) > 40 else "")
         hint = f" Did you mean {' or '.join(repr(n) for n in near)}?" if near else ""
-        return cls(f"no {kind} named {name!r}.{hint} Known: {listed or '(none)'}.")
+        return cls(f"no {kind} named {text}.{hint} Known: {listed or '(none)'}.")
 
 
 class FrameError(TwistWrenchError, ValueError):
@@ -105,7 +126,14 @@ class ConstraintError(TwistWrenchError, ValueError):
 
 
 class PathError(TwistWrenchError, ValueError):
-    """A path that the robot cannot follow; it keeps what was found until there."""
+    """A path that the robot cannot follow; it keeps what was found until there.
+
+    Parameters
+    ----------
+    message : str
+    reached : float, optional, how far along the path
+    partial : optional, what was found until there
+    """
 
     def __init__(self, message: str, *, reached: float | None = None, partial: object = None) -> None:
         super().__init__(message)
@@ -143,13 +171,39 @@ class MissingExtraError(TwistWrenchError, ImportError):
 
     @classmethod
     def of(cls, package: str, extra: str, purpose: str) -> MissingExtraError:
-        """Build the error for ``package``, which an extra brings."""
+        """Error for a package that an extra brings.
+
+        Parameters
+        ----------
+        package : str
+        extra : str, which brings it
+        purpose : str, what it is needed for
+
+        Returns
+        -------
+        error : MissingExtraError
+
+        Examples
+        --------
+        >>> str(MissingExtraError.of("matplotlib", "plot", "Drawing")).startswith("Drawing")
+        True
+        """
         return cls(f"{purpose} needs {package!r}, which is not installed: {cls.advice(extra)}.")
 
     @staticmethod
     def advice(extra: str) -> str:
         """How an extra is installed, from an index and from a checkout.
 
+        Parameters
+        ----------
+        extra : str
+
+        Returns
+        -------
+        text : str
+
+        Examples
+        --------
         >>> MissingExtraError.advice("plot")
         "pip install 'twistwrench[plot]', or in a checkout pip install -e '.[plot]'"
         """
@@ -161,8 +215,10 @@ class CacheWarning(UserWarning):
 
 
 class ConstraintWarning(UserWarning):
-    """Constraints at a singular configuration, forces one choice of many; loops that closed only far from the start; or a path
-    beyond the positions that joints can take.
+    """Constraints met in a doubtful way: a singular configuration, or loops or paths far from where they should be.
+
+    Forces are then one choice of many; loops closed only far from the start; or a path leads beyond the positions that
+    joints can take.
     """
 
 

@@ -9,9 +9,8 @@ import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from .core.files import as_path
 from .errors import ValueRangeError
-
-__all__ = ["PICTURES", "check_outputs", "picture_path", "replacing"]
 
 PICTURES = (".png", ".pdf", ".svg")
 """The kinds of picture that are made, by their suffixes."""
@@ -25,7 +24,7 @@ def picture_path(path: str | Path) -> str:
     >>> picture_path("torques"), picture_path("torques.svg")
     ('torques.png', 'torques.svg')
     """
-    text, suffix = str(path), Path(path).suffix.lower()
+    text, suffix = str(as_path(path)), Path(path).suffix.lower()
     if not suffix:
         return text if Path(text).is_dir() else f"{text}.png"  # a folder is refused as one where it is written
     if suffix not in PICTURES:
@@ -91,7 +90,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     A file that is replaced keeps its mode, and its owner and group where the system allows it; a new one gets the mode that
     the process gives to new files. :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
     """
-    path = Path(path)
+    path = as_path(path)
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
     if path.exists() and not path.is_file():  # a pipe or a device is written to, never replaced

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .bodies.inertia import SpatialInertia
+from .core.foreign_output import captured_stderr
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
-from .io import load_model
-from .io.element import parse
-from .io.source import read_robot_text
+from .formats import format_of_file, load_model
+from .formats.element import parse
+from .formats.source import read_robot_text
 from .lie import quaternion
 from .model.assembly import ROOT_JOINT
 from .robot import Robot
-
-__all__ = ["file_gap", "mujoco_model", "pinocchio_model"]
 
 
 def pinocchio_model(robot: Robot) -> Any:
@@ -26,15 +27,15 @@ def pinocchio_model(robot: Robot) -> Any:
     Raises: MissingExtraError, NotFoundError for a robot without a file, RobotFileError where Pinocchio refuses it.
     """
     path = _file_of(robot)
+    if (kind := format_of_file(path)) != "urdf":
+        raise RobotFileError(f"{path.name} is {kind.upper()}; with Pinocchio, URDF files are compared.")
     try:
         import pinocchio
     except ImportError:
         raise MissingExtraError.of("pin", "peers", "Comparing with Pinocchio") from None
     root = [pinocchio.JointModelFreeFlyer()] if _floats(robot) else []
-    try:
+    with _read_by("Pinocchio", path):
         model = pinocchio.buildModelFromUrdf(str(path), *root)
-    except Exception as problem:  # it raises whatever its parsers do
-        raise RobotFileError(f"Pinocchio does not read {path.name}: {_line(problem)}") from None
     model.gravity.linear = robot.gravity
     return model
 
@@ -45,20 +46,26 @@ def mujoco_model(robot: Robot) -> Any:
     Its shapes are left out, so that no mesh is opened. Raises as :func:`pinocchio_model`.
     """
     path = _file_of(robot)
+    kind = format_of_file(path)
+    if kind not in ("urdf", "mjcf"):
+        raise RobotFileError(f"{path.name} is {kind.upper()}, which MuJoCo does not read.")
     try:
         import mujoco
     except ImportError:
         raise MissingExtraError.of("mujoco", "peers", "Comparing with MuJoCo") from None
-    text = _for_mujoco(path, floating=_floats(robot))
-    try:
-        model = mujoco.MjSpec.from_string(text).compile()
-    except Exception as problem:  # it raises whatever its compiler does
-        raise RobotFileError(f"MuJoCo does not read {path.name}: {_line(problem)}") from None
+    with _read_by("MuJoCo", path):
+        if kind == "mjcf":
+            model = mujoco.MjModel.from_xml_path(str(path))
+        else:
+            model = mujoco.MjSpec.from_string(_for_mujoco(path, floating=_floats(robot))).compile()
     for name, flag in mujoco.mjtDisableBit.__members__.items():
-        if name not in ("mjDSBL_GRAVITY", "mjDSBL_EULERDAMP"):
+        if name not in ("mjDSBL_GRAVITY", "mjDSBL_EULERDAMP", *(("mjDSBL_SPRING",) if kind == "mjcf" else ())):
             model.opt.disableflags |= int(flag.value)
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)  # none is said by the robot's gravity
     model.opt.gravity[:] = robot.gravity
-    _check_bodies(robot, model)
+    model.opt.density = model.opt.viscosity = 0.0  # a fluid is no part of the robot, and remarked on
+    if kind == "urdf":
+        _check_bodies(robot, model)
     return model
 
 
@@ -118,8 +125,20 @@ def _floats(robot: Robot) -> bool:
     return any(body.joint.name == ROOT_JOINT for body in robot.model.bodies)
 
 
-def _line(problem: Exception) -> str:
-    return " ".join(str(problem).split())[:200]
+@contextlib.contextmanager
+def _read_by(library: str, path: Path) -> Iterator[None]:
+    """Turn whatever the library raises into RobotFileError, with what it wrote to standard error, which nobody sees else."""
+    problem: Exception | None = None
+    with captured_stderr() as said:
+        try:
+            yield
+        except Exception as raised:  # whatever its parsers raise
+            problem = raised
+    if problem is not None:
+        more = f"; it wrote: {said}" if str(said) else ""
+        raise RobotFileError(
+            f"{library} does not read {path.name}: {' '.join(str(problem).split())[:200]}{more}"
+        ) from None
 
 
 def file_gap(robot: Robot) -> float:
@@ -131,7 +150,9 @@ def file_gap(robot: Robot) -> float:
     mimic = "follow" if any(body.follows for body in model.bodies) else "independent"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        read = load_model(_file_of(robot), floating_base=_floats(robot), mimic=mimic, inertia="accept", snap=0.0)
+        read = load_model(
+            _file_of(robot), floating_base=_floats(robot) or None, mimic=mimic, inertia="accept", snap=0.0
+        )
     if [b.joint.name for b in read.bodies] != [b.joint.name for b in model.bodies]:
         raise ModelError(
             "the robot has other joints than its file: some are locked, or driven by actuators with rotors."

@@ -44,6 +44,7 @@ class Word(StrEnum):
     OK = "OK"
     UNSURE = "UNSURE"
     OVER_LIMIT = "OVER LIMIT"
+    CONTACT = "CONTACT"
     LOOK_AGAIN = "LOOK AGAIN"
 
 
@@ -54,8 +55,9 @@ class Verdict:
     Parameters
     ----------
     word
-        OK only where nothing speaks against it. UNSURE where the data cannot tell. OVER LIMIT where a limit is passed
-        for certain. LOOK AGAIN where the input contradicts itself, so that no number of the report can be trusted.
+        OK only where nothing speaks against it. UNSURE where the data cannot tell. OVER LIMIT where a limit is passed for
+        certain. CONTACT where a sensor feels more than its load. LOOK AGAIN where the input contradicts itself, so that no
+        number of the report can be trusted.
     reasons
         A sentence for each thing that speaks against OK. Only OK may have none.
 
@@ -84,7 +86,23 @@ class Verdict:
     def of(
         cls, *, look_again: list[str] | None = None, over: list[str] | None = None, unsure: list[str] | None = None
     ) -> Verdict:
-        """The verdict that these reasons give: input that contradicts itself first, then certain excesses, then doubts."""
+        """Verdict that these reasons give: input that contradicts itself first, then certain excesses, then doubts.
+
+        Parameters
+        ----------
+        look_again : list of str, optional, contradictions of the input
+        over : list of str, optional, limits passed for certain
+        unsure : list of str, optional, what the data cannot tell
+
+        Returns
+        -------
+        verdict : Verdict
+
+        Examples
+        --------
+        >>> print(Verdict.of(over=["elbow: 120 % of its limit"]))
+        OVER LIMIT: elbow: 120 % of its limit
+        """
         for word, reasons in ((Word.LOOK_AGAIN, look_again), (Word.OVER_LIMIT, over), (Word.UNSURE, unsure)):
             if reasons:
                 return cls(word, tuple(reasons))

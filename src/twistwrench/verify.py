@@ -7,10 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import laws
 from .convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
@@ -18,14 +16,11 @@ from .errors import TwistWrenchError
 from .peers import file_gap, mujoco_model, pinocchio_model
 from .robot import Robot
 from .testing import State, random_state, relative_gap
+from .typing import Array
 
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-Array = NDArray[Any]
 Residual = Callable[[Robot, State], float]
 
-__all__ = ["Check", "VerifyReport", "render", "verify"]
+__all__ = ["Check", "VerifyReport", "verify"]
 
 ROUNDING = 1e-10
 """Two ways of computing one thing in float64: some thousand operations each, 1e-16 apart, and room for cancellation."""
@@ -35,13 +30,18 @@ DIFFERENCES = 1e-9
 
 @dataclass(frozen=True)
 class Check:
-    """One row: what was compared, how far apart it was and might be. ``skipped`` says why nothing was compared."""
+    """Check of a robot's dynamics: what was compared, how far apart it was and might be."""
 
     name: str
+    """Of the check."""
     compares: str
+    """What is compared, in words."""
     residual: float = np.nan
+    """The largest relative difference of all states."""
     tolerance: float = ROUNDING
+    """The largest that is allowed."""
     skipped: str = ""
+    """Why nothing was compared; empty if it was."""
 
     @property
     def passed(self) -> bool:
@@ -56,12 +56,16 @@ class Check:
 
 @dataclass(frozen=True)
 class VerifyReport:
-    """The rows of :func:`verify` for one robot."""
+    """Report of :func:`verify` on one robot."""
 
     robot: str
+    """The robot's name."""
     states: int
+    """How many random states."""
     seed: int
+    """Of the random states."""
     checks: tuple[Check, ...]
+    """The rows."""
 
     @property
     def passed(self) -> bool:
@@ -72,8 +76,18 @@ class VerifyReport:
 def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
     """Compare the robot's dynamics with independent formulas, and with Pinocchio and MuJoCo where they are installed.
 
-    At that many random states. A check that cannot be done is a row that says why; nothing is raised.
+    Parameters
+    ----------
+    robot : Robot
+    states : int, how many random states
+    seed : int, of the random states
 
+    Returns
+    -------
+    report : VerifyReport; a check that cannot be done is a row that says why, nothing is raised
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> verify(tw.robots.planar_2r(), states=2).passed
     True
@@ -157,20 +171,3 @@ _LAWS: tuple[tuple[str, str, float, Residual], ...] = (
     ("compiled", "kernels, the algorithms on plain floats", ROUNDING, _compiled),
 )
 _PEERS: tuple[tuple[str, Callable[[Robot], Residual]], ...] = (("Pinocchio", _pinocchio), ("MuJoCo", _mujoco))
-
-
-def render(report: VerifyReport) -> RenderableType:
-    """The report as a table for rich's console."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    title = f"{escape(report.robot)}: {report.states} random states, seed {report.seed}"
-    table = Table("check", "compares", "residual", "allowed", "", title=title, title_justify="left")
-    for check in report.checks:
-        if check.skipped:
-            reason = f"{check.compares}\n[dim]skipped: {escape(check.skipped)}[/dim]"
-            table.add_row(check.name, reason, "", "", "[dim]skipped[/dim]")
-        else:
-            verdict = "[green]agrees[/green]" if check.passed else "[bold red]DISAGREES[/bold red]"
-            table.add_row(check.name, check.compares, f"{check.residual:.1e}", f"{check.tolerance:.0e}", verdict)
-    return table

@@ -4,16 +4,22 @@ A bug is a text that stands once in a file of ``src``, what stands there in its 
 run first, stopped at the first failure; the whole suite runs for survivors only (``--whole``). Each bug goes into a copy of
 ``src``; nothing of the checkout is touched. Results are kept, a line of JSON each, so that a run goes on where it stopped;
 a bug whose file or tests changed since is tried again.
+
+A test that fails has noticed the bug. Tests that have no end in the time allowed have noticed nothing: the bug counts as
+``timed out``, beside the survivors, where the same tests end in that time without the bug; where they do not, the time
+was too short to say anything, and no result is kept.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import json
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -64,17 +70,21 @@ def bugs() -> list[Bug]:
     return [Bug(**{**row, "tests": tuple(row["tests"])}) for row in rows]
 
 
-def noticed(bug: Bug, tests: list[str], seconds: float) -> str:
-    """The first test that fails with the bug in; "" if none does. One that fails without the bug too is no witness."""
-    found = failing(bug, tests, seconds)
-    kind, _, test = found.partition(" ")
-    if kind in ("FAILED", "ERROR") and failing(None, [test], seconds).startswith(kind):
+NOTICED, SURVIVED, TIMED_OUT, TOO_SLOW = "noticed", "survived", "timed out", "too slow to say"
+
+
+def outcome(bug: Bug, tests: list[str], seconds: float) -> tuple[str, str]:
+    """Noticed, and by which test; survived; timed out; or too slow to say: what the tests make of a bug."""
+    test = failing(bug, tests, seconds)
+    if test is None:
+        return (TOO_SLOW if failing(None, tests, seconds) is None else TIMED_OUT), ""
+    if test and failing(None, [test], seconds):
         raise SystemExit(f"{test} fails without a bug too, so it says nothing about {bug.name!r}. Mend it first.")
-    return found
+    return (NOTICED if test else SURVIVED), test
 
 
-def failing(bug: Bug | None, tests: list[str], seconds: float) -> str:
-    """The first test that fails with the bug in, or without any; "" if none does."""
+def failing(bug: Bug | None, tests: list[str], seconds: float) -> str | None:
+    """The first test that fails with the bug in, or without any; "" if none does; None if there is no end in time."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "src"
         shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("*.pyc.*"))  # bytecode saves seconds
@@ -82,24 +92,35 @@ def failing(bug: Bug | None, tests: list[str], seconds: float) -> str:
             bug.put_into(source)
         command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *tests]
         environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
-        try:
-            done = subprocess.run(
-                command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=seconds, check=False
-            )
-        except subprocess.TimeoutExpired:
-            return f"no end within {seconds:.0f} s"
-    if done.returncode == 0:
-        return ""
-    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    if done.returncode not in (1, 2) or not failed:
-        raise SystemExit(
-            f"{bug.name if bug else 'no bug'}: pytest ended with {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+        run = subprocess.Popen(
+            command,
+            cwd=ROOT,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
-    return failed[0].partition(" - ")[0]
+        try:
+            out, err = run.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(run.pid, signal.SIGKILL)  # and what the tests have started
+            run.communicate()
+    if run.returncode == 0:
+        return ""
+    failed = [line for line in out.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    if run.returncode not in (1, 2) or not failed:
+        raise SystemExit(
+            f"{bug.name if bug else 'no bug'}: pytest ended with {run.returncode}\n{out[-2000:]}{err[-2000:]}"
+        )
+    return failed[0].partition(" - ")[0].partition(" ")[2]
 
 
 def main() -> int:
-    """Exit status 1 if a bug survives."""
+    """Exit status 1 unless every bug is noticed."""
     parser = argparse.ArgumentParser(prog="python -m tests.bugs", description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", help="bugs to try; all if none is named")
     parser.add_argument("--whole", action="store_true", help="run the whole suite for those that survive their room")
@@ -112,22 +133,29 @@ def main() -> int:
     chosen = [b for b in bugs() if not asked.names or b.name in asked.names]
     random.Random(asked.seed).shuffle(chosen)
     lines = asked.results.read_text("utf-8").splitlines() if asked.results.is_file() else []
-    known = {entry["key"]: entry for entry in map(json.loads, lines)}
-    survivors = []
-    for number, bug in enumerate(chosen[: asked.count], start=1):
+    known = {entry["key"]: entry for entry in map(json.loads, lines) if "outcome" in entry}
+    chosen = chosen[: asked.count]
+    found: dict[str, list[str]] = {NOTICED: [], SURVIVED: [], TIMED_OUT: [], TOO_SLOW: []}
+    for number, bug in enumerate(chosen, start=1):
         entry = known.get(bug.key)
-        if entry is None or (asked.whole and not entry["noticed"] and not entry["whole"]):
-            found = "" if entry else noticed(bug, [f"tests/{t}" for t in bug.tests], asked.seconds)
-            whole = not found and asked.whole
+        if entry is None or (asked.whole and entry["outcome"] != NOTICED and not entry["whole"]):
+            how, by = (
+                (entry["outcome"], "") if entry else outcome(bug, [f"tests/{t}" for t in bug.tests], asked.seconds)
+            )
+            whole = asked.whole and how in (SURVIVED, TIMED_OUT)
             if whole:
-                found = noticed(bug, ["-n", "2", "tests"], 4 * asked.seconds)
-            entry = {"name": bug.name, "key": bug.key, "noticed": found, "whole": whole}
-            with asked.results.open("a", encoding="utf-8") as kept:
-                kept.write(json.dumps(entry) + "\n")
-        print(f"{number:3} {bug.name}: {entry['noticed'] or 'SURVIVES'}", flush=True)
-        survivors += [] if entry["noticed"] else [bug.name]
-    print(f"{len(survivors)} of {len(chosen[: asked.count])} survive{': ' if survivors else ''}{', '.join(survivors)}")
-    return 1 if survivors else 0
+                how, by = outcome(bug, ["-n", "2", "tests"], 4 * asked.seconds)
+            entry = {"name": bug.name, "key": bug.key, "outcome": how, "by": by, "whole": whole}
+            if how != TOO_SLOW:
+                with asked.results.open("a", encoding="utf-8") as kept:
+                    kept.write(json.dumps(entry) + "\n")
+        print(f"{number:3} {bug.name}: {entry['by'] or entry['outcome'].upper()}", flush=True)
+        found[entry["outcome"]].append(bug.name)
+    print(f"{len(chosen)} tried: {', '.join(f'{len(names)} {how}' for how, names in found.items())}")
+    for how in (SURVIVED, TIMED_OUT, TOO_SLOW):
+        for name in found[how]:
+            print(f"  {how}: {name}")
+    return 0 if len(found[NOTICED]) == len(chosen) else 1
 
 
 if __name__ == "__main__":

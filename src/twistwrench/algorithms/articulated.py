@@ -8,23 +8,18 @@ as in :mod:`.inverse_dynamics`: from the inertial frame that at this instant mov
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
-from .factors import factored, solved, widened
-from .inverse_dynamics import Motion, Wrenches, applied_wrenches, inertial_wrench
+from ..typing import Array
+from .inverse_dynamics import BodyMotion, Wrenches, applied_wrenches, inertial_wrench
 from .recursion import inward, joint_poses, outward, spread, zeros
 from .springs import spring_forces
-
-Array = NDArray[Any]
-
-__all__ = ["articulated_dynamics", "articulated_pays"]
+from .tree_factorisation import factored, solved, widened
 
 
 @dataclass
@@ -71,6 +66,7 @@ def articulated_dynamics(
     """q̈ (nv,); robots whose joints share no coordinates. ``added`` (nv,) is inertia of the joints, as that of a rotor."""
     T, Adq = joint_poses(model, q), spread(model, dq)
     tau = tau - spring_forces(model, q)
+    drives = model.armature if added is None else added + model.armature
     A, p, c, w = [], [], [], {BASE: zeros(3)}
     for i, parent in outward(model):
         R, r, up, wJ, vJ = T[i][:3, :3], T[i][:3, 3], w[parent], Adq[i][:3], Adq[i][3:]
@@ -78,7 +74,7 @@ def articulated_dynamics(
         turning, moving = so3.cross(w[i], wJ), so3.cross(2.0 * w[i] - wJ, vJ)
         c.append(np.concatenate([turning, R.T @ so3.cross(up, so3.cross(up, r)) + moving]))
         A.append(_Articulated.rigid(model.bodies[i].inertia))
-        p.append(inertial_wrench(model.bodies[i].inertia, Motion(w[i], zeros(3), zeros(3))))
+        p.append(inertial_wrench(model.bodies[i].inertia, BodyMotion(w[i], zeros(3), zeros(3))))
     for i, F_by in applied_wrenches(model, wrenches):
         p[i] = p[i] + F_by
     joints: dict[int, tuple[Array, Array, Array]] = {}
@@ -87,7 +83,7 @@ def articulated_dynamics(
         S = body.joint.axes
         U = np.array([A[i] @ s for s in S]).T
         mine = slice(body.v_index, body.v_index + body.joint.nv)
-        L, D = factored(S @ U if added is None else widened(S @ U, added[mine]))
+        L, D = factored(widened(S @ U, drives[mine]))
         u = tau[mine] - S @ p[i]
         W = np.array([solved(L, D, row) for row in U])  # U D⁻¹
         joints[i] = W, solved(L, D, u), U

@@ -7,27 +7,24 @@ M = 𝒜'ℒ'𝒢ℒ𝒜, and c, g and the wrenches' part follow without a recur
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..lie import se3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Model
+from ..typing import Array
 from .inverse_dynamics import Wrenches
 from .recursion import joint_poses
 from .springs import spring_forces
-
-Array = NDArray[Any]
-
-__all__ = ["ClosedForm", "closed_form"]
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedForm:
     """τ = M q̈ + c + g + J'F, its terms, and the block matrices they are products of: body after body, six rows each.
 
+    Examples
+    --------
     >>> import numpy as np, twistwrench as tw
     >>> at = tw.robots.ur5().closed_form([0, 1, 1, 0, 0, 0], np.ones(6))
     >>> np.allclose(at.M, at.A.T @ at.L.T @ at.G @ at.L @ at.A)
@@ -37,10 +34,13 @@ class ClosedForm:
     """
 
     M: Array
+    """Mass matrix 𝒜'ℒ'𝒢ℒ𝒜, and on its diagonal the armature of the drives, if there is any; (nv, nv)."""
     c: Array
+    """Coriolis and centripetal torques; (nv,)."""
     g: Array
-    """With what holds the springs, if there are any."""
+    """Gravity torques, with what holds the springs, if there are any; (nv,)."""
     wrench_torques: Array
+    """J'F, torques of the wrenches that the robot applies; (nv,)."""
     A: Array
     """𝒜, the joints' screw axes in the frames of their bodies; (6n, nv)."""
     G: Array
@@ -61,15 +61,63 @@ class ClosedForm:
     """ℱ, the wrenches that the robot applies; (6n,)."""
 
     def inverse_dynamics(self, ddq: Array) -> Array:
-        """τ; (nv,)."""
+        """Inverse dynamics by the block matrices: joint torques of the accelerations.
+
+        Parameters
+        ----------
+        ddq : (nv,) array, joint accelerations [rad/s², m/s²]
+
+        Returns
+        -------
+        tau : (nv,) array [N m, sliding joints: N]
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0], [0, 0])
+        >>> terms.inverse_dynamics(np.zeros(2)).round(9).tolist()
+        [29.43, 9.81]
+        """
         return self.M @ ddq + self.c + self.g + self.wrench_torques
 
     def accelerations(self, ddq: Array) -> Array:
-        """𝒱̇ = ℒ(𝒜 q̈ - [ad 𝒜q̇] 𝒲𝒱 + 𝒱̇_base), gravity included; (6n,)."""
+        """Accelerations of the bodies 𝒱̇ = ℒ(𝒜 q̈ - [ad 𝒜q̇] 𝒲𝒱 + 𝒱̇_base), gravity included.
+
+        Parameters
+        ----------
+        ddq : (nv,) array, joint accelerations [rad/s², m/s²]
+
+        Returns
+        -------
+        dV : (6n,) array, six rows a body, each in its own frame [rad/s², m/s²]
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0], [0, 0])
+        >>> terms.accelerations(np.ones(2)).shape
+        (12,)
+        """
         return self.L @ (self.A @ ddq - self.ad_Adq @ (self.W @ self.V) + self.dV_base)
 
     def wrenches(self, ddq: Array) -> Array:
-        """ℱ = ℒ'(𝒢𝒱̇ - [ad 𝒱]'𝒢𝒱 + ℱ_by), what each body receives through its joint; (6n,)."""
+        """Wrenches across the joints ℱ = ℒ'(𝒢𝒱̇ - [ad 𝒱]'𝒢𝒱 + ℱ_by), what each body receives through its joint.
+
+        Parameters
+        ----------
+        ddq : (nv,) array, joint accelerations [rad/s², m/s²]
+
+        Returns
+        -------
+        F : (6n,) array, six rows a body, each in its own frame [N m, N]
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> terms = tw.robots.planar_2r().closed_form([0, 0], [0, 0])
+        >>> terms.wrenches(np.zeros(2)).shape
+        (12,)
+        """
         return self.L.T @ (self.G @ self.accelerations(ddq) - self.ad_V.T @ (self.G @ self.V) + self.F_by)
 
 
@@ -96,7 +144,7 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
     V = L @ A @ dq
     ad_V, ad_Adq = _block_diagonal(V), _block_diagonal(A @ dq)
     return ClosedForm(
-        M=A.T @ L.T @ G @ L @ A,
+        M=A.T @ L.T @ G @ L @ A + np.diag(model.armature),
         c=-A.T @ L.T @ (G @ L @ ad_Adq @ W + ad_V.T @ G) @ V,
         g=A.T @ L.T @ G @ L @ dV_base + np.asarray(spring_forces(model, q), float),
         wrench_torques=A.T @ L.T @ F,

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from numpy.typing import NDArray
-
-Array = NDArray[Any]
-
-__all__ = ["ConstrainedMotion", "ConstrainedTorques", "MotionForceSplit"]
+from ..typing import Array
 
 
 class ConstrainedMotion(NamedTuple):
     """Accelerations q̈ (..., nv), and λ (..., k), N m and N."""
 
     ddq: Array
+    """Accelerations (..., nv), rad/s² or m/s²."""
     lam: Array
+    """Multipliers λ (..., k), N m or N, one for each row of A."""
 
 
 class ConstrainedTorques(NamedTuple):
     """Torques τ (..., nv), zero at joints without a motor, and λ (..., k), N m and N."""
 
     tau: Array
+    """Joint torques (..., nv), N m or N, zero at joints without a motor."""
     lam: Array
+    """Multipliers λ (..., k), N m or N, one for each row of A."""
 
 
 class MotionForceSplit(NamedTuple):
     """Torques that move the robot, Pτ, and torques that only press on its constraints, (1 - P)τ; (..., nv) each."""
 
     motion: Array
+    """Torques that move the robot, Pτ; (..., nv), N m or N."""
     force: Array
+    """Torques that only press on the constraints, (1 - P)τ; (..., nv), N m or N."""

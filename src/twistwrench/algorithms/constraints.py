@@ -17,36 +17,20 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Frame, Model
-from .factors import factored, lowered, raised, solved
+from ..typing import Array
 from .inverse_dynamics import Wrenches, bias_forces
 from .jacobians import jacobian, jacobian_rate
 from .mass_matrix import mass_matrix
+from .operational_space import ROWS
 from .recursion import ancestors, joint_poses, zeros
-from .task_space import ROWS
-
-Array = NDArray[Any]
+from .tree_factorisation import factored, lowered, raised, solved
 
 GROUND = "ground"
 """What a closure calls the base, floating or not; a link of that name is meant instead where there is one."""
-
-__all__ = [
-    "GROUND",
-    "Closure",
-    "Constraint",
-    "Rolling",
-    "closure_poses",
-    "constrained_dynamics",
-    "constraint_bias",
-    "constraint_jacobian",
-    "names",
-    "place_of",
-    "row_names",
-]
 
 
 @dataclass(frozen=True)
@@ -105,7 +89,7 @@ def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
 
 def place_of(model: Model, frame: str) -> Frame:
     """The frame of that name, or the base's for ``"ground"``."""
-    return Frame(BASE, np.eye(4)) if frame == GROUND and frame not in model.frames else model.frame(frame)
+    return Frame(BASE, np.eye(4)) if frame == GROUND and frame not in model.all_frames else model.frame(frame)
 
 
 # ── how {b} moves as {c} sees it ──

@@ -12,19 +12,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
+from ..typing import Array
 from .energy import body_velocities
 from .mass_matrix import composite_inertias
 from .recursion import ancestors, inward, joint_poses, zeros
-
-Array = NDArray[Any]
-
-__all__ = ["BodyCoriolis", "christoffel", "coriolis_matrix"]
 
 
 class BodyCoriolis:

@@ -19,22 +19,18 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
+from ..typing import Array
 from .coriolis import BodyCoriolis
 from .energy import body_velocities
-from .factors import factored, inverse_factor, solved, symmetric_product
 from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
 from .mass_matrix import composite_inertias, mass_matrix
 from .recursion import ancestors, inward, joint_poses, spread, zeros
 from .springs import spring_stiffness
-
-Array = NDArray[Any]
-
-__all__ = ["forward_dynamics_derivatives", "inverse_dynamics_derivatives"]
+from .tree_factorisation import factored, inverse_factor, solved, symmetric_product
 
 
 class _Column(NamedTuple):
@@ -113,7 +109,7 @@ def _add_felt(
 
 def _turns(body: Body) -> bool:
     """Whether the joint's coordinate changes anything: a body of revolution is the same however it has turned."""
-    return body.joint.kind != "rotor"
+    return body.joint.moves_body
 
 
 def _add(matrix: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:

@@ -6,26 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
+from ..typing import Array
 from .mass_matrix import composite_inertias
 from .recursion import base_poses, joint_poses, outward, spread, zeros
 from .springs import spring_energy
-
-Array = NDArray[Any]
-
-__all__ = [
-    "body_velocities",
-    "center_of_mass",
-    "com_jacobian",
-    "kinetic_energy",
-    "momentum",
-    "momentum_about_com",
-    "potential_energy",
-]
 
 
 def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
@@ -38,9 +26,10 @@ def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
 
 
 def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
-    """½ Σ V' G V; J. MR section 8.1.2."""
+    """½ Σ V' G V, and that of the drives' armature; J. MR section 8.1.2."""
     V = body_velocities(model, joint_poses(model, q), dq)
-    return sum((0.5 * (v @ (body.inertia @ v)) for body, v in zip(model.bodies, V, strict=True)), start=0.0)
+    drives = 0.5 * (dq @ (model.armature * dq))
+    return sum((0.5 * (v @ (body.inertia @ v)) for body, v in zip(model.bodies, V, strict=True)), start=drives)
 
 
 def _first_moments(model: Model, q: Array) -> tuple[float, Array]:

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from numpy.typing import NDArray
-
 from ..model.model import Model
+from ..typing import Array
 from .articulated import articulated_dynamics, articulated_pays
-from .factors import factored, solved, widened
+from .friction import torque_past_friction
 from .inverse_dynamics import Wrenches, bias_forces
 from .mass_matrix import mass_matrix
-
-Array = NDArray[Any]
-
-__all__ = ["forward_dynamics"]
+from .tree_factorisation import factored, solved, widened
 
 
 def forward_dynamics(
-    model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None, added: Array | None = None
+    model: Model,
+    q: Array,
+    dq: Array,
+    tau: Array,
+    wrenches: Wrenches | None = None,
+    added: Array | None = None,
+    friction: bool = False,
 ) -> Array:
-    """q̈ = M⁻¹ (τ - h - Σ J'F_by); (nv,). MR section 8.5. ``added`` (nv,) is inertia on top, on the diagonal of M."""
+    """q̈ = M⁻¹ (τ - h - Σ J'F_by); (nv,). MR section 8.5.
+
+    ``added`` (nv,) is inertia on top, on the diagonal of M; ``friction`` takes off τ what the joints' friction costs.
+    """
+    if friction:
+        tau = torque_past_friction(model, dq, tau)
     if articulated_pays(model):
         return articulated_dynamics(model, q, dq, tau, wrenches, added)
     M = mass_matrix(model, q)

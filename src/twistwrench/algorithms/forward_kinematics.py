@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..model.model import BASE, Model
+from ..typing import Array
 from .recursion import ancestors, base_poses, joint_poses
-
-Array = NDArray[Any]
-
-__all__ = ["forward_kinematics", "link_poses"]
 
 
 def forward_kinematics(model: Model, q: Array, frame: str) -> Array:

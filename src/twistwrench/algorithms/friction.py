@@ -5,21 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..model.model import Model
-
-Array = NDArray[Any]
-
-__all__ = [
-    "friction_bounds",
-    "friction_forces",
-    "is_zero",
-    "rubbing",
-    "signs",
-    "torque_past_eased_friction",
-    "torque_past_friction",
-]
+from ..typing import Array
 
 
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
@@ -39,12 +27,21 @@ def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
     return np.asarray(y / (1.0 + model.friction.load * (signs(dq) * signs(y))))
 
 
-def torque_past_eased_friction(model: Model, dq: Array, tau: Array, creep: Array) -> Array:
-    """The same where dry friction is made continuous at rest: its part is multiplied by tanh(|dq| / creep); (nv,)."""
+def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array) -> Array:
+    """The same where dry friction is made continuous at rest: its part is multiplied by ``share``, :func:`eased`; (nv,)."""
     damping = model.friction.viscous * dq
-    share = 1.0 - 2.0 / (_exp(2.0 * (signs(dq) * dq / creep)) + 1.0)
     y = tau - damping - share * (friction_forces(model, dq) - damping)
     return np.asarray(y / (1.0 + share * model.friction.load * (signs(dq) * signs(y))))
+
+
+def eased(dq: Array, creep: Array) -> Array:
+    """tanh(|dq| / creep), the share of dry friction that is left at low speeds; (nv,).
+
+    Of symbols by the exponential, which near rest is good to 1e-16 and not to as many digits.
+    """
+    if dq.dtype != object:
+        return np.asarray(np.tanh(np.abs(dq) / creep))
+    return np.asarray(1.0 - 2.0 / (_exp(2.0 * (signs(dq) * dq / creep)) + 1.0))
 
 
 def rubbing(model: Model) -> list[int]:

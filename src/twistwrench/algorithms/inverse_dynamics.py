@@ -12,38 +12,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
+from ..typing import Array
+from .friction import friction_forces
 from .recursion import collect, inward, joint_poses, outward, spread, zeros
 from .springs import spring_forces
 
-Array = NDArray[Any]
 Wrenches = Mapping[str, Array]
-
-__all__ = [
-    "Motion",
-    "applied_wrenches",
-    "bias_forces",
-    "body_motions",
-    "coriolis_forces",
-    "drive_torques",
-    "gravity_forces",
-    "holding_torques",
-    "inertial_wrench",
-    "inverse_dynamics",
-    "joint_wrenches",
-]
 
 
 @dataclass
-class Motion:
+class BodyMotion:
     """Rotation of a body, in its own frame, and the acceleration of its origin."""
 
     w: Array
@@ -59,17 +44,17 @@ class Motion:
 
 def body_motions(
     model: Model, T: Sequence[Array], dq: Array, ddq: Array, gravity: bool = True
-) -> Iterator[tuple[int, Motion]]:
+) -> Iterator[tuple[int, BodyMotion]]:
     """(body, its motion) from the base outward; under gravity the base accelerates upward."""
     Adq, Addq = spread(model, dq), spread(model, ddq)
-    motion = {BASE: Motion(zeros(3), zeros(3), -model.gravity if gravity else zeros(3))}
+    motion = {BASE: BodyMotion(zeros(3), zeros(3), -model.gravity if gravity else zeros(3))}
     for i, p in outward(model):
         R, r, up = T[i][:3, :3], T[i][:3, 3], motion[p]
         wJ, vJ, dwJ, dvJ = Adq[i][:3], Adq[i][3:], Addq[i][:3], Addq[i][3:]
         w = R.T @ up.w + wJ  # (8.51)
         dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), turning
         a = R.T @ (up.a + up.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
-        motion[i] = Motion(w, dw, a)
+        motion[i] = BodyMotion(w, dw, a)
         yield i, motion[i]
 
 
@@ -100,7 +85,7 @@ def applied_wrenches(model: Model, wrenches: Wrenches | None) -> Iterator[tuple[
             yield frame.body, Ad(frame.pose).inverse.T @ F_by
 
 
-def inertial_wrench(G: SpatialInertia, motion: Motion) -> Array:
+def inertial_wrench(G: SpatialInertia, motion: BodyMotion) -> Array:
     """G dV - ad(V)' G V for V = (w, 0), dV = (dw, a): Newton and Euler, products of inertia included.
 
     I dw + w × I w is written with the entries of U, which are there already; without products of inertia its rows are
@@ -118,9 +103,12 @@ def inertial_wrench(G: SpatialInertia, motion: Motion) -> Array:
     return np.concatenate([n, f])
 
 
-def inverse_dynamics(model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None) -> Array:
-    """Joint torques τ = M q̈ + h + Σ J'F_by; (nv,). MR eq. 8.54."""
-    return collect(model, joint_wrenches(model, q, dq, ddq, wrenches)) + spring_forces(model, q)
+def inverse_dynamics(
+    model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None, friction: bool = False
+) -> Array:
+    """Joint torques τ = M q̈ + h + Σ J'F_by, and what overcomes friction if asked for; (nv,). MR eq. 8.54."""
+    tau = collect(model, joint_wrenches(model, q, dq, ddq, wrenches)) + model.armature * ddq + spring_forces(model, q)
+    return tau + friction_forces(model, dq, load=tau) if friction else tau
 
 
 def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> Array:
@@ -149,5 +137,5 @@ def drive_torques(
 ) -> tuple[Array, Array]:
     """What gears carry and what rotors take, as felt at the joints; they add up to τ; (nv,) each. MR section 8.9.3."""
     F = joint_wrenches(model, q, dq, ddq, wrenches)
-    spins = np.array([[float(body.joint.kind == "rotor")] for body in model.bodies])
-    return collect(model, (1.0 - spins) * F) + spring_forces(model, q), collect(model, spins * F)
+    spins = np.array([[float(not body.joint.moves_body)] for body in model.bodies])
+    return collect(model, (1.0 - spins) * F) + spring_forces(model, q), collect(model, spins * F) + model.armature * ddq

@@ -7,29 +7,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..lie import se3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
+from ..typing import Array
 from .recursion import ancestors, base_poses, joint_poses, zeros
 
-Array = NDArray[Any]
-
 KINDS = ("body", "space", "world_aligned")
-
-__all__ = [
-    "KINDS",
-    "frame_acceleration",
-    "frame_velocity",
-    "jacobian",
-    "jacobian_derivative",
-    "jacobian_rate",
-    "wrench_torques",
-]
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:

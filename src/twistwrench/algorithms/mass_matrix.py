@@ -1,22 +1,18 @@
 """The mass matrix by composite bodies: what each joint feels of everything it carries. Featherstone, RBDA (2008), 6.2.
 
-M = Σ J_i' G_i J_i (MR eq. 8.57) summed so that every body is moved to its parent once.
+M = Σ J_i' G_i J_i (MR eq. 8.57) summed so that every body is moved to its parent once; and the drives' armature.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from numpy.typing import NDArray
-
 from ..bodies.inertia import SpatialInertia
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Body, Model
+from ..typing import Array
 from .recursion import ancestors, inward, joint_coordinates, joint_poses, zeros
-
-Array = NDArray[Any]
-
-__all__ = ["composite_inertias", "mass_matrix"]
+from .tree_factorisation import widened
 
 
 def composite_inertias(model: Model, q: Array) -> list[SpatialInertia]:
@@ -43,7 +39,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
                     if i != j or a <= b:
                         _add_symmetric(M, model.bodies[j], a, model.bodies[i], b, S_j @ F)
                 F = up[j] @ F
-    return M
+    return widened(M, model.armature)
 
 
 def _add_symmetric(M: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError
 from ..lie import se3, so3
-
-Array = NDArray[Any]
-
-__all__ = ["PosePath", "screw_path", "straight_path"]
+from ..typing import Array
 
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
-    """T(s) from s = 0 to 1, by a constant screw, or with the origin on a line and the rotation about a constant axis."""
+    """Path of poses T(s) from s = 0 to 1, by a constant screw, or with the origin on a line.
+
+    The rotation is then about a constant axis.
+    """
 
     start: Array
-    """(4, 4)."""
+    """Pose at s = 0 (4, 4)."""
     end: Array
-    """(4, 4)."""
+    """Pose at s = 1 (4, 4)."""
     straight: bool
     """Whether the origin moves on a straight line."""
     twist: Array
@@ -43,7 +42,21 @@ class PosePath:
         return se3.pose(R, s * self.end[:3, 3] + (1.0 - s) * self.start[:3, 3])
 
     def body_twist(self, s: ArrayLike) -> Array:
-        """V(s) with dT/ds = T [V]; (...) → (..., 6)."""
+        """Body twist along the path, V(s) with dT/ds = T [V].
+
+        Parameters
+        ----------
+        s : (...) array_like, 0 to 1
+
+        Returns
+        -------
+        V : (..., 6) array, (omega, v) [rad, m]
+
+        Examples
+        --------
+        >>> screw_path(np.eye(4), se3.exp([0, 0, 1, 2, 0, 0])).body_twist(0.5).round(12).tolist()
+        [0.0, 0.0, 1.0, 2.0, 0.0, 0.0]
+        """
         s = arguments.real(s, "s")
         if not self.straight:
             return np.broadcast_to(self.twist, (*s.shape, 6)).copy()
@@ -53,8 +66,28 @@ class PosePath:
 
 
 def screw_path(start: ArrayLike, end: ArrayLike) -> PosePath:
-    """The constant screw from one pose to another, (4, 4) each. MR eq. 9.23. Raises ShapeError, ValueRangeError.
+    """Screw path: the constant screw from one pose to another.
 
+    Parameters
+    ----------
+    start : (4, 4) array_like, pose at s = 0
+    end : (4, 4) array_like, pose at s = 1
+
+    Returns
+    -------
+    path : PosePath
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An end is no pose (4, 4).
+
+    Notes
+    -----
+    MR eq. 9.23.
+
+    Examples
+    --------
     >>> path = screw_path(np.eye(4), se3.exp([0, 0, np.pi / 2, 1, 0, 0]))
     >>> path(0.5)[:3, 3].round(6).tolist()
     [0.450158, 0.186462, 0.0]
@@ -64,8 +97,28 @@ def screw_path(start: ArrayLike, end: ArrayLike) -> PosePath:
 
 
 def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
-    """The straight line of the origin, the rotation by itself about a constant axis. MR eq. 9.24, 9.25; as screw_path.
+    """Straight path: the origin on a line, the rotation by itself about a constant axis.
 
+    Parameters
+    ----------
+    start : (4, 4) array_like, pose at s = 0
+    end : (4, 4) array_like, pose at s = 1
+
+    Returns
+    -------
+    path : PosePath
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An end is no pose (4, 4).
+
+    Notes
+    -----
+    MR eq. 9.24, 9.25.
+
+    Examples
+    --------
     >>> path = straight_path(np.eye(4), se3.exp([0, 0, np.pi / 2, 1, 0, 0]))
     >>> path(0.5)[:3, 3].round(6).tolist()
     [0.31831, 0.31831, 0.0]

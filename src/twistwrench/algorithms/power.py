@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-
-__all__ = ["PowerBalance", "power_balance"]
+from ..typing import Array
 
 
 class PowerBalance(NamedTuple):

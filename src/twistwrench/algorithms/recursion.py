@@ -7,26 +7,11 @@ number, ``BASE`` for bodies on the base. Parents come before children, so the pa
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..model.model import BASE, Model
-
-Array = NDArray[Any]
-
-__all__ = [
-    "ancestors",
-    "base_poses",
-    "collect",
-    "inward",
-    "joint_coordinates",
-    "joint_poses",
-    "outward",
-    "spread",
-    "zeros",
-]
+from ..typing import Array
 
 
 def outward(model: Model) -> Iterator[tuple[int, int]]:

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..lie.adjoint import Ad
 from ..model.model import Model
+from ..typing import Array
 from .inverse_dynamics import body_motions, inertial_wrench
 from .recursion import ancestors, joint_poses, zeros
-
-Array = NDArray[Any]
-
-__all__ = ["PARAMETER_NAMES", "regressor"]
 
 PARAMETER_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """The ten parameters of a body about its frame's origin, in the order of ``SpatialInertia.parameters``."""
@@ -24,7 +18,7 @@ _UNITS = [SpatialInertia.from_parameters(e) for e in np.eye(10)]
 
 
 def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Y with τ = Y π, π the ten parameters of each body in turn; springs apart; (nv, 10 nbodies)."""
+    """Y with τ = Y π, π the ten parameters of each body in turn; springs and armature apart; (nv, 10 nbodies)."""
     T = joint_poses(model, q)
     up = [Ad(X).inverse.T for X in T]
     Y = zeros(model.nv, 10 * len(model.bodies))

@@ -5,15 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from numpy.typing import NDArray
-
 from ..model.model import Body, Model
 from ..model.spring import Spring
+from ..typing import Array
 from .recursion import zeros
-
-Array = NDArray[Any]
-
-__all__ = ["spring_energy", "spring_forces", "spring_stiffness"]
 
 
 def spring_energy(model: Model, q: Array) -> Any:

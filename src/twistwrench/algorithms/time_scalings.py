@@ -6,14 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ValueRangeError
-
-Array = NDArray[Any]
-
-__all__ = ["Polynomial", "Trapezoid", "cubic", "cubic_share", "quintic", "quintic_share", "trapezoid", "uniform"]
+from ..typing import Array
 
 _CUBIC = (0.0, 0.0, 3.0, -2.0)
 _QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
@@ -22,9 +19,10 @@ _UNIFORM = (0.0, 1.0)
 
 @dataclass(frozen=True)
 class Polynomial:
-    """s(t), a polynomial of t / T; made by :func:`cubic`, :func:`quintic` and :func:`uniform`."""
+    """Polynomial time scaling: s(t), a polynomial of t / T; made by :func:`cubic`, :func:`quintic` and :func:`uniform`."""
 
     name: str
+    """Of the shape."""
     duration: float
     """T [s]."""
     coefficients: tuple[float, ...]
@@ -35,13 +33,45 @@ class Polynomial:
         t = arguments.real(t, "t")
         x = np.clip(t / self.duration, 0.0, 1.0)
         moving = (t >= 0) & (t <= self.duration) | np.isnan(t)
-        p = np.polynomial.Polynomial(self.coefficients)
-        ds, dds = p.deriv()(x) / self.duration, p.deriv(2)(x) / self.duration**2
-        return np.asarray(p(x)), np.where(moving, ds, 0.0), np.where(moving, dds, 0.0)
+        rates = differentiated(self.coefficients)
+        s, ds, dds = (horner(c, x) for c in (self.coefficients, rates, differentiated(rates)))
+        return s, np.where(moving, ds / self.duration, 0.0), np.where(moving, dds / self.duration**2, 0.0)
 
     def stretched(self, duration: float) -> Polynomial:
-        """The same shape over another duration."""
+        """The same shape over another duration.
+
+        Parameters
+        ----------
+        duration : float, T, above 0 [s]
+
+        Returns
+        -------
+        scaling : Polynomial
+
+        Raises
+        ------
+        ValueRangeError
+            ``duration`` is not above 0.
+
+        Examples
+        --------
+        >>> quintic(2.0).stretched(4.0).duration
+        4.0
+        """
         return Polynomial(self.name, _positive(duration, "duration"), self.coefficients)
+
+
+def horner(coefficients: tuple[float, ...], x: Array) -> Array:
+    """The polynomial with coefficients of 1, x, x², … at x (...)."""
+    p = np.zeros_like(x)
+    for c in reversed(coefficients):
+        p = p * x + c
+    return np.asarray(p)
+
+
+def differentiated(coefficients: tuple[float, ...]) -> tuple[float, ...]:
+    """The coefficients of the polynomial's derivative."""
+    return tuple(k * c for k, c in enumerate(coefficients))[1:]
 
 
 def cubic_share(x: Any) -> Any:
@@ -55,8 +85,27 @@ def quintic_share(x: Any) -> Any:
 
 
 def cubic(duration: float) -> Polynomial:
-    """s = 3 (t/T)² - 2 (t/T)³: velocities are zero at both ends. MR eq. 9.10. Raises ValueRangeError unless T > 0.
+    """Cubic time scaling s = 3 (t/T)² - 2 (t/T)³: velocities are zero at both ends.
 
+    Parameters
+    ----------
+    duration : float, T, above 0 [s]
+
+    Returns
+    -------
+    scaling : Polynomial
+
+    Raises
+    ------
+    ValueRangeError
+        ``duration`` is not above 0.
+
+    Notes
+    -----
+    MR eq. 9.10.
+
+    Examples
+    --------
     >>> s, ds, dds = cubic(2.0)(0.6)
     >>> round(float(s), 12), round(float(ds), 12), round(float(dds), 12)
     (0.216, 0.63, 0.6)
@@ -65,8 +114,27 @@ def cubic(duration: float) -> Polynomial:
 
 
 def quintic(duration: float) -> Polynomial:
-    """s = 10 (t/T)³ - 15 (t/T)⁴ + 6 (t/T)⁵: accelerations are zero at both ends too. MR section 9.2.2.1.
+    """Quintic time scaling s = 10 (t/T)³ - 15 (t/T)⁴ + 6 (t/T)⁵: accelerations are zero at both ends too.
 
+    Parameters
+    ----------
+    duration : float, T, above 0 [s]
+
+    Returns
+    -------
+    scaling : Polynomial
+
+    Raises
+    ------
+    ValueRangeError
+        ``duration`` is not above 0.
+
+    Notes
+    -----
+    MR section 9.2.2.1.
+
+    Examples
+    --------
     >>> s, ds, dds = quintic(2.0)(1.0)
     >>> float(s), float(ds), float(dds)
     (0.5, 0.9375, 0.0)
@@ -75,19 +143,46 @@ def quintic(duration: float) -> Polynomial:
 
 
 def uniform(duration: float) -> Polynomial:
-    """s = t/T: for paths whose parameter is time already, such as splines through waypoints at given times."""
+    """Uniform time scaling s = t/T.
+
+    Parameters
+    ----------
+    duration : float, T, above 0 [s]
+
+    Returns
+    -------
+    scaling : Polynomial
+
+    Raises
+    ------
+    ValueRangeError
+        ``duration`` is not above 0.
+
+    Notes
+    -----
+    For paths whose parameter is time already, such as splines through waypoints at given times.
+
+    Examples
+    --------
+    >>> [float(x) for x in uniform(2.0)(0.5)]
+    [0.25, 0.5, 0.0]
+    """
     return Polynomial("uniform", _positive(duration, "duration"), _UNIFORM)
 
 
 @dataclass(frozen=True)
 class Trapezoid:
-    """s(t) that speeds up at ``a``, coasts at ``v``, and slows down at ``a``; made by :func:`trapezoid`."""
+    """Trapezoidal time scaling: s(t) that speeds up at ``a``, coasts at ``v``, and slows down at ``a``.
+
+    Made by :func:`trapezoid`.
+    """
 
     v: float
     """1/s, the rate of coasting, or the peak where there is no coasting."""
     a: float
     """1/s²."""
     name: str = "trapezoidal"
+    """Of the shape."""
 
     @property
     def ramp(self) -> float:
@@ -112,17 +207,55 @@ class Trapezoid:
         return s + unknown, ds + unknown, dds + unknown
 
     def stretched(self, duration: float) -> Trapezoid:
-        """The same shape over another duration."""
+        """The same shape over another duration.
+
+        Parameters
+        ----------
+        duration : float, T, above 0 [s]
+
+        Returns
+        -------
+        scaling : Trapezoid
+
+        Raises
+        ------
+        ValueRangeError
+            ``duration`` is not above 0.
+
+        Examples
+        --------
+        >>> trapezoid(v=1.0, a=2.0).stretched(3.0).v
+        0.5
+        """
         slower = self.duration / _positive(duration, "duration")
         return Trapezoid(self.v * slower, self.a * slower**2)
 
 
 def trapezoid(*, v: float | None = None, a: float | None = None, duration: float | None = None) -> Trapezoid:
-    """The trapezoidal scaling of two of the three: rate ``v`` [1/s], acceleration ``a`` [1/s²], ``duration`` T [s].
+    """Trapezoidal time scaling from two of the three: rate, acceleration, duration.
 
-    MR section 9.2.2.2. With v and a, a peak below v replaces v where v² > a: it is too short to coast. With v and T,
-    1 < v T ≤ 2 is needed; with a and T, a T² ≥ 4. Raises ValueRangeError that says which values would do.
+    Parameters
+    ----------
+    v : float, optional, rate of coasting [1/s]
+    a : float, optional, acceleration [1/s²]
+    duration : float, optional, T [s]
 
+    Returns
+    -------
+    scaling : Trapezoid
+
+    Raises
+    ------
+    ValueRangeError
+        Not two are given, or no trapezoid has them; it says which values would do.
+
+    Notes
+    -----
+    MR section 9.2.2.2. With v and a, a peak below v replaces v where v² > a: it is too short to coast. With v and T, 1
+    < v T ≤ 2 is needed; with a and T, a T² ≥ 4.
+
+    Examples
+    --------
     >>> round(trapezoid(v=1.0, a=2.0).duration, 12), trapezoid(v=1.5, duration=1.0).a, trapezoid(a=4.0, duration=1.0).v
     (1.5, 4.5, 2.0)
     """

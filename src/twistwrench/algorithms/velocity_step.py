@@ -25,20 +25,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..model.model import Model
-from .control import clipped
-from .factors import factored, solved, widened
+from ..typing import Array
+from .control_laws import clipped
 from .forward_dynamics import forward_dynamics
 from .friction import friction_bounds, is_zero, rubbing, signs
 from .inverse_dynamics import Wrenches, bias_forces
 from .mass_matrix import mass_matrix
 from .recursion import zeros
-
-Array = NDArray[Any]
-
-__all__ = ["velocity_step"]
+from .tree_factorisation import factored, solved, widened
 
 ROUNDS, WITH_LIMITS = 4, 6
 """Guesses, and guesses where torques of a law may be at their limits. Of the steps of falling arms, hands and humanoids, 98 in

@@ -10,28 +10,29 @@ symmetric, the orders of the compositions hold for wrenches that depend on veloc
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.probe_rule import probe_spacing
 from ..errors import InertiaError, ValueRangeError
 from ..lie import quaternion, se3, so3
+from ..typing import Array
+from .flight_arguments import WrenchLaw, called, constant, six, steps
+from .flight_probes import Unseen
 from .inertia import SpatialInertia
-from .labels import common_frame
-from .splitting import COMPOSITIONS, Quat, Rotor, Vec
-
-Array = NDArray[Any]
-WrenchLaw = Callable[[float, Array, Array], ArrayLike]
-"""A wrench (6,) in {b} from the time [s], the pose T_sb (4, 4) and the body twist (6,), which are plain arrays."""
-
-__all__ = ["Drift", "Flight", "WrenchLaw", "fly"]
+from .labelled_arguments import common_frame
+from .splitting import COMPOSITIONS, Quat, SplitRotor, Vec
 
 _LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
 """rad a step, and share of the energy, from which flights of a box were seen to go astray within some turns."""
+
+_STAGES = 3.0
+"""Steps of DOP853 in spacings of the probes: its stages are nowhere further apart than 0.27 of a step."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,10 @@ class Flight:
     """s: the step taken, or with a tolerance the spacing of the record; the duration is a whole number of them."""
     turn: float = 0.0
     """rad: the largest turn in one step; 0 where steps adapt, or are exact."""
+    unseen: str = ""
+    """What the wrench does within steps that the method does not see, in words; empty if nothing."""
     drift: Drift = field(init=False)
+    """How far the flight is from what mechanics keeps."""
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -115,6 +119,8 @@ class Flight:
             yield f"steps of {self.step:.6g} s, not {self.dt:.6g} s, so that a whole number fills {self.times[-1]:g} s"
         if self.turn > _LARGE_TURN:
             yield f"dt is too large to trust the motion: the body turns up to {self.turn:.3g} rad in a step; keep it below 1"
+        if self.unseen:
+            yield self.unseen
         if lost > _LARGE_LOSS:
             yield f"the energy is off by {100 * lost:.2g} %, so the motion is wrong: take a smaller dt, or a tolerance"
 
@@ -127,9 +133,19 @@ class _Body:
     moments: Array
     T_bc: Array
 
+    @cached_property
+    def T_cb(self) -> Array:
+        """Of the link's frame in the principal one."""
+        return np.asarray(se3.inverse(self.T_bc))
+
+    @cached_property
+    def Ad_bc(self) -> Array:
+        """Takes twists from {c} to {b}; its transpose, wrenches from {b} to {c}."""
+        return np.asarray(se3.Ad(self.T_bc))
+
     def state(self, T_sb: Array, V_b: Array) -> tuple[Array, Array, Array, Array]:
         """Quaternion (4,), position (3,), spatial angular momentum about the centre of mass and linear momentum (3,)."""
-        T, V = T_sb @ self.T_bc, se3.Ad(se3.inverse(self.T_bc)) @ V_b
+        T, V = T_sb @ self.T_bc, se3.Ad(self.T_cb) @ V_b
         R = T[:3, :3]
         return quaternion.from_matrix(R), T[:3, 3], R @ (self.moments * V[:3]), self.mass * (R @ V[3:])
 
@@ -138,15 +154,17 @@ class _Body:
         R = quaternion.rotation(q)
         Rt = np.swapaxes(R, -1, -2)
         w, v = (Rt @ l[..., None])[..., 0] / self.moments, (Rt @ f[..., None])[..., 0] / self.mass
-        V = se3.Ad(self.T_bc) @ np.concatenate([w, v], axis=-1)
-        return se3.pose(R, p) @ se3.inverse(self.T_bc), V
+        return se3.pose(R, p) @ self.T_cb, np.concatenate([w, v], axis=-1) @ self.Ad_bc.T
 
     def push(self, law: WrenchLaw, t: float, q: Array, p: Array, l: Array, f: Array) -> tuple[Array, float]:
-        """The wrench (6,) on the body about its centre of mass in the axes of {s}, and its power [W]."""
-        T, V = self.motion(q, p, l, f)
-        F = _six("the wrench", law(t, T, V))
-        F_c = se3.Ad(self.T_bc).T @ F
-        R = quaternion.rotation(q)
+        """The wrench (6,) on the body about its centre of mass in the axes of {s}, and its power [W]; of one state."""
+        w, x, y, z = q.tolist()
+        R = np.array(quaternion.entries(w, x, y, z, 2.0 / (w * w + x * x + y * y + z * z))).reshape(3, 3)
+        V = self.Ad_bc @ np.concatenate([(l @ R) / self.moments, (f @ R) / self.mass])
+        T_sc = np.eye(4)
+        T_sc[:3, :3], T_sc[:3, 3] = R, p
+        F = six("the wrench", law(t, T_sc @ self.T_cb, V))
+        F_c = F @ self.Ad_bc
         return np.concatenate([R @ F_c[:3], R @ F_c[3:]]), float(F @ V)
 
 
@@ -175,8 +193,10 @@ def fly(
         The spatial momentum of torque-free flight stays exact, the energy slowly drifts.
     every: keep one state in so many, and the last.
 
-    Steps that were shortened, in which the body turns by more than 1 rad, or that lose more than 1 % of the energy, are said
-    in ``flight.remarks`` and wherever a flight or its drift is printed. No warning is raised.
+    A wrench that is a function is asked at further times within each step, eight at least, less than ``dt`` and a thousandth
+    of the duration apart; with a tolerance, steps are short enough for that. A shorter pulse may be missed. Steps that were
+    shortened, in which the body turns by more than 1 rad, in which the wrench changes unseen, or that lose more than 1 % of the
+    energy, are said in ``flight.remarks`` and wherever a flight or its drift is printed. No warning is raised.
 
     Raises
     ------
@@ -192,7 +212,7 @@ def fly(
             "Give it mass, and some thickness."
         )
     body = _Body(float(inertia.mass), moments, se3.pose(axes, inertia.com))
-    n = _steps(duration, dt, every)
+    n = steps(duration, dt, every)
     h = float(duration) / n
     if arguments.number(order, "order") not in COMPOSITIONS:
         raise ValueRangeError(f"order {order} is not available; choose one of {sorted(COMPOSITIONS)}.")
@@ -200,15 +220,17 @@ def fly(
         raise ValueRangeError(f"tolerance is {tolerance}, and must be between 1e-13 and 1e-2.")
     frame = common_frame(T0=T0, V0=V0, wrench=wrench)
     pose = arguments.pose(arguments.finite(arguments.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
-    start = body.state(pose, _six("V0", V0))
+    start = body.state(pose, six("V0", V0))
     kept = np.append(np.arange(0, n, every), n)
-    law = None if wrench is None else _called(wrench, frame) if callable(wrench) else _constant(wrench)
+    law = None if wrench is None else called(wrench, frame) if callable(wrench) else constant(wrench)
+    spacing = probe_spacing(h, float(duration)) if callable(wrench) else np.inf
+    unseen = Unseen(COMPOSITIONS[order], h, spacing)
     if tolerance is not None:
-        rows = _adaptive(body, start, kept * h, law, tolerance)
+        rows = _adaptive(body, start, kept * h, law, tolerance, _STAGES * spacing)
     elif law is None:
         rows = _torque_free(body, start, h, n, every, COMPOSITIONS[order])
     else:
-        rows = _pushed(body, start, h, n, every, COMPOSITIONS[order], law)
+        rows = _pushed(body, start, h, n, every, COMPOSITIONS[order], law, unseen)
     q, p, l, f, impulse, work = rows
     T, V = body.motion(q, p, l, f)
     P = inertia @ V
@@ -216,7 +238,10 @@ def fly(
     exact = law is None and np.diff(moments).min() <= 1e-6 * moments[2]
     turn = 0.0 if exact or tolerance is not None else h * float(np.linalg.norm(V[:, :3], axis=-1).max())
     momentum = se3.Ad(se3.inverse(T)).T @ P
-    return Flight(kept * h, T, V, momentum, energy, impulse, work, float(dt), h, turn)
+    said = unseen.remark(
+        max(float(np.abs(f).max()), float(np.abs(impulse[:, 3:]).sum(axis=-1).max())), float(np.abs(l).max())
+    )
+    return Flight(kept * h, T, V, momentum, energy, impulse, work, float(dt), h, turn, said)
 
 
 Rows = tuple[Array, Array, Array, Array, Array, Array]
@@ -227,7 +252,7 @@ def _torque_free(
     body: _Body, start: tuple[Array, ...], h: float, n: int, every: int, fractions: tuple[float, ...]
 ) -> Rows:
     q0, p, l, f = start
-    rotor = Rotor.of(_vec(body.moments))
+    rotor = SplitRotor.of(_vec(body.moments))
     turns, last = rotor.schedule(h, fractions)
     _countable(l, 0.0)
     q = _quat(q0)
@@ -251,16 +276,23 @@ def _torque_free(
 
 
 def _pushed(
-    body: _Body, start: tuple[Array, ...], h: float, n: int, every: int, fractions: tuple[float, ...], law: WrenchLaw
+    body: _Body,
+    start: tuple[Array, ...],
+    h: float,
+    n: int,
+    every: int,
+    fractions: tuple[float, ...],
+    law: WrenchLaw,
+    unseen: Unseen,
 ) -> Rows:
     """Each fraction of a step: half of it free, the impulse of all of it, the other half free."""
     q, p, l, f = start
-    rotor = Rotor.of(_vec(body.moments))
+    rotor = SplitRotor.of(_vec(body.moments))
     halves = [(0.5 * c * h, *rotor.schedule(0.5 * c * h, COMPOSITIONS[2])) for c in fractions]
     impulse, work = np.zeros(6), 0.0
     record = [(q, p, l, f, impulse, work)]
     for i in range(1, n + 1):
-        t = (i - 1) * h
+        t, before = (i - 1) * h, (q, p, l, f)
         for half, turns, last in halves:
             _countable(l, t)
             q, p, t = np.array(rotor.step(_quat(q), _vec(l), half, turns, last)), p + half / body.mass * f, t + half
@@ -270,6 +302,7 @@ def _pushed(
             impulse, work = impulse + 2.0 * half * about_origin, work + 2.0 * half * power
             _countable(l, t)
             q, p, t = np.array(rotor.step(_quat(q), _vec(l), half, turns, last)), p + half / body.mass * f, t + half
+        unseen.look((i - 1) * h, lambda t, *state: body.push(law, t, *state)[0], before, (q, p, l, f))
         if i % every == 0 or i == n:
             record.append((q, p, l, f, impulse, work))
     q, p, l, f, J, W = (np.array(x) for x in zip(*record, strict=True))
@@ -304,7 +337,9 @@ def _midpoint(
     )
 
 
-def _adaptive(body: _Body, start: tuple[Array, ...], times: Array, law: WrenchLaw | None, tolerance: float) -> Rows:
+def _adaptive(
+    body: _Body, start: tuple[Array, ...], times: Array, law: WrenchLaw | None, tolerance: float, longest: float
+) -> Rows:
     from scipy.integrate import solve_ivp
 
     q, p, l, f = start
@@ -322,63 +357,11 @@ def _adaptive(body: _Body, start: tuple[Array, ...], times: Array, law: WrenchLa
     sizes = [1.0] * 4 + [r] * 3 + [m * r * speed] * 3 + [m * speed] * 3 + [m * r * speed] * 3 + [m * speed] * 3
     atol = tolerance * np.array([*sizes, m * speed**2])
     y0 = np.concatenate([q, p, l, f, np.zeros(7)])
-    out = solve_ivp(rate, (0.0, T), y0, method="DOP853", t_eval=times, rtol=tolerance, atol=atol)
+    out = solve_ivp(rate, (0.0, T), y0, method="DOP853", t_eval=times, rtol=tolerance, atol=atol, max_step=longest)
     if not out.success:
         raise ValueRangeError(f"the adaptive integration stopped at t = {out.t[-1]:g} s: {out.message}")
     y = out.y.T
     return y[:, :4], y[:, 4:7], y[:, 7:10], y[:, 10:13], y[:, 13:19], y[:, 19]
-
-
-# ── the door ──
-
-
-def _steps(duration: float, dt: float, every: int) -> int:
-    for name, x in (("duration", duration), ("dt", dt)):
-        if not 0.0 < arguments.number(x, name) < np.inf:
-            raise ValueRangeError(f"{name} is {x}, and must be a positive number of seconds.")
-    if not (arguments.number(every, "every") >= 1 and every % 1 == 0):
-        raise ValueRangeError(f"every is {every}, and must be a whole number of steps, at least 1.")
-    if not float(duration) < 1e8 * every * dt:
-        raise ValueRangeError(
-            f"a duration of {duration:g} s in steps of {dt:g} s, one in {every} kept, makes more than 1e8 states. Keep fewer "
-            "with every, or take a larger dt."
-        )
-    return max(1, int(np.ceil(duration / dt * (1.0 - 1e-12))))
-
-
-def _six(name: str, x: ArrayLike) -> Array:
-    return arguments.finite(arguments.one(x, name, 6), name, 6)
-
-
-def _constant(wrench: ArrayLike) -> WrenchLaw:
-    F = _six("wrench", wrench)
-    return lambda _t, _T, _V: F
-
-
-def _called(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
-    """The function, once it takes three arguments; what it gives is held to one frame, the first that is named."""
-    from inspect import signature
-
-    try:
-        taken = signature(wrench)
-    except (TypeError, ValueError):  # some of C say nothing
-        taken = None
-    if taken is not None:
-        try:
-            taken.bind(0.0, None, None)
-        except TypeError as problem:
-            raise ValueRangeError(
-                f"wrench is a function of {taken}, and is called as wrench(t, T, V), with the time [s], the pose T_sb "
-                f"(4, 4) and the body twist (6,): {problem}. Write lambda t, T, V: …"
-            ) from None
-
-    def law(t: float, T: Array, V: Array) -> ArrayLike:
-        nonlocal frame
-        F = wrench(t, T, V)
-        frame = common_frame(frame, wrench=F)
-        return F
-
-    return law
 
 
 def _vec(x: Array) -> Vec:

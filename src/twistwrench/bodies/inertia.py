@@ -6,20 +6,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import FrameError, InertiaError, ShapeError, ValueRangeError
 from ..lie import so3
 from ..screws.labelled import Labelled
-from ..screws.words import tuple_of, without_noise
+from ..screws.vector_text import tuple_of, without_noise
+from ..typing import Array
+from . import inertial_parameters as forms
 from . import mesh as meshes
-from . import parameters as forms
 from . import solids
-
-Array = NDArray[Any]
-
-__all__ = ["SpatialInertia"]
+from .second_moments import clipped, rotational_inertia, second_moments
 
 _GIANT = 100.0
 """m: a matrix that gives its body a larger radius of gyration is taken to be one with its linear part first, of a body
@@ -30,12 +28,14 @@ below a centimetre, which a ball's or cube's matrix does not tell otherwise."""
 class SpatialInertia:
     """Mass, first moment and rotational inertia of a body, about the origin of a frame fixed to it.
 
-    It names no frame: it is about that of whatever it is used with, the frame of the twist in ``G @ V``, of the other in
-    ``G1 + G2``, of ``frame=`` in ``with_payload``. So a sum of inertias about two frames is a wrong number without an error:
-    bring one over first, with :meth:`in_frame`. Building one never judges whether a real body can have it: :meth:`defects`
-    does, and whoever needs a real body asks. ``G @ V`` is the momentum of the body moving with twist V. The parameters may
-    be symbols.
+    It names no frame: it is about that of whatever it is used with, the frame of the twist in ``G @ V``, of the other
+    in ``G1 + G2``, of ``frame=`` in ``with_payload``. So a sum of inertias about two frames is a wrong number without
+    an error: bring one over first, with :meth:`in_frame`. Building one never judges whether a real body can have it:
+    :meth:`defects` does, and whoever needs a real body asks. ``G @ V`` is the momentum of the body moving with twist V.
+    The parameters may be symbols.
 
+    Examples
+    --------
     >>> G = SpatialInertia.from_com(2.0, (0, 0, 0.5), np.diag([0.1, 0.1, 0.02]))
     >>> G
     SpatialInertia: mass 2 kg, com (0, 0, 0.5) m, about the com Ixx, Iyy, Izz = (0.1, 0.1, 0.02) kg m²
@@ -74,14 +74,49 @@ class SpatialInertia:
 
     @classmethod
     def from_parameters(cls, pi: ArrayLike) -> SpatialInertia:
-        """From the ten parameters, in the order of :attr:`parameters`."""
+        """Spatial inertia from the ten inertial parameters, in the order of :attr:`parameters`.
+
+        Parameters
+        ----------
+        pi : (10,) array_like, (m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about the frame's origin [kg, kg m, kg m²]
+
+        Returns
+        -------
+        G : SpatialInertia
+
+        Examples
+        --------
+        >>> SpatialInertia.from_parameters([2, 0, 0, 1, 1, 0, 1, 0, 0, 1]).com.tolist()
+        [0.0, 0.0, 0.5]
+        """
         return cls(np.asarray(arguments.array(pi, "inertial parameters", 10)))
 
     @classmethod
     def from_com(
         cls, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), moment_about_com: ArrayLike | None = None
     ) -> SpatialInertia:
-        """From mass [kg], centre of mass (3,) [m] and rotational inertia (3, 3) about it [kg m²], in the frame's axes."""
+        """Spatial inertia from mass, centre of mass and rotational inertia about it, in the frame's axes.
+
+        Parameters
+        ----------
+        mass : float [kg]
+        com : (3,) array_like, centre of mass [m]
+        moment_about_com : (3, 3) array_like, optional, rotational inertia [kg m²]; None: a point mass
+
+        Returns
+        -------
+        G : SpatialInertia
+
+        Raises
+        ------
+        InertiaError, ShapeError
+            ``moment_about_com`` is not symmetric, or of another size.
+
+        Examples
+        --------
+        >>> SpatialInertia.from_com(2.0, (0, 0, 0.5)).moment_about_origin.diagonal().tolist()
+        [0.5, 0.5, 0.0]
+        """
         m, c = arguments.number(mass, "mass"), arguments.one(com, "com", 3)
         I = np.zeros((3, 3)) if moment_about_com is None else _moment(moment_about_com)
         with np.errstate(over="ignore", invalid="ignore"):  # defects() says what is not finite
@@ -94,9 +129,29 @@ class SpatialInertia:
 
     @classmethod
     def from_matrix(cls, G: ArrayLike) -> SpatialInertia:
-        """From the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]]; an InertiaError if it has not that form.
+        """Spatial inertia from the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]].
 
-        Each block is judged by its own size, to a millionth. A body with a radius of gyration above 100 m is refused too.
+        Parameters
+        ----------
+        G : (6, 6) array_like, about the frame's origin, angular part first
+
+        Returns
+        -------
+        G : SpatialInertia
+
+        Raises
+        ------
+        InertiaError
+            The matrix has not that form; each block is judged by its own size, to a millionth.
+
+        Notes
+        -----
+        MR eq. 8.32. A body with a radius of gyration above 100 m is refused too.
+
+        Examples
+        --------
+        >>> SpatialInertia.from_matrix(np.diag([1, 1, 1, 2, 2, 2])).mass
+        2.0
         """
         G = arguments.one(G, "a spatial inertia matrix", 6, 6)
         if not np.isfinite(G).all():
@@ -123,7 +178,17 @@ class SpatialInertia:
 
     @classmethod
     def zero(cls) -> SpatialInertia:
-        """No mass, no inertia."""
+        """Spatial inertia of nothing: no mass, no inertia.
+
+        Returns
+        -------
+        G : SpatialInertia
+
+        Examples
+        --------
+        >>> SpatialInertia.zero().mass
+        0.0
+        """
         return cls.from_parameters(np.zeros(10))
 
     from_points = classmethod(solids.from_points)
@@ -170,15 +235,14 @@ class SpatialInertia:
 
     @property
     def matrix(self) -> Array:
-        """The (6, 6) matrix G of F = G dV - ad(V)' G V."""
+        """Spatial inertia matrix G (6, 6) of F = G dV - ad(V)' G V, about the origin, angular part first [kg m², kg m, kg]."""
         h = so3.hat(self.first_moment)
         return np.block([[self.moment_about_origin, h], [-h, self.mass * np.eye(3)]])
 
     @property
     def second_moment(self) -> Array:
         """The (3, 3) matrix of second moments, ∫ r r' dm = ½ tr(I) 1 - I [kg m²]."""
-        I = self.moment_about_origin
-        return 0.5 * I.trace() * np.eye(3) - I
+        return second_moments(self.moment_about_origin)
 
     @property
     def pseudo_inertia(self) -> Array:
@@ -187,10 +251,26 @@ class SpatialInertia:
         return np.block([[self.second_moment, h[:, None]], [h[None, :], np.full((1, 1), self.mass)]])
 
     def principal(self) -> tuple[Array, Array]:
-        """Principal moments about the centre of mass, ascending (3,), and their axes as columns of a rotation (3, 3).
+        """Principal moments of inertia about the centre of mass, ascending, and their axes.
 
-        Where moments repeat, the axes are the ones that follow the frame's; those of a ball are the frame's own. An inertia
-        that is not finite has none and is an :class:`~twistwrench.InertiaError`.
+        Returns
+        -------
+        moments : (3,) array [kg m²]
+        axes : (3, 3) array, a rotation whose columns are the axes
+
+        Raises
+        ------
+        InertiaError
+            The inertia is not finite.
+
+        Notes
+        -----
+        Where moments repeat, the axes are the ones that follow the frame's; those of a ball are the frame's own.
+
+        Examples
+        --------
+        >>> SpatialInertia.box((3, 2, 1), mass=12).principal()[0].tolist()
+        [5.0, 10.0, 13.0]
         """
         if not np.isfinite(self.parameters).all():
             raise InertiaError(f"an inertia that has no principal axes: it {self.defects()[0]}.")
@@ -200,7 +280,32 @@ class SpatialInertia:
     # ── change of frame, sums ──
 
     def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
-        """The same body's inertia in {a}, when this one is in {b}: G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks."""
+        """The same body's inertia in another frame: in {a}, when this one is in {b}.
+
+        Parameters
+        ----------
+        T_ab : (4, 4) array_like, pose of {b} seen from {a}
+
+        Returns
+        -------
+        G_a : SpatialInertia
+
+        Raises
+        ------
+        ValueRangeError
+            ``T_ab`` is no pose.
+
+        Notes
+        -----
+        G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks.
+
+        Examples
+        --------
+        >>> T = np.eye(4)
+        >>> T[:3, 3] = 0, 0, 1
+        >>> SpatialInertia.sphere(0.1, mass=2).in_frame(T).com.tolist()
+        [0.0, 0.0, 1.0]
+        """
         T = arguments.pose(arguments.one(T_ab, "T_ab", 4, 4, symbols=True), "T_ab")
         R, p, m = T[:3, :3], T[:3, 3], self.mass
         h = R @ self.first_moment
@@ -209,10 +314,31 @@ class SpatialInertia:
         return SpatialInertia.from_parameters([m, *(h + m * p), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
     def turned(self, k: int, angle: Any) -> SpatialInertia:
-        """The inertia of the body turned by ``angle`` about coordinate axis ``k``, in the same frame.
+        """Inertia of the body turned about a coordinate axis, in the same frame.
 
-        With e = s (I_xx - I_yy) + 2 c I_xy for a turn about z, the turned block is I_xx - s e, I_yy + s e, c e - I_xy: eight
-        multiplications where the congruence takes eighteen.
+        Parameters
+        ----------
+        k : int, axis: 0, 1 or 2
+        angle : float or symbols, angle [rad], or pair of its cosine and sine
+
+        Returns
+        -------
+        G : SpatialInertia
+
+        Raises
+        ------
+        ValueRangeError
+            ``k`` is no axis.
+
+        Notes
+        -----
+        With e = s (I_xx - I_yy) + 2 c I_xy for a turn about z, the turned block is I_xx - s e, I_yy + s e, c e - I_xy:
+        eight multiplications where the congruence takes eighteen.
+
+        Examples
+        --------
+        >>> SpatialInertia.box((1, 2, 3), mass=12).turned(2, np.pi / 2).moment_about_com.diagonal().round(9).tolist()
+        [10.0, 13.0, 5.0]
         """
         if k not in (0, 1, 2):
             raise ValueRangeError(f"no coordinate axis {k!r}; choose 0, 1 or 2.")
@@ -267,12 +393,26 @@ class SpatialInertia:
     # ── can it exist? ──
 
     def defects(self, *, size: float = 0.0) -> list[str]:
-        """Why no real body has this inertia, in words with amounts; empty when one can.
+        """Physical consistency: why no real body has this inertia, in words with amounts.
 
+        Parameters
+        ----------
+        size : float, moments [kg m²] that these came from, where they are differences of larger ones
+            As of bodies moved from frame to frame: their rounding is no defect.
+
+        Returns
+        -------
+        reasons : list of str, empty when a real body can have it
+
+        Notes
+        -----
         Conditions: finite, mass ≥ 0, and about the centre of mass positive semidefinite with principal moments that
-        obey the triangle inequality, to 1e-6 of their sum, whatever the scale. ``size`` [kg m²] are the moments that these
-        came from, where they are differences of larger ones, as of bodies moved from frame to frame: their rounding is
-        no defect.
+        obey the triangle inequality, to 1e-6 of their sum, whatever the scale.
+
+        Examples
+        --------
+        >>> SpatialInertia.box((1, 2, 3), mass=12).defects()
+        []
         """
         if not np.isfinite(self.parameters).all():
             return ["has a value that is not a finite number"]
@@ -296,23 +436,52 @@ class SpatialInertia:
         return found
 
     def nearest_consistent(self) -> SpatialInertia:
-        """The nearest inertia a real body can have: same mass and centre of mass, second moments clipped at zero.
+        """Nearest inertia a real body can have: same mass and centre of mass, second moments clipped at zero.
 
-        Nearest in the Frobenius norm of the second moments about the centre of mass. A negative mass has no near neighbour
-        and is an :class:`~twistwrench.InertiaError`.
+        Returns
+        -------
+        G : SpatialInertia
+
+        Raises
+        ------
+        InertiaError
+            The mass is negative; that has no near neighbour.
+
+        Notes
+        -----
+        Nearest in the Frobenius norm of the second moments about the centre of mass.
+
+        Examples
+        --------
+        >>> bad = SpatialInertia.from_com(2.0, moment_about_com=np.diag([1.0, 1.0, 3.0]))
+        >>> bad.nearest_consistent().moment_about_com.diagonal().tolist()
+        [1.5, 1.5, 3.0]
         """
         if not np.isfinite(self.parameters).all() or self.mass < 0:
             raise InertiaError(f"no body is near this inertia: {'; '.join(self.defects())}.")
         if self.mass == 0:
             return SpatialInertia.zero()
-        I = self.moment_about_com
-        S = 0.5 * I.trace() * np.eye(3) - I
-        values, axes = np.linalg.eigh(S)
-        S = axes * np.maximum(values, 0.0) @ axes.T
-        return SpatialInertia.from_com(self.mass, self.com, S.trace() * np.eye(3) - S)
+        S = clipped(second_moments(self.moment_about_com))
+        return SpatialInertia.from_com(self.mass, self.com, rotational_inertia(S))
 
     def repair(self) -> forms.Repair:
-        """:meth:`nearest_consistent` with a report of what moved and why: a :class:`Repair`."""
+        """Repaired inertia, :meth:`nearest_consistent`, with a report of what moved and why.
+
+        Returns
+        -------
+        repair : Repair
+
+        Raises
+        ------
+        InertiaError
+            The mass is negative.
+
+        Examples
+        --------
+        >>> bad = SpatialInertia.from_com(2.0, moment_about_com=np.diag([1.0, 1.0, 3.0]))
+        >>> round(bad.repair().largest, 3)
+        0.167
+        """
         return forms.Repair(self, self.nearest_consistent())
 
 

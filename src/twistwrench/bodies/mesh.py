@@ -14,20 +14,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.foreign_errors import foreign_errors
 from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
+from ..typing import Array
+from .second_moments import rotational_inertia
 from .shells import edges_of, nest, shell_numbers
 from .solids import total_mass
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
-
-Array = NDArray[Any]
-
-__all__ = ["mesh"]
 
 _USUAL_SIZE = 1e-4, 10.0
 """m: the largest extent of a part of a robot. A part drawn in millimetres and read in metres is a hundred metres long."""
@@ -43,18 +41,44 @@ def mesh(
     density: float | None = None,
     scale: float = 1.0,
 ) -> SpatialInertia:
-    """A uniform solid bounded by a mesh, in the mesh's own frame. Give mass [kg] or density [kg/m³].
+    """Spatial inertia of a uniform solid bounded by a mesh, in the mesh's own frame.
 
-    ``surface`` is a file that trimesh reads (extra ``mesh``), or vertices (n, 3) and triangles (k, 3) of vertex numbers, which
-    need nothing. ``scale`` turns the mesh's unit into metres: 0.001 for millimetres.
+    Parameters
+    ----------
+    surface : str, Path, or (vertices (n, 3), triangles (k, 3) of vertex numbers)
+        A file that trimesh reads (extra ``mesh``); arrays need nothing.
+    mass : float, optional [kg]; give this or ``density``
+    density : float, optional [kg/m³]
+    scale : float, turns the mesh's unit into metres: 0.001 for millimetres
 
-    Shells (faces that hang together by edges) are looked at one by one, and which way their faces are turned says nothing:
-    a shell by itself bounds a solid, one inside another a cavity, one inside a cavity a solid again. Where shells cut each
-    other or coincide, each counts as a solid, so that what they have in common counts twice: a ModelWarning says so. Another
-    one speaks of a size or a density that no part of a robot has.
+    Returns
+    -------
+    G : SpatialInertia
 
-    Raises :class:`~twistwrench.ModelError`, saying where, for a surface that is not closed and so has no inside.
+    Raises
+    ------
+    ModelError
+        The surface is not closed and so has no inside; it says where.
+    MissingExtraError
+        There is no trimesh to read a file.
+    NotFoundError
+        There is no such file.
+    ValueRangeError
+        Not one of mass and density is given, or a number is not above 0.
 
+    Warns
+    -----
+    ModelWarning
+        Shells cut each other or coincide, or size or density are ones that no part of a robot has.
+
+    Notes
+    -----
+    Shells (faces that hang together by edges) are looked at one by one, and which way their faces are turned says
+    nothing: a shell by itself bounds a solid, one inside another a cavity, one inside a cavity a solid again. Where
+    shells cut each other or coincide, each counts as a solid, so that what they have in common counts twice.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     >>> G = SpatialInertia.mesh(corner, density=6.0)
@@ -85,7 +109,7 @@ def mesh(
     rho, c = m / volume, h / volume
     _remark_on_size(name, extent, float(rho), m)
     S = rho * S - m * np.outer(c, c)
-    return cls.from_com(m, c + centre, S.trace() * np.eye(3) - S)
+    return cls.from_com(m, c + centre, rotational_inertia(S))
 
 
 def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
@@ -120,7 +144,7 @@ def _remark_on_size(name: str, extent: float, density: float, mass: float) -> No
 
 def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array, Array]:
     if isinstance(surface, str | Path):
-        return (str(surface), *_load(Path(surface)))
+        return (str(surface), *read_surface(Path(surface)))
     try:
         corners, triangles = surface
         vertices, faces = arguments.real(corners, "vertices"), np.asarray(triangles)
@@ -133,7 +157,8 @@ def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array
     return "the mesh", np.asarray(vertices, float), faces
 
 
-def _load(path: Path) -> tuple[Array, Array]:
+def read_surface(path: Path) -> tuple[Array, Array]:
+    """Vertices (n, 3) and triangles (k, 3) of a file that trimesh reads, corners that coincide joined."""
     try:
         import trimesh
     except ImportError:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.gravity import GRAVITY
 from ..errors import InertiaError, SingularMassMatrixError
 from ..lie import so3
+from ..typing import Array
 from .inertia import SpatialInertia
-from .labels import numbers
+from .labelled_arguments import numbers
 
 if TYPE_CHECKING:
-    from .flight import Flight, WrenchLaw
-
-Array = NDArray[Any]
-
-__all__ = ["RigidBody"]
+    from .flight import Flight
+    from .flight_arguments import WrenchLaw
 
 ROWS = 2048
 """Rows worked on at a time: the six columns of an array, 96 KiB, stay in the second-level cache, and under the
@@ -31,10 +30,12 @@ size (128 KiB) from which the C library maps fresh pages for every temporary."""
 class RigidBody:
     """A body that can exist, and F = G V̇ − ad(V)ᵀ G V in any frame fixed to it.
 
-    Twists, accelerations and wrenches (..., 6) are the body's in the frame of ``inertia``, angular part first, in rad/s, m/s,
-    N m and N; all methods take any batch shape and broadcast. Labelled ones are taken too, if their frames agree. An
-    inertia that no body has is an :class:`~twistwrench.InertiaError`.
+    Twists, accelerations and wrenches (..., 6) are the body's in the frame of ``inertia``, angular part first, in
+    rad/s, m/s, N m and N; all methods take any batch shape and broadcast. Labelled ones are taken too, if their frames
+    agree. An inertia that no body has is an :class:`~twistwrench.InertiaError`.
 
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> body = RigidBody(SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
     >>> body.wrench([0, 0, 2, 1, 0, 0], [0, 0, 0, 0, 0, 0]).tolist()  # turning left at speed: a force to the left
@@ -56,7 +57,33 @@ class RigidBody:
     # ── dynamics ──
 
     def wrench(self, V: ArrayLike, dV: ArrayLike) -> Array:
-        """The wrench (..., 6) that moves the body so: F = G V̇ − ad(V)ᵀ G V, MR eq. 8.40; twist and its rate (..., 6)."""
+        """Newton-Euler equations of a rigid body: the wrench that moves it so, F = G V̇ − ad(V)ᵀ G V.
+
+        Parameters
+        ----------
+        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
+        dV : (..., 6) array_like or Twist, rate of the body twist [rad/s², m/s²]
+
+        Returns
+        -------
+        F : (..., 6) array, in the body's frame [N m, N]
+
+        Raises
+        ------
+        FrameError
+            Labelled arguments are of different frames.
+
+        Notes
+        -----
+        MR eq. 8.40.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> ball = RigidBody(SpatialInertia.sphere(1.0, mass=5.0))
+        >>> ball.wrench(np.zeros(6), [0, 0, 1, 2, 0, 0]).tolist()
+        [0.0, 0.0, 2.0, 10.0, 0.0, 0.0]
+        """
 
         def F(G: Array, V: Array, dV: Array) -> Array:
             return G @ dV - _ad_transposed(V, G @ V)
@@ -64,10 +91,29 @@ class RigidBody:
         return self._by_rows(F, V=V, dV=dV)
 
     def acceleration(self, V: ArrayLike, F: ArrayLike) -> Array:
-        """The rate (..., 6) of the twist under a wrench: V̇ = G⁻¹ (F + ad(V)ᵀ G V). The inverse of :meth:`wrench`.
+        """Acceleration of a rigid body under a wrench: V̇ = G⁻¹ (F + ad(V)ᵀ G V), the inverse of :meth:`wrench`.
 
-        A body without extent across some axis can be turned about it by nothing:
-        :class:`~twistwrench.SingularMassMatrixError`.
+        Parameters
+        ----------
+        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
+        F : (..., 6) array_like or Wrench, (m, f) [N m, N]
+
+        Returns
+        -------
+        dV : (..., 6) array, rate of the body twist [rad/s², m/s²]
+
+        Raises
+        ------
+        SingularMassMatrixError
+            The body has no extent across some axis, so that nothing can turn it about that.
+        FrameError
+            Labelled arguments are of different frames.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).acceleration([0, 0, 0, 0, 0, 0], [0, 0, 2, 10, 0, 0]).tolist()
+        [0.0, 0.0, 1.0, 2.0, 0.0, 0.0]
         """
         moments = self.inertia.principal()[0]
         if moments[0] <= 1e-14 * moments[2] or moments[2] == 0:
@@ -82,12 +128,45 @@ class RigidBody:
         return self._by_rows(dV, V=V, F=F)
 
     def momentum(self, V: ArrayLike) -> Array:
-        """The spatial momentum (..., 6), P = G V, in the body's frame. MR section 8.2.2."""
+        """Spatial momentum of a rigid body, P = G V, in the body's frame.
+
+        Parameters
+        ----------
+        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
+
+        Returns
+        -------
+        P : (..., 6) array, (angular, linear) [N m s, N s]
+
+        Notes
+        -----
+        MR section 8.2.2.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).momentum([1, 0, 0, 0, 2, 0]).tolist()
+        [2.0, 0.0, 0.0, 0.0, 10.0, 0.0]
+        """
         return self._by_rows(lambda G, V: G @ V, V=V)
 
     def kinetic_energy(self, V: ArrayLike) -> Array:
-        """K = ½ Vᵀ G V (...) [J], the same in every frame. MR eq. 8.35.
+        """Kinetic energy of a rigid body, K = ½ Vᵀ G V, the same in every frame.
 
+        Parameters
+        ----------
+        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
+
+        Returns
+        -------
+        K : (...) array [J]
+
+        Notes
+        -----
+        MR eq. 8.35.
+
+        Examples
+        --------
         >>> from twistwrench import SpatialInertia
         >>> float(RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).kinetic_energy([1, 0, 0, 0, 2, 0]))
         11.0
@@ -95,8 +174,29 @@ class RigidBody:
         (V,) = numbers(V=V)
         return 0.5 * np.einsum("...i,...i->...", V, self.momentum(V))
 
-    def weight(self, T_sb: ArrayLike, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> Array:
-        """Gravity's wrench (..., 6) on the body at pose T_sb (..., 4, 4), in {b}; ``gravity`` (3,) [m/s²] in {s}."""
+    def weight(self, T_sb: ArrayLike, gravity: ArrayLike = GRAVITY) -> Array:
+        """Weight of a rigid body: gravity's wrench on it, in its frame {b}.
+
+        Parameters
+        ----------
+        T_sb : (..., 4, 4) array_like, pose of the body
+        gravity : (3,) array_like, in {s} [m/s²]
+
+        Returns
+        -------
+        F : (..., 6) array, (m, f) in {b} [N m, N]
+
+        Raises
+        ------
+        ValueRangeError
+            ``T_sb`` is no pose.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).weight(np.eye(4))[5].round(2).item()
+        -49.05
+        """
         arguments.pose(T_sb, "T_sb")
         T, g = arguments.real(T_sb, "T_sb", 4, 4), arguments.real(gravity, "gravity", 3)
         try:
@@ -108,21 +208,86 @@ class RigidBody:
     # ── points, frames, flight ──
 
     def point_velocity(self, V: ArrayLike, r: ArrayLike) -> Array:
-        """Velocity (..., 3) [m/s] of the body's point at r (..., 3), in the axes of {b}: v + ω × r."""
+        """Velocity of a point of the body, v + ω × r, in the axes of {b}.
+
+        Parameters
+        ----------
+        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
+        r : (..., 3) array_like, the body's point in {b} [m]
+
+        Returns
+        -------
+        velocity : (..., 3) array [m/s]
+
+        Notes
+        -----
+        MR section 8.2.1.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).point_velocity([0, 0, 1, 0, 0, 0], [2, 0, 0]).tolist()
+        [0.0, 2.0, 0.0]
+        """
         (V,), r = numbers(V=V), arguments.real(r, "r", 3)
         return V[..., 3:] + so3.cross(V[..., :3], r)
 
     def point_acceleration(self, V: ArrayLike, dV: ArrayLike, r: ArrayLike) -> Array:
-        """Acceleration (..., 3) [m/s²] of the body's point at r (..., 3): v̇ + ω̇ × r + ω × (v + ω × r). MR section 8.2.1.
+        """Acceleration of a point of the body, v̇ + ω̇ × r + ω × (v + ω × r), in the axes of {b} and relative to {s}.
 
-        In the axes of {b} and relative to {s}: what an accelerometer fixed there feels, without gravity.
+        Parameters
+        ----------
+        V : (..., 6) array_like or Twist, body twist (omega, v) [rad/s, m/s]
+        dV : (..., 6) array_like or Twist, rate of the body twist [rad/s², m/s²]
+        r : (..., 3) array_like, the body's point in {b} [m]
+
+        Returns
+        -------
+        acceleration : (..., 3) array [m/s²]
+
+        Notes
+        -----
+        What an accelerometer fixed there feels, without gravity. MR section 8.2.1.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> ball = RigidBody(SpatialInertia.sphere(1.0, mass=5.0))
+        >>> ball.point_acceleration([0, 0, 3, 0, 0, 0], np.zeros(6), [2, 0, 0]).tolist()
+        [-18.0, 0.0, 0.0]
         """
         (V, dV), r = numbers(V=V, dV=dV), arguments.real(r, "r", 3)
         V, dV = arguments.together(V=V, dV=dV)
         return dV[..., 3:] + so3.cross(dV[..., :3], r) + so3.cross(V[..., :3], self.point_velocity(V, r))
 
     def in_frame(self, T_ab: ArrayLike) -> RigidBody:
-        """The same body described in {a}, a frame fixed to it; MR eq. 8.42. Its twists, wrenches are then those of {a}."""
+        """The same body described in another frame {a} fixed to it; its twists and wrenches are then those of {a}.
+
+        Parameters
+        ----------
+        T_ab : (4, 4) array_like, pose of the body's frame {b} seen from {a}
+
+        Returns
+        -------
+        body : RigidBody
+
+        Raises
+        ------
+        ValueRangeError
+            ``T_ab`` is no pose.
+
+        Notes
+        -----
+        MR eq. 8.42.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> T = np.eye(4)
+        >>> T[:3, 3] = 0, 0, 1
+        >>> RigidBody(SpatialInertia.sphere(1.0, mass=5.0)).in_frame(T).inertia.com.tolist()
+        [0.0, 0.0, 1.0]
+        """
         return RigidBody(self.inertia.in_frame(T_ab))
 
     def fly(
@@ -137,13 +302,38 @@ class RigidBody:
         tolerance: float | None = None,
         every: int = 1,
     ) -> Flight:
-        """Free motion from pose T0 (4, 4) and body twist V0 (6,), with a report of what drifted.
+        """Free motion of a rigid body from a pose and a body twist, with a report of what drifted.
 
-        ``duration`` and ``dt`` in s, dt shortened where no whole number of steps fills the duration; ``wrench`` in {b} as a
-        constant (6,) or a function ``wrench(t, T, V)``; ``order`` 2, 4 or 6 of the steps; with a ``tolerance`` the steps
-        adapt and ``dt`` only spaces the record; ``every`` keeps one step in so many. Labelled poses, twists and wrenches
-        must agree on {b}: else :class:`~twistwrench.FrameError`. See :func:`~twistwrench.bodies.flight.fly`.
+        Parameters
+        ----------
+        T0 : (4, 4) array_like or Pose, pose T_sb at the start
+        V0 : (6,) array_like or Twist, body twist at the start [rad/s, m/s]
+        duration : float [s]
+        dt : float, step, shortened where no whole number of steps fills the duration [s]
+        wrench : (6,) array_like, Wrench, or function ``wrench(t, T, V)``, optional, in {b} [N m, N]
+        order : 2, 4 or 6, of the steps
+        tolerance : float, optional; with it the steps adapt and ``dt`` only spaces the record
+        every : int, keep one step in so many
 
+        Returns
+        -------
+        flight : Flight
+
+        Raises
+        ------
+        FrameError
+            Labelled poses, twists and wrenches do not agree on {b}.
+        ShapeError, ValueRangeError
+            An argument is invalid.
+        SimulationError
+            A step is unstable.
+
+        Notes
+        -----
+        See :func:`~twistwrench.bodies.flight.fly`.
+
+        Examples
+        --------
         >>> from twistwrench import SpatialInertia
         >>> body = RigidBody(SpatialInertia.box((0.1, 0.2, 0.3), mass=1.2))
         >>> flight = body.fly(np.eye(4), [0.01, 5, 0, 0, 0, 1], duration=2, dt=0.01)

@@ -8,19 +8,17 @@ solid again. Shells that cut each other are no such nest.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-
-__all__ = ["Nest", "edges_of", "nest", "shell_numbers"]
+from ..typing import Array
 
 _LOOKED_AT = 64
 """Corners and face centres of a shell that are asked whether they are inside another."""
 _PAIRS = 1 << 22
 """Pairs of an edge and a face that are looked at, for each two shells, to find whether they cut each other."""
+_AT_ONCE = 1 << 20
+"""Of these pairs as many are compared at once, by their boxes."""
 _TOUCHING = 1e-9
 """Points this near to a face, as part of what is compared, lie on it; edges that go this little through one only touch it."""
 
@@ -95,14 +93,15 @@ def _winding(points: Array, triangles: Array) -> Array:
     By the solid angle of each face: van Oosterom and Strackee, 1983.
     """
     total = np.zeros(len(points))
-    for n, point in enumerate(points):
-        a, b, c = np.moveaxis(triangles - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-        volume = (a * np.cross(b, c)).sum(axis=1)
-        along = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    portion = max(1, _AT_ONCE // (16 * len(triangles)))
+    for k in range(0, len(points), portion):
+        a, b, c = np.moveaxis(triangles - points[k : k + portion, None, None], 2, 0)
+        la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
+        volume = (a * np.cross(b, c)).sum(axis=-1)
+        along = la * lb * lc + (a * b).sum(axis=-1) * lc + (b * c).sum(axis=-1) * la + (c * a).sum(axis=-1) * lb
         small = _TOUCHING * np.maximum(np.maximum(la, lb), lc) ** 3
-        on = (np.abs(volume) <= small) & (along <= small)
-        total[n] = np.nan if on.any() else np.arctan2(volume, along).sum() / (2.0 * np.pi)
+        on = ((np.abs(volume) <= small) & (along <= small)).any(axis=-1)
+        total[k : k + portion] = np.where(on, np.nan, np.arctan2(volume, along).sum(axis=-1) / (2.0 * np.pi))
     return total
 
 
@@ -118,13 +117,31 @@ def _cut(part: Array, other: Array) -> bool:
         return False
     step = max(1, len(starts) * len(faces) // _PAIRS)
     least = _TOUCHING * max(float(np.ptp(x, axis=(0, 1)).max()) for x in (part, other)) ** 3
-    a, b, c = np.moveaxis(faces, 1, 0)
-    normal = np.cross(b - a, c - a)
-    for p, q in zip(starts[::step], ends[::step], strict=True):
-        through = ((p - a) * normal).sum(axis=1) * ((q - a) * normal).sum(axis=1) < 0
-        far = np.minimum(*(np.abs(((x - a) * normal).sum(axis=1)) for x in (p, q)))
-        sides = [((q - p) * np.cross(x - p, y - p)).sum(axis=1) for x, y in ((a, b), (b, c), (c, a))]
-        same = (np.min(sides, axis=0) > least) | (np.max(sides, axis=0) < -least)
-        if (through & same & (far > least)).any():
+    starts, ends = starts[::step], ends[::step]
+    portion = max(1, _AT_ONCE // len(faces))
+    for k in range(0, len(starts), portion):
+        p, q = starts[k : k + portion], ends[k : k + portion]
+        edge, face = _boxes_meet(np.minimum(p, q), np.maximum(p, q), faces.min(axis=1), faces.max(axis=1))
+        if _pierced(p[edge], q[edge], faces[face], least).any():
             return True
     return False
+
+
+def _boxes_meet(low: Array, high: Array, other_low: Array, other_high: Array) -> tuple[Array, Array]:
+    """The pairs of boxes (m, 3) and (n, 3) that have a point in common."""
+    meet = np.ones((len(low), len(other_low)), bool)
+    for axis in range(3):
+        meet &= low[:, None, axis] <= other_high[None, :, axis]
+        meet &= other_low[None, :, axis] <= high[:, None, axis]
+    first, second = np.nonzero(meet)
+    return first, second
+
+
+def _pierced(p: Array, q: Array, faces: Array, least: float) -> Array:
+    """Whether each edge from p to q (n, 3) goes through its face (n, 3, 3), by more than touching it."""
+    a, b, c = np.moveaxis(faces, 1, 0)
+    normal = np.cross(b - a, c - a)
+    before, after = (((x - a) * normal).sum(axis=1) for x in (p, q))
+    through = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
+    sides = [((q - p) * np.cross(x - p, y - p)).sum(axis=1) for x, y in ((a, b), (b, c), (c, a))]
+    return np.asarray(through & ((np.min(sides, axis=0) > least) | (np.max(sides, axis=0) < -least)))

@@ -7,25 +7,45 @@ Moments of the solids: Lynch and Park, Modern Robotics, figure 8.5, and any tabl
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
+from ..typing import Array
+from .second_moments import rotational_inertia
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
 
-Array = NDArray[Any]
-
-__all__ = ["box", "capsule", "cone", "cylinder", "ellipsoid", "from_points", "sphere", "total_mass"]
-
 
 def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike) -> SpatialInertia:
-    """Of point masses (n,) [kg] at points (n, 3) [m], about the frame's origin: I = -Σ m_i [r_i]². MR section 8.2.1.
+    """Spatial inertia of point masses, about the frame's origin: I = -Σ m_i [r_i]².
 
+    Parameters
+    ----------
+    masses : (n,) array_like [kg]
+    points : (n, 3) array_like [m]
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    ShapeError
+        There are not as many points as masses.
+    ValueRangeError
+        A number is not finite.
+
+    Notes
+    -----
+    MR section 8.2.1.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> G = SpatialInertia.from_points([1.0, 3.0], [[0, 0, 1], [0, 0, -1]])
     >>> G.mass, G.com.tolist(), G.moment_about_origin.diagonal().tolist()
@@ -39,15 +59,32 @@ def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike)
         i = bad[0]
         raise ValueRangeError(f"point {i}, mass {m[i]:g} kg at {r[i]}, must be finite with a mass of at least 0.")
     S = (m * r.T) @ r  # second moments; -[r]² = r'r 1 - r r'
-    I = S.trace() * np.eye(3) - S
+    I = rotational_inertia(S)
     return cls.from_parameters([m.sum(), *(m @ r), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
 
 def box(
     cls: type[SpatialInertia], size: ArrayLike, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
-    """A box with full edge lengths ``size`` (3,) [m] along x, y, z; origin at its centre. Give mass [kg] or density [kg/m³].
+    """Spatial inertia of a uniform box; the origin is its centre.
 
+    Parameters
+    ----------
+    size : (3,) array_like, full edge lengths along x, y, z [m]
+    mass : float, optional [kg]; give this or ``density``
+    density : float, optional [kg/m³]
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    ValueRangeError
+        A length is not above 0, or not one of mass and density is given.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> SpatialInertia.box((1, 2, 3), mass=12).moment_about_com.diagonal().tolist()
     [13.0, 10.0, 5.0]
@@ -59,8 +96,25 @@ def box(
 def ellipsoid(
     cls: type[SpatialInertia], semi_axes: ArrayLike, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
-    """An ellipsoid with ``semi_axes`` (3,) [m] along x, y, z; origin at its centre. Give mass [kg] or density [kg/m³].
+    """Spatial inertia of a uniform ellipsoid; the origin is its centre.
 
+    Parameters
+    ----------
+    semi_axes : (3,) array_like, along x, y, z [m]
+    mass : float, optional [kg]; give this or ``density``
+    density : float, optional [kg/m³]
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    ValueRangeError
+        A length is not above 0, or not one of mass and density is given.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> SpatialInertia.ellipsoid((1, 2, 3), mass=5).moment_about_com.diagonal().tolist()
     [13.0, 10.0, 5.0]
@@ -72,8 +126,25 @@ def ellipsoid(
 def sphere(
     cls: type[SpatialInertia], radius: float, *, mass: float | None = None, density: float | None = None
 ) -> SpatialInertia:
-    """A ball of ``radius`` [m]; origin at its centre. Give mass [kg] or density [kg/m³].
+    """Spatial inertia of a uniform ball; the origin is its centre.
 
+    Parameters
+    ----------
+    radius : float [m]
+    mass : float, optional [kg]; give this or ``density``
+    density : float, optional [kg/m³]
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    ValueRangeError
+        A length is not above 0, or not one of mass and density is given.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> SpatialInertia.sphere(1.0, mass=5.0).moment_about_com.diagonal().tolist()
     [2.0, 2.0, 2.0]
@@ -90,8 +161,26 @@ def cylinder(
     mass: float | None = None,
     density: float | None = None,
 ) -> SpatialInertia:
-    """A cylinder of ``radius`` and ``length`` [m] along z; origin at its centre. Give mass [kg] or density [kg/m³].
+    """Spatial inertia of a uniform cylinder along z; the origin is its centre.
 
+    Parameters
+    ----------
+    radius : float [m]
+    length : float [m]
+    mass : float, optional [kg]; give this or ``density``
+    density : float, optional [kg/m³]
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    ValueRangeError
+        A length is not above 0, or not one of mass and density is given.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> SpatialInertia.cylinder(2.0, 6.0, mass=1.0).moment_about_com.diagonal().tolist()
     [4.0, 4.0, 2.0]
@@ -109,10 +198,26 @@ def capsule(
     mass: float | None = None,
     density: float | None = None,
 ) -> SpatialInertia:
-    """A cylinder along z with a half ball on each end; origin at its centre. Give mass [kg] or density [kg/m³].
+    """Spatial inertia of a uniform capsule, a cylinder along z with a half ball on each end; the origin is its centre.
 
-    ``length`` [m] is that of the cylinder; from tip to tip the capsule measures length + 2 radius.
+    Parameters
+    ----------
+    radius : float [m]
+    length : float, of the cylinder; from tip to tip the capsule measures length + 2 radius [m]
+    mass : float, optional [kg]; give this or ``density``
+    density : float, optional [kg/m³]
 
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    ValueRangeError
+        A length is not above 0, or not one of mass and density is given.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> ball, pill = SpatialInertia.sphere(0.1, density=1e3), SpatialInertia.capsule(0.1, 1e-12, density=1e3)
     >>> bool(np.allclose(ball.parameters, pill.parameters))
@@ -134,10 +239,30 @@ def cone(
     mass: float | None = None,
     density: float | None = None,
 ) -> SpatialInertia:
-    """A cone with its tip towards +z. The origin is its centre of mass, height/4 above the base, not the base itself.
+    """Spatial inertia of a uniform cone with its tip towards +z.
 
-    ``radius`` of the base and ``height`` in m. Give mass [kg] or density [kg/m³].
+    Parameters
+    ----------
+    radius : float, of the base [m]
+    height : float [m]
+    mass : float, optional [kg]; give this or ``density``
+    density : float, optional [kg/m³]
 
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    ValueRangeError
+        A length is not above 0, or not one of mass and density is given.
+
+    Notes
+    -----
+    The origin is its centre of mass, height/4 above the base, not the base itself.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> SpatialInertia.cone(2.0, 4.0, mass=10.0).moment_about_com.diagonal().tolist()
     [12.0, 12.0, 12.0]

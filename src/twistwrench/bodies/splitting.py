@@ -19,8 +19,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import cos, sin, sqrt
 
-__all__ = ["COMPOSITIONS", "Rotor", "body_momentum"]
-
 Quat = tuple[float, float, float, float]
 Vec = tuple[float, float, float]
 
@@ -44,7 +42,7 @@ def body_momentum(q: Quat, l: Vec) -> Vec:
 
 
 @dataclass(frozen=True)
-class Rotor:
+class SplitRotor:
     """A body turning about its centre of mass: reciprocal moments, relative to the middle one. All in 1/(kg m²)."""
 
     middle: float
@@ -52,7 +50,7 @@ class Rotor:
     third: float
 
     @classmethod
-    def of(cls, moments: Vec) -> Rotor:
+    def of(cls, moments: Vec) -> SplitRotor:
         """From principal moments, ascending."""
         a, b, c = (1.0 / x for x in moments)
         return cls(b, a - b, c - b)

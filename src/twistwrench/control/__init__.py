@@ -10,7 +10,7 @@ from .impedance import Impedance
 from .joint_space import PD, ComputedTorque
 from .observer import ContactWrench, MomentumObserver
 from .references import PoseMotion
-from .task_space import TaskSpace
+from .task_space_control import TaskSpace
 
 __all__ = [
     "PD",

@@ -6,37 +6,42 @@ it. A motion law gives the first part, the force that is wanted the second:
     τ = P (τ_motion - h) + h + A'(λ_cmd - (A M⁻¹ A')⁻¹ dA/dt dq),     λ_cmd = λ_d + K_f (λ_d - λ),
 
 so that A θ̈ + dA/dt dq = 0 with λ = λ_cmd, whatever the motion law asks for along A. As λ in the equations of
-:mod:`twistwrench.closed`, λ_d is what the robot applies where it is held.
+:mod:`twistwrench.robot.closed_robot`, λ_d is what the robot applies where it is held.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..closed import ClosedRobot
 from ..core import arguments
 from ..errors import ValueRangeError
-from .gains import gain, one_state
+from ..robot.closed_robot import ClosedRobot
+from ..typing import Array
+from .control_arguments import gain, one_state
 from .impedance import Measured
 
-Array = NDArray[Any]
 Law = Callable[[float, Array, Array], ArrayLike]
-
-__all__ = ["HybridMotionForce", "Law"]
 
 
 @dataclass(frozen=True, eq=False)
 class HybridMotionForce:
-    """Follows a motion law in the directions that are free, and presses with λ_d in those that are not. MR section 11.6.
+    """Hybrid motion-force control: follows a motion law in the free directions, and presses with λ_d in the others.
 
-    ``closed`` says what holds the robot: ``robot.close("ground", tip, rows="vx", …)`` for a wall across x. ``motion`` is any
-    law of (t, q, dq) with torques for the open robot, such as :class:`TaskSpace`. Raises ShapeError, ValueRangeError.
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        A force or a gain is of another size or not finite.
 
+    Notes
+    -----
+    MR section 11.6.
+
+    Examples
+    --------
     >>> import numpy as np, twistwrench as tw
     >>> arm = tw.robots.planar_3r()
     >>> wall = arm.close("ground", arm.tip, rows="vx", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
@@ -47,7 +52,9 @@ class HybridMotionForce:
     """
 
     closed: ClosedRobot
+    """What holds the robot: ``robot.close("ground", tip, rows="vx", …)`` for a wall across x."""
     motion: Law
+    """Any law of (t, q, dq) with torques for the open robot, such as :class:`TaskSpace`."""
     force: ArrayLike | Callable[[float], ArrayLike]
     """λ_d (k,) [N m, N], in the order of ``closed.row_names``, or a function of the time."""
     force_gain: ArrayLike = field(default=0.0, kw_only=True)

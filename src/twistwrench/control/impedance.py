@@ -4,33 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ValueRangeError
-from .gains import gain, one_state
-from .task_space import TaskLaw, TaskState
+from ..typing import Array
+from .control_arguments import gain, one_state
+from .task_space_control import TaskLaw, TaskState
 
-Array = NDArray[Any]
 Measured = Callable[[float, Array, Array], ArrayLike]
 """Of the time [s], q (nq,) and dq (nv,)."""
-
-__all__ = ["Impedance", "Measured"]
 
 
 @dataclass(frozen=True, eq=False)
 class Impedance(TaskLaw):
-    """K X_e + B V_e pulls the frame back: under a wrench F on it, it rests where K X_e = -F. MR section 11.7.1.
+    """Impedance control: K X_e + B V_e pulls the frame back; under a wrench F on it, it rests where K X_e = -F.
 
-    Without ``mass`` the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and nothing need be measured. With
-    it, M_d dV_e/dt + B V_e + K X_e = -F, and the law has to know F: ``wrench_on_robot``, a function of (t, q, dq) that gives
-    what the world does there, (m, f) in the frame, from a sensor, or from a :class:`MomentumObserver`. V_e is that of the
-    reference less that of the frame, and F what the chosen rows feel, Λ J M⁻¹ τ_ext. Raises ShapeError, ValueRangeError,
-    UnknownNameError, FrameError.
+    Without ``mass`` the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and nothing need be measured.
+    With it, M_d dV_e/dt + B V_e + K X_e = -F, and the law has to know F. V_e is that of the reference less that of the
+    frame, and F what the chosen rows feel, Λ J M⁻¹ τ_ext.
 
+    Raises
+    ------
+    ShapeError, ValueRangeError, UnknownNameError, FrameError
+        An argument is invalid, or the robot has no such frame or row.
+
+    Notes
+    -----
+    MR section 11.7.1.
+
+    Examples
+    --------
     >>> import numpy as np, twistwrench as tw
     >>> arm, q = tw.robots.planar_3r(), np.array([-0.6, 0.2, 2.2])
     >>> soft = Impedance(arm, arm.forward_kinematics(q), stiffness=500.0, damping=60.0, rows="vx vz", posture=q)
@@ -45,6 +51,8 @@ class Impedance(TaskLaw):
     mass: ArrayLike | None = field(default=None, kw_only=True)
     """M_d [kg m², kg]: the same; None: the robot's own."""
     wrench_on_robot: Measured | None = field(default=None, kw_only=True)
+    """F as a function of (t, q, dq): what the world does there, (m, f) in the frame [N m, N], from a sensor or a
+    :class:`MomentumObserver`."""
     _stiffness: Array = field(init=False, repr=False)
     _damping: Array = field(init=False, repr=False)
     _inverse_mass: Array = field(init=False, repr=False)

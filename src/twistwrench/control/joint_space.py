@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..errors import ValueRangeError
 from ..robot import Robot
-from .gains import gain, one_state, require_driven
+from ..simulation.torque_laws import BatchComputedTorque, BatchPD
+from ..typing import Array
+from .control_arguments import gain, one_state, require_driven
 from .references import Motion, Reference, joint_motion
-
-Array = NDArray[Any]
-
-__all__ = ["PD", "ComputedTorque", "JointLaw"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,11 +20,13 @@ class JointLaw:
     """What joint-space laws have in common: a robot as the law knows it, a reference, and gains."""
 
     robot: Robot
+    """The robot as the law knows it."""
     reference: Reference
     """q_d (nq,), or a function of the time [s] that gives (q_d, dq_d, ddq_d), such as a trajectory."""
     kp: ArrayLike
     """A number, (nv,), or (nv, nv)."""
     kd: ArrayLike
+    """A number, (nv,), or (nv, nv)."""
     _kp: Array = field(init=False, repr=False)
     _kd: Array = field(init=False, repr=False)
     _motion: Motion = field(init=False, repr=False)
@@ -41,19 +41,68 @@ class JointLaw:
         object.__setattr__(self, "_motion", joint_motion(robot, self.reference, f"{what}: reference"))
 
     def error(self, t: float, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
-        """e = q_d - q and dq_d - dq; (nv,) each."""
+        """Tracking error: e = q_d - q and dq_d - dq.
+
+        Parameters
+        ----------
+        t : float [s]
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+
+        Returns
+        -------
+        e : (nv,) array [rad, m]
+        de : (nv,) array [rad/s, m/s]
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> PD(tw.robots.planar_2r(), [0.5, 0.5], kp=100.0, kd=20.0).error(0.0, [0, 0], [0, 0])[0].tolist()
+        [0.5, 0.5]
+        """
         q, dq = one_state(self.robot, type(self).__name__, q, dq)
         q_d, dq_d, _ = self._motion(t)
         return self.robot.subtract(q_d, q), dq_d - dq
 
+    def _of_all_motions(self, times: Array) -> dict[str, Array]:
+        """Reference and gains as the law of a batch has them. Raises ValueRangeError for gains that couple joints."""
+        kp, kd = np.diagonal(self._kp), np.diagonal(self._kd)
+        if not (np.array_equal(self._kp, np.diag(kp)) and np.array_equal(self._kd, np.diag(kd))):
+            raise ValueRangeError(
+                f"{type(self).__name__}: gains of a rollout are a number for each joint, and these couple joints. "
+                "robot.simulate takes them."
+            )
+        held = not callable(self.reference) and not hasattr(self.reference, "motion")
+        rows = [self._motion(t) for t in ([0.0] if held else times)]
+        q_d, dq_d, ddq_d = (np.array([row[k] for row in rows], float) for k in range(3))
+        return {"q_des": q_d, "dq_des": dq_d, "ddq_des": ddq_d, "kp": kp, "kd": kd}
+
+    def _require_same(self, robot: Robot) -> None:
+        if robot.model is not self.robot.model:
+            raise ValueRangeError(
+                f"{type(self).__name__} knows the robot {self.robot.name!r} that it was made with, and the rollout is of "
+                f"another, {robot.name!r}. A rollout's law knows the robot it moves: make it with that one; "
+                "rollout(parameters=…) changes what moves and not what the law knows."
+            )
+
 
 @dataclass(frozen=True, eq=False)
 class PD(JointLaw):
-    """τ = Kp e + Kd ė + g(q): rests at q_d without a load, and Kp⁻¹ J'F beside it under one. MR section 11.4.2.
+    """PD control with gravity compensation: τ = Kp e + Kd ė + g(q).
 
-    g has the springs of elastic joints in it; ``gravity=False`` leaves it out, and the joint rests where Kp e carries it.
-    Kp is a stiffness [N m/rad or N/m]. Raises ShapeError, ValueRangeError.
+    It rests at q_d without a load, and Kp⁻¹ J'F beside it under one. Kp is a stiffness [N m/rad or N/m].
 
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        A gain is of another size or not finite.
+
+    Notes
+    -----
+    MR section 11.4.2.
+
+    Examples
+    --------
     >>> import numpy as np, twistwrench as tw
     >>> arm = tw.robots.planar_2r()
     >>> hold = PD(arm, [0.5, 0.5], kp=100.0, kd=20.0)
@@ -62,12 +111,42 @@ class PD(JointLaw):
     """
 
     gravity: bool = True
+    """Whether g is added, with the springs of elastic joints in it; else the joint rests where Kp e carries it."""
 
     @property
     def rate_gains(self) -> Array | None:
-        """-∂τ/∂dq joint by joint, (nv,), which semi-implicit steps take at their end; None where Kd couples joints."""
+        """Damping -∂τ/∂dq joint by joint (nv,) [N m s/rad or N s/m], for semi-implicit steps; None where Kd couples joints."""
         own = np.diagonal(self._kd).copy()
         return own if np.array_equal(self._kd, np.diag(own)) else None
+
+    def batch_law(self, robot: Robot, times: Array) -> BatchPD:
+        """The same law for the motions of a rollout.
+
+        Parameters
+        ----------
+        robot : Robot, that of the rollout
+        times : (steps,) array, beginnings of the steps, where a reference that moves is taken [s]
+
+        Returns
+        -------
+        law : BatchPD
+
+        Raises
+        ------
+        ValueRangeError
+            Gains couple joints, or the law was made with another robot.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> PD(arm, [0.5, 0.5], kp=100.0, kd=20.0).batch_law(arm, np.arange(3.0)).kp.tolist()
+        [100.0, 100.0]
+        """
+        self._require_same(robot)
+        given = self._of_all_motions(times)
+        del given["ddq_des"]
+        return BatchPD(**given, gravity=self.gravity)
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
@@ -78,11 +157,21 @@ class PD(JointLaw):
 
 @dataclass(frozen=True, eq=False)
 class ComputedTorque(JointLaw):
-    """τ = M (ddq_d + Kp e + Kd ė) + h: where the model is right, ë + Kd ė + Kp e = 0. MR section 11.4.2.2, eq. 11.35.
+    """Computed-torque control: τ = M (ddq_d + Kp e + Kd ė) + h; where the model is right, ë + Kd ė + Kp e = 0.
 
-    Kp [1/s²] and Kd [1/s] are rates and no stiffness: Kd = 2 ω, Kp = ω² is critically damped. ``friction=True`` adds what
-    overcomes the joints' friction. Raises ShapeError, ValueRangeError.
+    Kp [1/s²] and Kd [1/s] are rates and no stiffness: Kd = 2 ω, Kp = ω² is critically damped.
 
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        A gain is of another size or not finite.
+
+    Notes
+    -----
+    MR section 11.4.2.2, eq. 11.35.
+
+    Examples
+    --------
     >>> import numpy as np, twistwrench as tw
     >>> arm = tw.robots.planar_2r()
     >>> reach = ComputedTorque(arm, [1.0, 0.5], kp=100.0, kd=20.0)
@@ -92,6 +181,38 @@ class ComputedTorque(JointLaw):
     """
 
     friction: bool = False
+    """Whether what overcomes the joints' friction is added."""
+
+    def batch_law(self, robot: Robot, times: Array) -> BatchComputedTorque:
+        """The same law for the motions of a rollout.
+
+        Parameters
+        ----------
+        robot : Robot, that of the rollout
+        times : (steps,) array, beginnings of the steps, where a reference that moves is taken [s]
+
+        Returns
+        -------
+        law : BatchComputedTorque
+
+        Raises
+        ------
+        ValueRangeError
+            Gains couple joints, the law was made with another robot, or it adds friction.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> ComputedTorque(arm, [0.5, 0.5], kp=100.0, kd=20.0).batch_law(arm, np.arange(3.0)).kd.tolist()
+        [20.0, 20.0]
+        """
+        self._require_same(robot)
+        if self.friction:
+            raise ValueRangeError(
+                "ComputedTorque: the law of a rollout leaves friction out. Give friction=False, or take robot.simulate."
+            )
+        return BatchComputedTorque(**self._of_all_motions(times))
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""

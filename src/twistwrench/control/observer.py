@@ -17,21 +17,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..algorithms.jacobians import KINDS
-from ..algorithms.task_space import row_numbers
+from ..algorithms.operational_space import row_numbers
 from ..core import arguments
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
-from ..robot import Robot, Rows
-from .gains import one_state, require_robot
-
-Array = NDArray[Any]
-
-__all__ = ["ContactWrench", "MomentumObserver"]
+from ..robot import Robot
+from ..robot.quantity_methods import Kind, Rows
+from ..robot.robot_argument import require_robot
+from ..typing import Array
+from .control_arguments import one_state
 
 SINGULAR = 1e-6
 """Singular values of J' below this share of the largest count as zero: a torque there would be a million times a force."""
@@ -40,16 +38,18 @@ _NAMES = ("mx", "my", "mz", "fx", "fy", "fz")
 
 @dataclass(frozen=True, eq=False)
 class ContactWrench:
-    """The wrench at a frame that fits the residual r = J'F best, and what it does not say."""
+    """Contact wrench estimate: the wrench at a frame that fits the residual r = J'F best, and what it does not say."""
 
     wrench: Array
     """(6,): (m, f) by the world on the robot; of all that fit equally well the smallest, zero on rows not chosen [N m, N]."""
     blind: Array
-    """(6 - rank, 6): orthonormal wrenches on the chosen rows that no joint feels; any multiple may act there."""
+    """(k - rank, 6), of k chosen rows: orthonormal wrenches on them that no joint feels; any multiple may act there."""
     unexplained: Array
     """(nv,): r - J'F, which no wrench at this frame makes; large where the contact is elsewhere."""
     frame: str
+    """The frame at which it acts, and in whose axes it is."""
     rank: int
+    """How many independent wrenches the joints feel."""
 
     def __str__(self) -> str:
         shown = ", ".join(f"{n} {x:.4g}" for n, x in zip(_NAMES, self.wrench, strict=True))
@@ -59,12 +59,24 @@ class ContactWrench:
 
 
 class MomentumObserver:
-    """Estimates the torques τ_ext (nv,) that the world applies to the joints, with the time constant 1/``gain`` [s].
+    """Momentum observer: estimates the torques τ_ext that the world applies to the joints.
 
-    It is told the state and the torques, once every sample: :meth:`update`, or :meth:`watch`, which does so for a controller.
-    Friction is part of the estimate, unless ``friction=True`` takes the robot's own laws off. Floating bases too, whose
-    torques are zero. Raises ShapeError, ValueRangeError.
+    It is told the state and the torques, once every sample: :meth:`update`, or :meth:`watch`, which does so for a
+    controller. Floating bases too, whose torques are zero.
 
+    Parameters
+    ----------
+    robot : Robot
+    gain : float or (nv,) array_like, the time constant is 1/``gain`` [1/s]
+    friction : bool, take the robot's own friction laws off; else friction is part of the estimate
+
+    Raises
+    ------
+    ValueRangeError
+        A gain is of another size or not above zero.
+
+    Examples
+    --------
     >>> import numpy as np, twistwrench as tw
     >>> arm = tw.robots.planar_2r()
     >>> observer = MomentumObserver(arm, gain=50.0)
@@ -76,7 +88,7 @@ class MomentumObserver:
     """
 
     def __init__(self, robot: Robot, gain: ArrayLike, *, friction: bool = False) -> None:
-        self.robot, self.friction = require_robot(robot, "MomentumObserver"), bool(friction)
+        self.robot, self.friction = require_robot(robot, "MomentumObserver"), arguments.flag(friction, "friction")
         K = arguments.real(gain, "MomentumObserver: gain")
         if K.shape not in ((), (robot.nv,)) or not (K > 0).all():
             raise ValueRangeError(
@@ -94,18 +106,51 @@ class MomentumObserver:
 
     @property
     def residual(self) -> Array:
-        """The estimate of τ_ext (nv,) so far."""
+        """Residual: the estimate of τ_ext (nv,) so far [N m or N]."""
         return self._residual.copy()
 
     def reset(self) -> None:
-        """Forget all: the next :meth:`update` is the first."""
+        """Forget all: the next :meth:`update` is the first.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> observer = MomentumObserver(arm, gain=50.0)
+        >>> observer.reset()
+        >>> observer.residual.tolist()
+        [0.0, 0.0]
+        """
         self._last, self._residual = None, np.zeros(self.robot.nv)
 
     def update(self, t: float, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
-        """The residual (nv,) at the time t [s], in the state q, dq; ``tau`` are the torques since the last update.
+        """Residual at a time, from the state and the torques since the last update.
 
-        The first call says where it begins, and its torques are of no account. Raises ValueRangeError for a time that is not
-        after the last one.
+        Parameters
+        ----------
+        t : float, after the last one [s]
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        tau : (nv,) array_like, torques since then [N m, sliding joints: N]; those of the first call count for nothing
+
+        Returns
+        -------
+        residual : (nv,) array, estimate of τ_ext [N m, sliding joints: N]
+
+        Raises
+        ------
+        ValueRangeError
+            ``t`` is not after the last one.
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> observer = MomentumObserver(arm, gain=50.0)
+        >>> observer.update(0.0, [0, 0], [0, 0], [0, 0]).tolist()
+        [0.0, 0.0]
         """
         now, nv = arguments.number(t, "MomentumObserver: t"), self.robot.nv
         q, dq = one_state(self.robot, "MomentumObserver", q, dq)
@@ -119,10 +164,36 @@ class MomentumObserver:
         return self.residual
 
     def over(self, times: ArrayLike, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> Array:
-        """The residuals of a record, from zero on: times (n), q (n, nq), dq, tau (n, nv) → (n, nv).
+        """Residuals of a record, from zero on.
 
-        ``tau[k]`` is what is applied from ``times[k]`` on, as in the result of a simulation with a controller. What
-        :meth:`update` knows stays as it is.
+        Parameters
+        ----------
+        times : (n,) array_like [s]
+        q : (n, nq) array_like, configurations
+        dq : (n, nv) array_like, velocities [rad/s, m/s]
+        tau : (n, nv) array_like [N m, sliding joints: N]
+            ``tau[k]`` is what is applied from ``times[k]`` on, as in the result of a simulation with a controller.
+
+        Returns
+        -------
+        residuals : (n, nv) array [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The arrays do not fit each other.
+
+        Notes
+        -----
+        What :meth:`update` knows stays as it is.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> observer = MomentumObserver(arm, gain=50.0)
+        >>> observer.over([0, 0.01], [[0, 0]] * 2, [[0, 0]] * 2, [[29.43, 9.81]] * 2).shape
+        (2, 2)
         """
         t = arguments.finite(times, "MomentumObserver: times")
         coordinates, rates = self.robot.coordinate_names, self.robot.model.velocity_names
@@ -143,9 +214,28 @@ class MomentumObserver:
         return found
 
     def watch(self, controller: Callable[[float, Array, Array], ArrayLike]) -> Callable[[float, Array, Array], Array]:
-        """The controller, with an observer that looks on: for ``robot.simulate(controller=…)``, which holds torques.
+        """Controller with an observer that looks on: for ``robot.simulate(controller=…)``, which holds torques.
 
+        Parameters
+        ----------
+        controller : function of (t, q, dq), gives torques (nv,)
+
+        Returns
+        -------
+        controller : function of (t, q, dq)
+
+        Notes
+        -----
         The observer is up to date when the controller is asked, so that it may use :attr:`residual`.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> observer = MomentumObserver(arm, gain=50.0)
+        >>> law = observer.watch(lambda t, q, dq: arm.gravity_forces(q))
+        >>> law(0.0, [0, 0], [0, 0]).round(2).tolist()
+        [29.43, 9.81]
         """
         if not callable(controller):
             raise ValueRangeError(f"MomentumObserver.watch: {controller!r} is no controller, a function of (t, q, dq).")
@@ -163,18 +253,46 @@ class MomentumObserver:
         self,
         q: ArrayLike,
         frame: str | None = None,
-        kind: str = "body",
+        kind: Kind = "body",
         rows: Rows = None,
         *,
         residual: ArrayLike | None = None,
     ) -> ContactWrench:
-        """The wrench at a frame (None: the tip) that explains the residual, by least squares, and what it cannot say.
+        """Contact wrench at a frame that explains the residual, by least squares, and what it cannot say.
 
-        ``rows`` says what the wrench may have: ``"vx vy vz"`` is a force at the frame's origin alone, and fewer unknowns
-        than six need fewer joints. Raises ShapeError, ValueRangeError, UnknownNameError, FrameError.
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        rows : str or iterable, optional, what the wrench may have: ``"vx vy vz"`` is a force at the frame's origin
+            alone
+            Fewer unknowns than six need fewer joints.
+        residual : (nv,) array_like, optional, in place of :attr:`residual` [N m, sliding joints: N]
+
+        Returns
+        -------
+        found : ContactWrench
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            An argument is of another size or not finite.
+        UnknownNameError
+            The robot has no such frame or row.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> observer = MomentumObserver(arm, gain=50.0)
+        >>> observer.wrench([0, 1], rows="vx vz", residual=[1.0, 0.0]).rank
+        1
         """
         robot, chosen = self.robot, list(row_numbers(rows))
-        if kind not in KINDS:
+        if not isinstance(kind, str) or kind not in KINDS:
             raise UnknownNameError.of("kind", kind, KINDS)
         q = arguments.one(q, "MomentumObserver.wrench: q", robot.nq, names=robot.coordinate_names)
         q = arguments.finite(q, "MomentumObserver.wrench: q")

@@ -8,7 +8,7 @@ from inspect import signature
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..algorithms.pose_paths import PosePath
 from ..core import arguments
@@ -17,13 +17,11 @@ from ..lie import se3, so3
 from ..model.model import BASE
 from ..robot import Robot
 from ..screws.pose import Pose
+from ..typing import Array
 
-Array = NDArray[Any]
 Motion = Callable[[float], tuple[Array, Array, Array]]
 """Of the time [s]: a position, its velocity, its acceleration."""
 Reference = ArrayLike | Callable[[float], Any]
-
-__all__ = ["Motion", "PoseMotion", "Reference", "joint_motion", "pose_motion"]
 
 
 class Timing(Protocol):
@@ -35,10 +33,19 @@ class Timing(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PoseMotion:
-    """T(s(t)) with its body twist and the rate of that: a path of poses and how the time goes along it. MR section 9.2.
+    """Motion of a frame: T(s(t)) with its body twist and the rate of that, from a path of poses and a time scaling.
 
-    Raises ShapeError and ValueRangeError.
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        There is no such path or scaling.
 
+    Notes
+    -----
+    MR section 9.2.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> from twistwrench import trajectories
     >>> path = trajectories.screw_path(np.eye(4), tw.se3.exp([0, 0, 1, 0, 0, 0]))
@@ -61,7 +68,7 @@ class PoseMotion:
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """T (4, 4), the body twist V (6,) and dV/dt (6,) at t [s]."""
-        s, ds, dds = (float(x) for x in _three(self.scaling(t), "PoseMotion: the scaling", t))
+        s, ds, dds = (float(x) for x in _three(self.scaling, "PoseMotion: the scaling", t))
         V = self.path.body_twist(s)
         dV = np.zeros(6)
         if self.path.straight:
@@ -74,6 +81,7 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
 
     Raises ShapeError, ValueRangeError.
     """
+    given = given if callable(given) else getattr(given, "motion", given)  # a result over time has one
     if not callable(given):
         q = np.array(
             arguments.finite(arguments.one(given, what, robot.nq, names=robot.coordinate_names), what, robot.nq)
@@ -84,7 +92,7 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
     _require_one_argument(given, what)
 
     def motion(t: float) -> tuple[Array, Array, Array]:
-        q, dq, ddq = _three(given(t), what, t)
+        q, dq, ddq = _three(given, what, t)
         named = f"{what} at t = {t:g} s"
         return (
             arguments.one(q, f"q of {named}", robot.nq, names=robot.coordinate_names),
@@ -118,7 +126,7 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
         zero = np.zeros(6)
         return lambda _t: (T, zero, zero)
     _require_one_argument(given, what)
-    first = _three(given(0.0), what, 0.0)[0]
+    first = _three(given, what, 0.0)[0]
     if np.ndim(first) == 1:
         joints = joint_motion(robot, given, what)
 
@@ -130,7 +138,7 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
         return of_joints
 
     def of_pose(t: float) -> tuple[Array, Array, Array]:
-        T, V, dV = _three(given(t), what, t)
+        T, V, dV = _three(given, what, t)
         named = f"{what} at t = {t:g} s"
         pose = arguments.pose(arguments.one(T, f"T of {named}", 4, 4), f"T of {named}")
         return pose, arguments.one(V, f"V of {named}", 6), arguments.one(dV, f"dV of {named}", 6)
@@ -165,7 +173,10 @@ def _carried(R: Array, p: Array, V: Array) -> Array:
     return np.concatenate([w, R @ V[3:] + so3.cross(p, w)])
 
 
-def _three(found: Any, what: str, t: float) -> tuple[Any, Any, Any]:
+def _three(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, Any, Any]:
+    """What the function gives at t [s]: three things."""
+    t = arguments.number(t, "t")
+    found = function(t)
     if not isinstance(found, tuple | list) or len(found) != 3:
         given = f"an array of shape {np.shape(found)}" if isinstance(found, np.ndarray) else repr(found)[:60]
         raise ShapeError(
@@ -176,8 +187,8 @@ def _three(found: Any, what: str, t: float) -> tuple[Any, Any, Any]:
 
 
 def _require_one_argument(function: Any, what: str) -> None:
-    if not callable(function):
-        raise ValueRangeError(f"{what} is {function!r}, and must be a function of the time.")
+    if not callable(function) or isinstance(function, type):
+        raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of the time.")
     try:
         taken = signature(function)
     except (TypeError, ValueError):  # some of C say nothing

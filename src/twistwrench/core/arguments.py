@@ -1,4 +1,4 @@
-"""The door through which what a caller gives comes in: arrays as they must be, or errors that name them and say what to do.
+"""Argument checks: what a caller gives, as arrays as they must be, or errors that name them and say what to do.
 
 ``brought`` and ``plain`` take any kind of array: NumPy's as they are, tables by the names of their columns, all else as
 ``np.asarray`` does; ``brought`` leaves Dask's lazy. ``array``, ``real`` and ``finite`` look at types and shapes besides;
@@ -14,37 +14,18 @@ from numbers import Rational
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import ShapeError, TwistWrenchError, ValueRangeError
+from ..typing import Array
+from .labelled_arrays import in_order
 from .lazy import is_lazy
-from .tables import in_order
-
-Array = NDArray[Any]
-
-__all__ = [
-    "TOLERANCE",
-    "array",
-    "as_matrix",
-    "brought",
-    "finite",
-    "last_row",
-    "mismatch",
-    "number",
-    "one",
-    "plain",
-    "pose",
-    "positive",
-    "real",
-    "refuse",
-    "rotation",
-    "together",
-    "whole",
-]
 
 TOLERANCE = 1e-6
 """How far the entries of R' R may be from the identity where a rotation is needed: a rounded float32 rotation passes."""
 
+_LONGEST = 60
+"""Characters of what was given that an error shows."""
 _NO_ARRAY = "is not an array of real numbers"
 _FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
 _PYTHON = (int, float, np.floating, np.integer, Rational)
@@ -152,6 +133,46 @@ def whole(x: Any, what: str, least: int = 1) -> int:
     return int(value)
 
 
+def generator(rng: Any, what: str = "rng") -> np.random.Generator:
+    """A NumPy generator, from a seed or as it is. Raises ValueRangeError."""
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError):
+        raise ValueRangeError(f"{what} is {shown(rng)}: give a seed, a whole number, or a numpy Generator.") from None
+
+
+def flag(x: Any, what: str) -> bool:
+    """x as a yes or no: a bool, NumPy's too, 0, 1, or None for no. Raises ValueRangeError."""
+    if x is None or isinstance(x, bool | np.bool_) or (isinstance(x, int | float) and x in (0, 1)):
+        return bool(x)
+    raise ValueRangeError(f"{what} is {shown(x)}: give True or False.")
+
+
+def choice(x: Any, what: str, choices: Sequence[str]) -> str:
+    """x as one of a few texts. Raises ValueRangeError, which lists them."""
+    if not isinstance(x, str) or x not in choices:
+        raise ValueRangeError(f"{what} {shown(x)} is not known. Choose one of: {', '.join(choices)}.")
+    return x
+
+
+def shown(x: Any) -> str:
+    """What was given, in a few words: for errors about things of the wrong kind.
+
+    >>> shown(None), shown("abc"), shown(np.zeros(3)), shown([]), shown(abs)
+    ('None', "'abc'", 'an array of shape (3,)', '[]', 'a builtin_function_or_method')
+    """
+    if isinstance(x, np.ndarray) and x.ndim:
+        return f"an array of shape {x.shape}"
+    if isinstance(x, type):
+        return f"the class {x.__name__}"
+    if x is not None and not isinstance(
+        x, str | bytes | int | float | complex | list | tuple | dict | set | np.generic
+    ):
+        return f"a {type(x).__name__}"
+    text = repr(x)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
 def as_matrix(x: Any, what: str, kind: str) -> Array:
     """What ``x.as_matrix()`` gives, for an object of SciPy's."""
     if not hasattr(x, "as_matrix"):
@@ -238,12 +259,13 @@ def _surely_rotations(R: Array) -> bool:
     """
     near = 0.2 * TOLERANCE
     if R.ndim == 2:
-        return all(not abs(gap) > near for gap in _gaps(R.tolist()))
+        return all(not abs(gap) > near for gap in gaps(R.tolist()))
     with np.errstate(all="ignore"):  # infinite entries are found, not warned of
-        return not any((np.abs(gap) > near).any() for gap in _gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
+        return not any((np.abs(gap) > near).any() for gap in gaps(np.moveaxis(R.reshape(-1, 3, 3), 0, -1).copy()))
 
 
-def _gaps(rows: Any) -> tuple[Any, ...]:
+def gaps(rows: Any) -> tuple[Any, ...]:
+    """What the entries of a matrix (3, 3) miss of a rotation: the dot products of two rows, and their cross product."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     return (
         a * a + b * b + c * c - 1.0,

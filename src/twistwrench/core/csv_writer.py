@@ -1,44 +1,51 @@
 """CSV files out: quoted as the standard library does it, numbers with all their digits, no cell that a spreadsheet would run.
 
 A spreadsheet takes text that begins with =, +, -, @, a tab or a line end for a formula. Such text gets an apostrophe before
-it, as spreadsheets themselves write text that must stay text; :func:`meant_text` takes it off again. Numbers stay as they are.
+it, as spreadsheets themselves write text that must stay text. A name with line ends, or with blanks about it, which readers of
+lines lose, is written as a string of JSON, in its quotes. :func:`meant_text` undoes both. Numbers stay as they are.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from numpy.typing import NDArray
-
-Array = NDArray[Any]
-
-__all__ = ["CsvWriter", "harmless_text", "meant_text"]
+from ..typing import Array
 
 _PORTION = 4096
 _RUN = re.compile(r"'*[=+\-@\t\r\n＝＋－＠]")
 """What a spreadsheet would run, or would if the apostrophes before it were taken off."""
 
+_LOST = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
+"""What a reader of lines would lose or cut, or would take for a string of JSON."""
+
 
 def harmless_text(text: str) -> str:
-    """Text that no spreadsheet takes for a formula; :func:`meant_text` gives the text back.
+    r"""Text of one line that no spreadsheet takes for a formula; :func:`meant_text` gives the text back.
 
-    >>> harmless_text("=1+1"), harmless_text("elbow")
-    ("'=1+1", 'elbow')
+    >>> harmless_text("=1+1"), harmless_text("elbow"), harmless_text("two\nlines")
+    ("'=1+1", 'elbow', '"two\\nlines"')
     """
+    if _LOST.search(text):
+        return json.dumps(text, ensure_ascii=False)
     return f"'{text}" if _RUN.match(text) else text
 
 
 def meant_text(cell: str) -> str:
-    """The text that :func:`harmless_text` made a cell of; any other cell as it is.
+    r"""The text that :func:`harmless_text` made a cell of; any other cell as it is.
 
-    >>> meant_text("'=1+1"), meant_text("elbow"), meant_text("-x")
-    ('=1+1', 'elbow', '-x')
+    >>> meant_text("'=1+1"), meant_text("elbow"), meant_text("-x"), meant_text('"two\\nlines"')
+    ('=1+1', 'elbow', '-x', 'two\nlines')
     """
+    if len(cell) > 1 and cell[0] == cell[-1] == '"':
+        with suppress(ValueError):
+            return str(json.loads(cell))
     return cell[1:] if cell.startswith("'") and _RUN.match(cell) else cell
 
 

@@ -9,8 +9,10 @@ import stat
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
-__all__ = ["MOST_BYTES", "is_stream", "read_bytes", "read_standard_input", "read_text"]
+from ..errors import ValueRangeError
+from .arguments import shown
 
 MOST_BYTES = 64 * 2**20
 """What a reader takes unless it says otherwise."""
@@ -18,6 +20,17 @@ MOST_BYTES = 64 * 2**20
 _PORTION = 1 << 16
 _PATIENCE = 10.0
 """Seconds that a named pipe is waited for until somebody opens its other end."""
+
+
+def as_path(path: Any, what: str = "path") -> Path:
+    """The path that a caller gives, a text or a Path. Raises ValueRangeError for anything else, and for an empty text.
+
+    >>> as_path("motion.csv").suffix
+    '.csv'
+    """
+    if not isinstance(path, str | os.PathLike) or isinstance(path, bytes) or not str(path):
+        raise ValueRangeError(f"{what} is {shown(path)}: give the path of a file, a text or a pathlib.Path.")
+    return Path(path)
 
 
 def is_stream(path: Path) -> bool:

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 
 from ..errors import TwistWrenchError
 
-__all__ = ["foreign_errors", "reason_of"]
-
 _LONGEST = 200
 """Characters of another library's message that are worth showing."""
 

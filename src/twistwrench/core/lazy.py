@@ -13,16 +13,13 @@ from functools import wraps
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import ShapeError
+from ..typing import Array
 
-Array = NDArray[Any]
 Method = TypeVar("Method", bound=Callable[..., Any])
 Shapes = Callable[[Any, Mapping[str, Any]], Sequence[tuple[int, ...]]]
 Place = tuple[str, str | None]
-
-__all__ = ["any_lazy", "by_blocks", "is_asking_for_type", "is_lazy", "later"]
 
 _STATES = ("q", "q0", "q1", "dq", "ddq", "dv", "tau")
 _WRENCHES = ("wrench_by_robot", "wrench_on_robot")

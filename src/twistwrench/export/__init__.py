@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .files import export_c
+from .package import export_c
 
 __all__ = ["export_c"]

@@ -6,16 +6,14 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from ..model.varied import nominal
+from ..model.variable_parameters import nominal
 from ..program.program import FUSED, Program
+from ..robot.quantities import QUANTITIES
 from ..targets.c import FUSED_MACROS, PRECISIONS, identifier
-from .meanings import MEANINGS
 from .request import Request
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-__all__ = ["comment", "header", "source"]
 
 _COUNTED = {
     "multiplications": ("mul",),
@@ -95,40 +93,33 @@ def _entries(robot: Robot) -> Iterator[str]:
     yield "Entries of q:"
     names = robot.coordinate_names
     wide = max(map(len, names))
-    units = [
-        "m" if suffix in (".x", ".y", ".z") else "" if suffix in (".qw", ".qx", ".qy", ".qz") else "rad"
-        for b in robot.model.leaders
-        for suffix in (
-            b.joint.coordinate_suffixes if b.joint.nv > 1 else (".theta" if _turns(b.joint.axes[0]) else ".x",)
-        )
-    ]
+    units = [unit for b in robot.model.leaders for unit in b.joint.coordinate_units]
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         yield f"  {k:3}  {name:{wide}}  {unit}"
     yield "Entries of dq, ddq and tau (a joint of several: its twist in the frame of its child, angular part first):"
     k = 0
     for b in robot.model.leaders:
-        for axis in b.joint.axes:
-            unit = "rad/s, rad/s^2, N m" if _turns(axis) else "m/s, m/s^2, N"
+        for turns in b.joint.turning:
+            unit = "rad/s, rad/s^2, N m" if turns else "m/s, m/s^2, N"
             yield f"  {k:3}  {b.joint.name:{wide}}  {unit}"
             k += 1
-    if any(b.joint.kind == "floating" for b in robot.model.leaders):
+    if robot.model.quaternions:
         yield "A quaternion (qw, qx, qy, qz) may have any length but zero."
-
-
-def _turns(axis: Sequence[float]) -> bool:
-    return any(axis[:3])
 
 
 def _about(robot: Robot, request: Request) -> list[str]:
     """Comment of one function."""
     function, full = request.function, request.full
     program = function.program
-    meaning = MEANINGS.get(request.quantity)
-    lines = [f"{request.quantity}{f': {meaning}' if meaning else ''}."]
+    lines = [f"{request.quantity}: {QUANTITIES[request.quantity].meaning}."]
     if "frame" in full:
         lines.append(f"Frame: {full['frame']}.")
     if "kind" in full:
         lines.append(f"Kind: {full['kind']}.")
+    if full.get("friction"):
+        lines.append("With the friction of the joints.")
+    if on_robot := full.get("on_robot"):
+        lines.append(f"The world applies the wrenches at: {', '.join(on_robot)}.")
     if derivative := full.get("derivative"):
         lines.append(f"Not itself: its derivative ({derivative.form}) by {', '.join(derivative.by)}.")
     if constraints := full.get("constraints"):

@@ -7,17 +7,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .. import quantities as table
-from ..algorithms.task_space import ROWS
+from ..algorithms.operational_space import ROWS
 from ..errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
+from ..robot.quantities import QUANTITIES
+from ..robot.quantity_options import checked_options
+from ..robot.quantity_programs import program_of
 from ..targets.c import PRECISIONS, CFunction, identifier
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
 Quantities = str | Mapping[str, Mapping[str, Any]] | Iterable[str | tuple[str, Mapping[str, Any]]]
-
-__all__ = ["Quantities", "Request", "prefix_of", "requests"]
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,9 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
         raise KernelError(f"robot {robot.name!r} has no joint that moves: there is no function of q to export.")
     found: list[Request] = []
     for name, options in _named(quantities):
-        full = table.checked_options(robot.model, name, options)
+        full = checked_options(robot.model, name, options)
         _require_a_program(robot, name, full)
-        function = CFunction(
-            "_".join([prefix, name, *_words(full)]), table.program_of(robot.model, name, full), precision
-        )
+        function = CFunction("_".join([prefix, name, *_words(full)]), program_of(robot.model, name, full), precision)
         if any(port.size == 0 for port in (*function.program.inputs, *function.program.outputs)):
             raise KernelError(f"{name} of robot {robot.name!r} has no entry: there is nothing to export.")
         if twins := [r for r in found if r.function.name == function.name]:
@@ -74,7 +72,7 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
             )
         found.append(Request(name, options, full, function))
     if not found:
-        raise ValueRangeError(f"no quantity is named. Choose from {', '.join(sorted(table.QUANTITIES))}.")
+        raise ValueRangeError(f"no quantity is named. Choose from {', '.join(sorted(QUANTITIES))}.")
     return found
 
 
@@ -101,8 +99,8 @@ def _named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 def _require_a_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
     """Refuse what a program without branches gets wrong everywhere."""
-    if name in table.NEED_INVERSE:
-        robot._require_invertible()
+    if QUANTITIES[name].needs_inverse:
+        robot.engine.require_invertible()
     if len(full.get("rows", ())) > robot.nv:
         rows = " ".join(ROWS[k] for k in full["rows"])
         raise KernelError(
@@ -120,7 +118,10 @@ def _words(full: Mapping[str, Any]) -> Iterator[str]:
     if (rows := full.get("rows")) and rows != tuple(range(6)):
         yield from (ROWS[k] for k in rows)
     for frame in full.get("wrenches", ()):
-        yield from ("wrench", identifier(frame))
+        sign = ["on", "robot"] if frame in full.get("on_robot", ()) else []
+        yield from ("wrench", *sign, identifier(frame))
+    if full.get("friction"):
+        yield "friction"
     if "gravity" in full:
         yield "gravity_input"
     if derivative := full.get("derivative"):

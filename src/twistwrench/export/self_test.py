@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import KernelError
 from ..program.program import Port
 from ..targets.c import PRECISIONS
+from ..typing import Array
 from .document import comment
 from .request import Request
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["self_test"]
 
 STATES = 3
 

@@ -19,8 +19,6 @@ from pathlib import Path
 
 from ..errors import CacheWarning
 
-__all__ = ["folder", "load", "store"]
-
 MAGIC = b"twistwrench code 1\n"
 MOST_ENTRIES = 2000
 MOST_BYTES = 2**28

@@ -12,8 +12,6 @@ from typing import Any
 
 from ..errors import KernelError
 
-__all__ = ["Driver", "driver"]
-
 _NAMES = ("nvcuda.dll",) if sys.platform == "win32" else ("libcuda.so.1", "libcuda.so")
 
 _ADVICE = (

@@ -12,12 +12,10 @@ import numpy as np
 
 from ..errors import KernelError, ShapeError, ValueRangeError
 from ..program.program import Port, Program
-from ..targets.cuda import CudaFunction
+from ..targets.cuda_text import CudaFunction
 from . import nvrtc
 from .cuda_driver import Driver, driver
 from .device_array import LEGACY, DeviceArray, View, empty_like, view
-
-__all__ = ["LARGEST", "CudaKernel"]
 
 LARGEST = 40_000
 """Programs beyond this many instructions are refused: NVIDIA's compiler would take very long over one function of them."""
@@ -38,12 +36,23 @@ class _Plan(NamedTuple):
 
 
 class CudaKernel:
-    """A program compiled for a GPU when first called there, once for float32 and once for float64.
+    """GPU kernel: a program compiled when first called there, once for float32 and once for float64.
 
     Called with arrays that have ``__cuda_array_interface__`` or DLPack, (..., *shape of the input), all float32 or all
     float64, all on one GPU. An input without batch axes, or repeated along all of them, serves all samples. Outputs are
-    arrays of the first input's library, or those of ``out=``; they are there when their stream has got that far, which is
-    the first input's unless ``stream=`` names another. Raises ShapeError, ValueRangeError, KernelError, MissingExtraError.
+    arrays of the first input's library, or those of ``out=``; they are there when their stream has got that far, which
+    is the first input's unless ``stream=`` names another.
+
+    Parameters
+    ----------
+    name : str, of the function
+    program : Program
+    label : str, for messages
+
+    Raises
+    ------
+    ShapeError, ValueRangeError, KernelError, MissingExtraError
+        When called.
     """
 
     def __init__(self, name: str, program: Program, label: str) -> None:
@@ -62,7 +71,22 @@ class CudaKernel:
         return f"<CudaKernel {self.label}: {self.program.signature}>"
 
     def function(self, precision: str) -> CudaFunction:
-        """The kernel as a text and its launch, ``"float"`` or ``"double"``."""
+        """Source and launch of the kernel in one precision.
+
+        Parameters
+        ----------
+        precision : "float" or "double"
+
+        Returns
+        -------
+        function : CudaFunction
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.panda().cuda.kernel("mass_matrix").function("float").precision
+        'float'
+        """
         if precision not in self._functions:
             self._functions[precision] = CudaFunction(self.name, self.program, precision)
         return self._functions[precision]

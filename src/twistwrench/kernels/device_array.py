@@ -20,8 +20,6 @@ from ..errors import KernelError, ShapeError, ValueRangeError
 from . import dlpack
 from .cuda_driver import Driver, driver
 
-__all__ = ["DeviceArray", "View", "empty_like", "to_device", "view"]
-
 LEGACY = 1
 """CU_STREAM_LEGACY, the default stream by its name."""
 
@@ -30,12 +28,17 @@ class View(NamedTuple):
     """Where an array lies and how; strides in elements."""
 
     address: int
+    """Of the first element."""
     shape: tuple[int, ...]
+    """Lengths of the axes."""
     strides: tuple[int, ...]
+    """Elements from one entry to the next along each axis."""
     dtype: np.dtype[Any]
+    """Of the elements."""
     stream: int | None
     """The stream on which its contents are made; None: they are there."""
     readonly: bool = False
+    """Whether nothing may be written there."""
     keep: Any = None
     """What holds the memory."""
 
@@ -137,10 +140,17 @@ def empty_like(array: Any, shape: tuple[int, ...], dtype: np.dtype[Any], device:
 
 
 class DeviceArray:
-    """An array in a GPU's memory, without arithmetic: what comes out where no CuPy or PyTorch array went in.
+    """Array in a GPU's memory, without arithmetic: what comes out where no CuPy or PyTorch array went in.
 
-    Any library that reads ``__cuda_array_interface__`` or DLPack takes it as it is (``cupy.asarray``, ``torch.from_dlpack``);
-    :meth:`to_numpy` copies it. Its memory is given back when nobody holds it any more.
+    Any library that reads ``__cuda_array_interface__`` or DLPack takes it as it is (``cupy.asarray``,
+    ``torch.from_dlpack``); :meth:`to_numpy` copies it. Its memory is given back when nobody holds it any more.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    dtype : float32 or float64
+    device : int, number of the GPU
+    stream : int, handle of the stream that fills it
     """
 
     def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, device: int = 0, stream: int = LEGACY) -> None:
@@ -183,7 +193,12 @@ class DeviceArray:
         return dlpack.capsule(self.address, self.device, self.shape, _contiguous(self.shape), self.dtype, self)
 
     def to_numpy(self) -> NDArray[Any]:
-        """A copy on the processor, when what makes it has run."""
+        """Copy to the processor, when what makes the array has run.
+
+        Returns
+        -------
+        values : array of the same shape and type
+        """
         found = np.empty(self.shape, self.dtype)
         with driver().context(self.device):
             driver().copy_out(found.ctypes.data, self.address, found.nbytes, self.stream)
@@ -191,9 +206,23 @@ class DeviceArray:
 
 
 def to_device(values: ArrayLike, device: int = 0) -> DeviceArray:
-    """Numbers copied into a GPU's memory, float32 as they are, all others as float64.
+    """Copy numbers into a GPU's memory, float32 as they are, all others as float64.
 
-    Raises ValueRangeError for what is no array of real numbers, KernelError where there is no GPU.
+    Parameters
+    ----------
+    values : array_like of real numbers
+    device : int, number of the GPU
+
+    Returns
+    -------
+    array : DeviceArray
+
+    Raises
+    ------
+    ValueRangeError
+        ``values`` is no array of real numbers.
+    KernelError
+        There is no GPU.
     """
     try:
         array = np.asarray(values)

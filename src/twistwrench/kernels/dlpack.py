@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["CPU", "CUDA", "CUDA_MANAGED", "Borrowed", "capsule"]
-
 CPU, CUDA, CUDA_MANAGED = 1, 2, 13
 """Kinds of device."""
 

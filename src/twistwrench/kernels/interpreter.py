@@ -9,8 +9,6 @@ from functools import cache
 
 from ..errors import ValueRangeError
 
-__all__ = ["compiles", "is_main", "runs_machine_code"]
-
 VARIABLE = "TWISTWRENCH_JIT"
 
 
@@ -35,8 +33,10 @@ def runs_machine_code() -> bool:
 
 @cache
 def is_main() -> bool:
-    """Whether it is the process's first interpreter. In another, ctypes waits forever for a lock when C calls back into
-    Python, and a daemon thread ends the process with the interpreter.
+    """Whether it is the process's first interpreter.
+
+    In another, ctypes waits forever for a lock when C calls back into Python, and a daemon thread ends the process with the
+    interpreter.
     """
     if not runs_machine_code():
         return True

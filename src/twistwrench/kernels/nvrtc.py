@@ -18,8 +18,6 @@ from typing import Any
 from ..errors import KernelError, MissingExtraError
 from . import cache as disk
 
-__all__ = ["Compiler", "compiled", "compiler"]
-
 _SYSTEM = ("nvrtc64_130_0.dll", "nvrtc64_120_0.dll") if sys.platform == "win32" else (
     "libnvrtc.so", "libnvrtc.so.13", "libnvrtc.so.12"
 )  # fmt: skip

@@ -19,9 +19,7 @@ from typing import Any
 
 from ..errors import ValueRangeError
 from . import interpreter
-from .parts import Part, cut
-
-__all__ = ["call", "get_threads", "set_threads", "share"]
+from .batch_split import Part, cut
 
 MOST = 1024
 VARIABLE = "TWISTWRENCH_THREADS"
@@ -31,12 +29,25 @@ POOLS = frozenset({"anyio", "concurrent", "dask", "distributed", "joblib", "mult
 
 
 def set_threads(count: int) -> None:
-    """Let the methods of robots share a call with many samples among ``count`` threads of this process; 1 (default) is off.
+    """Let the methods of robots share a call with many samples among threads of this process.
 
-    Results are the same to the bit. One thread is what still computes a call with less than some 0.2 ms of work, one from a
-    worker thread of a pool (``concurrent.futures``, ``multiprocessing``, joblib, Dask), and one of a bare kernel. Raises
-    ValueRangeError unless ``count`` is a whole number from 1 to 1024.
+    Parameters
+    ----------
+    count : int, 1 to 1024; 1 (default) is off
 
+    Raises
+    ------
+    ValueRangeError
+        ``count`` is no whole number from 1 to 1024.
+
+    Notes
+    -----
+    Results are the same to the bit. One thread is what still computes a call with less than some 0.2 ms of work, one
+    from a worker thread of a pool (``concurrent.futures``, ``multiprocessing``, joblib, Dask), and one of a bare
+    kernel.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> tw.set_threads(2)
     >>> tw.get_threads()
@@ -47,12 +58,25 @@ def set_threads(count: int) -> None:
 
 
 def get_threads() -> int:
-    """How many threads a call with many samples may use: what :func:`set_threads` said, else ``TWISTWRENCH_THREADS``, else 1.
+    """Number of threads a call with many samples may use.
 
-    The variable is read when first needed. Worker processes of ``multiprocessing``, joblib or Dask inherit neither, and say 1
-    until they set their own; a subinterpreter always does. Raises ValueRangeError if the variable is not a whole number from
-    1 to 1024.
+    Returns
+    -------
+    count : int
+        What :func:`set_threads` said, else ``TWISTWRENCH_THREADS``, else 1.
 
+    Raises
+    ------
+    ValueRangeError
+        The variable is not a whole number from 1 to 1024.
+
+    Notes
+    -----
+    The variable is read when first needed. Worker processes of ``multiprocessing``, joblib or Dask inherit neither, and
+    say 1 until they set their own; a subinterpreter always does.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> tw.get_threads()
     1

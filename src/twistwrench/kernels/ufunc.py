@@ -16,12 +16,10 @@ import numpy as np
 from ..errors import KernelError
 from ..program.program import Program, axes_of
 from ..program.recurrence import Recurrence
-from ..targets.machine import DOUBLE, SINGLE, Precision, chosen
+from ..targets.processor import DOUBLE, SINGLE, Precision, chosen
 from . import interpreter
-from .code import LOCK, Code, compiled
-from .parts import effort
-
-__all__ = ["make_ufunc", "owner_of"]
+from .batch_split import effort
+from .jit import LOCK, Code, compiled
 
 _LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31

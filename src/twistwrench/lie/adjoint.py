@@ -12,15 +12,12 @@ from abc import ABC, abstractmethod
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import FrameError
+from ..typing import Array
 from .so3 import cross
-
-Array = NDArray[Any]
-
-__all__ = ["Ad", "ad"]
 
 
 def _rotate(R: Array, x: Array) -> Array:
@@ -70,7 +67,7 @@ class _Operator(ABC):
 
     @property
     def matrix(self) -> Array:
-        """The (..., 6, 6) matrix."""
+        """Matrix of the operator (..., 6, 6)."""
         images = [self @ np.broadcast_to(e, (*self._batch, 6)) for e in np.eye(6)]
         return np.stack(images, axis=-1)
 
@@ -79,14 +76,27 @@ class _Operator(ABC):
 
 
 class Ad(_Operator):
-    """The adjoint of a pose: ``Ad(T_ab) @ V_b = V_a``, ``Ad(T_ab).T @ F_a = F_b``. MR eq. 3.83, 3.98.
+    """Adjoint of a pose, an operator on twists and wrenches: ``Ad(T_ab) @ V_b = V_a``, ``Ad(T_ab).T @ F_a = F_b``.
 
+    Parameters
+    ----------
+    T : (..., 4, 4) array_like or Pose, T_ab
+
+    Raises
+    ------
+    ValueRangeError
+        ``T`` is no pose; it says how far off it is.
+
+    Notes
+    -----
+    MR eq. 3.83, 3.98.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> T = np.eye(4); T[:3, 3] = [1, 0, 0]
     >>> (Ad(T) @ [0, 0, 1, 0, 0, 0]).tolist()
     [0.0, 0.0, 1.0, 0.0, -1.0, 0.0]
-
-    A matrix that is no pose is a :class:`~twistwrench.ValueRangeError` that says how far off it is.
     """
 
     def __init__(self, T: ArrayLike) -> None:
@@ -119,8 +129,18 @@ class Ad(_Operator):
 
 
 class ad(_Operator):
-    """The Lie bracket with a twist: ``ad(V1) @ V2 = [V1, V2]``; its transpose acts on wrenches. MR section 8.2.2.
+    """Lie bracket with a twist (small adjoint): ``ad(V1) @ V2 = [V1, V2]``; its transpose acts on wrenches.
 
+    Parameters
+    ----------
+    V : (..., 6) array_like or Twist, (omega, v)
+
+    Notes
+    -----
+    MR section 8.2.2.
+
+    Examples
+    --------
     >>> (ad([0, 0, 1, 0, 0, 0]) @ [1, 0, 0, 0, 0, 0]).tolist()
     [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
     """

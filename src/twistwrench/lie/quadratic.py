@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-
-__all__ = ["angle", "quadratic", "slope", "within_reach"]
+from ..typing import Array
 
 
 def angle(w: Array) -> Array:

@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ValueRangeError
+from ..typing import Array
 from . import series
 from .quadratic import within_reach
-
-Array = NDArray[Any]
-
-__all__ = ["exp", "from_matrix", "log", "multiply", "rotation"]
 
 
 def rotation(quat: ArrayLike) -> Array:
@@ -27,11 +24,14 @@ def rotation(quat: ArrayLike) -> Array:
     square = w * w + x * x + y * y + z * z
     if quat.dtype != object:
         _turning(square, "quaternion.rotation: quat")
-    s = 2.0 / square
+    return np.stack(entries(w, x, y, z, 2.0 / square), axis=-1).reshape(*quat.shape[:-1], 3, 3)
+
+
+def entries(w: Any, x: Any, y: Any, z: Any, s: Any) -> list[Any]:
+    """The nine entries of the rotation matrix row by row, s being 2 over the squared length; of numbers, arrays, symbols."""
     sx, sy, sz = s * x, s * y, s * z
     wx, wy, wz, xx, xy, xz, yy, yz, zz = w * sx, w * sy, w * sz, x * sx, x * sy, x * sz, y * sy, y * sz, z * sz
-    rows = [1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy)]
-    return np.stack(rows, axis=-1).reshape(*quat.shape[:-1], 3, 3)
+    return [1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy)]
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:

@@ -14,30 +14,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[Any]
+from ..typing import Array
+
 Coefficients = tuple[float, ...]
-
-__all__ = [
-    "SWITCH",
-    "cot_slope",
-    "cot_term",
-    "one_minus_cos_over_square",
-    "one_minus_cos_slope",
-    "sinc",
-    "theta_minus_sin_over_cube",
-    "theta_minus_sin_slope",
-]
 
 SWITCH = 2.5
 """The angle [rad] below which series are used."""
 
 
-def _cot_coefficients(terms: int) -> Coefficients:
+def cot_coefficients(terms: int) -> Coefficients:
     """Coefficients of (1 - (t/2) cot(t/2)) / t**2: positive, by the recurrence that y = x cot x obeys, x y' = y - y² - x²."""
     a = [0.0, 1.0 / 3.0]  # y = 1 - sum a_k x^2k
     for k in range(2, terms + 1):
@@ -51,7 +40,7 @@ def _slope(coefficients: Coefficients) -> Coefficients:
 
 _COS = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(16))
 _SIN = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(16))
-_COT = _cot_coefficients(25)  # the terms fall by 2.5² / (2π)² = 0.16 each at the switch
+_COT = cot_coefficients(25)  # the terms fall by 2.5² / (2π)² = 0.16 each at the switch
 
 
 def _switched(theta: ArrayLike, coefficients: Coefficients, closed: Callable[[Array], Array]) -> Array:

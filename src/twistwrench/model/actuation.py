@@ -8,22 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import InertiaError, ModelError, UnknownNameError, ValueRangeError
+from ..joints import Joint, RotorJoint
 from ..lie import se3
+from ..typing import Array
 from .actuator import Actuator, Rotor
-from .joint import Joint
 from .model import BASE, Body, Limits, Model
 from .spring import Spring
-
-Array = NDArray[Any]
-
-__all__ = ["counted", "with_actuators", "with_friction", "with_link_friction"]
 
 _LAWS = ("viscous", "coulomb", "static", "stribeck", "load")
 _SMALLEST, _LARGEST = 1e-18, 1e12
@@ -121,6 +116,12 @@ def _driven(model: Model, actuator: Actuator) -> Model:
     _check(actuator)
     flexible = np.isfinite(actuator.stiffness)
     name = f"{actuator.joint}.motor" if flexible else actuator.joint
+    if actuator.rotor is not None and model.armature[driven.v_index]:
+        raise ModelError(
+            f"joint {actuator.joint!r} has an armature of {model.armature[driven.v_index]:g}, and its actuator a rotor: the "
+            f"inertia of the drive would count twice. Keep one: robot.with_armature({{{actuator.joint!r}: 0}}), or leave out "
+            "the rotor."
+        )
     if actuator.rotor is None:
         if flexible:
             raise ModelError(
@@ -185,7 +186,7 @@ def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: R
         without = replace(body, inertia=body.inertia - G.in_frame(placement))
         bodies = (*model.bodies[:carrier], without, *model.bodies[carrier + 1 :])
         model = replace(model, bodies=bodies)
-    turning = Joint(f"{actuator.joint}.rotor", "rotor", np.concatenate([axis, np.zeros(3)])[None, :])
+    turning = RotorJoint(f"{actuator.joint}.rotor", np.concatenate([axis, np.zeros(3)])[None, :])
     return model, Body(
         joint=turning,
         link=f"{actuator.joint}.rotor",
@@ -207,7 +208,7 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
     body = model.bodies[carrier]
     whole, spinning = body.inertia, J * np.outer(axis, axis)
     for other in model.bodies:
-        if other.joint.kind == "rotor" and other.parent == carrier and counted(model, other):
+        if not other.joint.moves_body and other.parent == carrier and counted(model, other):
             whole = whole + other.inertia.in_frame(other.placement)
             a = other.joint.axes[0, :3]
             along = other.placement[:3, :3] @ a
@@ -272,5 +273,12 @@ def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body
     )
     rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
     friction = model.friction.extended().moved(k, model.nv)
-    wider = replace(model, limits=limits, friction=friction, springs=(*model.springs, spring))
+    wider = replace(
+        model,
+        limits=limits,
+        friction=friction,
+        springs=(*model.springs, spring),
+        armature=np.append(model.armature, 0.0),
+        configurations={name: np.append(q, q[driven.q_index]) for name, q in model.configurations.items()},
+    )
     return wider, rotor

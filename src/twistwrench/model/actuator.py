@@ -6,17 +6,21 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[Any]
-
-__all__ = ["Actuator", "Motor", "Rotor"]
+from ..typing import Array
 
 
 @dataclass(frozen=True)
 class Motor:
-    """A direct-current motor, or a servo motor by its equivalent one. MR section 8.9.1.
+    """Direct-current motor, or a servo motor by its equivalent one.
 
+    Notes
+    -----
+    MR section 8.9.1.
+
+    Examples
+    --------
     >>> motor = Motor(torque_constant=0.1, resistance=0.5, voltage=48.0, current_peak=20.0)
     >>> round(float(motor.voltage_at(current=10.0, speed=200.0)), 9)
     25.0
@@ -40,23 +44,83 @@ class Motor:
     """rad/s, what its bearings and its rotor can stand."""
 
     def current(self, torque: ArrayLike) -> Array:
-        """i = τ / k_t, A."""
+        """Current of a torque, i = τ / k_t.
+
+        Parameters
+        ----------
+        torque : (...) array_like, at the rotor [N m]
+
+        Returns
+        -------
+        current : (...) array [A]
+
+        Examples
+        --------
+        >>> float(Motor(torque_constant=0.5).current(2.0))
+        4.0
+        """
         return np.asarray(torque, float) / self.torque_constant
 
     def voltage_at(self, current: ArrayLike, speed: ArrayLike, current_rate: ArrayLike = 0.0) -> Array:
-        """V = k_t ω + R i + L di/dt."""
+        """Voltage that the windings need, V = k_t ω + R i + L di/dt.
+
+        Parameters
+        ----------
+        current : (...) array_like [A]
+        speed : (...) array_like, of the rotor [rad/s]
+        current_rate : (...) array_like, di/dt [A/s]
+
+        Returns
+        -------
+        voltage : (...) array [V]
+
+        Examples
+        --------
+        >>> float(Motor(torque_constant=0.1, resistance=0.5).voltage_at(current=10.0, speed=200.0))
+        25.0
+        """
         i, w, di = (np.asarray(x, float) for x in (current, speed, current_rate))
         return np.asarray(self.torque_constant * w + self.resistance * i + self.inductance * di)
 
     def heat(self, current: ArrayLike) -> Array:
-        """R i², W."""
+        """Heat in the windings, R i².
+
+        Parameters
+        ----------
+        current : (...) array_like [A]
+
+        Returns
+        -------
+        heat : (...) array [W]
+
+        Examples
+        --------
+        >>> float(Motor(torque_constant=0.5, resistance=2.0).heat(3.0))
+        18.0
+        """
         return np.asarray(self.resistance * np.asarray(current, float) ** 2)
 
     def greatest_torque(self, speed: ArrayLike, current: float | None = None) -> Array:
-        """The edge of the speed–torque region, N m: by the current (None: the peak one) and by the voltage.
+        """Speed–torque curve: the greatest torque, by the current and by the voltage.
 
+        Parameters
+        ----------
+        speed : (...) array_like, of the rotor [rad/s]
+        current : float, optional [A]; None: the peak one
+
+        Returns
+        -------
+        torque : (...) array [N m]
+
+        Notes
+        -----
         Where the motor runs faster than the voltage allows without a load, it is negative: it brakes. Beyond its top
         speed, either way, nothing is allowed: -inf.
+
+        Examples
+        --------
+        >>> float(Motor(torque_constant=0.1, current_peak=20.0).greatest_torque(speed=0.0))
+        2.0
         """
         w = np.asarray(speed, float)
         by_current = self.torque_constant * (self.current_peak if current is None else current)
@@ -70,7 +134,7 @@ class Motor:
 
 @dataclass(frozen=True, eq=False)
 class Rotor:
-    """The spinning part of a motor, a body of revolution about its axis."""
+    """Rotor: the spinning part of a motor, a body of revolution about its axis."""
 
     inertia: float
     """kg m², about the axis."""
@@ -99,14 +163,17 @@ class Rotor:
 
 @dataclass(frozen=True, eq=False)
 class Actuator:
-    """All that drives one joint. The rotor turns ``ratio`` times as fast as the joint."""
+    """Actuator: all that drives one joint; the rotor turns ``ratio`` times as fast as the joint."""
 
     joint: str
+    """The joint whose coordinate it moves."""
     ratio: float = 1.0
     """G; in rad/m at a sliding joint; negative where the rotor turns the other way."""
     efficiency: float = 1.0
     """Of the gear, η: what arrives of the power that goes through it, either way."""
     motor: Motor | None = None
+    """None where none is described."""
     rotor: Rotor | None = None
+    """None where none is described."""
     stiffness: float = np.inf
     """N m/rad or N/m, of the gear as seen at the joint; finite makes the joint flexible, with a coordinate on each side."""

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
-from .description import JointEntry, LinkEntry
+from ..joints import Floating
+from ..typing import Array
+from .closure import OfferedClosure
+from .configuration import from_names
+from .description import JointEntry, LinkEntry, SiteEntry
+from .fixed_joints import fuse
 from .friction import Friction
-from .fusing import fuse
-from .joint import Joint
 from .mimic import Drive
 from .model import BASE, Body, Frame, Limits, Model
-from .snap import snap_pose
+from .rounding import snap_pose
+from .spring import Spring
 from .tree import Tree
-
-Array = NDArray[Any]
-
-__all__ = ["ROOT_JOINT", "assemble"]
 
 ROOT_JOINT = "root_joint"
 """The name of the joint that ``floating_base=True`` adds."""
@@ -35,6 +34,16 @@ class _Column:
     v: int
 
 
+@dataclass
+class Additions:
+    """What a file says beside links and joints."""
+
+    sites: dict[str, SiteEntry] = field(default_factory=dict)
+    springs: list[Spring] = field(default_factory=list)
+    configurations: dict[str, dict[str, ArrayLike]] = field(default_factory=dict)
+    closures: dict[str, OfferedClosure] = field(default_factory=dict)
+
+
 def assemble(
     name: str,
     links: Mapping[str, LinkEntry],
@@ -45,6 +54,7 @@ def assemble(
     snap: float,
     gravity: Array,
     source: str,
+    additions: Additions,
 ) -> Model:
     """The model of a checked tree, fixed links fused; a follower of a fixed joint, or with ratio 0, is fixed too."""
     joints = ([_root_entry(tree.root)] if floating_base else []) + list(tree.joints)
@@ -79,24 +89,48 @@ def assemble(
     model = Model(
         name=name,
         bodies=tuple(bodies),
-        frames={link: Frame(index[link], np.eye(4)) for link in links},
+        frames={name: Frame(index[name], np.eye(4)) for name, link in links.items() if not link.hidden},
         limits=_stacked([entry.limits for entry in leaders]),
         friction=_friction(joints, drives, columns, nv),
         gravity=gravity,
         base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
         tip=None,
         leaves=tree.leaves,
-        link_inertias={link.name: link.inertia for link in links.values()},
+        link_inertias={link.name: link.inertia for link in links.values() if not link.hidden},
         source=source,
         shaped=frozenset(link.name for link in links.values() if link.shaped),
         snap=snap,
+        armature=_armature(joints, drives, columns, nv),
+        sites={site.name: Frame(index[site.link], snap_pose(site.pose, snap)) for site in additions.sites.values()},
+        springs=tuple(s for s in (_led(s, drives, columns) for s in additions.springs) if s.terms),
+        closures=additions.closures,
+        mounts={entry.child: (entry.parent, entry.name) for entry in joints},
     )
+    positions = additions.configurations
+    model = replace(model, configurations={name: _configuration(model, positions[name]) for name in positions})
     return fuse(model, held)
+
+
+def _configuration(model: Model, positions: Mapping[str, ArrayLike]) -> Array:
+    """q with the joints that have coordinates of their own as given; what mimics another follows."""
+    return from_names(model, {name: positions[name] for name in model.joint_names if name in positions})
+
+
+def _led(spring: Spring, drives: Mapping[str, Drive], columns: Mapping[str, _Column]) -> Spring:
+    """The spring between coordinates: what a follower stretches, its leader does."""
+    terms: dict[str, float] = {}
+    rest = spring.rest
+    for joint, weight in spring.terms:
+        drive = drives.get(joint, Drive(joint, 1.0, 0.0))
+        rest -= weight * drive.offset
+        if drive.leader in columns and drive.ratio:
+            terms[drive.leader] = terms.get(drive.leader, 0.0) + weight * drive.ratio
+    return Spring(tuple(terms.items()), spring.stiffness, rest)
 
 
 def _root_entry(root: str) -> JointEntry:
     none = np.full(6, np.inf)
-    joint = Joint(ROOT_JOINT, "floating", np.eye(6))
+    joint = Floating(ROOT_JOINT, np.eye(6))
     return JointEntry(joint, "", root, np.eye(4), Limits(-none, none, none, none), 0.0, 0.0, None, "")
 
 
@@ -105,6 +139,17 @@ def _stacked(limits: list[Limits]) -> Limits:
         return np.concatenate([np.zeros(0), *(getattr(one, field) for one in limits)])
 
     return Limits(column("lower"), column("upper"), column("velocity"), column("effort"))
+
+
+def _armature(joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int) -> Array:
+    """Inertia of the drives per velocity; that of a follower counts ratio², as a gear's does."""
+    found = np.zeros(nv)
+    for entry in joints:
+        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
+        if drive.leader in columns:
+            at = slice(columns[drive.leader].v, columns[drive.leader].v + entry.joint.nv)
+            found[at] += drive.ratio**2 * entry.armature
+    return found
 
 
 def _friction(

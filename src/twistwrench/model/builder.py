@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,14 +9,19 @@ from dataclasses import replace
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.gravity import GRAVITY
 from ..errors import ModelError, ModelWarning, ValueRangeError
-from .assembly import ROOT_JOINT, assemble
+from ..joints import Floating
+from .assembly import ROOT_JOINT, Additions, assemble
+from .closure import OfferedClosure
+from .default_tip import check_tip
 from .description import (
-    KINDS,
+    TYPES,
     JointEntry,
     LinkEntry,
     Mimic,
-    axes_of,
+    SiteEntry,
+    armature_of,
     label,
     limits_of,
     link_entry,
@@ -26,24 +30,29 @@ from .description import (
     placement_of,
 )
 from .edit import gravity_vector, lock
-from .joint import Joint
-from .judgement import INERTIA_POLICIES, judge
+from .inertia_checks import INERTIA_POLICIES, judge
 from .massless import massless_links
 from .mimic import MIMIC_POLICIES, find_drives
 from .model import Model
-from .remark import Remark, grouped
-from .snap import DEFAULT_SNAP
-from .tip import check_tip
+from .remark import Remark, frames_to_user, grouped
+from .rounding import DEFAULT_SNAP
+from .spring import Spring
 from .tree import Tree, find_tree
-
-__all__ = ["ModelBuilder"]
 
 
 class ModelBuilder:
-    """Collects links and joints, in any order, and builds a :class:`~twistwrench.model.model.Model` of them.
+    """Model builder: collects links and joints, in any order, and builds a model of them.
 
-    ``where`` says where a link or joint was described ("line 12"), and appears in messages about it.
+    The result is a :class:`~twistwrench.model.model.Model`. ``where`` says where a link or joint was described ("line
+    12"), and appears in messages about it.
 
+    Parameters
+    ----------
+    name : str, the robot's
+    source : str, what it is read from
+
+    Examples
+    --------
     >>> import numpy as np
     >>> builder = ModelBuilder("pendulum")
     >>> builder.add_link("base")
@@ -58,22 +67,74 @@ class ModelBuilder:
         self._links: dict[str, LinkEntry] = {}
         self._joints: dict[str, JointEntry] = {}
         self._remarks: list[str] = []
+        self._additions = Additions()
+        self.gravity: ArrayLike = GRAVITY
+        """What the file says of gravity, (3,) m/s² in the base frame."""
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """The links added so far."""
+        return tuple(self._links)
+
+    @property
+    def site_names(self) -> tuple[str, ...]:
+        """The sites added so far, as they are called."""
+        return tuple(self._additions.sites)
 
     def remark(self, text: str) -> None:
-        """Note something doubtful: a :class:`~twistwrench.ModelWarning` on building, kept in the defects."""
+        """Note something doubtful: a :class:`~twistwrench.ModelWarning` on building, kept in the defects.
+
+        Parameters
+        ----------
+        text : str, a sentence
+
+        Examples
+        --------
+        >>> import warnings
+        >>> builder = ModelBuilder("point")
+        >>> builder.add_link("base")
+        >>> builder.remark("this is an example")
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore")
+        ...     builder.build().defects
+        ('this is an example',)
+        """
         self._remarks.append(text)
 
     def add_link(
-        self, name: str, inertia: SpatialInertia | None = None, where: str = "", *, shaped: bool = False
+        self,
+        name: str,
+        inertia: SpatialInertia | None = None,
+        where: str = "",
+        *,
+        shaped: bool = False,
+        hidden: bool = False,
     ) -> None:
-        """Add a link with its inertia about its own frame's origin; None is a link without mass.
+        """Add a link with its inertia about its own frame's origin.
 
-        ``shaped`` says that the link has a shape in its file, so that it cannot be a mere frame.
+        Parameters
+        ----------
+        name : str
+        inertia : SpatialInertia, optional; None is a link without mass
+        where : str, where it was described, for messages
+        shaped : bool, the link has a shape in its file, so that it cannot be a mere frame
+        hidden : bool, the link only stands between two joints of one body and is no frame to ask about
 
-        Raises :class:`~twistwrench.ModelError` for a name taken, :class:`~twistwrench.InertiaError` for numbers that
-        are not finite and for a negative mass.
+        Raises
+        ------
+        ModelError
+            The name is taken.
+        InertiaError
+            Numbers are not finite, or the mass is negative.
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("point")
+        >>> builder.add_link("base")
+        >>> builder.build().nv
+        0
         """
-        link = link_entry(name, inertia, where, shaped)
+        link = link_entry(name, inertia, where, shaped, hidden)
         _check_new("link", name, where, self._links.get(name))
         self._links[name] = link
 
@@ -94,22 +155,49 @@ class ModelBuilder:
         effort: float | None = None,
         damping: float = 0.0,
         friction: float = 0.0,
+        armature: float = 0.0,
         mimic: Mimic | None = None,
         where: str = "",
     ) -> None:
-        """Add a joint of one of the kinds revolute, continuous, prismatic, helical, planar, floating and fixed.
+        """Add a joint: revolute, continuous, prismatic, helical, planar, floating, ball or fixed.
 
-        ``placement`` (4, 4) is T_parent,child with the joint at zero (None: the identity). ``axis``, in the child's
-        frame, is a direction (3,) or a screw axis (6,), angular part first; ``pitch`` [m/rad] goes with a direction and
-        ``helical``. Axes are normalised unless ``normalise_axes=False``: then q counts in units of the axis's length.
-        Limits in rad or m, rad/s or m/s, N m or N; None means not given. ``mimic`` is (leader, multiplier, offset).
-        Raises :class:`~twistwrench.ModelError` for whatever cannot be meant.
+        Parameters
+        ----------
+        name : str
+        kind : str, one of these
+        parent, child : str, links
+        placement : (4, 4) array_like, optional, T_parent,child with the joint at zero; None: the identity
+        axis : (3,) or (6,) array_like, direction or screw axis (angular part first) in the child's frame
+        pitch : float, goes with a direction and ``helical`` [m/rad]
+        normalise_axes : bool, make axes of unit length; else q counts in units of the axis's length
+        lower, upper : float, optional, limits of position [rad or m]; None: not given
+        velocity : float, optional, limit [rad/s or m/s]
+        effort : float, optional, limit [N m or N]
+        damping : float, viscous friction [N m s/rad or N s/m]
+        friction : float, Coulomb friction [N m or N]
+        armature : float, inertia of the drive that each velocity of the joint feels [kg m² or kg]
+        mimic : (leader, multiplier, offset), optional
+        where : str, where it was described, for messages
+
+        Raises
+        ------
+        ModelError
+            Something is invalid; it is named.
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("slider")
+        >>> builder.add_link("rail")
+        >>> builder.add_link("cart", SpatialInertia.from_com(1.0))
+        >>> builder.add_joint("slide", "prismatic", "rail", "cart", lower=0.0, upper=2.0)
+        >>> builder.build().limits.upper.tolist()
+        [2.0]
         """
         who = label("joint", name, where)
         _check_new("joint", name, where, self._joints.get(name))
-        if kind not in KINDS:
-            raise ModelError(f"{who} has the unknown type {kind!r}. Allowed: {', '.join(KINDS)}.")
-        joint = Joint(name, kind, axes_of(kind, axis, pitch, normalise_axes, who))
+        if kind not in TYPES:
+            raise ModelError(f"{who} has the unknown type {kind!r}. Allowed: {', '.join(TYPES)}.")
+        joint = TYPES[kind](name, TYPES[kind].axes_from(axis, pitch, normalise_axes, who))
         limits, remarks = limits_of(joint, lower, upper, velocity, effort, who)
         loss = {"damping": damping, "friction": friction}
         for what, value in loss.items():
@@ -126,8 +214,117 @@ class ModelBuilder:
             friction=loss["friction"],
             mimic=mimic_of(mimic, who),
             where=where,
+            armature=armature_of(armature, who),
         )
         self._remarks.extend(remarks)
+
+    def add_site(self, name: str, link: str, pose: ArrayLike | None = None, where: str = "") -> str:
+        """Add a site: a frame fixed to a link, which is no link itself.
+
+        Parameters
+        ----------
+        name : str
+        link : str
+        pose : (4, 4) array_like, optional, of the site in the link's frame; None: the identity
+        where : str, where it was described, for messages
+
+        Returns
+        -------
+        name : str, as the site is called: ``site:NAME`` where a link has the name already
+
+        Raises
+        ------
+        ModelError
+            The link is not there, or the name is taken by a site.
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("point")
+        >>> builder.add_link("base")
+        >>> builder.add_site("camera", "base"), builder.add_site("base", "base")
+        ('camera', 'site:base')
+        """
+        if link not in self._links:
+            raise ModelError(f"{label('site', name, where)} is on link {link!r}, which is not there.")
+        name = f"site:{name}" if name in self._links else name
+        _check_new("site", name, where, None if name not in self._additions.sites else self._links[link])
+        self._additions.sites[name] = SiteEntry(name, link, placement_of(pose, label("site", name, where)))
+        return name
+
+    def add_spring(self, terms: Mapping[str, float], stiffness: float, rest: float = 0.0, where: str = "") -> None:
+        """Add a spring that stores ``½ stiffness (Σ weight · coordinate - rest)²``.
+
+        Parameters
+        ----------
+        terms : {joint: weight}
+        stiffness : float [N m/rad or N/m]
+        rest : float, the sum at which it stores nothing [rad or m]
+        where : str, where it was described, for messages
+
+        Raises
+        ------
+        ModelError
+            A joint is not there or has several coordinates.
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("slider")
+        >>> builder.add_link("rail")
+        >>> builder.add_link("cart", SpatialInertia.from_com(1.0))
+        >>> builder.add_joint("slide", "prismatic", "rail", "cart")
+        >>> builder.add_spring({"slide": 1.0}, stiffness=200.0, rest=0.1)
+        >>> builder.build().springs[0].stiffness
+        200.0
+        """
+        for name in terms:
+            if name not in self._joints or self._joints[name].joint.nq != 1:
+                raise ModelError(
+                    f"a spring{f' ({where})' if where else ''} acts on {name!r}, which is no joint of one degree."
+                )
+        values = numbers([stiffness, rest, *terms.values()], (2 + len(terms),), f"the numbers of a spring ({where})")
+        weights = zip(terms, values[2:].tolist(), strict=True)
+        self._additions.springs.append(Spring(tuple(weights), float(values[0]), float(values[1])))
+
+    def add_configuration(self, name: str, positions: Mapping[str, ArrayLike]) -> None:
+        """Add a named configuration, such as a keyframe.
+
+        Parameters
+        ----------
+        name : str
+        positions : {joint: its coordinates} [rad, m]; joints that are left out are neutral
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("slider")
+        >>> builder.add_link("rail")
+        >>> builder.add_link("cart", SpatialInertia.from_com(1.0))
+        >>> builder.add_joint("slide", "prismatic", "rail", "cart")
+        >>> builder.add_configuration("out", {"slide": [0.5]})
+        >>> builder.build().configurations["out"].tolist()
+        [0.5]
+        """
+        self._additions.configurations[name] = dict(positions)
+
+    def add_closure(self, name: str, closure: OfferedClosure) -> None:
+        """Offer a loop to close between two frames that were added.
+
+        Parameters
+        ----------
+        name : str
+        closure : OfferedClosure
+
+        Examples
+        --------
+        >>> from twistwrench.model.closure import OfferedClosure
+        >>> builder = ModelBuilder("slider")
+        >>> builder.add_link("rail")
+        >>> builder.add_link("cart", SpatialInertia.from_com(1.0))
+        >>> builder.add_joint("slide", "prismatic", "rail", "cart")
+        >>> builder.add_closure("weld", OfferedClosure("rail", "cart"))
+        >>> builder.build().closures["weld"].frame_b
+        'cart'
+        """
+        self._additions.closures[name] = closure
 
     def build(
         self,
@@ -138,16 +335,46 @@ class ModelBuilder:
         mimic: str = "follow",
         inertia: str = "error",
         snap: float = DEFAULT_SNAP,
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        gravity: ArrayLike | None = None,
     ) -> Model:
-        """The model of what was added, checked: one tree, possible bodies, mimic chains resolved, fixed links fused.
+        """Build the model, checked: one tree, possible bodies, mimic chains resolved, fixed links fused.
 
-        ``floating_base`` lets the root link float; ``lock`` holds joints at positions; ``mimic`` is "follow" or
-        "independent"; ``inertia`` is "error", "accept" or "repair"; entries of fixed rotations within ``snap`` of 0 or
-        ±1 are set to it; ``gravity`` (3,) is in the base frame. Remarks are warned of and stay in ``model.defects``.
+        Parameters
+        ----------
+        floating_base : bool, let the root link float
+        lock : {joint: position}, optional, joints that are fixed [rad, m]
+        tip : str, optional, the frame meant when none is named
+        mimic : "follow" or "independent"
+        inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
+        snap : float, entries of fixed rotations this near to 0 or ±1 are set to it
+        gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what was described
 
-        Raises :class:`~twistwrench.ModelError`, :class:`~twistwrench.InertiaError` for a moving body that cannot exist,
-        and :class:`~twistwrench.UnknownNameError` for a joint to lock or a tip that is not there.
+        Returns
+        -------
+        model : Model
+
+        Raises
+        ------
+        ModelError
+            What was added makes no robot.
+        InertiaError
+            A moving body cannot exist.
+        UnknownNameError
+            A joint to lock or a tip is not there.
+        ValueRangeError
+            ``mimic`` or ``inertia`` is none of these.
+
+        Warns
+        -----
+        ModelWarning
+            Remarks; they stay in ``model.defects``.
+
+        Examples
+        --------
+        >>> builder = ModelBuilder("point")
+        >>> builder.add_link("base")
+        >>> builder.build().name
+        'point'
         """
         _check_choice("mimic", mimic, MIMIC_POLICIES)
         _check_choice("inertia", inertia, INERTIA_POLICIES)
@@ -165,8 +392,9 @@ class ModelBuilder:
             drives,
             floating_base=floating_base,
             snap=snap,
-            gravity=gravity_vector(gravity),
+            gravity=gravity_vector(self.gravity if gravity is None else gravity),
             source=self.source,
+            additions=self._additions,
         )
         model = _locked(model, lock or {})
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
@@ -175,7 +403,7 @@ class ModelBuilder:
         found += _on_massless([str(link) for link in described])
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *found))
         for text in grouped(model.defects):
-            warnings.warn(f"robot {self.name!r}: {text}.", ModelWarning, stacklevel=_frames_to_user())
+            warnings.warn(f"robot {self.name!r}: {text}.", ModelWarning, stacklevel=frames_to_user())
         return model
 
     def _floating_remarks(self, tree: Tree, floating_base: bool) -> list[str]:
@@ -186,7 +414,7 @@ class ModelBuilder:
                 f"{self._joints[ROOT_JOINT]} has the name that floating_base=True gives to the joint it adds. "
                 "Rename it, or leave out floating_base."
             )
-        twice = [j for j in tree.joints if j.parent == tree.root and j.joint.kind == "floating"]
+        twice = [j for j in tree.joints if j.parent == tree.root and isinstance(j.joint, Floating)]
         return [f"{joint} floats already, and floating_base=True makes the root link float too" for joint in twice]
 
 
@@ -215,12 +443,3 @@ def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | N
 def _check_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise ValueRangeError(f"{option}={value!r} is not allowed. Choose from: {', '.join(map(repr, choices))}.")
-
-
-def _frames_to_user() -> int:
-    """The stack level of the first caller outside this package, so that a warning points at the user's own line."""
-    package = __name__.partition(".")[0]
-    level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == package:
-        level, frame = level + 1, frame.f_back
-    return level

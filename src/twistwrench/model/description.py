@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import InertiaError, ModelError
-from .joint import JOINT_KINDS, Joint, planar_axes, screw_axis
+from ..joints import JOINT_TYPES, Fixed, Joint
+from ..joints.axes import numbers
+from ..typing import Array
 from .model import Limits
 from .remark import Remark
 
-Array = NDArray[Any]
 Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader's + offset."""
 
 __all__ = [
-    "KINDS",
+    "TYPES",
     "JointEntry",
     "LinkEntry",
     "Mimic",
-    "axes_of",
+    "SiteEntry",
+    "armature_of",
     "label",
     "limits_of",
     "link_entry",
@@ -32,8 +34,8 @@ __all__ = [
     "placement_of",
 ]
 
-KINDS = (*JOINT_KINDS, "fixed")
-"""The kinds of joints that may be described; fixed ones are fused away when the model is built."""
+TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
+"""The types of joints that may be described; fixed ones are fused away when the model is built."""
 
 
 def label(kind: str, name: str, where: str) -> str:
@@ -51,6 +53,8 @@ class LinkEntry:
     where: str
     shaped: bool = False
     """Whether it has a shape, to be seen or to be touched."""
+    hidden: bool = False
+    """Whether it only stands between two joints of one body, and is no frame that anybody asks about."""
 
     def __str__(self) -> str:
         return label("link", self.name, self.where)
@@ -70,6 +74,7 @@ class JointEntry:
     friction: float
     mimic: Mimic | None
     where: str
+    armature: float = 0.0
 
     @property
     def name(self) -> str:
@@ -79,32 +84,27 @@ class JointEntry:
     @property
     def fixed(self) -> bool:
         """Whether the joint holds two links together rigidly."""
-        return self.joint.kind == "fixed"
+        return self.joint.nv == 0
 
     def __str__(self) -> str:
         return label("joint", self.name, self.where)
 
 
-def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    """``values`` as a fresh array of finite floats; otherwise a :class:`~twistwrench.ModelError` naming ``what``."""
-    try:
-        array = np.array(values, float)
-    except (TypeError, ValueError):
-        raise ModelError(f"{what} is {values!r}, expected {_shape_in_words(shape)}.") from None
-    if array.shape != shape:
-        raise ModelError(f"{what} has shape {array.shape}, expected {_shape_in_words(shape)}.")
-    if not np.isfinite(array).all():
-        raise ModelError(f"{what} is {array.tolist()}; every number must be finite.")
-    return array
+@dataclass(frozen=True, eq=False)
+class SiteEntry:
+    """One described frame that is no link."""
+
+    name: str
+    link: str
+    pose: Array
+    """(4, 4) in the link's frame."""
 
 
-def _shape_in_words(shape: tuple[int, ...]) -> str:
-    return f"numbers of shape {shape}" if shape else "a number"
-
-
-def link_entry(name: str, inertia: SpatialInertia | None, where: str, shaped: bool = False) -> LinkEntry:
+def link_entry(
+    name: str, inertia: SpatialInertia | None, where: str, shaped: bool = False, hidden: bool = False
+) -> LinkEntry:
     """A link whose inertia is finite and whose mass is not negative: no policy can mend those."""
-    link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped)
+    link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped, hidden)
     if not np.isfinite(link.inertia.parameters).all():
         raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
     if link.inertia.mass < 0:
@@ -119,6 +119,16 @@ def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
     leader, multiplier, offset = mimic
     ratio, shift = numbers([multiplier, offset], (2,), f"the mimic multiplier and offset of {who}")
     return leader, float(ratio), float(shift)
+
+
+def armature_of(armature: ArrayLike, who: str) -> float:
+    """The inertia of a joint's drive, finite and not negative."""
+    value = float(numbers(armature, (), f"the armature of {who}"))
+    if value < 0:
+        raise ModelError(
+            f"{who} has a negative armature, {value:g}. It is the inertia of the joint's drive: zero or positive."
+        )
+    return value
 
 
 def placement_of(T: ArrayLike | None, who: str) -> Array:
@@ -137,72 +147,30 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
     return T
 
 
-def axes_of(kind: str, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-    """The screw axes (nv, 6) of a joint, from a direction (3,) or a screw axis (6,) in the child's frame.
-
-    Fixed and floating joints have no direction, so none is looked at.
-    """
-    if kind == "fixed":
-        return np.zeros((0, 6))
-    if kind == "floating":
-        return np.eye(6)
-    pitch = float(numbers(pitch, (), f"the pitch of {who}"))
-    if pitch and kind != "helical":
-        raise ModelError(f"{who} is {kind} and has a pitch of {pitch:g} m/rad; only helical joints have one.")
-    if np.shape(axis) == (6,) and kind != "planar":
-        if pitch:
-            raise ModelError(
-                f"{who} has a screw axis and a pitch; a screw axis has its pitch in it, so leave out pitch."
-            )
-        return _screw(kind, numbers(axis, (6,), f"the axis of {who}"), normalise, who)[None, :]
-    direction = numbers(axis, (3,), f"the axis of {who}")
-    if not direction.any():
-        raise ModelError(f"{who} has a zero axis, so it has no direction to move in. Give an axis such as 0 0 1.")
-    if kind == "planar":
-        return planar_axes(_unit(direction))
-    return screw_axis(kind, _unit(direction) if normalise else direction, pitch=pitch)[None, :]
-
-
-def _screw(kind: str, S: Array, normalise: bool, who: str) -> Array:
-    turns, slides = S[:3].any(), S[3:].any()
-    if not turns and not slides:
-        raise ModelError(f"{who} has a zero screw axis, so it does not move. Give (omega, v) with a nonzero part.")
-    if turns == (kind == "prismatic"):
-        allowed = "(0, 0, 0, v)" if kind == "prismatic" else "a nonzero omega"
-        raise ModelError(f"{who} is {kind}, so its screw axis (omega, v) needs {allowed}; got {S.tolist()}.")
-    if not normalise:
-        return S
-    return np.concatenate([np.zeros(3), _unit(S[3:])]) if not turns else np.array(S / np.linalg.norm(S[:3]))
-
-
-def _unit(v: Array) -> Array:
-    # By the largest entry first, so that a multiple of a coordinate axis becomes exactly it, and nothing overflows.
-    v = v / np.abs(v).max()
-    return np.array(v / np.linalg.norm(v))
-
-
 def limits_of(
     joint: Joint, lower: float | None, upper: float | None, velocity: float | None, effort: float | None, who: str
 ) -> tuple[Limits, list[str]]:
     """The limits of a joint, (nv,) each, infinite where none is given, and remarks on those that cannot be meant."""
     remarks: list[str] = []
     none = np.full(joint.nv, np.inf)
-    if joint.kind == "fixed":
+    if not joint.nv:
         return Limits(-none, none, none, none), remarks
     if joint.nv > 1:
         if any(x is not None for x in (lower, upper, velocity, effort)):
             remarks.append(Remark(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
         return Limits(-none, none, none, none), remarks
-    low, high = _bounds(joint.kind, lower, upper, who, remarks)
+    low, high = _bounds(bool(joint.wraps), lower, upper, who, remarks)
     speed = _magnitude("velocity", velocity, who, remarks)
     most = _magnitude("effort", effort, who, remarks)
     return Limits(np.array([low]), np.array([high]), np.array([speed]), np.array([most])), remarks
 
 
-def _bounds(kind: str, lower: float | None, upper: float | None, who: str, remarks: list[str]) -> tuple[float, float]:
+def _bounds(
+    endless: bool, lower: float | None, upper: float | None, who: str, remarks: list[str]
+) -> tuple[float, float]:
     low = -np.inf if lower is None else _limit("lower", lower, who)
     high = np.inf if upper is None else _limit("upper", upper, who)
-    if kind == "continuous":  # turns without end, whatever the file says
+    if endless:  # turns without end, whatever the file says
         return -np.inf, np.inf
     if low == high == 0:
         remarks.append(Remark(who, "has lower = upper = 0, taken to mean that no limits are given"))

@@ -4,29 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
-from .fusing import fuse
-from .joint import Joint
-from .judgement import moved_moments, reasons
+from ..joints import Joint
+from ..typing import Array
+from .default_tip import default_tip
+from .fixed_joints import fuse
+from .inertia_checks import moved_moments, reasons
 from .model import BASE, Model
-from .tip import default_tip
-
-Array = NDArray[Any]
-
-__all__ = ["gravity_vector", "lock", "with_gravity", "with_payload"]
 
 
 def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None) -> Model:
-    """The model with a body fixed to a frame (None: the tip); ``inertia`` is about the frame's origin, in its axes.
+    """Model with a body fixed to a frame.
 
-    Raises :class:`~twistwrench.InertiaError` if no body has that inertia, or if the body that carries it becomes one
-    that cannot exist; :class:`~twistwrench.UnknownNameError` for an unknown frame.
+    Parameters
+    ----------
+    model : Model
+    inertia : SpatialInertia, about the frame's origin, in its axes
+    frame : str, optional; None: the tip
+
+    Returns
+    -------
+    model : Model
+
+    Raises
+    ------
+    InertiaError
+        No body has that inertia, or the body that carries it becomes one that cannot exist.
+    UnknownNameError
+        There is no such frame.
+    FrameError
+        No frame is named, and there is no single tip.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> with_payload(tw.robots.planar_2r().model, SpatialInertia.from_com(1.0)).payloads[0][0]
+    'tip'
     """
     at = model.frame(frame)
     name = frame if frame is not None else model.tip
@@ -52,12 +70,106 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
 
 
 def with_gravity(model: Model, g: ArrayLike) -> Model:
-    """The model in the gravity ``g`` (3,) [m/s²], in the base frame."""
+    """Model in another gravity.
+
+    Parameters
+    ----------
+    model : Model
+    g : (3,) array_like, gravity in the base frame [m/s²]
+
+    Returns
+    -------
+    model : Model
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        ``g`` is no three finite numbers.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> with_gravity(tw.robots.planar_2r().model, [0, 0, 0]).gravity.tolist()
+    [0.0, 0.0, 0.0]
+    """
     return replace(model, gravity=gravity_vector(g))
 
 
+def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
+    """The model with other armature (reflected inertia of the drives) at some joints.
+
+    Parameters
+    ----------
+    model : Model
+    joints : {joint: armature} [kg m², sliding joints: kg]; a number, or one for each velocity of the joint
+
+    Returns
+    -------
+    model : Model
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such joint.
+    ShapeError
+        A value has another number of entries than the joint has velocities.
+    ValueRangeError
+        A value is negative or not finite.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> with_armature(tw.robots.planar_2r().model, {"joint2": 0.5}).armature.tolist()
+    [0.0, 0.5]
+    """
+    leaders = {body.joint.name: body for body in model.leaders}
+    armature = model.armature.copy()
+    for name, given in joints.items():
+        if name not in leaders:
+            raise UnknownNameError.of("joint", name, leaders)
+        place = leaders[name].places[1]
+        try:
+            values = np.broadcast_to(np.asarray(given, float), armature[place].shape)
+        except (TypeError, ValueError):
+            raise ShapeError(
+                f"the armature of joint {name!r} is {given!r}, expected a number, or {leaders[name].joint.nv} of them."
+            ) from None
+        if not (np.isfinite(values).all() and (values >= 0).all()):
+            raise ValueRangeError(
+                f"the armature of joint {name!r} is {np.asarray(given).tolist()}; it must be finite and not negative."
+            )
+        if values.any() and any(a.joint == name and a.rotor is not None for a in model.actuators.values()):
+            raise ValueRangeError(
+                f"joint {name!r} has an actuator with a rotor: with an armature too, the inertia of the drive would count "
+                "twice. Leave one of them out."
+            )
+        armature[place] = values
+    return replace(model, armature=armature)
+
+
 def gravity_vector(g: ArrayLike) -> Array:
-    """``g`` as a read-only (3,) array of finite numbers [m/s²]."""
+    """Gravity as a read-only array of finite numbers.
+
+    Parameters
+    ----------
+    g : (3,) array_like, gravity in the base frame [m/s²]
+
+    Returns
+    -------
+    g : (3,) array [m/s²]
+
+    Raises
+    ------
+    ShapeError
+        ``g`` is of another size.
+    ValueRangeError
+        A number is not finite.
+
+    Examples
+    --------
+    >>> gravity_vector([0, 0, -1.62]).tolist()
+    [0.0, 0.0, -1.62]
+    """
     try:
         vector = np.array(g, float)
     except (TypeError, ValueError):
@@ -71,10 +183,34 @@ def gravity_vector(g: ArrayLike) -> Array:
 
 
 def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
-    """The model with some joints held at given positions: a number each, (x, y, theta) for planar, 7 for floating.
+    """Model with some joints held at given positions.
 
-    The bodies they carried become part of their parents, and what mimics them is held too. Rotations are snapped as
-    on loading. Raises :class:`~twistwrench.UnknownNameError` for names that are no moving joint's.
+    Parameters
+    ----------
+    model : Model
+    positions : {joint: position}, a number each, (x, y, theta) for planar, 7 for floating [rad, m]
+
+    Returns
+    -------
+    model : Model
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such moving joint.
+    ShapeError, ValueRangeError
+        A position has another number of entries, or is not finite.
+
+    Notes
+    -----
+    The bodies they carried become part of their parents, and what mimics them is held too. Rotations are snapped as on
+    loading.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> lock(tw.robots.planar_3r().model, {"joint2": 0.5}).joint_names
+    ('joint1', 'joint3')
     """
     moving = {body.joint.name: body for body in model.bodies if not body.follows}
     followers = {body.joint.name: body for body in model.bodies if body.follows}
@@ -111,7 +247,7 @@ def _coordinates(joint: Joint, value: ArrayLike) -> Array:
         raise ShapeError(
             f"the position of {joint.kind} joint {joint.name!r} has shape {q.shape}, expected ({joint.nq},): {names}."
         )
-    if not np.isfinite(q).all() or (joint.kind == "floating" and not q[:4].any()):
+    if not np.isfinite(q).all() or not joint.is_configuration(q):
         raise ValueRangeError(
             f"joint {joint.name!r} cannot be locked at {q.tolist()}: numbers must be finite, and a quaternion nonzero."
         )

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from ..typing import Array
 
-__all__ = ["Friction"]
+NONE_GIVEN = "friction is asked for, and the robot has none: its file gives none; robot.with_actuators adds it"
+"""What to say where friction is asked for and changes nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """The friction of each joint velocity, (nv,) each: the torque that keeps a joint moving at ``dq`` is
+    """Joint friction, (nv,) each: the torque that keeps a joint moving at the velocity ``dq``.
 
     ``viscous dq + sign(dq) (coulomb + (static - coulomb) exp(-(dq / stribeck)²) + load |torque carried|)``.
 

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-
-__all__ = ["TOLERANCE", "Limits"]
+from ..typing import Array
 
 TOLERANCE = 1e-6
 """Share of a joint's largest limit by which it may be past one and still counts as at it: rounding to float32, or to six
@@ -19,7 +16,7 @@ digits in a file, is no excess."""
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Joint limits, one entry per velocity, (nv,) each: rad or m, rad/s or m/s, N m or N; inf where none is given.
+    """Joint limits, one entry per velocity, (nv,) each; inf where none is given.
 
     Examples
     --------
@@ -30,9 +27,13 @@ class Limits:
     """
 
     lower: Array
+    """Least positions [rad or m]."""
     upper: Array
+    """Largest positions [rad or m]."""
     velocity: Array
+    """Largest velocities [rad/s or m/s]."""
     effort: Array
+    """Largest torques [N m or N]."""
 
     @property
     def tolerance(self) -> Array:
@@ -56,6 +57,12 @@ class Limits:
         -------
         Array
             (..., nv) of bool. NaN is beyond no limit.
+
+        Examples
+        --------
+        >>> limits = Limits(np.array([0.0]), np.array([1.5]), np.array([np.inf]), np.array([np.inf]))
+        >>> limits.exceeded([1.6]).tolist()
+        [True]
         """
         x, most = np.asarray(positions, float), self.tolerance
         return np.asarray((x < self.lower - most) | (x > self.upper + most))

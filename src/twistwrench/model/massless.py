@@ -6,8 +6,6 @@ import numpy as np
 
 from .model import BASE, Body, Model
 
-__all__ = ["massless_links"]
-
 
 def massless_links(model: Model) -> tuple[str, ...]:
     """The moving links without mass that must stand for something real, in document order.

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from ..errors import ModelError, UnknownNameError
 from .description import JointEntry
 
-__all__ = ["MIMIC_POLICIES", "Drive", "find_drives"]
-
 MIMIC_POLICIES = ("follow", "independent")
 """``follow``: mimic joints share their leader's coordinate. ``independent``: they are joints like any other."""
 

@@ -9,22 +9,23 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import FrameError, UnknownNameError
+from ..joints import Joint
+from ..typing import Array
 from .actuator import Actuator
+from .closure import OfferedClosure
 from .friction import Friction
-from .joint import Joint
 from .limits import Limits
 from .spring import Spring
-
-Array = NDArray[Any]
 
 __all__ = ["BASE", "Body", "Frame", "Limits", "Model"]
 
 BASE = -1
 """Index that stands for the base, the one body that does not move."""
+_MAPPINGS = ("actuators", "configurations", "closures", "mounts")
+"""Fields that nobody may change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +37,11 @@ class Body:
     """
 
     joint: Joint
+    """The joint that carries it."""
     link: str
     """The child link, whose frame is the body's frame; links fixed to it moved in with it."""
     parent: int
+    """Number of the body it hangs on; ``BASE`` for the base."""
     placement: Array
     """(4, 4) T_parent,joint."""
     inertia: SpatialInertia
@@ -48,28 +51,41 @@ class Body:
     v_index: int
     """Where the joint's velocities begin in dq."""
     ratio: float = 1.0
+    """Of a mimic joint: its coordinate over its leader's."""
     offset: float = 0.0
+    """Of a mimic joint: its coordinate where its leader's is 0 [rad or m]."""
     follows: bool = False
     """Whether the joint mimics another, whose coordinate it shares."""
+
+    @property
+    def places(self) -> tuple[slice, slice]:
+        """Where the joint is in q and in dq."""
+        joint = self.joint
+        return slice(self.q_index, self.q_index + joint.nq), slice(self.v_index, self.v_index + joint.nv)
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame fixed to a body: index of the body (``BASE`` for the base), and its pose in the body's frame (4, 4)."""
+    """Frame fixed to a body."""
 
     body: int
+    """Number of the body; ``BASE`` for the base."""
     pose: Array
+    """Its pose in the body's frame (4, 4)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model:
-    """A robot as data. Parents come before children; made by :class:`~twistwrench.model.builder.ModelBuilder`."""
+    """Robot model as data: parents come before children; made by :class:`~twistwrench.model.builder.ModelBuilder`."""
 
     name: str
+    """The robot's name."""
     bodies: tuple[Body, ...]
+    """The moving bodies, parents first."""
     frames: dict[str, Frame]
     """Every link of the file by name, fused ones included, in document order."""
     limits: Limits
+    """Of the joints."""
     friction: Friction
     """Of the joints, left out of every quantity unless it is asked for."""
     gravity: Array
@@ -81,9 +97,11 @@ class Model:
     leaves: tuple[str, ...] = ()
     """Links without children, in document order."""
     defects: tuple[str, ...] = ()
+    """What the file says that is doubtful."""
     link_inertias: dict[str, SpatialInertia] = field(default_factory=dict)
     """The inertia of each link by itself, in its own frame, for reports."""
     source: str = ""
+    """What it was read from."""
     springs: tuple[Spring, ...] = ()
     """Between joint coordinates; their torques are part of the dynamics, as gravity's are."""
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
@@ -94,17 +112,32 @@ class Model:
     """The links that the file gives a shape, to be seen or to be touched."""
     snap: float = 0.0
     """How near to 0 or ±1 an entry of a fixed rotation was to be to count as exactly that; edits keep to it."""
+    armature: Array = field(default_factory=lambda: np.zeros(0))
+    """(nv,) kg m² or kg: the inertia of the drive that a velocity feels, on the diagonal of M; it has no weight and no
+    momentum. A rotor whose place and axis are known is a body instead."""
+    sites: dict[str, Frame] = field(default_factory=dict)
+    """Named frames of the file that are no links, in document order; no name is a link's."""
+    configurations: Mapping[str, Array] = field(default_factory=dict)
+    """(nq,) each: what the file calls by a name, such as ``home``."""
+    closures: Mapping[str, OfferedClosure] = field(default_factory=dict)
+    """Loops that the file closes and the tree leaves open."""
+    mounts: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Of each link but the root: the link that carries it and the joint between, as described; fixed joints too. The root of a
+    floating base hangs on the link ``""``."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "actuators", MappingProxyType(dict(self.actuators)))
-        arrays = [self.gravity, *vars(self.limits).values()]
-        arrays += [frame.pose for frame in self.frames.values()]
+        if not self.armature.size:
+            object.__setattr__(self, "armature", np.zeros(self.nv))
+        for name in _MAPPINGS:
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        arrays = [self.gravity, self.armature, *vars(self.limits).values(), *self.configurations.values()]
+        arrays += [frame.pose for frame in self.all_frames.values()]
         for array in (*arrays, *(a for body in self.bodies for a in (body.placement, body.joint.axes))):
             array.setflags(write=False)  # robots share these, and kernels have them compiled in
 
     def __getstate__(self) -> dict[str, Any]:
         state = {f.name: getattr(self, f.name) for f in fields(self)}  # what is derived is derived again
-        return {**state, "actuators": dict(self.actuators)}
+        return {**state, **{name: dict(state[name]) for name in _MAPPINGS}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -121,7 +154,22 @@ class Model:
         return sum(b.joint.nv for b in self.leaders)
 
     def positions(self, q: Any) -> Array:
-        """The coordinate of each velocity, (..., nq) → (..., nv); zero for planar and floating joints, which have none."""
+        """Coordinate of each velocity; zero for planar, ball and floating joints, which have none.
+
+        Parameters
+        ----------
+        q : (..., nq) array
+
+        Returns
+        -------
+        positions : (..., nv) array [rad or m]
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.floating_box().model.positions([1, 0, 0, 0, 1, 2, 3]).tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        """
         q = np.asarray(q, float)
         found = np.zeros((*q.shape[:-1], self.nv))
         for b in self.leaders:
@@ -134,10 +182,31 @@ class Model:
         """The bodies whose joints have coordinates of their own, in the order of q: all but followers of mimic joints."""
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
 
+    @cached_property
+    def quaternions(self) -> tuple[slice, ...]:
+        """Where quaternions stand in q."""
+        found = [(b.q_index, b.joint.quaternion) for b in self.leaders]
+        return tuple(slice(at + first, at + first + 4) for at, first in found if first is not None)
+
+    @cached_property
+    def all_frames(self) -> dict[str, Frame]:
+        """Every frame that may be named: the links, then the sites."""
+        return {**self.frames, **self.sites}
+
     def __repr__(self) -> str:
         return f"<Model {self.name!r}: {len(self.bodies)} moving bodies, {len(self.frames)} links>"
 
-    @property
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints that have coordinates, in the order of q."""
+        return tuple(b.joint.name for b in self.leaders)
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """A name for each coordinate: the joint's, with a suffix where it has several; (nq,)."""
+        return tuple(b.joint.name + s for b in self.leaders for s in b.joint.coordinate_suffixes)
+
+    @cached_property
     def velocity_names(self) -> tuple[str, ...]:
         """A name for each velocity and torque: the joint's, with a suffix where it has several; (nv,)."""
         return tuple(b.joint.name + s for b in self.leaders for s in b.joint.velocity_suffixes)
@@ -148,7 +217,29 @@ class Model:
         return np.concatenate([np.zeros(0), *(b.joint.neutral for b in self.leaders)])
 
     def frame(self, name: str | None) -> Frame:
-        """The frame called ``name``, or the tip's; errors list the choices."""
+        """Frame by its name, or the tip's.
+
+        Parameters
+        ----------
+        name : str or None
+
+        Returns
+        -------
+        frame : Frame
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such frame; the choices are listed.
+        FrameError
+            ``name`` is None, and there is no single tip.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().model.frame(None).body
+        1
+        """
         if name is None:
             if self.tip is None:
                 raise FrameError(
@@ -157,6 +248,6 @@ class Model:
                 )
             name = self.tip
         try:
-            return self.frames[name]
+            return self.all_frames[name]
         except (KeyError, TypeError):
-            raise UnknownNameError.of("frame", name, self.frames) from None
+            raise UnknownNameError.of("frame", name, self.all_frames) from None

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
-
-__all__ = ["Remark", "grouped"]
 
 _NAMED = 4
 """Subjects that a grouped sentence names; the rest are counted, and stand in ``robot.defects``."""
@@ -49,3 +48,12 @@ def _together(remark: Remark, others: list[str]) -> str:
         return remark
     more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
     return f"{remark}; the same of {', '.join(others[:_NAMED])}{more}"
+
+
+def frames_to_user() -> int:
+    """The stack level of the first caller outside this package, so that a warning points at the user's own line."""
+    package = __name__.partition(".")[0]
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        level, frame = level + 1, frame.f_back
+    return level

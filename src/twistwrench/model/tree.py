@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from ..errors import ModelError, UnknownNameError
 from .description import JointEntry, LinkEntry
 
-__all__ = ["Tree", "find_tree"]
-
 
 @dataclass(frozen=True)
 class Tree:

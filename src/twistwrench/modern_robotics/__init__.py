@@ -5,7 +5,7 @@ not: rigid motions run on :mod:`twistwrench.lie`, and whatever takes ``Slist`` o
 for these lists. The first call with new lists compiles, some tenths of a second; later ones find the kernels by what is in
 the lists. Leading batch shapes are welcome wherever a function takes a vector or a matrix, unless its docstring says not.
 
-What differs on purpose: tiny rotations and those near π come out right, what cannot be meant is an error of the one tree, and
+What differs on purpose: tiny rotations and those near π come out right, invalid input is an error of the one tree, and
 results are floating-point whatever goes in. ``docs/modern-robotics.md`` lists every function.
 """
 

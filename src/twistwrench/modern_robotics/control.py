@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import MissingExtraError
-from . import door
-from .chain import Chain, chain_of
+from ..typing import Array
+from . import matrix_arguments
 from .dynamics import euler, rows, start, tip_wrenches
-
-Array = NDArray[Any]
-
-__all__ = ["ComputedTorque", "SimulateControl"]
+from .robot_of_lists import Chain, chain_of
 
 
 def ComputedTorque(
@@ -33,11 +28,38 @@ def ComputedTorque(
     Ki: ArrayLike,
     Kd: ArrayLike,
 ) -> Array:
-    """τ = M (ddtheta_d + Kp e + Ki (eint + e) + Kd de) + h, the feedback-linearizing control; (..., n) each → (..., n).
+    """Computed-torque control (feedback linearization): τ = M (ddtheta_d + Kp e + Ki (eint + e) + Kd de) + h.
 
-    e = theta_d - theta; the error of this instant is added to its integral ``eint``, as in the book's package. Gains are
-    numbers, or one for each joint. MR eq. 11.35.
+    Parameters
+    ----------
+    thetalist : (..., n) array_like, joint angles
+    dthetalist : (..., n) array_like, joint rates
+    eint : (..., n) array_like, integral of the error up to the step before
+    g : (3,) array_like, gravity in the space frame [m/s²]
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
+    thetalistd, dthetalistd, ddthetalistd : (..., n) array_like, reference motion
+    Kp : float or (n,) array_like, proportional gain
+    Ki : float or (n,) array_like, integral gain
+    Kd : float or (n,) array_like, derivative gain
 
+    Returns
+    -------
+    tau : (..., n) array, joint torques [N m, sliding joints: N]
+
+    Raises
+    ------
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Notes
+    -----
+    MR eq. 11.35. e = theta_d - theta; the error of this instant is added to its integral ``eint``, as in the book's
+    package. Gains are numbers, or one for each joint.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> lists = s.Mlist, s.Glist, s.Slist
@@ -51,7 +73,7 @@ def ComputedTorque(
     }  # fmt: skip
     states = arguments.together(**{name: chain.joints(x, name) for name, x in given.items()})
     gains = _gains(chain, Kp=Kp, Ki=Ki, Kd=Kd)
-    return _torque(chain, door.array(g, "g", 3), *states, *gains)
+    return _torque(chain, matrix_arguments.array(g, "g", 3), *states, *gains)
 
 
 def _gains(chain: Chain, **gains: ArrayLike) -> list[Array]:
@@ -90,12 +112,44 @@ def SimulateControl(
     *,
     plot: bool = False,
 ) -> tuple[Array, Array]:
-    """Torques and joint angles, (N, n) each, of :func:`ComputedTorque` following a motion (N, n) with a model of its own.
+    """Simulation of :func:`ComputedTorque` following a motion with a model of its own.
 
-    The controller believes in ``gtilde, Mtildelist, Gtildelist``; the robot obeys ``g, Mlist, Glist``. Torques are held for
-    ``dt`` [s], integrated by ``intRes`` Euler steps. ``Ftipmat`` (N, 6), or 0. Nothing is drawn unless ``plot=True`` is
-    said (the book's package always opens a window); then a MissingExtraError without matplotlib. MR section 11.4.
+    Parameters
+    ----------
+    thetalist : (n,) array_like, joint angles at the start
+    dthetalist : (n,) array_like, joint rates at the start
+    g : (3,) array_like, gravity in the space frame [m/s²]
+    Ftipmat : (N, 6) array_like, wrenches applied at the tip, or 0 [N m, N]
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
+    thetamatd, dthetamatd, ddthetamatd : (N, n) array_like, reference motion
+    gtilde, Mtildelist, Gtildelist : what the controller believes; the robot obeys ``g, Mlist, Glist``
+    Kp : float or (n,) array_like, proportional gain
+    Ki : float or (n,) array_like, integral gain
+    Kd : float or (n,) array_like, derivative gain
+    dt : float, time step [s]
+    intRes : int, Euler steps in each time step
+    plot : bool, draw the angles (the book's package always opens a window)
 
+    Returns
+    -------
+    taumat : (N, n) array, torques [N m, sliding joints: N]
+    thetamat : (N, n) array, joint angles
+
+    Raises
+    ------
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+    MissingExtraError
+        ``plot=True`` without matplotlib.
+
+    Notes
+    -----
+    MR section 11.4. Torques are held for ``dt``, integrated by ``intRes`` Euler steps.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> rest, g = np.zeros((5, 2)), [0, 0, -9.81]
@@ -108,7 +162,7 @@ def SimulateControl(
     q, dq = start(robot, thetalist, dthetalist)
     wanted = {"thetamatd": thetamatd, "dthetamatd": dthetamatd, "ddthetamatd": ddthetamatd}
     q_d, dq_d, ddq_d = (rows(robot, x, name) for name, x in wanted.items())
-    door.same_length(thetamatd=q_d, dthetamatd=dq_d, ddthetamatd=ddq_d)
+    matrix_arguments.same_length(thetamatd=q_d, dthetamatd=dq_d, ddthetamatd=ddq_d)
     gains, dt = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd), arguments.number(dt, "dt")
     gravity, believed = arguments.one(g, "g", 3), arguments.one(gtilde, "gtilde", 3)
     F, steps = tip_wrenches(Ftipmat, len(q_d)), arguments.whole(intRes, "intRes")

@@ -6,29 +6,14 @@ the robot applies, in the end-effector's frame {n+1}; ``Mlist`` (n + 1, 4, 4); `
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError
-from . import door
-from .chain import Chain, chain_of
-
-Array = NDArray[Any]
-
-__all__ = [
-    "EndEffectorForces",
-    "EulerStep",
-    "ForwardDynamics",
-    "ForwardDynamicsTrajectory",
-    "GravityForces",
-    "InverseDynamics",
-    "InverseDynamicsTrajectory",
-    "MassMatrix",
-    "VelQuadraticForces",
-]
+from ..typing import Array
+from . import matrix_arguments
+from .robot_of_lists import Chain, chain_of
 
 
 def InverseDynamics(
@@ -41,10 +26,34 @@ def InverseDynamics(
     Glist: ArrayLike,
     Slist: ArrayLike,
 ) -> Array:
-    """τ = M ddtheta + c + g(theta) + J' F_tip; → (..., n), N m or N. MR eq. 8.50 to 8.54.
+    """Inverse dynamics: joint torques τ = M ddtheta + c + g(theta) + J' F_tip.
 
-    Raises ShapeError, ModelError and InertiaError for lists that describe no chain.
+    Parameters
+    ----------
+    thetalist : (..., n) array_like, joint angles
+    dthetalist : (..., n) array_like, joint rates
+    ddthetalist : (..., n) array_like, joint accelerations
+    g : (3,) array_like, gravity in the space frame [m/s²]
+    Ftip : (..., 6) array_like, wrench the end-effector applies, in its frame [N m, N]
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
 
+    Returns
+    -------
+    tau : (..., n) array [N m, sliding joints: N]
+
+    Raises
+    ------
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Notes
+    -----
+    MR eq. 8.50 to 8.54.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> lists = s.Mlist, s.Glist, s.Slist
@@ -57,14 +66,36 @@ def InverseDynamics(
         thetalist=chain.joints(thetalist, "thetalist"),
         dthetalist=chain.joints(dthetalist, "dthetalist"),
         ddthetalist=chain.joints(ddthetalist, "ddthetalist"),
-        Ftip=door.array(Ftip, "Ftip", 6),
-        g=door.array(g, "g", 3),
+        Ftip=matrix_arguments.array(Ftip, "Ftip", 6),
+        g=matrix_arguments.array(g, "g", 3),
     )
 
 
 def MassMatrix(thetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
-    """M(theta), exactly symmetric, by composite inertias; → (..., n, n). MR eq. 8.57.
+    """Mass matrix M(theta), exactly symmetric, by composite inertias.
 
+    Parameters
+    ----------
+    thetalist : (..., n) array_like, joint angles
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
+
+    Returns
+    -------
+    M : (..., n, n) array [kg m², sliding joints: kg]
+
+    Raises
+    ------
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Notes
+    -----
+    MR eq. 8.57.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> MassMatrix([0, np.pi / 2], s.Mlist, s.Glist, s.Slist).round(12).tolist()
@@ -77,8 +108,31 @@ def MassMatrix(thetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: 
 def VelQuadraticForces(
     thetalist: ArrayLike, dthetalist: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
 ) -> Array:
-    """c(theta, dtheta), centripetal and Coriolis forces; → (..., n). MR eq. 8.9, 8.10.
+    """Coriolis and centripetal forces c(theta, dtheta).
 
+    Parameters
+    ----------
+    thetalist : (..., n) array_like, joint angles
+    dthetalist : (..., n) array_like, joint rates
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
+
+    Returns
+    -------
+    c : (..., n) array [N m, sliding joints: N]
+
+    Raises
+    ------
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Notes
+    -----
+    MR eq. 8.9, 8.10.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> VelQuadraticForces([0, np.pi / 2], [1, 1], s.Mlist, s.Glist, s.Slist).round(12).tolist()
@@ -90,30 +144,76 @@ def VelQuadraticForces(
 
 
 def GravityForces(thetalist: ArrayLike, g: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Array:
-    """g(theta), what holds the chain against gravity; → (..., n). MR section 8.3.
+    """Gravity forces g(theta), what holds the chain against gravity.
 
+    Parameters
+    ----------
+    thetalist : (..., n) array_like, joint angles
+    g : (3,) array_like, gravity in the space frame [m/s²]
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
+
+    Returns
+    -------
+    g : (..., n) array [N m, sliding joints: N]
+
+    Raises
+    ------
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Notes
+    -----
+    MR section 8.3.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> GravityForces([0, 0], [0, 0, -9.81], s.Mlist, s.Glist, s.Slist).round(9).tolist()
     [29.43, 9.81]
     """
     chain = chain_of(Mlist, Glist, Slist)
-    q, gravity = chain.joints(thetalist, "thetalist"), door.array(g, "g", 3)
+    q, gravity = chain.joints(thetalist, "thetalist"), matrix_arguments.array(g, "g", 3)
     return chain.run(chain.gravity_forces, thetalist=q, g=gravity)
 
 
 def EndEffectorForces(
     thetalist: ArrayLike, Ftip: ArrayLike, Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike
 ) -> Array:
-    """J_b' F_tip, what it takes to apply the wrench and nothing else; → (..., n). MR eq. 5.26.
+    """Joint torques J_b' F_tip of a wrench at the end-effector: what it takes to apply it and nothing else.
 
+    Parameters
+    ----------
+    thetalist : (..., n) array_like, joint angles
+    Ftip : (..., 6) array_like, wrench the end-effector applies, in its frame [N m, N]
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
+
+    Returns
+    -------
+    tau : (..., n) array [N m, sliding joints: N]
+
+    Raises
+    ------
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Notes
+    -----
+    MR eq. 5.26.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> EndEffectorForces([0, 0], [0, 0, 0, 0, 1, 0], s.Mlist, s.Glist, s.Slist).round(9).tolist()
     [2.0, 1.0]
     """
     chain = chain_of(Mlist, Glist, Slist)
-    q, F = chain.joints(thetalist, "thetalist"), door.array(Ftip, "Ftip", 6)
+    q, F = chain.joints(thetalist, "thetalist"), matrix_arguments.array(Ftip, "Ftip", 6)
     return chain.run(chain.wrench_torques, thetalist=q, Ftip=F)
 
 
@@ -127,10 +227,36 @@ def ForwardDynamics(
     Glist: ArrayLike,
     Slist: ArrayLike,
 ) -> Array:
-    """ddtheta that solves M ddtheta = τ - c - g(theta) - J' F_tip, M factored, never inverted; → (..., n). MR section 8.5.
+    """Forward dynamics: ddtheta that solves M ddtheta = τ - c - g(theta) - J' F_tip, M factored, never inverted.
 
-    Raises SingularMassMatrixError where a joint moves nothing with inertia.
+    Parameters
+    ----------
+    thetalist : (..., n) array_like, joint angles
+    dthetalist : (..., n) array_like, joint rates
+    taulist : (..., n) array_like, joint torques [N m, sliding joints: N]
+    g : (3,) array_like, gravity in the space frame [m/s²]
+    Ftip : (..., 6) array_like, wrench the end-effector applies, in its frame [N m, N]
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
 
+    Returns
+    -------
+    ddtheta : (..., n) array, joint accelerations
+
+    Raises
+    ------
+    SingularMassMatrixError
+        A joint moves nothing with inertia.
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Notes
+    -----
+    MR section 8.5.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> ForwardDynamics([0, 0], [0, 0], [29.43, 9.81], [0, 0, -9.81], np.zeros(6), s.Mlist, s.Glist, s.Slist).round(9).tolist()
@@ -142,21 +268,44 @@ def ForwardDynamics(
         thetalist=chain.joints(thetalist, "thetalist"),
         dthetalist=chain.joints(dthetalist, "dthetalist"),
         taulist=chain.joints(taulist, "taulist"),
-        Ftip=door.array(Ftip, "Ftip", 6),
-        g=door.array(g, "g", 3),
+        Ftip=matrix_arguments.array(Ftip, "Ftip", 6),
+        g=matrix_arguments.array(g, "g", 3),
     )
 
 
 def EulerStep(
     thetalist: ArrayLike, dthetalist: ArrayLike, ddthetalist: ArrayLike, dt: ArrayLike
 ) -> tuple[Array, Array]:
-    """theta + dt dtheta and dtheta + dt ddtheta; (..., n) each → (..., n), (..., n). MR section 8.5.
+    """Euler integration step: theta + dt dtheta and dtheta + dt ddtheta.
 
+    Parameters
+    ----------
+    thetalist : (..., n) array_like, joint angles
+    dthetalist : (..., n) array_like, joint rates
+    ddthetalist : (..., n) array_like, joint accelerations
+    dt : (...) array_like, time step [s]
+
+    Returns
+    -------
+    theta : (..., n) array
+    dtheta : (..., n) array
+
+    Raises
+    ------
+    ShapeError
+        The arrays do not broadcast.
+
+    Notes
+    -----
+    MR section 8.5.
+
+    Examples
+    --------
     >>> [x.round(12).tolist() for x in EulerStep([0.1, 0.1, 0.1], [0.1, 0.2, 0.3], [2, 1.5, 1], 0.1)]
     [[0.11, 0.12, 0.13], [0.3, 0.35, 0.4]]
     """
-    q, dq = door.array(thetalist, "thetalist"), door.array(dthetalist, "dthetalist")
-    ddq, step = door.array(ddthetalist, "ddthetalist"), door.array(dt, "dt")
+    q, dq = matrix_arguments.array(thetalist, "thetalist"), matrix_arguments.array(dthetalist, "dthetalist")
+    ddq, step = matrix_arguments.array(ddthetalist, "ddthetalist"), matrix_arguments.array(dt, "dt")
     step = step[..., None] if step.ndim else step
     try:
         return q + step * dq, dq + step * ddq
@@ -174,10 +323,28 @@ def InverseDynamicsTrajectory(
     Glist: ArrayLike,
     Slist: ArrayLike,
 ) -> Array:
-    """The torques of :func:`InverseDynamics` along a motion, all rows in one call; (N, n) each, ``Ftipmat`` (N, 6) → (N, n).
+    """Inverse dynamics along a motion, all rows in one call: the torques of :func:`InverseDynamics`.
 
-    ``Ftipmat`` 0 means no wrench.
+    Parameters
+    ----------
+    thetamat, dthetamat, ddthetamat : (N, n) array_like, joint angles, rates and accelerations
+    g : (3,) array_like, gravity in the space frame [m/s²]
+    Ftipmat : (N, 6) array_like, wrenches the end-effector applies, or 0 for none [N m, N]
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
 
+    Returns
+    -------
+    taumat : (N, n) array [N m, sliding joints: N]
+
+    Raises
+    ------
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> rest = np.zeros((3, 2))
@@ -189,8 +356,8 @@ def InverseDynamicsTrajectory(
         rows(chain, x, name)
         for x, name in ((thetamat, "thetamat"), (dthetamat, "dthetamat"), (ddthetamat, "ddthetamat"))
     )
-    door.same_length(thetamat=q, dthetamat=dq, ddthetamat=ddq)
-    F, gravity = tip_wrenches(Ftipmat, len(q)), door.array(g, "g", 3)
+    matrix_arguments.same_length(thetamat=q, dthetamat=dq, ddthetamat=ddq)
+    F, gravity = tip_wrenches(Ftipmat, len(q)), matrix_arguments.array(g, "g", 3)
     return chain.run(chain.inverse_dynamics, thetamat=q, dthetamat=dq, ddthetamat=ddq, Ftipmat=F, g=gravity)
 
 
@@ -206,11 +373,39 @@ def ForwardDynamicsTrajectory(
     dt: float,
     intRes: int,
 ) -> tuple[Array, Array]:
-    """The motion under torques ``taumat`` (N, n) held for ``dt`` [s] each, by ``intRes`` Euler steps a row; → (N, n), (N, n).
+    """Forward dynamics along rows of torques, each held for ``dt``: the motion by Euler steps, one at a time.
 
-    The first rows are the state given, and the last row of torques moves nothing. One motion at a time. MR section 8.5.
-    ``Ftipmat`` (N, 6); 0 means no wrench.
+    Parameters
+    ----------
+    thetalist : (n,) array_like, joint angles at the start
+    dthetalist : (n,) array_like, joint rates at the start
+    taumat : (N, n) array_like, torques [N m, sliding joints: N]; the last row moves nothing
+    g : (3,) array_like, gravity in the space frame [m/s²]
+    Ftipmat : (N, 6) array_like, wrenches the end-effector applies, or 0 for none [N m, N]
+    Mlist : (n + 1, 4, 4) array_like, home poses of each link frame in the one before
+    Glist : (n, 6, 6) array_like, spatial inertias in the link frames
+    Slist : (6, n) array_like, space screw axes as columns
+    dt : float, how long each row is held [s]
+    intRes : int, Euler steps a row
 
+    Returns
+    -------
+    thetamat : (N, n) array, joint angles; the first row is the start
+    dthetamat : (N, n) array, joint rates
+
+    Raises
+    ------
+    SingularMassMatrixError
+        A joint moves nothing with inertia.
+    ShapeError, ModelError, InertiaError
+        The lists describe no chain, or arrays do not fit it.
+
+    Notes
+    -----
+    MR section 8.5.
+
+    Examples
+    --------
     >>> from twistwrench import robots
     >>> s = robots.planar_2r().screws
     >>> hold = np.tile([29.43, 9.81], (4, 1))
@@ -260,7 +455,7 @@ def rows(chain: Chain, x: ArrayLike, name: str) -> Array:
 
 def tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
     """The wrench of each row, (N, 6); zeros where a plain 0 was given, as the book's package promises."""
-    F = door.array(Ftipmat, "Ftipmat")
+    F = matrix_arguments.array(Ftipmat, "Ftipmat")
     if F.ndim == 0 and F == 0:
         return np.zeros((N, 6))
     if F.shape != (N, 6):

@@ -3,30 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ValueRangeError
 from ..lie import se3
 from ..lie.adjoint import Ad
-from . import door
-from .chain import screws_of
+from ..typing import Array
+from . import matrix_arguments
 from .rigid_motion import log6
-
-Array = NDArray[Any]
-
-__all__ = ["FKinBody", "FKinSpace", "IKinBody", "IKinSpace", "JacobianBody", "JacobianSpace"]
+from .robot_of_lists import screws_of
 
 STEPS = 20
 """The most Newton steps of inverse kinematics, as in the book's package."""
 
 
 def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
-    """M exp([B1] theta1) … exp([Bn] thetan), the end-effector's pose; (4, 4), (6, n), (..., n) → (..., 4, 4). MR eq. 4.16.
+    """Forward kinematics by body screws: M exp([B1] theta1) … exp([Bn] thetan), the end-effector's pose.
 
+    Parameters
+    ----------
+    M : (4, 4) array_like, home pose of the end-effector in the space frame
+    Blist : (6, n) array_like, body screw axes as columns
+    thetalist : (..., n) array_like, joint angles
+
+    Returns
+    -------
+    T : (..., 4, 4) array
+
+    Raises
+    ------
+    ShapeError
+        An argument is of another size.
+
+    Notes
+    -----
+    MR eq. 4.16.
+
+    Examples
+    --------
     >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
     >>> Blist = np.array([[0, 0, -1, 2, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 1, 0, 0, 0.1]]).T
     >>> (FKinBody(M, Blist, [np.pi / 2, 3, np.pi])[:3, 3].round(8) + 0.0).tolist()
@@ -37,8 +54,29 @@ def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Array:
 
 
 def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
-    """exp([S1] theta1) … exp([Sn] thetan) M, the end-effector's pose; (4, 4), (6, n), (..., n) → (..., 4, 4). MR eq. 4.14.
+    """Forward kinematics by space screws: exp([S1] theta1) … exp([Sn] thetan) M, the end-effector's pose.
 
+    Parameters
+    ----------
+    M : (4, 4) array_like, home pose of the end-effector in the space frame
+    Slist : (6, n) array_like, space screw axes as columns
+    thetalist : (..., n) array_like, joint angles
+
+    Returns
+    -------
+    T : (..., 4, 4) array
+
+    Raises
+    ------
+    ShapeError
+        An argument is of another size.
+
+    Notes
+    -----
+    MR eq. 4.14.
+
+    Examples
+    --------
     >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
     >>> Slist = np.array([[0, 0, 1, 4, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, -1, -6, 0, -0.1]]).T
     >>> (FKinSpace(M, Slist, [np.pi / 2, 3, np.pi])[:3, 3].round(8) + 0.0).tolist()
@@ -49,8 +87,28 @@ def FKinSpace(M: ArrayLike, Slist: ArrayLike, thetalist: ArrayLike) -> Array:
 
 
 def JacobianBody(Blist: ArrayLike, thetalist: ArrayLike) -> Array:
-    """J_b with V_b = J_b dtheta, in the end-effector's frame; (6, n), (..., n) → (..., 6, n). MR eq. 5.18.
+    """Body Jacobian J_b with V_b = J_b dtheta, in the end-effector's frame.
 
+    Parameters
+    ----------
+    Blist : (6, n) array_like, body screw axes as columns
+    thetalist : (..., n) array_like, joint angles
+
+    Returns
+    -------
+    J : (..., 6, n) array, angular rows first
+
+    Raises
+    ------
+    ShapeError
+        An argument is of another size.
+
+    Notes
+    -----
+    MR eq. 5.18.
+
+    Examples
+    --------
     >>> Blist = np.array([[0, 0, 1, 0, 0.2, 0.2], [1, 0, 0, 2, 0, 3]]).T
     >>> JacobianBody(Blist, [0.2, 1.1])[:, 1].tolist()
     [1.0, 0.0, 0.0, 2.0, 0.0, 3.0]
@@ -60,8 +118,28 @@ def JacobianBody(Blist: ArrayLike, thetalist: ArrayLike) -> Array:
 
 
 def JacobianSpace(Slist: ArrayLike, thetalist: ArrayLike) -> Array:
-    """J_s with V_s = J_s dtheta, in the space frame; (6, n), (..., n) → (..., 6, n). MR eq. 5.11.
+    """Space Jacobian J_s with V_s = J_s dtheta, in the space frame.
 
+    Parameters
+    ----------
+    Slist : (6, n) array_like, space screw axes as columns
+    thetalist : (..., n) array_like, joint angles
+
+    Returns
+    -------
+    J : (..., 6, n) array, angular rows first
+
+    Raises
+    ------
+    ShapeError
+        An argument is of another size.
+
+    Notes
+    -----
+    MR eq. 5.11.
+
+    Examples
+    --------
     >>> Slist = np.array([[0, 0, 1, 0, 0.2, 0.2], [1, 0, 0, 2, 0, 3]]).T
     >>> JacobianSpace(Slist, [0.2, 1.1])[:, 0].tolist()
     [0.0, 0.0, 1.0, 0.0, 0.2, 0.2]
@@ -73,12 +151,33 @@ def JacobianSpace(Slist: ArrayLike, thetalist: ArrayLike) -> Array:
 def IKinBody(
     Blist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
 ) -> tuple[Array, bool]:
-    """Joint angles (n,) that reach the pose T, from a guess nearby, and whether they do; one pose at a time. MR section 6.2.2.
+    """Numerical inverse kinematics by body screws: joint angles that reach a pose; one pose at a time.
 
-    Newton–Raphson with the pseudoinverse, 20 steps at most, until the body twist that is left turns less than ``eomg`` [rad]
-    and moves less than ``ev`` [m]. Raises ShapeError and ValueRangeError, of the function and the argument by name, for
-    entries that are not finite too.
+    Parameters
+    ----------
+    Blist : (6, n) array_like, body screw axes as columns
+    M : (4, 4) array_like, home pose of the end-effector in the space frame
+    T : (4, 4) array_like, wanted pose of the end-effector
+    thetalist0 : (n,) array_like, guess nearby
+    eomg : float, the body twist that is left turns less than this [rad]
+    ev : float, and moves less than this [m]
 
+    Returns
+    -------
+    thetalist : (n,) array
+    success : bool, whether they reach it
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An argument, named, is of another size or not finite.
+
+    Notes
+    -----
+    MR section 6.2.2. Newton–Raphson with the pseudoinverse, 20 steps at most.
+
+    Examples
+    --------
     >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
     >>> T = [[0, 1, 0, -5], [1, 0, 0, 4], [0, 0, -1, 1.6858], [0, 0, 0, 1]]
     >>> Blist = np.array([[0, 0, -1, 2, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 1, 0, 0, 0.1]]).T
@@ -97,8 +196,33 @@ def IKinBody(
 def IKinSpace(
     Slist: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
 ) -> tuple[Array, bool]:
-    """As :func:`IKinBody`, with space screws, and the twist that is left seen from the space frame. MR section 6.2.2.
+    """Numerical inverse kinematics by space screws; the twist that is left is seen from the space frame.
 
+    Parameters
+    ----------
+    Slist : (6, n) array_like, space screw axes as columns
+    M : (4, 4) array_like, home pose of the end-effector in the space frame
+    T : (4, 4) array_like, wanted pose of the end-effector
+    thetalist0 : (n,) array_like, guess nearby
+    eomg : float, the body twist that is left turns less than this [rad]
+    ev : float, and moves less than this [m]
+
+    Returns
+    -------
+    thetalist : (n,) array
+    success : bool, whether they reach it
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An argument, named, is of another size or not finite.
+
+    Notes
+    -----
+    MR section 6.2.2. As :func:`IKinBody` otherwise.
+
+    Examples
+    --------
     >>> M = [[-1, 0, 0, 0], [0, 1, 0, 6], [0, 0, -1, 2], [0, 0, 0, 1]]
     >>> T = [[0, 1, 0, -5], [1, 0, 0, 4], [0, 0, -1, 1.6858], [0, 0, 0, 1]]
     >>> Slist = np.array([[0, 0, 1, 4, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, -1, -6, 0, -0.1]]).T
@@ -116,7 +240,7 @@ def IKinSpace(
 
 
 def _pose(T: ArrayLike, name: str) -> Array:
-    return door.pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
+    return matrix_arguments.pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
 
 
 def _bound(x: float, name: str) -> float:

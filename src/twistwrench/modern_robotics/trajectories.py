@@ -5,24 +5,41 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..algorithms.pose_paths import PosePath
 from ..algorithms.time_scalings import cubic_share, quintic_share
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3
-from . import door
+from ..typing import Array
+from . import matrix_arguments
 from .rigid_motion import log6
-
-Array = NDArray[Any]
-
-__all__ = ["CartesianTrajectory", "CubicTimeScaling", "JointTrajectory", "QuinticTimeScaling", "ScrewTrajectory"]
 
 
 def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
-    """s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest; (...) → (...). MR eq. 9.10.
+    """Cubic time scaling s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest.
 
+    Parameters
+    ----------
+    Tf : float, duration, above 0 [s]
+    t : (...) array_like, time [s]
+
+    Returns
+    -------
+    s : (...) array
+
+    Raises
+    ------
+    ValueRangeError
+        ``Tf`` is not above 0.
+
+    Notes
+    -----
+    MR eq. 9.10.
+
+    Examples
+    --------
     >>> round(float(CubicTimeScaling(2, 0.6)), 12)
     0.216
     """
@@ -30,8 +47,28 @@ def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
 
 
 def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
-    """s(t) = 10 (t/Tf)³ - 15 (t/Tf)⁴ + 6 (t/Tf)⁵, accelerations zero at both ends too; (...) → (...). MR section 9.2.1.
+    """Quintic time scaling s(t) = 10 (t/Tf)³ - 15 (t/Tf)⁴ + 6 (t/Tf)⁵, accelerations zero at both ends too.
 
+    Parameters
+    ----------
+    Tf : float, duration, above 0 [s]
+    t : (...) array_like, time [s]
+
+    Returns
+    -------
+    s : (...) array
+
+    Raises
+    ------
+    ValueRangeError
+        ``Tf`` is not above 0.
+
+    Notes
+    -----
+    MR section 9.2.1.
+
+    Examples
+    --------
     >>> round(float(QuinticTimeScaling(2, 0.6)), 12)
     0.16308
     """
@@ -41,21 +78,44 @@ def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
 def _fraction(Tf: Any, t: Any) -> Any:
     if type(t) is float and type(Tf) in (float, int) and Tf > 0:  # NumPy takes ten times as long for one number
         return t / Tf
-    duration, instants = arguments.together(Tf=door.array(Tf, "Tf"), t=door.array(t, "t"))
+    duration, instants = arguments.together(Tf=matrix_arguments.array(Tf, "Tf"), t=matrix_arguments.array(t, "t"))
     if not np.all(duration > 0):
         raise ValueRangeError(f"Tf is {Tf!r}: a motion takes more than no time.")
     return (instants / duration)[()]
 
 
 def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: float, method: int) -> Array:
-    """N rows on the straight line between two joint vectors (n,), equally spaced in time; → (N, n). MR section 9.2.
+    """Joint trajectory: points on the straight line between two joint vectors, equally spaced in time.
 
-    ``method`` 3 is cubic, 5 quintic time scaling; another one, ``N`` under 2 and ``Tf`` ≤ 0 are a ValueRangeError.
+    Parameters
+    ----------
+    thetastart : (n,) array_like, joint angles at the start
+    thetaend : (n,) array_like, joint angles at the end
+    Tf : float, duration, above 0 [s]
+    N : int, number of points, 2 or more
+    method : 3, cubic time scaling, or 5, quintic
 
+    Returns
+    -------
+    trajectory : (N, n) array
+
+    Raises
+    ------
+    ValueRangeError
+        ``method`` is neither 3 nor 5, ``N`` under 2 or ``Tf`` ≤ 0.
+    ShapeError
+        The two vectors are not of one size.
+
+    Notes
+    -----
+    MR section 9.2.
+
+    Examples
+    --------
     >>> JointTrajectory([1, 0], [2, 4], 4, 3, 3).tolist()
     [[1.0, 0.0], [1.5, 2.0], [2.0, 4.0]]
     """
-    start, end = door.array(thetastart, "thetastart"), door.array(thetaend, "thetaend")
+    start, end = matrix_arguments.array(thetastart, "thetastart"), matrix_arguments.array(thetaend, "thetaend")
     if start.ndim != 1 or start.shape != end.shape:
         raise ShapeError(f"thetastart {start.shape}, thetaend {end.shape}: expected two vectors of the same length.")
     s = _scaling(Tf, N, method)[:, None]
@@ -63,8 +123,31 @@ def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: fl
 
 
 def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
-    """A list of N poses (4, 4) along the constant screw from one pose to another. MR eq. 9.23; options as JointTrajectory.
+    """Screw trajectory: poses along the constant screw from one pose to another.
 
+    Parameters
+    ----------
+    Xstart : (4, 4) array_like, pose at the start
+    Xend : (4, 4) array_like, pose at the end
+    Tf : float, duration, above 0 [s]
+    N : int, number of points, 2 or more
+    method : 3, cubic time scaling, or 5, quintic
+
+    Returns
+    -------
+    poses : list of N (4, 4) arrays
+
+    Raises
+    ------
+    ValueRangeError
+        As :func:`JointTrajectory`, or a pose is none.
+
+    Notes
+    -----
+    MR eq. 9.23.
+
+    Examples
+    --------
     >>> X = se3.exp([0, 0, np.pi / 2, 1, 0, 0])
     >>> len(ScrewTrajectory(np.eye(4), X, 5, 4, 3))
     4
@@ -75,8 +158,31 @@ def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, met
 
 
 def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
-    """A list of N poses (4, 4), the origin on a straight line and the rotation about a constant axis. MR eq. 9.24, 9.25.
+    """Cartesian trajectory: poses whose origin is on a straight line and whose rotation is about a constant axis.
 
+    Parameters
+    ----------
+    Xstart : (4, 4) array_like, pose at the start
+    Xend : (4, 4) array_like, pose at the end
+    Tf : float, duration, above 0 [s]
+    N : int, number of points, 2 or more
+    method : 3, cubic time scaling, or 5, quintic
+
+    Returns
+    -------
+    poses : list of N (4, 4) arrays
+
+    Raises
+    ------
+    ValueRangeError
+        As :func:`JointTrajectory`, or a pose is none.
+
+    Notes
+    -----
+    MR eq. 9.24, 9.25.
+
+    Examples
+    --------
     >>> X = se3.exp([0, 0, np.pi / 2, 1, 0, 0])
     >>> CartesianTrajectory(np.eye(4), X, 5, 3, 5)[1][:3, 3].round(9).tolist()
     [0.318309886, 0.318309886, 0.0]
@@ -88,7 +194,7 @@ def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float,
 
 
 def _ends(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
-    X, end = door.pose(Xstart, "Xstart"), door.pose(Xend, "Xend")
+    X, end = matrix_arguments.pose(Xstart, "Xstart"), matrix_arguments.pose(Xend, "Xend")
     if X.shape != (4, 4) or end.shape != (4, 4):
         raise ShapeError(f"Xstart has shape {X.shape}, Xend {end.shape}: expected two poses, (4, 4).")
     return X, end

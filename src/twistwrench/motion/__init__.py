@@ -1,5 +1,5 @@
-"""Motions in files: how they are read, which column is what, and what in them contradicts itself."""
+"""Motions: how files of them are read, how rates come from samples and how noisy those are, and what contradicts itself."""
 
-from .trajectory import Motion, Trajectory
+from .motion_log import LogRows, MotionLog
 
-__all__ = ["Motion", "Trajectory"]
+__all__ = ["LogRows", "MotionLog"]

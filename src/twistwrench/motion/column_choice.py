@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 from ..errors import TrajectoryError, UnknownNameError
-from .column_names import PARTS, NamedJoints, numbered, time_meaning
+from ..typing import Array
+from .column_names import PARTS, ROS_TIME, NamedJoints, numbered, time_meaning
+from .column_units import ros_nanoseconds, time_factor
 from .coordinates import Coordinates
-from .dialect import is_number
-from .units import split_unit, time_factor
-
-__all__ = ["Choice", "Chosen", "absent_joints", "choose"]
+from .csv_dialect import is_number
+from .header import Choice, Header, listed
+from .missing_columns import check_complete
 
 _EXACT = {"q": ("",), "dq": (".vel",), "ddq": (".acc",), "tau": (".tau", ".torque", ".effort")}
-_SHOWN, _FEW = 12, 4
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A column of the file, and the unit it is in where that is said."""
-
-    column: int
-    unit: str | None = None
 
 
 @dataclass
@@ -37,43 +28,6 @@ class Chosen:
     notes: tuple[str, ...] = ()
 
 
-@dataclass
-class _Header:
-    """The header's cells while columns are being given away."""
-
-    cells: Sequence[str]
-    where: str
-    joints: Sequence[str] = ()
-    """Names that are taken as they stand, brackets at their ends included."""
-    free: list[int] = field(init=False)
-    split: list[tuple[str, str | None]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.free = [k for k, cell in enumerate(self.cells) if cell]
-        self.split = [(cell, None) if cell in self.joints else split_unit(cell) for cell in self.cells]
-
-    def found(self) -> str:
-        """The names, as they end an error."""
-        return f"found: {_listed([cell or '(no name)' for cell in self.cells])}."
-
-    def column(self, name: str, told: str) -> Choice:
-        """The column of that name, with or without its unit; ``told`` says who asks."""
-        base, unit = split_unit(name)
-        exact = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
-        alike = exact or [k for k, (text, _) in enumerate(self.split) if text == base]
-        if not alike:
-            near = difflib.get_close_matches(name, [c for c in self.cells if c], n=1, cutoff=0.6)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise TrajectoryError(f"{self.where}: no column {name!r}, which {told} names.{hint} {self.found()}")
-        if len(alike) > 1:
-            raise self.repeated(name.strip(), len(alike))
-        return Choice(alike[0], unit or self.split[alike[0]][1])
-
-    def repeated(self, name: str, count: int) -> TrajectoryError:
-        """The error of a column that is there more than once."""
-        return TrajectoryError(f"{self.where}: column {name!r} is there {count} times. Keep one of them.")
-
-
 def choose(
     cells: Sequence[str],
     coordinates: Coordinates,
@@ -82,16 +36,20 @@ def choose(
     locked: Sequence[str],
     columns: Mapping[str, str],
     rate: float | None,
+    look: Callable[[int], Array],
 ) -> Chosen:
-    """Give the header's columns to the robot's coordinates; TrajectoryError and UnknownNameError begin with ``where``."""
+    """Give the header's columns to the robot's coordinates; TrajectoryError and UnknownNameError begin with ``where``.
+
+    ``look`` gives the first numbers of a column.
+    """
     if all(is_number(cell) or not cell for cell in cells):
         raise TrajectoryError(
             f"{where}: the header is missing; the first line has numbers. Name the columns: time, then joints."
         )
-    header, notes = _Header(cells, where, coordinates.names), list[str]()
+    header, notes = Header(cells, where, coordinates.names), list[str]()
     names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
     told = _told(header, names, columns)
-    time = _time(header, told.pop(("time", 0), None), rate, notes)
+    time = _time(header, told.pop(("time", 0), None), rate, notes, look)
     given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
     for (part, k), choice in told.items():
         given[part][k] = choice
@@ -105,7 +63,7 @@ def choose(
         given["tau"] = {}
     taken = {c.column for found in given.values() for c in found.values()} | ({time.column} if time else set())
     extra = [cell for k, cell in enumerate(cells) if cell and k not in taken and k not in of_locked]
-    _check(header, names, given, extra)
+    check_complete(header, names, given, extra)
     if unnamed := [str(k + 1) for k, cell in enumerate(cells) if not cell]:
         notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
     return Chosen(
@@ -121,7 +79,7 @@ def absent_joints(
     cells: Sequence[str], coordinates: Coordinates, joints: Sequence[str], columns: Mapping[str, str]
 ) -> tuple[str, ...]:
     """Which of the ``joints`` have no column of their position in this header, by their names or as ``columns`` says."""
-    header = _Header(cells, "", coordinates.names)
+    header = Header(cells, "", coordinates.names)
     given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
     names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
     for key in columns:
@@ -134,7 +92,7 @@ def absent_joints(
 
 
 def _told(
-    header: _Header, names: Mapping[str, Sequence[str]], columns: Mapping[str, str]
+    header: Header, names: Mapping[str, Sequence[str]], columns: Mapping[str, str]
 ) -> dict[tuple[str, int], Choice]:
     """What ``columns`` says, by part and place."""
     suffixes = {".pos": "q", ".vel": "dq", ".acc": "ddq", ".tau": "tau", "": "q"}
@@ -151,8 +109,12 @@ def _told(
     return told
 
 
-def _time(header: _Header, told: Choice | None, rate: float | None, notes: list[str]) -> Choice | None:
+def _time(
+    header: Header, told: Choice | None, rate: float | None, notes: list[str], look: Callable[[int], Array]
+) -> Choice | None:
     ranked = sorted((rank[0], k) for k in header.free if (rank := time_meaning(header.split[k][0])) is not None)
+    if others := [(rank, k) for rank, k in ranked if header.cells[k] not in header.joints]:
+        ranked = others  # a joint may be called t
     first = [k for rank, k in ranked if rank == ranked[0][0]]
     if rate is not None:
         if told or first:
@@ -168,24 +130,30 @@ def _time(header: _Header, told: Choice | None, rate: float | None, notes: list[
         )
     if told is None and len(first) > 1:
         raise TrajectoryError(
-            f"{header.where}: two time columns, {_listed([header.cells[k] for k in first])}. Keep one of them, or say which: "
+            f"{header.where}: two time columns, {listed([header.cells[k] for k in first])}. Keep one of them, or say which: "
             f"--columns 'time={header.cells[first[0]]}'."
         )
     choice = told or Choice(
         first[0], header.split[first[0]][1] or (time_meaning(header.split[first[0]][0]) or (0, None))[1]
     )
+    noted = False
+    if choice.unit is None and header.split[choice.column][0] == ROS_TIME:
+        whole = ros_nanoseconds(look(choice.column))
+        kind = "whole numbers, so time is read in ns" if whole else "no whole nanoseconds, so time is read in s"
+        notes.append(f"Column {ROS_TIME!r} has {kind}.")
+        choice, noted = Choice(choice.column, "ns" if whole else None), True
     if choice.unit is not None and time_factor(choice.unit) is None:
         raise TrajectoryError(
             f"{header.where}, column {header.cells[choice.column]!r}: {choice.unit!r} is no unit of time. Known: s, ms, us, "
             "ns, min."
         )
-    if choice.unit is not None and time_factor(choice.unit) != 1.0:
+    if choice.unit is not None and time_factor(choice.unit) != 1.0 and not noted:
         notes.append(f"Time is read in {choice.unit} from column {header.cells[choice.column]!r}.")
     header.free = [k for k in header.free if k != choice.column]
     return choice
 
 
-def _by_exact_name(header: _Header, names: Mapping[str, Sequence[str]], given: dict[str, dict[int, Choice]]) -> None:
+def _by_exact_name(header: Header, names: Mapping[str, Sequence[str]], given: dict[str, dict[int, Choice]]) -> None:
     by_text: dict[str, list[int]] = {}
     for k in header.free:
         by_text.setdefault(header.split[k][0], []).append(k)
@@ -201,7 +169,7 @@ def _by_exact_name(header: _Header, names: Mapping[str, Sequence[str]], given: d
 
 
 def _by_words(
-    header: _Header, names: Mapping[str, Sequence[str]], given: dict[str, dict[int, Choice]], notes: list[str]
+    header: Header, names: Mapping[str, Sequence[str]], given: dict[str, dict[int, Choice]], notes: list[str]
 ) -> None:
     readers = {part: NamedJoints(names[part]) for part in ("q", "dq")}
     found: dict[tuple[str, int], list[int]] = {}
@@ -223,7 +191,7 @@ def _by_words(
             shown = [header.cells[k] for k in columns]
             key = name + ("" if part == "q" else _EXACT[part][0])
             raise TrajectoryError(
-                f"{header.where}: {_listed(shown)} may all be {key}. Say which: --columns '{key}={shown[0]}'."
+                f"{header.where}: {listed(shown)} may all be {key}. Say which: --columns '{key}={shown[0]}'."
             )
         given[part][place] = Choice(columns[0], units[columns[0]])
         header.free.remove(columns[0])
@@ -236,7 +204,7 @@ def _by_words(
 
 
 def _by_number(
-    header: _Header, names: Mapping[str, Sequence[str]], given: dict[str, dict[int, Choice]], notes: list[str]
+    header: Header, names: Mapping[str, Sequence[str]], given: dict[str, dict[int, Choice]], notes: list[str]
 ) -> None:
     """Columns that count joints, where there are as many as joints."""
     found: dict[str, list[tuple[int, int]]] = {part: [] for part in PARTS}
@@ -260,7 +228,7 @@ def _by_number(
             continue
         notes.append(
             f"Columns {header.cells[numbers[0][1]]} … {header.cells[numbers[-1][1]]} are taken in their order: "
-            f"{_listed(pairs)}."
+            f"{listed(pairs)}."
             if len(numbers) > 1
             else f"Column {header.cells[numbers[0][1]]!r} is taken to be that of {names[part][0]}, the only joint."
         )
@@ -268,44 +236,3 @@ def _by_number(
 
 def _of(locked: Sequence[str], text: str) -> bool:
     return any(text == j or text.startswith(f"{j}.") for j in locked) or NamedJoints(locked).meaning(text) is not None
-
-
-def _check(
-    header: _Header, names: Mapping[str, Sequence[str]], given: Mapping[str, Mapping[int, Choice]], extra: Sequence[str]
-) -> None:
-    missing = [name for k, name in enumerate(names["q"]) if k not in given["q"]]
-    if missing:
-        near = {name: difflib.get_close_matches(name, extra, n=1, cutoff=0.6) for name in missing}
-        meant = next(((name, c[0]) for name, c in near.items() if c), None)
-        hint = f" Column {meant[1]!r} is no joint of this robot. Did you mean {meant[0]!r}?" if meant else ""
-        first = [name for name in missing if near[name]][:_FEW] or missing[:2]
-        choices = " ".join(f"--columns '{name}={near[name][0] if near[name] else 'COLUMN'}'" for name in first)
-        more = " …" if len(missing) > len(first) else ""
-        joints = list(dict.fromkeys(_joint(name) for name in missing))
-        held = f", or {' '.join(f'--lock {name}=0' for name in joints)}" if len(joints) <= _FEW else ""
-        held = f"--lock-missing{held}" if len(missing) < len(names["q"]) else "--lock 'PATTERN*=0'"
-        raise TrajectoryError(
-            f"{header.where}: no column for {_listed(missing)}.{hint} Expected: {_listed(names['q'])}; {header.found()} "
-            f"Say which they are: {choices}{more}; or hold joints still that never move: {held}."
-        )
-    for part, ending in (("dq", ".vel"), ("ddq", ".acc")):
-        absent = [f"{name}{ending}" for k, name in enumerate(names[part]) if k not in given[part]]
-        if absent and len(absent) < len(names[part]):
-            alike = [c[0] for name in extra if (c := difflib.get_close_matches(name, absent, n=1, cutoff=0.6))]
-            hint = f" Did you mean {alike[0]!r}?" if alike else ""
-            raise TrajectoryError(
-                f"{header.where}: no column {_listed(absent)}, although others of its kind are there.{hint} "
-                f"Give them for every joint, or for none: then they are derived. Or say which it is: --columns "
-                f"'{absent[0]}=COLUMN'; {header.found()}"
-            )
-
-
-def _joint(coordinate: str) -> str:
-    """The joint of a coordinate; those of planar and floating joints have a suffix."""
-    base, dot, suffix = coordinate.rpartition(".")
-    return base if dot and suffix in ("x", "y", "z", "theta", "qw", "qx", "qy", "qz") else coordinate
-
-
-def _listed(names: Sequence[str], most: int = _SHOWN) -> str:
-    rest = f", … ({len(names)} in all)" if len(names) > most else ""
-    return ", ".join(names[:most]) + rest

@@ -6,8 +6,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["PARTS", "Meaning", "NamedJoints", "numbered", "time_meaning"]
-
 PARTS = ("q", "dq", "ddq", "tau")
 """Coordinates, velocities, accelerations and torques, as a motion names them."""
 
@@ -22,6 +20,8 @@ _NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "
 _NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
 _JOINT = frozenset(("joint", "joints", "axis", "j"))
 _UNITS = frozenset(("rad", "deg"))
+ROS_TIME = "%time"
+"""What ``rostopic echo -p`` calls its time, in whole nanoseconds; other programs write seconds under the same name."""
 _TIMES = ("time", "t")
 _STAMPS = ("timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", "seconds", "secs", "clock")
 
@@ -104,14 +104,21 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
     ((0, None), (1, 'ns'), None)
     """
     name = text.casefold().strip("%_ ")
-    if text.strip() == "%time":  # rostopic echo -p
-        return 1, "ns"
-    if name in _TIMES:
+    if name in _TIMES and text.strip() != ROS_TIME:
         return 0, None
-    if name in _STAMPS:
+    if name in (*_STAMPS, "time"):
         return 1, None
     name, _, unit = name.rpartition("_")
     return (1, unit) if unit in ("s", "sec", "ms", "us", "ns") and name in (*_TIMES, *_STAMPS) else None
+
+
+def time_column(names: Sequence[str]) -> str:
+    """What the column of time is called in a file of ours, beside columns of these names.
+
+    >>> time_column(["elbow"]), time_column(["time", "elbow"])
+    ('time', 'time [s]')
+    """
+    return next(name for name in ("time", "time [s]", "timestamp [s]", "seconds [s]") if name not in names)
 
 
 def _place(name: str, text: str) -> int | None:

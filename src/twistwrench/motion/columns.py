@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .column_choice import Choice, choose
+from ..typing import Array
+from .column_choice import choose
+from .column_units import time_factor, unit_factor
 from .coordinates import Coordinates
-from .units import time_factor, unit_factor
-
-Array = NDArray[Any]
-
-__all__ = ["Columns"]
+from .header import Choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +38,8 @@ class Columns:
     """What takes each of them to SI units."""
     angle: Array
     """(nq,) what takes the file's angles to radians; 1 where the coordinate is none."""
+    angle_stated: Array
+    """(nq,) bool: the column's name, or whoever reads it, says its unit."""
     of_locked: tuple[str, ...] = ()
     """Columns that belong to joints held still; they are ignored."""
     extra: tuple[str, ...] = ()
@@ -61,14 +60,15 @@ class Columns:
         locked: Sequence[str] = (),
         columns: Mapping[str, str] | None = None,
         rate: float | None = None,
+        look: Callable[[int], Array] = lambda _column: np.zeros(0),
     ) -> Columns:
         """From the header's cells; ``where`` begins the errors (:class:`~twistwrench.TrajectoryError`).
 
         ``columns`` says which column is which (``{"elbow": "pos3", "elbow.vel": "w3", "time": "stamp [ms]"}``), all others
         are found by their names. ``rate`` [Hz] takes the place of a column of time. Columns of the joints ``locked`` are
-        ignored.
+        ignored. ``look`` gives the first numbers of a column, where its name alone does not say its unit.
         """
-        chosen = choose(header, coordinates, where, locked=locked, columns=columns or {}, rate=rate)
+        chosen = choose(header, coordinates, where, locked=locked, columns=columns or {}, rate=rate, look=look)
         used = [
             *([chosen.time.column] if chosen.time else []),
             *(c.column for part in chosen.parts.values() for c in part),
@@ -96,6 +96,7 @@ class Columns:
             angle=np.where(
                 coordinates.angular, _factors("q", chosen.parts["q"], coordinates, header, where, degrees=degrees), 1.0
             ),
+            angle_stated=np.array([choice.unit is not None for choice in chosen.parts["q"]], bool),
             of_locked=chosen.of_locked,
             extra=chosen.extra,
             quaternions=tuple(
@@ -103,11 +104,6 @@ class Columns:
             ),
             notes=chosen.notes,
         )
-
-    @property
-    def in_radians(self) -> bool:
-        """Whether all angles are in radians, as far as the file says."""
-        return bool((self.angle == 1.0).all())
 
     def take(self, table: Array, part: str) -> Any:
         """The columns of ``part`` (``q``, ``dq``, ``ddq``, ``tau``) of a table (n, columns), in SI units; None if absent."""

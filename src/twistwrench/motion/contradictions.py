@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..typing import Array
+from .angle_units import AngleUnits
 from .coordinates import Coordinates
+from .rate_delay import RateDelay
 from .rate_gain import RateGain, segments
 
 if TYPE_CHECKING:
     from ..model.model import Limits
-    from .trajectory import Motion
-
-Array = NDArray[Any]
-
-__all__ = ["Contradictions"]
+    from .motion_log import LogRows
 
 _ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
 """Times the slope of what it belongs to that a measured rate may be: filters and delays cost less (measured velocities of
@@ -35,21 +33,37 @@ _LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_STEPS = 1.0, 0.1, 0.05, 20
 """A step of time [s] so long, with moves [rad, m] so short in every one, is in ms: else the motion would be sampled far
 more finely than it is slow."""
 
+_SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
+"""A step of time [s] so long in a motion that never goes faster than that share of its limits is in ms: robots are built for
+their limits, and loggers for steps of 0.1 ms and more."""
+
 
 class Contradictions:
     """A tally over the rows of a motion, which come in any portions."""
 
-    def __init__(self, coordinates: Coordinates, *, time_stated: bool = True) -> None:
+    def __init__(
+        self,
+        coordinates: Coordinates,
+        *,
+        time_stated: bool = True,
+        angle: Array | None = None,
+        angle_stated: Array | None = None,
+    ) -> None:
+        """``angle`` (nq,) is what took the file's angles to radians, and ``angle_stated`` (nq,) whether the file says that."""
+        count = len(coordinates.names)
+        self._factor = np.ones(count) if angle is None else angle
+        self._stated = np.zeros(count, bool) if angle_stated is None else angle_stated
         self._names = coordinates.velocity_names
         self._angular = coordinates.angular_velocity
         self._single = np.flatnonzero(coordinates.position_of >= 0)
-        self._at = coordinates.position_of[self._single]
-        self._turns = coordinates.angular[self._at]
-        self._bounded = self._turns & ~coordinates.endless[self._at]
+        self.at = coordinates.position_of[self._single]
+        self._turns = coordinates.angular[self.at]
+        self._bounded = self._turns & ~coordinates.endless[self.at]
         self._time_stated = time_stated
         count = len(self._single)
         self._velocity, self._acceleration = RateGain(count), RateGain(len(self._names))
         self._derived = RateGain(count)
+        self._delay = RateDelay(count)
         self._last: tuple[float, Array] | None = None
         self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
         self._wraps = np.zeros(count, int)
@@ -61,15 +75,17 @@ class Contradictions:
         self._steps: list[float] = []
         self._rows = 0
 
-    def add(self, motion: Motion) -> None:
+    def add(self, motion: LogRows) -> None:
         """Take in consecutive rows."""
-        t, q = motion.time, motion.q[:, self._at]
+        t, q = motion.time, motion.q[:, self.at]
         if not len(t):
             return
-        self._look_at_steps(t, q)
+        self.look_at_steps(t, q)
         curves = q.copy()
         curves[:, self._turns] = np.unwrap(q[:, self._turns], axis=0)
         dq, ddq = motion.dq, motion.ddq
+        if dq is not None:
+            self._delay.add(t, curves, dq[:, self._single])
         for s in segments(t) if dq is not None or ddq is not None else ():
             if dq is not None:
                 self._velocity.add(t[s], curves[s], dq[s][:, self._single])
@@ -78,7 +94,8 @@ class Contradictions:
             elif ddq is not None:
                 self._derived.add(t[s], np.gradient(curves[s], t[s], axis=0), ddq[s][:, self._single])
 
-    def _look_at_steps(self, t: Array, q: Array) -> None:
+    def look_at_steps(self, t: Array, q: Array) -> None:
+        """Take in the steps of time, and of the coordinates ``at`` (n, m)."""
         self._rows += len(t)
         self._least, self._greatest = np.minimum(self._least, q.min(axis=0)), np.maximum(self._greatest, q.max(axis=0))
         if self._last is not None:
@@ -116,21 +133,73 @@ class Contradictions:
 
     def sentences(self, limits: Limits | None = None) -> tuple[str, ...]:
         """A sentence for each contradiction; limits of velocity help to tell a jump from a fast motion."""
-        of_time = tuple(self._of_time())
-        return (*of_time, *self._of_jumps(limits), *self._of_rates(time_told=bool(of_time)))
+        of_time = tuple(self._of_time(limits))
+        angles = self._angle_units(limits).contradictions
+        jumps = () if angles else tuple(self._of_jumps(limits))
+        delays = self._delay.result() if not of_time else np.zeros(len(self._single))
+        of_rates = tuple(self._of_rates(time_told=bool(of_time), late=delays != 0.0))
+        return (*of_time, *angles, *jumps, *of_rates, *self._of_delays(delays))
 
-    def _of_time(self) -> Iterable[str]:
+    def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
+        """A sentence for each thing that is odd, and may yet be meant."""
+        found = list(self._angle_units(limits).hints)
         step = float(np.median(self._steps)) if self._steps else 0.0
-        moves = (self._greatest - self._least).max(initial=0.0) > _SOME_MOVE if self._rows else False
-        slow = self._move.max(initial=0.0) < _SHORT_MOVE
-        if self._time_stated or self._rows < _FEWEST_STEPS or step < _LONG_STEP or not moves or not slow:
+        if step > _LONG_STEP and not self._time_stated and not tuple(self._of_time(limits)):
+            found.append(f"the usual time step is {step:.4g} s. Is time in ms? It is taken to be in seconds")
+        return tuple(found)
+
+    def _angle_units(self, limits: Limits | None) -> AngleUnits:
+        k, at = self._single[self._turns], self.at[self._turns]
+        none = np.full(len(k), np.inf)
+        return AngleUnits(
+            names=[self._names[j] for j in k.tolist()],
+            least=self._least[self._turns],
+            most=self._greatest[self._turns],
+            endless=~self._bounded[self._turns],
+            lower=-none if limits is None else limits.lower[k],
+            upper=none if limits is None else limits.upper[k],
+            factor=self._factor[at],
+            stated=self._stated[at],
+        )
+
+    def _of_time(self, limits: Limits | None) -> Iterable[str]:
+        if self._time_stated or (found := self.slow_steps(limits)) is None:
             return
-        unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
+        why, unit = found
         yield (
-            f"the usual step of time is {step:.4g} s, and within one no joint moves by more than {self._move.max():.2g} rad or "
-            f"m: time seems to be in {unit}. Say its unit in the column's name, time [{unit}] or time [s], or by --columns "
+            f"{why}: time seems to be in {unit}. Say its unit in the column's name, time [{unit}] or time [s], or by --columns "
             f"'time=COLUMN [{unit}]'"
         )
+
+    def slow_steps(self, limits: Limits | None) -> tuple[str, str] | None:
+        """Why the steps of time are too long for how little the joints move in them, and the unit it may be in."""
+        step = float(np.median(self._steps)) if self._steps else 0.0
+        moving = self._greatest - self._least > _SOME_MOVE
+        if self._rows < _FEWEST_STEPS or not moving.any():
+            return None
+        unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
+        usual = f"the usual step of time is {step:.4g} s"
+        if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
+            return f"{usual}, and within one no joint moves by more than {self._move.max():.2g} rad or m", unit
+        if limits is not None and step >= _SLOW_STEP:
+            shares = self._speed[moving] / limits.velocity[self._single[moving]]
+            if np.isfinite(limits.velocity[self._single[moving]]).all() and shares.max() < _SLOW_SHARE:
+                return (
+                    f"{usual}, and no joint moves faster than {100 * shares.max():.2g} % of its limit of velocity",
+                    unit,
+                )
+        return None
+
+    def _of_delays(self, delays: Array) -> Iterable[str]:
+        for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
+            if found.any():
+                names = _listed([self._names[self._single[k]] for k in np.flatnonzero(found).tolist()])
+                seconds = np.abs(delays[found])
+                size = f"{seconds.min():.3f}" + (f" to {seconds.max():.3f}" if np.ptp(seconds) > 5e-4 else "")
+                yield (
+                    f"{names}: the velocity column is {size} s {way} against the positions: shift it, or leave it out, then it "
+                    "is derived"
+                )
 
     def _of_jumps(self, limits: Limits | None) -> Iterable[str]:
         whole = self._within_a_turn()
@@ -146,7 +215,8 @@ class Contradictions:
                     "and is no joint that turns on for ever: remove the rows, or add the turns that the log left out"
                 )
 
-    def _of_rates(self, *, time_told: bool) -> Iterable[str]:
+    def _of_rates(self, *, time_told: bool, late: Array) -> Iterable[str]:
+        """``late`` (k,) bool are joints whose velocity is the slope of another time, so that its size says nothing."""
         every = np.arange(len(self._names))
         cases = (
             (self._velocity, self._single, "velocity", "positions", "/s"),
@@ -156,10 +226,12 @@ class Contradictions:
         for tally, joints, rate, base, per in cases:
             angular = self._angular[joints]
             gains = tally.result(angular)
+            if tally is self._velocity:
+                gains = np.where(late, 1.0, gains)
             said: dict[str, list[str]] = {}
             least, most = _ALLOWED[rate]
             for k in np.flatnonzero(~((gains > least) & (gains < most))).tolist():
-                if time_told and math.isfinite(gains[k]) and any(_near(gains[k], f) for f in (1e3, 1e6, 1e9)):
+                if time_told and math.isfinite(gains[k]) and any(near(gains[k], f) for f in (1e3, 1e6, 1e9)):
                     continue
                 what = _described(float(gains[k]), bool(angular[k]), base, per)
                 said.setdefault(what, []).append(self._names[joints[k]])
@@ -171,7 +243,7 @@ def _described(gain: float, angular: bool, base: str, per: str) -> str:
     slope = f"the slope of the {base}"
     if math.isinf(gain):
         return f"moves, and the {base} stand"
-    if abs(gain) < 0.02 and not (angular and _near(gain, 1 / _DEGREES)) and not _near(gain, 1e-3):
+    if abs(gain) < 0.02 and not (angular and near(gain, 1 / _DEGREES)) and not near(gain, 1e-3):
         return f"is next to nothing, and the {base} move: leave the column out, then it is derived"
     known = [
         ("1000", 1e3, "time seems to be in ms"),
@@ -187,14 +259,22 @@ def _described(gain: float, angular: bool, base: str, per: str) -> str:
     else:
         known[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
     for shown, factor, reason in known:
-        if _near(gain, factor):
+        if near(gain, factor):
             return f"is {shown} times {slope}: {reason}"
-    if _near(gain, -1.0):
+    if near(gain, -1.0):
         return f"has the opposite sign of {slope}"
     return f"is not {slope}, but some {float(f'{gain:.2g}'):g} times it"
 
 
-def _near(gain: float, factor: float) -> bool:
+def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) -> tuple[str, str] | None:
+    """:meth:`Contradictions.slow_steps` of times (n,) and positions (n, nq)."""
+    found = Contradictions(coordinates)
+    found.look_at_steps(time, q[:, found.at])
+    return found.slow_steps(limits)
+
+
+def near(gain: float, factor: float) -> bool:
+    """Whether a gain is taken to be a factor between units."""
     return abs(gain / factor - 1.0) < _WITHIN
 
 

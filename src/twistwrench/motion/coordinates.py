@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..lie import quaternion
-from ..model.joint import Joint
 from ..model.model import Model
-
-Array = NDArray[Any]
-
-__all__ = ["Coordinates", "joint_rates"]
+from ..typing import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,32 +31,41 @@ class Coordinates:
 
     @classmethod
     def of(cls, model: Model) -> Coordinates:
-        """Read them off the model."""
+        """Names and units of a model's coordinates.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        coordinates : Coordinates
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> Coordinates.of(tw.robots.planar_2r().model).names
+        ('joint1', 'joint2')
+        """
         joints = [b.joint for b in model.leaders]
         position_of = np.full(model.nv, -1)
         for b in model.leaders:
             if b.joint.nv == 1:
                 position_of[b.v_index] = b.q_index
-        entries = [(j, s) for j in joints for s in j.coordinate_suffixes]
         return cls(
-            names=tuple(j.name + s for j, s in entries),
+            names=model.coordinate_names,
             velocity_names=model.velocity_names,
-            angular=np.array([s == ".theta" or (not s and _turns(j)[0]) for j, s in entries], bool),
-            angular_velocity=np.array([a for j in joints for a in _turns(j)], bool),
+            angular=np.array([unit == "rad" for j in joints for unit in j.coordinate_units], bool),
+            angular_velocity=np.array([turns for j in joints for turns in j.turning], bool),
             position_of=position_of,
-            endless=np.array([s == ".theta" or j.kind == "continuous" for j, s in entries], bool),
-            quaternions=tuple(slice(b.q_index, b.q_index + 4) for b in model.leaders if b.joint.kind == "floating"),
+            endless=np.array([k in j.wraps for j in joints for k in range(j.nq)], bool),
+            quaternions=model.quaternions,
         )
 
     @property
     def torque_units(self) -> tuple[str, ...]:
         """``N m`` or ``N`` for each velocity."""
         return tuple("N m" if a else "N" for a in self.angular_velocity)
-
-
-def _turns(joint: Joint) -> list[bool]:
-    """Of each of the joint's velocities: whether it turns, as opposed to slides."""
-    return [bool(axis[:3].any()) for axis in joint.axes]
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:
@@ -73,27 +75,8 @@ def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[A
     """
     velocities, accelerations = [np.zeros((len(q), 0))], [np.zeros((len(q), 0))]
     for b in model.leaders:
-        here = slice(b.q_index, b.q_index + b.joint.nq)
-        v, a = _body_rates(b.joint, q[:, here], dq_dt[:, here], d2q_dt2[:, here])
+        here = b.places[0]
+        v, a = b.joint.velocities(q[:, here], dq_dt[:, here], d2q_dt2[:, here])
         velocities.append(v)
         accelerations.append(a)
     return np.concatenate(velocities, axis=1), np.concatenate(accelerations, axis=1)
-
-
-def _body_rates(joint: Joint, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
-    if joint.kind == "planar":
-        c, s, w = np.cos(q[:, 2]), np.sin(q[:, 2]), q1[:, 2]
-        vx, vy = c * q1[:, 0] + s * q1[:, 1], c * q1[:, 1] - s * q1[:, 0]
-        ax, ay = c * q2[:, 0] + s * q2[:, 1] + w * vy, c * q2[:, 1] - s * q2[:, 0] - w * vx
-        return np.stack([w, vx, vy], axis=1), np.stack([q2[:, 2], ax, ay], axis=1)
-    if joint.kind == "floating":
-        # omega_b = 2 vec(conj(p) p') / |p|²; its derivative needs no conj(p') p' because that is a pure scalar.
-        p, p1, p2 = q[:, :4], q1[:, :4], q2[:, :4]
-        conj, norm2 = p * np.array([1.0, -1, -1, -1]), np.sum(p * p, axis=1, keepdims=True)
-        w = 2.0 * quaternion.multiply(conj, p1)[:, 1:] / norm2
-        dw = 2.0 * (quaternion.multiply(conj, p2)[:, 1:] - np.sum(p * p1, axis=1, keepdims=True) * w) / norm2
-        R_bs = np.swapaxes(quaternion.rotation(p), -1, -2)
-        v = (R_bs @ q1[:, 4:, None])[..., 0]
-        a = (R_bs @ q2[:, 4:, None])[..., 0] - np.cross(w, v)
-        return np.concatenate([w, v], axis=1), np.concatenate([dw, a], axis=1)
-    return q1, q2

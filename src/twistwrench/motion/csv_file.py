@@ -4,22 +4,42 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import TrajectoryError
-from .block import Block
+from ..core.files import as_path
+from ..errors import NotFoundError, TrajectoryError, ValueRangeError
+from .csv_dialect import Dialect, is_number
+from .csv_errors import blame
 from .csv_numbers import parse_block, tidy
-from .dialect import Dialect, is_number
-from .faults import blame
+from .row_block import Block
 from .text_source import TextSource
-
-__all__ = ["CsvFile"]
 
 _BLOCK = 1 << 18  # bytes read at a time: what parsing makes of them stays in the processor's cache
 _LONGEST_LINE = 1 << 22
 _TAIL, _LINES_ABOVE = 1 << 14, 8
+
+
+class EmptyTableError(TrajectoryError):
+    """A file without a line that says anything."""
+
+
+@contextmanager
+def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
+    """Say of a table that is no motion what it is: ``what`` was looked for, and what it has to look like (``form``).
+
+    Raises NotFoundError, and ValueRangeError in place of TrajectoryError.
+    """
+    try:
+        yield
+    except NotFoundError:
+        raise NotFoundError(f"no {what} {str(path)!r}. Give a CSV file: {form}.") from None
+    except EmptyTableError:
+        raise ValueRangeError(f"{path}: the {what} is empty. Give a CSV file: {form}.") from None
+    except TrajectoryError as problem:
+        raise ValueRangeError(str(problem)) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +58,7 @@ class CsvFile:
 
     @classmethod
     def open(cls, path: str | Path) -> CsvFile:
-        """Read the header, and see from the row below it how cells are separated.
+        r"""Read the header, and see from the row below it how cells are separated.
 
         Commas, semicolons, tabs or blanks; decimal commas where commas separate nothing; UTF-8 or UTF-16; packed by gzip or
         not. Lines that begin with # are comments, but for one right above rows without another header: it is theirs, as
@@ -49,12 +69,12 @@ class CsvFile:
         >>> import pathlib, tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "log.csv")
-        ...     _ = path.write_text("time;elbow [deg]\\n0;1,5\\n1;2,5\\n")
+        ...     _ = path.write_text("time;elbow [deg]\n0;1,5\n1;2,5\n")
         ...     file = CsvFile.open(path)
         ...     file.header, [block.table.tolist() for block in file.blocks([0, 1])]
         (('time', 'elbow [deg]'), [[[0.0, 1.5], [1.0, 2.5]]])
         """
-        source = TextSource.of(Path(path))
+        source = TextSource.of(as_path(path))
         with source.open() as file:
             text, line, offset, comment = _header(file, source.path)
             row = _first_row(file)
@@ -85,6 +105,23 @@ class CsvFile:
             for text, size in _lines(file, self.path):
                 yield self._block(text, size, line, used)
                 line += text.count(b"\n")
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """The number of each line of a short file, counting from 1, and its cells; no blank lines and comments.
+
+        Raises TrajectoryError for a line with another number of cells than the header, and for a long file.
+        """
+        with self.source.open() as file:
+            file.seek(self.data_offset)
+            text = file.read(_LONGEST_LINE + 1)
+        if len(text) > _LONGEST_LINE:
+            raise TrajectoryError(f"{self.path}: has more than {_LONGEST_LINE} bytes, too many for such a table.")
+        for line, raw in enumerate(tidy(text).split(b"\n"), self.header_line + 1):
+            if _is_row(raw):
+                cells = self.dialect.cells(_decoded(raw, self.path, line))
+                if len(cells) != len(self.header):
+                    raise blame(raw, self.path, line, self.header, (), self.dialect)
+                yield line, cells
 
     def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
         """Up to ``count`` runs of about ``rows`` consecutive rows spread evenly over the file, its ends included.
@@ -118,9 +155,7 @@ class CsvFile:
             raise blame(text, self.path, line, self.header, used, self.dialect)
 
         def place(row: int) -> str:
-            lines = [
-                k for k, raw in enumerate(text.split(b"\n")) if raw.strip() and not raw.lstrip(b" \t").startswith(b"#")
-            ]
+            lines = [k for k, raw in enumerate(text.split(b"\n")) if _is_row(raw)]
             return f"line {line + lines[row]}"
 
         return Block(table, size, place)
@@ -144,7 +179,7 @@ def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, 
         if not text.lstrip().startswith("#"):
             return text, number, file.tell(), comment
         comment = (text.strip().lstrip("#").strip(), number, file.tell())
-    raise TrajectoryError(
+    raise EmptyTableError(
         f"{path}: the file is empty. A motion file has a header, time and joint names separated by commas, then rows."
     )
 
@@ -173,7 +208,12 @@ def _decoded(raw: bytes, path: Path, number: int) -> str:
     try:
         return raw.decode("utf-8-sig" if number == 1 else "utf-8")
     except UnicodeDecodeError:
-        raise TrajectoryError(f"{path}: line {number} is not UTF-8 text. Save the motion as CSV in UTF-8.") from None
+        raise TrajectoryError(f"{path}: line {number} is not UTF-8 text. Save it as CSV in UTF-8.") from None
+
+
+def _is_row(raw: bytes) -> bool:
+    """Whether a line is neither blank nor a comment."""
+    return bool(raw.strip()) and not raw.lstrip(b" \t").startswith(b"#")
 
 
 def _lines(file: BinaryIO, path: Path) -> Iterator[tuple[bytes, int]]:

@@ -5,27 +5,22 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .dialect import Dialect, is_number
-
-Array = NDArray[Any]
-
-__all__ = ["parse_block", "parse_table", "tidy"]
+from ..typing import Array
+from .csv_dialect import Dialect, is_number
 
 _CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
 _COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
 
 
 def parse_table(text: bytes, columns: int) -> Array | None:
-    """Rows of ``columns`` comma-separated numbers, a line each and every line ended → (rows, columns).
+    r"""Rows of ``columns`` comma-separated numbers, a line each and every line ended → (rows, columns).
 
     None when the text is anything else: the caller then looks for the line to blame.
 
-    >>> parse_table(b"1,2\\n3,4.5\\n", 2).tolist()
+    >>> parse_table(b"1,2\n3,4.5\n", 2).tolist()
     [[1.0, 2.0], [3.0, 4.5]]
     """
     return parse_block(text, Dialect(","), columns, range(columns))
@@ -42,7 +37,7 @@ def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]
     if b"#" in text:
         text = _COMMENTS.sub(b"", text)
     plain = text.isascii() and b'"' not in text
-    if dialect.separator != "," and b"," in text:
+    if dialect.has_decimal_commas(text):
         plain = plain and b"." not in text
         text = text.replace(b",", b".") if plain else text
     table = _by_numpy(text, dialect, columns, used) if plain else None
@@ -94,7 +89,7 @@ def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) 
         lines = text.decode("utf-8").split("\n")
     except UnicodeDecodeError:
         return None
-    decimal_comma = dialect.separator != "," and b"," in text
+    decimal_comma = dialect.has_decimal_commas(text)
     rows = []
     for line in lines:
         if not line.strip():

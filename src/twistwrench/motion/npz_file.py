@@ -6,18 +6,15 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.files import as_path
 from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, TrajectoryError
-from .block import Block
-
-Array = NDArray[Any]
-
-__all__ = ["NpzFile", "is_archive"]
+from ..typing import Array
+from .column_names import time_column
+from .row_block import Block
 
 _MARK = "twistwrench simulation"
 _PARTS = {"q": ("coordinate_names", ""), "dq": ("velocity_names", ".vel"), "ddq": ("velocity_names", ".acc")}
@@ -49,7 +46,7 @@ class NpzFile:
     @classmethod
     def open(cls, path: str | Path) -> NpzFile:
         """Read it all; raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.TrajectoryError`."""
-        path = Path(path)
+        path = as_path(path)
         if not path.is_file():
             raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.")
         advice = "Give one that simulate --npz wrote, whole, or a CSV file."
@@ -81,7 +78,7 @@ def _read(path: Path) -> tuple[list[str], Array]:
         if not str(archive["format"]).startswith(_MARK):
             raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")
         said = json.loads(str(archive["said"]))
-        columns, header = [np.asarray(archive["times"], float)[:, None]], ["time"]
+        columns, header = [np.asarray(archive["times"], float)[:, None]], [time_column(said["coordinate_names"])]
         for part, (names, ending) in _PARTS.items():
             values = np.asarray(archive[part], float)
             header += [f"{name}{ending}" for name in said[names]]

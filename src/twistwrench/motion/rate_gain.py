@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-
-__all__ = ["RateGain", "segments"]
+from ..typing import Array
 
 _ROWS = 512
 """Most rows over which a rate is summed up: its own bias adds up to little over so few."""

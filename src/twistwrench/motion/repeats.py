@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import TrajectoryError
-
-Array = NDArray[Any]
-
-__all__ = ["Repeats"]
+from ..typing import Array
 
 _MOST = 10_000
 """Rows of one time, from which the clock is taken to stand."""

@@ -16,8 +16,6 @@ from typing import IO, Any, BinaryIO, cast
 
 from ..errors import NotFoundError, TrajectoryError
 
-__all__ = ["TextSource"]
-
 _GZIP = b"\x1f\x8b"
 _BOMS = (
     (codecs.BOM_UTF32_LE, "utf-32"),

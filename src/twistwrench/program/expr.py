@@ -14,8 +14,6 @@ import numpy as np
 if TYPE_CHECKING:
     from .trace import Trace
 
-__all__ = ["Expr"]
-
 
 class Expr:
     """One value of a traced program. Equal expressions of one trace are the same object."""

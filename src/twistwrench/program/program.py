@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-__all__ = ["ARITY", "FUSED", "Instruction", "Port", "Program", "axes_of", "signature_of"]
-
 FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
 """The fused products: ``fma`` is a b + c; the two signs are those of the product and of c. One rounding each."""
 
@@ -56,16 +54,31 @@ class Program:
     """
 
     instructions: tuple[Instruction, ...]
+    """The operations, each of earlier results."""
     results: tuple[int, ...]
+    """Number of the instruction that makes each output element, in C order."""
     inputs: tuple[Port, ...]
+    """Names and shapes of the inputs."""
     outputs: tuple[Port, ...]
+    """Names and shapes of the outputs."""
 
     def __repr__(self) -> str:
         ends = (", ".join(port.name for port in ports) for ports in (self.inputs, self.outputs))
         return f"<Program {' → '.join(ends)}, {self.signature}: {len(self.instructions)} instructions>"
 
     def counts(self) -> dict[str, int]:
-        """How often each operation occurs; constants and inputs left out."""
+        """Operation counts: how often each operation occurs; constants and inputs left out.
+
+        Returns
+        -------
+        counts : {operation: int}
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.pendulum().program("gravity_forces").counts()
+        {'sin': 1, 'mul': 1}
+        """
         return dict(Counter(i.op for i in self.instructions if ARITY[i.op]))
 
     @property

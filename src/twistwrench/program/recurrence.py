@@ -13,8 +13,6 @@ from functools import cached_property
 
 from .program import Port, Program, signature_of
 
-__all__ = ["KEPT", "STEPS", "Recurrence", "Source"]
-
 STEPS, KEPT = "k", "m"
 """The names of the two sizes in the signature."""
 

@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from .expr import Expr
 from .program import FUSED, Instruction, Port, Program
 
-__all__ = ["build"]
-
 
 def build(results: Sequence[Expr], inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> Program:
     """The program that computes ``results``."""

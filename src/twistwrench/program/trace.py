@@ -13,16 +13,12 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import KernelError
+from ..typing import Array
 from .expr import Expr
 from .program import Port, Program
 from .schedule import build
-
-Array = NDArray[Any]
-
-__all__ = ["LARGEST", "Trace", "trace"]
 
 LARGEST = 2_000_000
 """Expressions a trace may have: each takes half a kilobyte until the program is made of them, so a gigabyte is the most."""

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-
-__all__ = ["Envelope"]
+from ..typing import Array
 
 _BINS = 2048
 
@@ -25,11 +20,14 @@ class Envelope:
         self._least: Array | None = None
         self._greatest: Array | None = None
 
-    def add(self, time: Array, values: Array) -> None:
-        """Take in consecutive rows, times (n,) and values (n, k)."""
+    def add(self, time: Array, values: Array, upper: Array | None = None) -> None:
+        """Take in consecutive rows, times (n,) and values (n, k), or bands from those to ``upper`` (n, k)."""
         offset = self._rows % self._rows_per_bin  # rows already in the last bin
         starts = np.arange(-offset, len(time), self._rows_per_bin).clip(min=0)
-        least, greatest = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+        least, greatest = (
+            np.minimum.reduceat(values, starts),
+            np.maximum.reduceat(values if upper is None else upper, starts),
+        )
         begins = time[starts]
         if self._least is None or self._greatest is None:
             self._time, self._least, self._greatest = begins, least, greatest

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import UnknownNameError, ValueRangeError
-from .coordinates import Coordinates
+from ..motion.coordinates import Coordinates
+from ..typing import Array
 
 if TYPE_CHECKING:
     from ..model.model import Body
     from ..robot import Robot
 
-Array = NDArray[Any]
 
-__all__ = ["parse_configuration", "parse_numbers", "parse_rates"]
+_PLAINLY_DEGREES = 3 * math.tau
+"""rad: three turns, which hardly any joint makes, and 19 degrees, which any does."""
 
 
 def parse_configuration(robot: Robot, at: Iterable[str], whole: str | None, *, degrees: bool) -> Array:
@@ -39,6 +39,23 @@ def parse_configuration(robot: Robot, at: Iterable[str], whole: str | None, *, d
         here = slice(body.q_index, body.q_index + body.joint.nq)
         q[here] = np.array(numbers) * unit[here]
     return q
+
+
+def degrees_hint(robot: Robot, q: Array) -> str:
+    """What to say of coordinates q (nq,) [rad] that are plainly degrees; empty if they are not.
+
+    >>> import twistwrench as tw
+    >>> degrees_hint(tw.robots.planar_2r(), np.array([90.0, 0.0]))[:45]
+    'joint1 is at 90 rad, 14.3 turns. For degrees '
+    >>> degrees_hint(tw.robots.planar_2r(), np.array([-6.5, 0.0]))
+    ''
+    """
+    angular = np.where(Coordinates.of(robot.model).angular, np.abs(q), 0.0)
+    k = int(np.argmax(angular))
+    if angular[k] < _PLAINLY_DEGREES:
+        return ""
+    name = robot.coordinate_names[k]
+    return f"{name} is at {q[k]:g} rad, {angular[k] / math.tau:.3g} turns. For degrees add --degrees."
 
 
 def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:

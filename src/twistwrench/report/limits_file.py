@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 
 import numpy as np
 
-from ..core.csv_writer import meant_text
-from ..core.files import read_text
-from ..core.foreign_errors import foreign_errors
-from ..errors import NotFoundError, UnknownNameError, ValueRangeError
+from ..core.files import as_path
+from ..errors import UnknownNameError, ValueRangeError
 from ..model.model import Limits, Model
-from .coordinates import Coordinates
-
-__all__ = ["read_limits"]
+from ..motion.coordinates import Coordinates
+from ..motion.csv_dialect import Dialect
+from ..motion.csv_file import CsvFile, table_errors
 
 _KINDS = ("lower", "upper", "velocity", "effort")
-_MOST_BYTES = 2**24
-_Line = tuple[int, list[str]]
-"""A line's number, counting from 1, and its cells."""
+_BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for sign in ("", "+", "-")} | {
+    "nan": math.nan
+}
+"""Words for numbers."""
 
 
 def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Limits:
@@ -29,15 +27,17 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
     Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
     :class:`~twistwrench.ValueRangeError`, naming file, line and column.
     """
-    path = Path(path)
-    header, rows = _open(path)
+    path = as_path(path)
+    with table_errors(path, "limits file", f"joint,{','.join(_KINDS)}, then a line per joint"):
+        file = CsvFile.open(path)
+        header, rows = _header(file), list(file.rows())
     joints = Coordinates.of(model)
     angles = np.where(joints.angular_velocity & degrees, math.radians(1.0), 1.0)
     found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
     seen: set[str] = set()
     for line, cells in rows:
         where = f"{path}: line {line}"
-        joint, values = _row(header, cells, where)
+        joint, values = _joint_of(header, cells, where, file.dialect)
         k = _check(joint, values, joints, seen, where)
         seen.add(joint)
         for kind, value in values.items():
@@ -50,33 +50,11 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
     return Limits(**found)
 
 
-def _open(path: Path) -> tuple[list[str], list[_Line]]:
-    """The header, and the lines after it that are neither blank nor comments."""
-    columns = f"joint,{','.join(_KINDS)}"
-    with foreign_errors(
-        lambda reason: ValueRangeError(f"{path}: cannot be read: {reason}. Give a CSV file in UTF-8: {columns}.")
-    ):
-        try:
-            lines = enumerate(read_text(path, _MOST_BYTES).splitlines(), 1)
-        except FileNotFoundError:
-            raise NotFoundError(f"no limits file {str(path)!r}. Give a CSV file: {columns}.") from None
-        rows = [(n, next(csv.reader([line]))) for n, line in lines if line.strip() and not line.startswith("#")]
-    if not rows:
-        raise ValueRangeError(
-            f"{path}: the file is empty. Its header is joint,{','.join(_KINDS)}, then a line per joint."
-        )
-    return _header(rows[0], path), rows[1:]
-
-
-def _row(header: list[str], cells: list[str], where: str) -> tuple[str, dict[str, float]]:
+def _joint_of(header: list[str], cells: list[str], where: str, dialect: Dialect) -> tuple[str, dict[str, float]]:
     """The joint of a line and the limits it gives, as they stand there."""
-    if len(cells) != len(header):
-        raise ValueRangeError(
-            f"{where} has {len(cells)} values, and the header names {len(header)}. Leave blanks, keep commas."
-        )
-    row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
-    joint = meant_text(row.pop("joint"))
-    return joint, {kind: _limit(text, kind, where) for kind, text in row.items() if text}
+    row = dict(zip(header, cells, strict=True))
+    joint = row.pop("joint")
+    return joint, {kind: _limit(text, kind, where, dialect) for kind, text in row.items() if text}
 
 
 def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
@@ -96,25 +74,21 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
     return k
 
 
-def _header(row: _Line, path: Path) -> list[str]:
-    line, cells = row
-    header = [cell.strip().lower() for cell in cells]
+def _header(file: CsvFile) -> list[str]:
+    header = [cell.strip().lower() for cell in file.header]
     unknown = [name for name in header if name not in ("joint", *_KINDS)]
     if "joint" not in header or unknown or len(set(header)) < len(header):
         raise ValueRangeError(
-            f"{path}: line {line}: the header is {','.join(cells)!r}. Name 'joint' and any of {', '.join(_KINDS)}, "
-            "each once, separated by commas."
+            f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
+            f"{', '.join(_KINDS)}, each once, separated by commas."
         )
     return header
 
 
-def _limit(text: str, kind: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise ValueRangeError(
-            f"{where}, column {kind!r}: {text!r} is no number. Leave it blank to keep the robot's."
-        ) from None
+def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
+    value = _BEYOND[text.lower()] if text.lower() in _BEYOND else dialect.number(text)
+    if value is None:
+        raise ValueRangeError(f"{where}, column {kind!r}: {text!r} is no number. Leave it blank to keep the robot's.")
     if math.isnan(value) or (kind in ("velocity", "effort") and value <= 0):
         allowed = "a number above 0" if kind in ("velocity", "effort") else "a number"
         raise ValueRangeError(

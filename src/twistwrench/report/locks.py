@@ -13,10 +13,6 @@ from ..model.model import BASE
 if TYPE_CHECKING:
     from ..model.model import Body, Model
 
-__all__ = ["joints_beside", "joints_held"]
-
-_SLACK = 1e-9
-
 
 def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
     """The positions [rad, m] of all joints that ``lock`` means; of turning joints it says degrees if ``degrees``.
@@ -38,7 +34,7 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
         for joint in matches:
             value = lock[name]
             if joint in bodies:
-                turns = bodies[joint].joint.kind != "prismatic"
+                turns = bodies[joint].joint.turning[0]
                 value = math.radians(value) if degrees and turns else value
             if _is_pattern(name, bodies) and joint in found and found[joint] != value:
                 raise ValueRangeError(
@@ -85,9 +81,10 @@ def _is_pattern(name: str, joints: Mapping[str, object]) -> bool:
 
 def _check(model: Model, body: Body, value: float, told: str, *, degrees: bool) -> None:
     low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
-    if low - _SLACK <= value <= high + _SLACK:
+    most = float(model.limits.tolerance[body.v_index])
+    if low - most <= value <= high + most:
         return
-    turns = body.joint.kind != "prismatic"
+    turns = body.joint.turning[0]
     unit, shown = (math.degrees(1.0), "deg") if degrees and turns else (1.0, "rad" if turns else "m")
     joint = "" if body.joint.name in told else f" {body.joint.name}"
     hint = ""

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .tally import Extreme, Rms
+from ..model.limits import TOLERANCE
+from ..motion.column_extremes import Extreme
+from ..typing import Array
+from .running_statistics import Rms
 
 if TYPE_CHECKING:
-    from ..algorithms.motors import MotorLoads
+    from ..algorithms.motor_side import MotorLoads
     from ..model.actuator import Actuator, Motor
     from ..model.model import Model
-
-Array = NDArray[Any]
-
-__all__ = ["Demand", "MotorTally", "MotorUse"]
 
 _MOST_POINTS = 4096
 
@@ -65,7 +63,14 @@ class MotorUse:
     @property
     def too_small(self) -> bool:
         """Whether some limit is passed, by more than round-off."""
-        return self.tightest.share > 1 + 1e-9
+        return self.tightest.share > 1 + TOLERANCE
+
+    @property
+    def words(self) -> str:
+        """What of the motor is nearest to its limit, or farthest beyond."""
+        d = self.tightest
+        when = "" if math.isnan(d.time) else f" at t = {d.time:.3f} s"
+        return f"{self.joint}, {d.what} {d.value:.4g} {d.unit} of {d.limit:.4g} ({100 * d.share:.0f} %){when}"
 
 
 class MotorTally:

@@ -11,16 +11,14 @@ import numpy as np
 
 from ..core.csv_writer import CsvWriter
 from ..model.model import BASE, Body, Model
-from .coordinates import Coordinates
+from ..motion.coordinates import Coordinates
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
-__all__ = ["COLUMNS", "as_text", "joint_rows", "link_of", "summary"]
-
 COLUMNS = (
     "joint", "velocity_name", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort",
-    "damping", "friction", "leader", "ratio", "offset",
+    "damping", "friction", "armature", "leader", "ratio", "offset",
 )  # fmt: skip
 """The entries of a row of :func:`joint_rows`."""
 
@@ -70,7 +68,7 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     c, limits, friction = Coordinates.of(model), model.limits, model.friction
     for i, b in enumerate(model.bodies):
-        if b.joint.kind == "rotor":
+        if not b.joint.moves_body:
             continue
         for k in range(b.v_index, b.v_index + b.joint.nv):
             known: dict[str, float] = {}
@@ -78,6 +76,7 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
                 known = {
                     "lower": limits.lower[k], "upper": limits.upper[k], "velocity": limits.velocity[k],
                     "effort": limits.effort[k], "damping": friction.viscous[k], "friction": friction.coulomb[k],
+                    "armature": model.armature[k],
                 }  # fmt: skip
             angular = bool(b.joint.axes[0, :3].any()) if b.follows else bool(c.angular_velocity[k])
             row = {

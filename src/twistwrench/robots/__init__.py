@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 from ..errors import ModelWarning, UnknownNameError
 
 if TYPE_CHECKING:
     from ..robot import Robot
+    from ..robot.load import LoadOptions
 
 __all__ = [
     "cart_pole",
@@ -33,18 +34,47 @@ _FOLDER = Path(__file__).parent
 
 
 def names() -> tuple[str, ...]:
-    """The names of the bundled robots, sorted."""
+    """Names of the bundled robots, sorted.
+
+    Returns
+    -------
+    names : tuple of str
+
+    Examples
+    --------
+    >>> len(names())
+    8
+    """
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.urdf")))
 
 
 def path_of(name: str) -> Path:
-    """The file of a bundled robot; raises :class:`~twistwrench.UnknownNameError` listing the names."""
+    """File of a bundled robot.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    path : Path of a URDF file
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such robot; the names are listed.
+
+    Examples
+    --------
+    >>> path_of("ur5").name
+    'ur5.urdf'
+    """
     if name not in names():
         raise UnknownNameError.of("bundled robot", name, names())
     return _FOLDER / f"{name}.urdf"
 
 
-def _load(name: str, **options: Any) -> Robot:
+def _load(name: str, **options: Unpack[LoadOptions]) -> Robot:
     # Importing a list of robots loads none of what computes with them.
     from ..robot import load
 
@@ -54,57 +84,177 @@ def _load(name: str, **options: Any) -> Robot:
         return load(path_of(name), **options)
 
 
-def ur5(**options: Any) -> Robot:
-    """Universal Robots UR5, six revolute joints, tip ``tool0``; options as for :func:`twistwrench.load`.
+def ur5(**options: Unpack[LoadOptions]) -> Robot:
+    """Universal Robots UR5, six revolute joints, tip ``tool0``.
 
+    Parameters
+    ----------
+    **options : as for :func:`twistwrench.load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Notes
+    -----
     Source: ROS-Industrial package ur_description; velocities from the data sheet.
+
+    Examples
+    --------
+    >>> ur5().nv
+    6
     """
     return _load("ur5", **options)
 
 
-def panda(**options: Any) -> Robot:
-    """Franka Emika Panda, seven revolute joints, hand on, fingers closed, tip ``panda_hand_tcp``; options as for load.
+def panda(**options: Unpack[LoadOptions]) -> Robot:
+    """Franka Emika Panda, seven revolute joints, hand on, fingers closed, tip ``panda_hand_tcp``.
 
+    Parameters
+    ----------
+    **options : as for :func:`twistwrench.load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Notes
+    -----
     Source: ROS package franka_description; inertias identified by Gaz et al., IEEE RA-L 4(4), 2019.
+
+    Examples
+    --------
+    >>> panda().tip
+    'panda_hand_tcp'
     """
     return _load("panda", **options)
 
 
-def planar_2r(**options: Any) -> Robot:
-    """The book's 2R arm in a vertical plane: point masses of 1 kg at the ends of links of 1 m; options as for load.
+def planar_2r(**options: Unpack[LoadOptions]) -> Robot:
+    """The book's 2R arm in a vertical plane: point masses of 1 kg at the ends of links of 1 m.
 
+    Parameters
+    ----------
+    **options : as for :func:`twistwrench.load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Notes
+    -----
     Source: Modern Robotics, section 8.1.1; the angles are the book's, and gravity acts along -z of the base frame,
     which is -y of the book's drawing.
+
+    Examples
+    --------
+    >>> planar_2r().joint_names
+    ('joint1', 'joint2')
     """
     return _load("planar_2r", **options)
 
 
-def planar_3r(**options: Any) -> Robot:
-    """A 3R arm in a vertical plane: three uniform cylinders, 1 kg, 1 m long, 20 mm in radius; options as for load."""
+def planar_3r(**options: Unpack[LoadOptions]) -> Robot:
+    """A 3R arm in a vertical plane: three uniform cylinders, 1 kg, 1 m long, 20 mm in radius.
+
+    Parameters
+    ----------
+    **options : as for :func:`twistwrench.load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Examples
+    --------
+    >>> planar_3r().nv
+    3
+    """
     return _load("planar_3r", **options)
 
 
-def pendulum(**options: Any) -> Robot:
-    """The mathematical pendulum, 1 kg at 1 m, hanging down at zero: τ = q̈ + 9.81 sin q; options as for load."""
+def pendulum(**options: Unpack[LoadOptions]) -> Robot:
+    """The mathematical pendulum, 1 kg at 1 m, hanging down at zero: τ = q̈ + 9.81 sin q.
+
+    Parameters
+    ----------
+    **options : as for :func:`twistwrench.load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Examples
+    --------
+    >>> pendulum().gravity_forces([0.0]).tolist()
+    [0.0]
+    """
     return _load("pendulum", **options)
 
 
-def cart_pole(**options: Any) -> Robot:
-    """The cart and pole, upright at zero: cart 1 kg, uniform pole 0.1 kg and 1 m long; options as for load.
+def cart_pole(**options: Unpack[LoadOptions]) -> Robot:
+    """The cart and pole, upright at zero: cart 1 kg, uniform pole 0.1 kg and 1 m long.
 
+    Parameters
+    ----------
+    **options : as for :func:`twistwrench.load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Notes
+    -----
     Source: Barto, Sutton and Anderson, IEEE Trans. Systems, Man, and Cybernetics 13(5), 1983.
+
+    Examples
+    --------
+    >>> cart_pole().nv
+    2
     """
     return _load("cart_pole", **options)
 
 
-def floating_box(**options: Any) -> Robot:
-    """A uniform free box of 6 kg, 0.3 m × 0.2 m × 0.1 m, on a floating base; options as for load."""
-    return _load("floating_box", **{"floating_base": True, **options})
+def floating_box(**options: Unpack[LoadOptions]) -> Robot:
+    """A uniform free box of 6 kg, 0.3 m × 0.2 m × 0.1 m, on a floating base.
 
+    Parameters
+    ----------
+    **options : as for :func:`twistwrench.load`
 
-def quadruped(**options: Any) -> Robot:
-    """A quadruped of 15 kg with twelve revolute joints on a floating base; options as for load.
+    Returns
+    -------
+    robot : Robot
 
-    Source: the Unitree Go2 of the ROS package go2_description, its motors' rotors left out.
+    Examples
+    --------
+    >>> box = floating_box()
+    >>> box.nq, box.nv
+    (7, 6)
     """
-    return _load("quadruped", **{"floating_base": True, **options})
+    options.setdefault("floating_base", True)
+    return _load("floating_box", **options)
+
+
+def quadruped(**options: Unpack[LoadOptions]) -> Robot:
+    """A quadruped of 15 kg with twelve revolute joints on a floating base.
+
+    Parameters
+    ----------
+    **options : as for :func:`twistwrench.load`
+
+    Returns
+    -------
+    robot : Robot
+
+    Notes
+    -----
+    Source: the Unitree Go2 of the ROS package go2_description, its motors' rotors left out.
+
+    Examples
+    --------
+    >>> quadruped().nv
+    18
+    """
+    options.setdefault("floating_base", True)
+    return _load("quadruped", **options)

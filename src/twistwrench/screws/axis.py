@@ -10,19 +10,16 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ValueRangeError
 from ..lie.so3 import cross
-
-Array = NDArray[Any]
-
-__all__ = ["Axis", "axis_of", "kinds", "line_of_action", "reciprocal_product", "screw_axis", "wrench_along"]
+from ..typing import Array
 
 
 class Axis(NamedTuple):
-    """A line with a pitch, and how much of it there is."""
+    """Screw axis as a line with a pitch, and how much of it there is."""
 
     direction: Array
     """Unit vector (..., 3)."""
@@ -35,11 +32,29 @@ class Axis(NamedTuple):
 
 
 def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
-    """The screw axis S = (ŝ, q × ŝ + h ŝ) along a direction through a point; (..., 3), (..., 3), (...) → (..., 6).
+    """Screw axis S = (ŝ, q × ŝ + h ŝ) along a direction through a point.
 
-    ``direction`` of any length but zero is normalised; ``point`` q [m]; ``pitch`` h [m/rad], infinite for a pure translation
-    (0, ŝ). A zero direction is a :class:`~twistwrench.ValueRangeError`. MR section 3.3.2.2.
+    Parameters
+    ----------
+    direction : (..., 3) array_like, of any length but zero; it is normalised
+    point : (..., 3) array_like, q [m]
+    pitch : (...) array_like, h [m/rad]; infinite for a pure translation
 
+    Returns
+    -------
+    S : (..., 6) array; (0, ŝ) at infinite pitch
+
+    Raises
+    ------
+    ValueRangeError
+        A direction is zero.
+
+    Notes
+    -----
+    MR section 3.3.2.2.
+
+    Examples
+    --------
     >>> screw_axis([0, 0, 2], point=[1, 0, 0], pitch=0.1).tolist()
     [0.0, 0.0, 1.0, 0.0, -1.0, 0.1]
     """
@@ -54,12 +69,28 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
 
 
 def axis_of(S: ArrayLike) -> Axis:
-    """The axis of a twist or screw (omega, v): ŝ = ω/|ω|, q = ω × v / |ω|², h = ω·v / |ω|²; (..., 6) → :class:`Axis`.
+    """Screw axis of a twist: ŝ = ω/|ω|, q = ω × v / |ω|², h = ω·v / |ω|².
 
-    With ω = 0 the pitch is infinite and the direction is that of v. A zero twist has no axis and is a
-    :class:`~twistwrench.ValueRangeError`. ``screw_axis(*axis_of(S)[:3]) * axis_of(S).magnitude`` is S again.
-    MR section 3.3.2.2.
+    Parameters
+    ----------
+    S : (..., 6) array_like, twist or screw axis (omega, v)
 
+    Returns
+    -------
+    axis : Axis
+
+    Raises
+    ------
+    ValueRangeError
+        A twist is zero, which has no axis.
+
+    Notes
+    -----
+    MR section 3.3.2.2. With ω = 0 the pitch is infinite and the direction is that of v. ``screw_axis(*axis_of(S)[:3]) *
+    axis_of(S).magnitude`` is S again.
+
+    Examples
+    --------
     >>> axis = axis_of([0, 0, 2, 0, -2, 0.2])
     >>> axis.point.tolist(), float(axis.pitch), float(axis.magnitude)
     ([1.0, 0.0, 0.0], 0.1, 2.0)
@@ -69,11 +100,27 @@ def axis_of(S: ArrayLike) -> Axis:
 
 
 def line_of_action(F: ArrayLike) -> Axis:
-    """The axis of a wrench (m, f): f̂, q = f × m / |f|², h = m·f / |f|²; (..., 6) → :class:`Axis`. MR section 3.4.
+    """Line of action of a wrench, its axis: f̂, q = f × m / |f|², h = m·f / |f|².
 
-    A pure couple (f = 0) has infinite pitch and the direction of m. A zero wrench has no axis and is a
-    :class:`~twistwrench.ValueRangeError`.
+    Parameters
+    ----------
+    F : (..., 6) array_like, wrench (m, f) [N m, N]
 
+    Returns
+    -------
+    axis : Axis
+
+    Raises
+    ------
+    ValueRangeError
+        A wrench is zero, which has no axis.
+
+    Notes
+    -----
+    MR section 3.4. A pure couple (f = 0) has infinite pitch and the direction of m.
+
+    Examples
+    --------
     >>> axis = line_of_action([0, 0, 6, 0, 3, 0])       # 3 N along y, 2 m out along x
     >>> axis.point.tolist(), float(axis.pitch)
     ([2.0, 0.0, 0.0], 0.0)
@@ -83,10 +130,29 @@ def line_of_action(F: ArrayLike) -> Axis:
 
 
 def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
-    """The wrench of 1 N along a line with a pitch, (q × f̂ + h f̂, f̂); 1 N m at infinite pitch; → (..., 6).
+    """Unit wrench along a line with a pitch, (q × f̂ + h f̂, f̂): 1 N, or 1 N m at infinite pitch.
 
+    Parameters
+    ----------
+    direction : (..., 3) array_like, of any length but zero; it is normalised
+    point : (..., 3) array_like, q [m]
+    pitch : (...) array_like, h [m/rad]; infinite for a pure translation
+
+    Returns
+    -------
+    F : (..., 6) array, (m, f) [N m, N]
+
+    Raises
+    ------
+    ValueRangeError
+        A direction is zero.
+
+    Notes
+    -----
     The same as :func:`screw_axis` with its halves exchanged. ``wrench_along(f, r) * |f|`` is the force f at r.
 
+    Examples
+    --------
     >>> (3 * wrench_along([0, 1, 0], point=[2, 0, 0])).tolist()
     [0.0, 0.0, 6.0, 0.0, 3.0, 0.0]
     """
@@ -95,10 +161,22 @@ def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch
 
 
 def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
-    """The power that a wrench along the second screw has on a motion about the first, ω₁·v₂ + v₁·ω₂; → (...).
+    """Reciprocal product ω₁·v₂ + v₁·ω₂: the power that a wrench along the second screw has on a motion about the first.
 
+    Parameters
+    ----------
+    S1, S2 : (..., 6) array_like, screw axes (omega, v)
+
+    Returns
+    -------
+    power : (...) array
+
+    Notes
+    -----
     Zero when the two are reciprocal: two lines (pitch 0) are so exactly when they meet or are parallel.
 
+    Examples
+    --------
     >>> float(reciprocal_product(screw_axis([0, 0, 1]), screw_axis([1, 0, 0], point=[0, 2, 0])))
     -2.0
     """
@@ -107,9 +185,26 @@ def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
 
 
 def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
-    """One of ``names`` (zero pitch, infinite pitch, finite pitch, zero) by the two halves; a text, or an array of texts.
+    """Kind of a screw by its two halves: one of four names, as a text, or an array of texts.
 
-    ``first`` (..., 3) gives the direction and ``second`` the moment about the origin. Zero pitch is judged to 16 eps.
+    Parameters
+    ----------
+    first : (..., 3) array, gives the direction
+    second : (..., 3) array, gives the moment about the origin
+    names : four str, for zero pitch, infinite pitch, finite pitch, zero
+
+    Returns
+    -------
+    kind : str, or array of str for a batch
+
+    Notes
+    -----
+    Zero pitch is judged to 16 eps.
+
+    Examples
+    --------
+    >>> kinds(np.array([0.0, 0, 1]), np.zeros(3), ("line", "couple", "screw", "nothing"))
+    'line'
     """
     a, b = _doubles(first, "the first half", 3), _doubles(second, "the second half", 3)
     u, size = _unit(a)

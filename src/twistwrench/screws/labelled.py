@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie.adjoint import Ad, ad
-from .words import tuple_of
-
-Array = NDArray[Any]
-
-__all__ = ["Labelled", "frame_name", "hash_of", "missing_pose", "symbol"]
+from ..typing import Array
+from .vector_text import tuple_of
 
 
 def frame_name(name: object, role: str) -> str:
@@ -47,12 +44,14 @@ def missing_pose(to: str, of: str) -> str:
     return f"{symbol('T', to, of)} = Pose(…, to={to!r}, of={of!r})"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Labelled(ABC):
     """Six numbers (..., 6), angular part first, and the name of the frame that they are expressed in."""
 
     values: Array
+    """The six numbers (..., 6), read-only."""
     frame: str
+    """Name of the frame they are expressed in."""
 
     __array_ufunc__ = None  # array + labelled is refused rather than done entry by entry
     _kind: ClassVar[str]
@@ -63,19 +62,20 @@ class Labelled(ABC):
         vars(self).update(state)
         self.values.setflags(write=False)  # arrays come out of a pickle writable
 
-    def __post_init__(self) -> None:
-        given: Any = self.values
+    def __init__(self, values: ArrayLike, frame: str) -> None:
+        given: Any = values
         if isinstance(given, Labelled):
             raise FrameError(
                 f"a {self._kind} of a {given._kind} in {given.frame!r}: its numbers are {given.symbol}.values; a pose, T @ …, "
                 "brings it to another frame."
             )
         what = f"a {self._kind}, angular part first,"
-        values = np.array(arguments.array(given, what, 6))
-        if values.dtype != object:  # symbols stay what they are
-            arguments.finite(values, what, 6)
-        values.setflags(write=False)
-        object.__setattr__(self, "values", values)
+        numbers = np.array(arguments.array(given, what, 6))
+        if numbers.dtype != object:  # symbols stay what they are
+            arguments.finite(numbers, what, 6)
+        numbers.setflags(write=False)
+        object.__setattr__(self, "values", numbers)
+        object.__setattr__(self, "frame", frame)
         frame_name(self.frame, f"the frame of a {self._kind}")
 
     def __eq__(self, other: object) -> bool:

@@ -6,31 +6,30 @@ from dataclasses import dataclass
 from typing import Any, final, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import FrameError
 from ..lie import se3, so3
 from ..lie.adjoint import Ad
+from ..typing import Array
 from .labelled import frame_name, hash_of, missing_pose, symbol
 from .twist import Twist
-from .words import tuple_of
+from .vector_text import tuple_of
 from .wrench import Wrench
-
-Array = NDArray[Any]
-
-__all__ = ["Pose"]
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Pose:
     """The pose T_ab (..., 4, 4) of the frame ``of="b"`` seen from the frame ``to="a"``: it brings things of {b} to {a}.
 
-    ``T_ab @ T_bc`` is T_ac, ``T_ab @ V_b`` a twist in {a}, ``T_ab @ F_b`` a wrench in {a}; letters that do not cancel are a
-    :class:`~twistwrench.FrameError`. A matrix that is no pose is a :class:`~twistwrench.ValueRangeError`. Poses of the same
-    frames and numbers are equal and have one hash.
+    ``T_ab @ T_bc`` is T_ac, ``T_ab @ V_b`` a twist in {a}, ``T_ab @ F_b`` a wrench in {a}; letters that do not cancel
+    are a :class:`~twistwrench.FrameError`. A matrix that is no pose is a :class:`~twistwrench.ValueRangeError`. Poses
+    of the same frames and numbers are equal and have one hash.
 
+    Examples
+    --------
     >>> T_ab = Pose(se3.exp([0, 0, 0, 2, 0, 0]), to="a", of="b")
     >>> T_ab @ Wrench([0, 0, 0, 0, 3, 0], "b")
     Wrench in 'a': m = (0, 0, 6) N m, f = (0, 3, 0) N
@@ -39,8 +38,11 @@ class Pose:
     """
 
     matrix: Array
+    """Homogeneous transforms T_ab (..., 4, 4), read-only."""
     to: str
+    """Name of {a}, the frame the pose is seen from."""
     of: str
+    """Name of {b}, the frame whose pose it is."""
 
     __array_ufunc__ = None  # array @ pose is refused rather than done without labels
 
@@ -48,17 +50,18 @@ class Pose:
         vars(self).update(state)
         self.matrix.setflags(write=False)  # arrays come out of a pickle writable
 
-    def __post_init__(self) -> None:
-        given: Any = self.matrix
+    def __init__(self, matrix: ArrayLike, to: str, of: str) -> None:
+        given: Any = matrix
         if isinstance(given, Pose):
             raise FrameError(
                 f"a pose of {given.symbol}, which has names already; its numbers are {given.symbol}.matrix."
             )
-        matrix = np.array(arguments.array(given, "a pose", 4, 4))
-        if matrix.dtype != object:  # symbols are taken as they are
-            arguments.pose(arguments.finite(matrix, "a pose", 4, 4), "the matrix")
-        matrix.setflags(write=False)
-        object.__setattr__(self, "matrix", matrix)
+        numbers = np.array(arguments.array(given, "a pose", 4, 4))
+        if numbers.dtype != object:  # symbols are taken as they are
+            arguments.pose(arguments.finite(numbers, "a pose", 4, 4), "the matrix")
+        numbers.setflags(write=False)
+        for name, value in (("matrix", numbers), ("to", to), ("of", of)):
+            object.__setattr__(self, name, value)
         frame_name(self.to, "the frame that a pose leads to")
         frame_name(self.of, "the frame that a pose is of")
 
@@ -78,7 +81,7 @@ class Pose:
 
     @property
     def rotation(self) -> Array:
-        """R_ab (..., 3, 3)."""
+        """Rotation matrix R_ab (..., 3, 3)."""
         return self.matrix[..., :3, :3]
 
     @property
@@ -88,7 +91,7 @@ class Pose:
 
     @property
     def inverse(self) -> Pose:
-        """T_ba."""
+        """Inverse pose T_ba."""
         return _follows(se3.inverse(self), to=self.of, of=self.to)
 
     def __repr__(self) -> str:

@@ -5,27 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
-from numpy.typing import NDArray
-
 from ..errors import ValueRangeError
 from ..lie.adjoint import ad
+from ..typing import Array
 from .axis import Axis, axis_of, kinds
 from .labelled import Labelled, symbol
 
-Array = NDArray[Any]
-
-__all__ = ["Twist"]
-
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Twist(Labelled):
     """A twist V = (omega, v) [rad/s, m/s], (..., 6), expressed in a named frame.
 
-    ``V1 + V2`` checks the frames (:class:`~twistwrench.FrameError`), ``V @ F`` is power in W, ``T_ab @ V_b`` moves it, and
-    ``np.asarray(V)`` or ``V.values`` are the plain numbers. A second derivative is one too. Twists of one frame and the
-    same numbers are equal and have one hash.
+    ``V1 + V2`` checks the frames (:class:`~twistwrench.FrameError`), ``V @ F`` is power in W, ``T_ab @ V_b`` moves it,
+    and ``np.asarray(V)`` or ``V.values`` are the plain numbers. A second derivative is one too. Twists of one frame and
+    the same numbers are equal and have one hash.
 
+    Examples
+    --------
     >>> V = Twist([0, 0, 1, 0, 0, 0], "s")
     >>> (V + 2 * V).values.tolist()
     [0.0, 0.0, 3.0, 0.0, 0.0, 0.0]
@@ -60,8 +57,27 @@ class Twist(Labelled):
         return kinds(self.omega, self.v, ("pure rotation", "pure translation", "screw motion", "rest"))
 
     def bracket(self, other: Twist) -> Twist:
-        """The Lie bracket [V1, V2] = ad(V1) V2, in the same frame. MR definition 8.5.
+        """Lie bracket of twists [V1, V2] = ad(V1) V2, in the same frame.
 
+        Parameters
+        ----------
+        other : Twist, in the same frame
+
+        Returns
+        -------
+        bracket : Twist
+
+        Raises
+        ------
+        FrameError
+            The frames are not the same.
+
+        Notes
+        -----
+        MR definition 8.5.
+
+        Examples
+        --------
         >>> Twist([0, 0, 1, 0, 0, 0], "b").bracket(Twist([1, 0, 0, 0, 0, 0], "b")).values.tolist()
         [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
         """

@@ -6,31 +6,30 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..lie import se3, so3
 from ..lie.adjoint import Ad
+from ..typing import Array
 from .axis import Axis, kinds, line_of_action
 from .labelled import Labelled, symbol
 
 if TYPE_CHECKING:
     from .twist import Twist
 
-Array = NDArray[Any]
-
-__all__ = ["Wrench", "move_covariance"]
-
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Wrench(Labelled):
     """A wrench F = (m, f) [N m, N], (..., 6), expressed in a named frame.
 
-    ``F1 + F2`` checks the frames (:class:`~twistwrench.FrameError`), ``F @ V`` is power in W, ``T_ab @ F_b`` moves it, and
-    ``np.asarray(F)`` or ``F.values`` are the plain numbers. Wrenches of one frame and the same numbers are equal and
-    have one hash.
+    ``F1 + F2`` checks the frames (:class:`~twistwrench.FrameError`), ``F @ V`` is power in W, ``T_ab @ F_b`` moves it,
+    and ``np.asarray(F)`` or ``F.values`` are the plain numbers. Wrenches of one frame and the same numbers are equal
+    and have one hash.
 
+    Examples
+    --------
     >>> F = Wrench.of_force([0, 3, 0], "s", at=[2, 0, 0])
     >>> F.values.tolist(), F.kind
     ([0.0, 0.0, 6.0, 0.0, 3.0, 0.0], 'pure force')
@@ -41,14 +40,45 @@ class Wrench(Labelled):
 
     @classmethod
     def of_force(cls, f: ArrayLike, frame: str, at: ArrayLike = (0.0, 0.0, 0.0)) -> Wrench:
-        """The wrench (r × f, f) of a pure force f (..., 3) [N] that acts at the point r = ``at`` (..., 3) [m]."""
+        """Wrench (r × f, f) of a pure force at a point.
+
+        Parameters
+        ----------
+        f : (..., 3) array_like, force [N]
+        frame : str, the frame it is expressed in
+        at : (..., 3) array_like, the point r where it acts [m]
+
+        Returns
+        -------
+        F : Wrench
+
+        Examples
+        --------
+        >>> Wrench.of_force([0, 0, -10], "tool0", at=[0.1, 0, 0]).m[1].item()
+        1.0
+        """
         force, point = arguments.real(f, "the force f", 3), arguments.real(at, "its point at", 3)
         force, point = arguments.together(f=force, at=point)
         return cls(np.concatenate([so3.cross(point, force), force], axis=-1), frame)
 
     @classmethod
     def of_couple(cls, m: ArrayLike, frame: str) -> Wrench:
-        """The wrench (m, 0) of a pure couple m (..., 3) [N m]: the same about every point."""
+        """Wrench (m, 0) of a pure couple, the same about every point.
+
+        Parameters
+        ----------
+        m : (..., 3) array_like, moment [N m]
+        frame : str, the frame it is expressed in
+
+        Returns
+        -------
+        F : Wrench
+
+        Examples
+        --------
+        >>> Wrench.of_couple([0, 0, 2], "tool0").values.tolist()
+        [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
+        """
         couple = arguments.real(m, "the couple m", 3)
         return cls(np.concatenate([couple, np.zeros_like(couple)], axis=-1), frame)
 
@@ -78,9 +108,31 @@ class Wrench(Labelled):
         return kinds(self.f, self.m, ("pure force", "pure couple", "wrench", "nothing"))
 
     def is_reciprocal_to(self, V: Twist, within: float = 1e-12) -> Any:
-        """Whether the power on V is zero, to ``within`` of |m| |omega| + |f| |v|; a bool, or an array of them for a batch.
+        """Whether wrench and twist are reciprocal: whether the power on V is zero.
 
+        Parameters
+        ----------
+        V : Twist, in the same frame
+        within : float, part of |m| |omega| + |f| |v| that still counts as zero
+
+        Returns
+        -------
+        answer : bool, or array of bool for a batch
+
+        Raises
+        ------
+        FrameError
+            The frames are not the same.
+
+        Notes
+        -----
         A hinge carries exactly the wrenches that are reciprocal to its twist.
+
+        Examples
+        --------
+        >>> from twistwrench import Twist
+        >>> bool(Wrench([0, 0, 0, 0, 0, 1], "b").is_reciprocal_to(Twist([0, 0, 1, 0, 0, 0], "b")))
+        True
         """
         power = self @ V
         norm = np.linalg.norm
@@ -89,11 +141,24 @@ class Wrench(Labelled):
 
 
 def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
-    """Covariance of F_a from that of F_b: C_a = X C_b X' with F_a = X F_b, X = Ad(T_ba)'.
+    """Covariance of a wrench in another frame: C_a = X C_b X' with F_a = X F_b, X = Ad(T_ba)'.
 
-    (..., 4, 4), (..., 6, 6) → (..., 6, 6), in the products of the units (N m, N). ``T_ab`` may be a
-    :class:`~twistwrench.Pose`.
+    Parameters
+    ----------
+    T_ab : (..., 4, 4) array_like or Pose
+    C_b : (..., 6, 6) array_like, covariance of F_b, in products of the units (N m, N)
 
+    Returns
+    -------
+    C_a : (..., 6, 6) array, covariance of F_a
+
+    Raises
+    ------
+    ValueRangeError
+        ``T_ab`` is no pose.
+
+    Examples
+    --------
     >>> C_b = np.diag([0, 0, 0, 1.0, 1.0, 1.0])            # 1 N of noise in each direction
     >>> T_ab = se3.exp([0, 0, 0, 2.0, 0, 0])               # felt 2 m away
     >>> np.diag(move_covariance(T_ab, C_b)).tolist()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .contact import CollisionThreshold, contact_nearest, contact_on_plane, contact_on_sphere
+from .contact_detection import CollisionThreshold, contact_nearest, contact_on_plane, contact_on_sphere
 from .identification import identify
 from .identified import Identification
 from .log import ReadingLog
@@ -10,7 +10,7 @@ from .log_file import read_log, write_log
 from .poses import PoseProposal, propose_poses
 from .sensor import ForceTorqueSensor
 from .sensor_file import read_sensor, write_sensor
-from .simulate import simulate
+from .synthetic_log import simulate
 
 __all__ = [
     "CollisionThreshold",

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import ModelWarning
-from .contact import CollisionThreshold
-from .departures import departure
+from ..typing import Array
+from ..verdict import Verdict, Word
+from .contact_detection import CollisionThreshold
+from .diagnosis import log_doubt, smallest_noise
+from .drift_checks import departure
 from .log import ReadingLog
-from .mismatch import log_doubt, smallest_noise
+from .log_mistakes import MAY_MOVE, seems_moving
 from .noise import checked_noise
 from .sensor import ForceTorqueSensor
-from .slips import MAY_MOVE, seems_moving
 from .uncertainty import Uncertainty
-
-Array = NDArray[Any]
-
-__all__ = ["Compensation", "compensation", "left_over"]
 
 _ALARM = 1e-6  # chance that noise alone puts a reading off
 _NEARLY_ALL = 0.75  # of the readings off, from which the file explains nothing
@@ -63,9 +59,20 @@ class Compensation:
         return self.threshold(self.rest)
 
     @property
+    def verdict(self) -> Verdict:
+        """LOOK AGAIN with doubts, or with moments that hold an unknown inertia and were asked for; CONTACT; OK."""
+        if self.doubts:
+            return Verdict(Word.LOOK_AGAIN, self.doubts)
+        if (hits := int(self.hits.sum())) > 0:
+            return Verdict(Word.CONTACT, (f"{hits} of {len(self.log)} readings are more than noise explains",))
+        if self.untold_shows and self.threshold is None:
+            return Verdict(Word.LOOK_AGAIN, (self.untold or "the load's inertia is left in the moments",))
+        return Verdict(Word.OK)
+
+    @property
     def doubtful(self) -> bool:
-        """Whether a person must look: contacts, doubts, or moments with an unknown inertia in them that were asked for."""
-        return bool(self.doubts) or bool(self.hits.any()) or (self.untold_shows and self.threshold is None)
+        """Whether a person must look: whether the verdict is not OK."""
+        return not self.verdict.ok
 
 
 def compensation(

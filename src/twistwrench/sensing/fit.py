@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .covariance import by_channels, by_witnesses, plug_in
+from ..typing import Array
+from .covariance import as_weights, by_channels, by_witnesses, of_block, plug_in
 from .log import ReadingLog
-from .unknowns import State, Unknowns, clock
-
-Array = NDArray[Any]
+from .unknowns import SensorState, Unknowns, clock
 
 __all__ = ["Fit", "Problem", "Unknowns", "few", "fit"]
 
@@ -47,7 +44,7 @@ class Problem:
     """(n,) the witness of each row."""
     timed: bool = False
     """Whether the log has times, and not only an order."""
-    state: State = field(default_factory=State)
+    state: SensorState = field(default_factory=SensorState)
 
     def asked(self, **changes: bool) -> Problem:
         """The problem with other unknowns."""
@@ -70,9 +67,12 @@ class Fit:
     """(p, p) by the sandwich, for intervals; that of the turn is of a small rotation in the sensor's own axes [rad]."""
     known: Array
     """(p,) degrees of freedom of each unknown's variance."""
+    com_known: Array
+    """(3,) those of the first moment less its own mass times the centre of mass, which Fieller's intervals are about."""
     joint: Array
     """(p, p) covariance for regions of several unknowns: that of independent rows, which is of full rank."""
     joint_freedom: float
+    """Of mass and first moment together."""
     sigma: Array
     """(6,) standard deviation of one reading in any orientation [N m, N]."""
     freedom: Array
@@ -81,7 +81,7 @@ class Fit:
     """(n, 6) standard deviation of each row."""
     residuals: Array
     """(n, 6) rows minus model."""
-    state: State
+    state: SensorState
     """The mounting, the tilt of gravity and the delay."""
     design: Array
     """(n, 6, p)."""
@@ -157,19 +157,28 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
         if moved < (1e-3 if huber else _SETTLED) and (round_ or not huber):
             break
     root = np.sqrt(weight * inside)[:, None] / np.sqrt(before)
-    C, known = by_channels(Q, half, freedom, groups)
-    joint, joint_freedom = C, float(known[asked.load].min())
+    start = asked.load.start
+    com = half[start + 1 : start + 4] * x[start] - np.outer(x[start + 1 : start + 4], half[start])
+    rows = np.concatenate([half, com])
+    C, known = by_channels(Q, rows, freedom, groups)
+    C = joint = C[: len(x), : len(x)]
     sigma = problem.noise
+    joint_freedom = of_block(by_channels(Q, half[start : start + 4], as_weights(freedom), groups)[1])
     if sigma is None:
         label = problem.label[keep]
         added = half @ plug_in(Q, freedom, groups) @ half.T
-        sandwich = None if few(label) else by_witnesses(Q[keep], (residuals * root)[keep], half, label)
+        sandwich = None if few(label) else by_witnesses(Q[keep], (residuals * root)[keep], rows, label)
         C, known = (C, known) if sandwich is None else sandwich
-        C, joint = C + added, joint + added
-        if len(np.unique(label)) < len(label):  # rows hang together, which only the sandwich minds
-            joint = joint * max(1.0, float((np.diag(C) / np.diag(joint))[asked.load].mean()))
+        C, joint = C[: len(x), : len(x)] + added, joint + added
+        size = np.unique(label, return_counts=True)[1]
+        # Rows hang together, which only the sandwich minds. Rows of a witness that are all alike bring that much (Kish,
+        # Survey Sampling, 1965, section 5.4); beyond it is noise of the sandwich.
+        ratio = float((np.diag(C) / np.diag(joint))[asked.load].mean())
+        joint = joint * min(max(1.0, ratio), float((size**2).sum() / size.sum()))
         sigma, freedom = _of_one(problem, v, keep, freedom)
-    return Fit(asked, x, C, known, joint, joint_freedom, sigma, freedom, np.sqrt(v), residuals, state, A)
+    known, com_known = known[: len(x)], known[len(x) :]
+    deviation = np.sqrt(v)
+    return Fit(asked, x, C, known, com_known, joint, joint_freedom, sigma, freedom, deviation, residuals, state, A)
 
 
 def _of_one(problem: Problem, v: Array, keep: Array, freedom: Array) -> tuple[Array, Array]:

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from .blind_spots import advice, blind_spots
-from .explanations import Explanation, guessed
+from ..typing import Array
+from .dwells import witnesses
 from .fit import Problem, fit
+from .fit_verdict import Use, judged
 from .identified import Identification
-from .judgement import Use, judged
 from .log import ReadingLog, checked_log
 from .noise import six_noises
+from .observability import advice, blind_spots
 from .outliers import least_rows, touched_in_dwells, trimmed
 from .sensor import Sign, sign_factor
+from .sign_and_mounting import Diagnosis, guessed
 from .unknowns import Unknowns
 from .whiteness import whiteness
-from .witnesses import witnesses
-
-Array = NDArray[Any]
-
-__all__ = ["identify"]
 
 
 def identify(
@@ -42,20 +39,42 @@ def identify(
     outliers: str = "trim",
     confidence: float = 0.95,
 ) -> Identification:
-    """The sensor's bias and its load's mass and centre of mass, from readings in different orientations.
+    """Force-torque sensor identification: its bias and its load's mass and centre of mass, from readings in different poses.
 
-    ``inertia``: also the six inertia numbers (the log must have V and dV, in lively motion). ``orientation``: also the
-    rotation of the sensor's axes against {f}. ``bias`` (6,): known, not looked for. ``noise``: known standard deviations
-    (moment [N m], force [N]) in place of the fit's own. ``outliers``: ``trim`` leaves out readings that the others
-    contradict and says which, ``keep`` trusts all.
+    Parameters
+    ----------
+    log : ReadingLog
+    sign : "on_sensor" or "by_sensor", whose wrench the readings are
+    inertia : bool, also the six inertia numbers (the log must have V and dV, in lively motion)
+    orientation : bool, also the rotation of the sensor's axes against {f}
+    drift : bool, also a linear change of the bias, which is then that of the middle of the log
+    delay : bool, also the time by which readings are late
+    tilt : bool, also a turn of gravity about two level axes of {w}
+    bias : (6,) array_like, optional, known, not looked for [N m, N]
+    noise : (moment [N m], force [N]), optional, known standard deviations in place of the fit's own
+    outliers : "trim" leaves out readings that the others contradict and says which, "keep" trusts all
+    confidence : float, of intervals and regions, 0 to 1
 
-    Without ``inertia`` the sensor found has a load whose inertia is ``unknown``: it compensates forces in motion, not moments.
+    Returns
+    -------
+    found : Identification
+        Doubts of units, sign, mounting, bias and poses are in it.
 
-    Raises :class:`~twistwrench.ShapeError` for anything that is no log, :class:`~twistwrench.ValueRangeError` when the log
-    cannot tell what was asked, naming the combinations of unknowns that no reading changes with, and when mass comes out
-    negative. Doubts of units, sign, mounting, bias and poses are in the result.
-    Source: least squares of F = Y π, Modern Robotics eq. 8.40.
+    Raises
+    ------
+    ShapeError
+        ``log`` is no log.
+    ValueRangeError
+        The log cannot tell what was asked, naming the combinations of unknowns that no reading changes with, or mass
+        comes out negative.
 
+    Notes
+    -----
+    Without ``inertia`` the sensor found has a load whose inertia is ``unknown``: it compensates forces in motion, not
+    moments. Source: least squares of F = Y π, Modern Robotics eq. 8.40.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> from twistwrench.sensing import ForceTorqueSensor, simulate
     >>> tool = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
@@ -64,7 +83,8 @@ def identify(
     (3.0, 0.1)
     """
     log, factor = checked_log(log, "identify"), sign_factor(sign)
-    unknowns = Unknowns(bias is None, inertia, orientation, drift, tilt, delay)
+    asked = {"inertia": inertia, "orientation": orientation, "drift": drift, "tilt": tilt, "delay": delay}
+    unknowns = Unknowns(bias is None, *(arguments.flag(x, what) for what, x in asked.items()))
     known_bias, known_noise = _checked(bias, noise, outliers, confidence)
     _check_log(log, unknowns)
     used = np.ones(len(log), bool)
@@ -100,7 +120,7 @@ def identify(
     left_out, between = ~used, np.zeros(len(log), bool)
     between[used] = witness.row < 0
     left_out[used] = ~witness.spread(kept) & ~between[used]
-    return judged(Explanation(sign, found, kept), confidence, problem, log, Use(left_out, between, white))
+    return judged(Diagnosis(sign, found, kept), confidence, problem, log, Use(left_out, between, white))
 
 
 def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
@@ -131,14 +151,13 @@ def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
 def _checked(
     bias: ArrayLike | None, noise: ArrayLike | None, outliers: str, confidence: float
 ) -> tuple[Array, Array | None]:
-    known_bias = np.zeros(6) if bias is None else np.asarray(bias, float)
+    known_bias = np.zeros(6) if bias is None else np.asarray(arguments.real(bias, "bias"), float)
     if known_bias.shape != (6,):
         raise ShapeError(f"bias has shape {known_bias.shape}, expected (6,): mx, my, mz, fx, fy, fz.")
     if not np.isfinite(known_bias).all():
         raise ValueRangeError(f"bias {known_bias.tolist()} has a value that is not a finite number.")
     known = None if noise is None else six_noises(noise)
-    if outliers not in ("trim", "keep"):
-        raise ValueRangeError(f"outliers {outliers!r} is not known. Choose one of: trim, keep.")
-    if not 0 < confidence < 1:
+    arguments.choice(outliers, "outliers", ("trim", "keep"))
+    if not 0 < arguments.number(confidence, "confidence") < 1:
         raise ValueRangeError(f"confidence {confidence!r} is not between 0 and 1. Give 0.95 for 95 %.")
     return known_bias, known

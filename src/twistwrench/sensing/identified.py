@@ -4,38 +4,39 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import ShapeError, ValueRangeError
 from ..lie import so3
+from ..typing import Array
 from ..verdict import Verdict, Word
 from .fit import Fit
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor
 from .uncertainty import Uncertainty, uncertainty_of
 
-Array = NDArray[Any]
-
-__all__ = ["Identification", "com_deviation", "mass_interval", "weakness"]
-
-
 _OK = Verdict(Word.OK)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification:
-    """A sensor found from a log, and how well it is known. Regions are exact for noise that is normal."""
+    """Identified sensor: bias and load found from a log, and how well they are known.
+
+    Regions are exact for noise that is normal.
+    """
 
     sensor: ForceTorqueSensor
+    """The sensor with bias, load and mounting as found."""
     fit: Fit
+    """The least-squares fit, with unknowns, covariance and residuals."""
     rows: Array
     """(n,) which witnesses were used: dwells, and readings in motion."""
     kept: Array
     """(N,) which readings were used; the others are outliers, or were read between dwells."""
     confidence: float
+    """Of intervals and regions, 0 to 1."""
     remarks: tuple[str, ...]
     """What a person should know before using it, in sentences."""
     doubts: tuple[str, ...] = ()
@@ -73,7 +74,25 @@ class Identification:
         return not self.verdict.ok
 
     def rest(self, log: ReadingLog) -> Array:
-        """What is left (n, 6) of the readings of the log it was found from: with the drift, tilt and delay that it has."""
+        """Residuals: what is left of the readings of the log it was found from, with its drift, tilt and delay.
+
+        Parameters
+        ----------
+        log : ReadingLog, the one it was found from
+
+        Returns
+        -------
+        residuals : (n, 6) array, (m, f) [N m, N]
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia, sensing
+        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+        >>> log = sensing.simulate(tool, 12)
+        >>> found = sensing.identify(log)
+        >>> found.rest(log).shape
+        (12, 6)
+        """
         unknowns, factor = self.fit.unknowns, sign_factor(self.sensor.sign)
         explained = unknowns.design(log, factor, self.fit.state) @ self.fit.estimate
         return np.asarray(log.readings - explained - (0.0 if unknowns.bias else np.asarray(self.sensor.bias)))
@@ -89,12 +108,36 @@ class Identification:
         return self.fit.noise
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Confidence interval of one unknown, by its name in ``fit.unknowns.names`` (``turn`` and ``tilt`` about zero)."""
+        """Confidence interval of one unknown.
+
+        Parameters
+        ----------
+        name : str, in ``fit.unknowns.names`` (``turn`` and ``tilt`` about zero)
+
+        Returns
+        -------
+        interval : (float, float), in the unknown's SI unit
+
+        Raises
+        ------
+        ValueRangeError
+            There is no such unknown.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia, sensing
+        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+        >>> log = sensing.simulate(tool, 12)
+        >>> found = sensing.identify(log)
+        >>> lower, upper = found.interval(found.fit.unknowns.names[0])
+        >>> lower < upper
+        True
+        """
         names = self.fit.unknowns.names
         if name not in names:
             raise ValueRangeError(f"{name!r} was not identified. Choose one of: {', '.join(names)}.")
         k = names.index(name)
-        half = _student(self.fit, k, self.confidence) * math.sqrt(self.fit.covariance[k, k])
+        half = _student(float(self.fit.known[k]), self.confidence) * math.sqrt(self.fit.covariance[k, k])
         middle = self.fit.state.delay if name == "delay" else float(self.fit.estimate[k])
         return middle - half, middle + half
 
@@ -111,10 +154,10 @@ class Identification:
         Source: Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954.
         """
         x, C = self._load
-        m, start = x[0], self.fit.unknowns.load.start
+        m = x[0]
         out = np.tile([-math.inf, math.inf], (3, 1))
         for k in range(3):
-            t2 = _student(self.fit, start + 1 + k, self.confidence) ** 2
+            t2 = _student(float(self.fit.com_known[k]), self.confidence) ** 2
             a = m * m - t2 * C[0, 0]
             if a <= 0:
                 continue
@@ -124,7 +167,30 @@ class Identification:
         return out
 
     def com_region_contains(self, com: ArrayLike) -> bool:
-        """Whether a point (3,) [m] is in the joint confidence region of the centre of mass (Fieller's, for three)."""
+        """Whether a point is in the joint confidence region of the centre of mass (Fieller's, for three).
+
+        Parameters
+        ----------
+        com : (3,) array_like, in {f} [m]
+
+        Returns
+        -------
+        answer : bool
+
+        Raises
+        ------
+        ShapeError
+            ``com`` is of another size.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia, sensing
+        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+        >>> log = sensing.simulate(tool, 12)
+        >>> found = sensing.identify(log)
+        >>> found.com_region_contains([0, 0, 0.1])
+        True
+        """
         x, C = self._load[0], self._joint
         c = np.asarray(com, float)
         if c.shape != (3,):
@@ -134,7 +200,26 @@ class Identification:
         return bool(r @ np.linalg.solve(H @ C @ H.T, r) <= self._limit(3))
 
     def region_contains(self, mass: float, com: ArrayLike) -> bool:
-        """Whether mass [kg] and centre of mass (3,) [m] are in their joint confidence region, an ellipsoid of (m, m c)."""
+        """Whether mass and centre of mass are in their joint confidence region, an ellipsoid of (m, m c).
+
+        Parameters
+        ----------
+        mass : float [kg]
+        com : (3,) array_like, in {f} [m]
+
+        Returns
+        -------
+        answer : bool
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia, sensing
+        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+        >>> log = sensing.simulate(tool, 12)
+        >>> found = sensing.identify(log)
+        >>> found.region_contains(3.0, [0, 0, 0.1])
+        True
+        """
         x, C = self._load[0], self._joint
         r = np.array([mass, *(mass * np.asarray(com, float))]) - x
         return bool(r @ np.linalg.solve(C, r) <= self._limit(4))
@@ -176,14 +261,14 @@ def com_deviation(fit: Fit) -> Array:
 def mass_interval(fit: Fit, confidence: float) -> tuple[float, float]:
     """Confidence interval of a fit's mass [kg]."""
     k = fit.unknowns.load.start
-    half = _student(fit, k, confidence) * math.sqrt(fit.covariance[k, k])
+    half = _student(float(fit.known[k]), confidence) * math.sqrt(fit.covariance[k, k])
     return float(fit.estimate[k]) - half, float(fit.estimate[k]) + half
 
 
-def _student(fit: Fit, k: int, confidence: float) -> float:
+def _student(freedom: float, confidence: float) -> float:
     from scipy import special
 
-    return float(special.stdtrit(min(float(fit.known[k]), 1e9), 0.5 + 0.5 * confidence))
+    return float(special.stdtrit(min(freedom, 1e9), 0.5 + 0.5 * confidence))
 
 
 def weakness(fit: Fit, sensor: ForceTorqueSensor, confidence: float) -> str | None:

@@ -7,16 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..core import arguments
+from ..core.gravity import GRAVITY
 from ..errors import ModelWarning, ShapeError, ValueRangeError
-from .directions import GRAVITY, checked_rotations, gravity_in_frame, rotations_of_quaternions
-from .frames import unlabelled
-from .sensor import ForceTorqueSensor
-
-Array = NDArray[Any]
-
-__all__ = ["AXES", "ReadingLog", "checked_log", "late"]
+from ..typing import Array
+from .gravity_directions import checked_rotations, gravity_in_frame, rotations_of_quaternions
+from .sensor import ForceTorqueSensor, checked_sensor
+from .sensor_frames import unlabelled
 
 AXES = ("mx", "my", "mz", "fx", "fy", "fz")
 _STRONG = 1100.0  # N; twice the weight of 50 kg turned over, and a tenth; a log in grams of 1.1 kg is above
@@ -29,8 +28,12 @@ _GRAVITY = (1.5, 30.0)  # m/s²; from the Moon to Jupiter, but not in g or cm/s�
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReadingLog:
-    """n readings with what is needed to explain them, in SI units and in {f}, the frame whose poses are known.
+    """Log of a force-torque sensor: n readings with what is needed to explain them.
 
+    In SI units and in {f}, the frame whose poses are known.
+
+    Examples
+    --------
     >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
     >>> len(log), log.gravity.tolist()
     (1, [[0.0, 0.0, -9.81]])
@@ -68,20 +71,44 @@ class ReadingLog:
         time: ArrayLike | None = None,
         name: str = "log",
     ) -> ReadingLog:
-        """From arrays: readings (n, 6), orientations, and where the sensor moved V and dV (n, 6).
+        """Log from arrays.
 
-        Orientations are poses T_wf (n, 4, 4), rotations R_wf (n, 3, 3), or unit quaternions (n, 4), scalar first, with
-        ``gravity`` (3,) in {w}; or, without any of them, ``gravity`` (n, 3) in {f} itself.
+        Parameters
+        ----------
+        readings : (n, 6) array_like, (m, f) [N m, N]
+        pose : (n, 4, 4) or (n, 3, 3) array_like, optional, poses T_wf or rotations R_wf
+        quaternion : (n, 4) array_like, optional, unit quaternions of R_wf, scalar first
+        gravity : (3,) array_like, in {w} [m/s²]; without any orientations (n, 3), in {f} itself
+        V : (n, 6) array_like, optional, body twists of {f} where it moved [rad/s, m/s]
+        dV : (n, 6) array_like, optional, their rates [rad/s², m/s²]
+        time : (n,) array_like, optional [s]
+        name : str, for messages
 
-        Raises :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` for empty logs, values that are
-        not finite, and orientations that are none; warns (:class:`~twistwrench.ModelWarning`) of units that look wrong.
+        Returns
+        -------
+        log : ReadingLog
+
+        Raises
+        ------
+        ShapeError
+            An array is of another size.
+        ValueRangeError
+            The log is empty, values are not finite, or orientations are none.
+
+        Warns
+        -----
+        ModelWarning
+            Units look wrong.
+
+        Examples
+        --------
+        >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], quaternion=[[1, 0, 0, 0]])
+        >>> log.gravity.tolist()
+        [[0.0, 0.0, -9.81]]
         """
         labelled = unlabelled({"pose": pose, "V": V, "dV": dV})
         pose, V, dV = labelled["pose"], labelled["V"], labelled["dV"]
-        try:
-            r = np.array(readings, float)
-        except (TypeError, ValueError):
-            raise ShapeError(f"{name}: readings are no array of numbers (n, 6): {', '.join(AXES)}.") from None
+        r = np.array(arguments.real(readings, f"{name}: readings"), float)
         if r.size == 0:
             raise ValueRangeError(f"{name}: the log is empty. Give at least one reading.")
         if r.ndim != 2 or r.shape[1] != 6:
@@ -90,7 +117,11 @@ class ReadingLog:
             raise ValueRangeError(f"{name}: both pose and quaternion are given. Keep one of them.")
         if quaternion is not None:
             pose = rotations_of_quaternions(quaternion, f"{name}: quaternion")
-        g = np.array(gravity, float) if pose is None else gravity_in_frame(pose, gravity)
+        g = (
+            np.array(arguments.real(gravity, f"{name}: gravity"), float)
+            if pose is None
+            else gravity_in_frame(pose, gravity)
+        )
         arrays = {"gravity": (g, 3), "V": (V, 6), "dV": (dV, 6)}
         checked = {key: _rows(value, len(r), width, f"{name}: {key}") for key, (value, width) in arrays.items()}
         if not np.isfinite(r).all():
@@ -104,7 +135,7 @@ class ReadingLog:
             )
         if (V is None) != (dV is None):
             raise ValueRangeError(f"{name}: V and dV come together. Give both, or none for a sensor that stands still.")
-        t = None if time is None else np.array(time, float)
+        t = None if time is None else np.array(arguments.real(time, f"{name}: time"), float)
         if t is not None and (t.shape != (len(r),) or not np.isfinite(t).all()):
             raise ShapeError(f"{name}: time has shape {t.shape}, expected ({len(r)},) finite numbers [s].")
         if t is not None and (k := late(t)) is not None:
@@ -124,17 +155,58 @@ class ReadingLog:
         return len(self.readings)
 
     def rows(self, which: Any) -> ReadingLog:
-        """The log of some of the readings only; ``which`` is a slice, a mask or indices."""
+        """Log of some of the readings only.
+
+        Parameters
+        ----------
+        which : slice, mask or indices
+
+        Returns
+        -------
+        log : ReadingLog
+
+        Examples
+        --------
+        >>> len(ReadingLog.of(np.zeros((5, 6)), pose=np.tile(np.eye(3), (5, 1, 1))).rows(slice(2)))
+        2
+        """
+        try:
+            self.readings[which]
+        except (IndexError, TypeError, ValueError) as problem:
+            raise ValueRangeError(
+                f"{self.name}: {arguments.shown(which)} chooses no readings: {problem}. Give a slice, indices, or a mask of "
+                f"{len(self)}."
+            ) from None
         optional = {name: getattr(self, name) for name in ("V", "dV", "time", "rotations")}
         chosen: dict[str, Any] = {name: None if x is None else x[which] for name, x in optional.items()}
         return replace(self, readings=self.readings[which], gravity=self.gravity[which], **chosen)
 
     def doubts(self) -> list[str]:
-        """Units that look wrong, in words; empty when all look right."""
+        """Units that look wrong, in words.
+
+        Returns
+        -------
+        doubts : list of str, empty when all look right
+
+        Examples
+        --------
+        >>> ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).doubts()
+        []
+        """
         return self.size_doubts() + self.motion_doubts()
 
     def size_doubts(self) -> list[str]:
-        """Units of the readings that look wrong by their size alone."""
+        """Units of the readings that look wrong by their size alone.
+
+        Returns
+        -------
+        doubts : list of str
+
+        Examples
+        --------
+        >>> ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).size_doubts()
+        []
+        """
         found = []
         centred = self.readings - np.median(self.readings, axis=0)  # a bias may be anything
         moment, force = (float(np.abs(centred[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
@@ -152,7 +224,17 @@ class ReadingLog:
         return found
 
     def motion_doubts(self) -> list[str]:
-        """Units of gravity and of the motion that look wrong by their size."""
+        """Units of gravity and of the motion that look wrong by their size.
+
+        Returns
+        -------
+        doubts : list of str
+
+        Examples
+        --------
+        >>> ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).motion_doubts()
+        []
+        """
         found = []
         strength = np.linalg.norm(self.gravity, axis=1)
         if strength.min() < _GRAVITY[0] or strength.max() > _GRAVITY[1]:
@@ -169,16 +251,48 @@ class ReadingLog:
         return found
 
     def predicted(self, sensor: ForceTorqueSensor) -> Array:
-        """What that sensor would read (n, 6) in these poses and motions."""
-        return sensor.predict(np.eye(3), self.V, self.dV, gravity=self.gravity)
+        """Predicted readings of that sensor in these poses and motions.
+
+        Parameters
+        ----------
+        sensor : ForceTorqueSensor
+
+        Returns
+        -------
+        readings : (n, 6) array [N m, N]
+
+        Examples
+        --------
+        >>> from twistwrench.sensing import ForceTorqueSensor
+        >>> ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)]).predicted(ForceTorqueSensor()).tolist()
+        [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
+        """
+        return checked_sensor(sensor, "predicted").predict(np.eye(3), self.V, self.dV, gravity=self.gravity)
 
     def compensated(self, sensor: ForceTorqueSensor) -> Array:
-        """The readings (n, 6) without that sensor's bias, weight and inertial load.
+        """Gravity compensation: the readings without that sensor's bias, weight and inertial load.
 
-        Warns (:class:`~twistwrench.ModelWarning`) in motion when the load's inertia is unknown.
+        Parameters
+        ----------
+        sensor : ForceTorqueSensor
+
+        Returns
+        -------
+        compensated : (n, 6) array [N m, N]
+
+        Warns
+        -----
+        ModelWarning
+            The log has motion and the load's inertia is unknown.
+
+        Examples
+        --------
+        >>> from twistwrench.sensing import ForceTorqueSensor
+        >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
+        >>> log.compensated(ForceTorqueSensor(bias=[0, 0, 0, 0, 0, -29.43]))[0, 5].item()
+        0.0
         """
-        if not isinstance(sensor, ForceTorqueSensor):
-            raise ShapeError(f"compensated takes a ForceTorqueSensor, got {type(sensor).__name__}.")
+        checked_sensor(sensor, "compensated")
         sensor.warn_of_motion(self.V, self.dV)
         return self.readings - self.predicted(sensor)
 
@@ -187,9 +301,8 @@ def checked_log(log: Any, taker: str) -> ReadingLog:
     """The log itself; :class:`~twistwrench.ShapeError` naming who takes it and how to make one, if it is none."""
     if isinstance(log, ReadingLog):
         return log
-    got = f"an array of shape {log.shape}" if isinstance(log, np.ndarray) else f"a {type(log).__name__}"
     raise ShapeError(
-        f"{taker} takes a ReadingLog, got {'None' if log is None else got}. Make one with "
+        f"{taker} takes a ReadingLog, got {arguments.shown(log)}. Make one with "
         "ReadingLog.of(readings, pose=T_wf), or read one with read_log(path)."
     )
 
@@ -203,7 +316,7 @@ def late(time: Array) -> int | None:
 def _rows(value: ArrayLike | None, count: int, width: int, where: str) -> Any:
     if value is None:
         return None
-    x = np.array(value, float)
+    x = np.array(arguments.real(value, where), float)
     if x.shape == (width,):
         x = np.tile(x, (count, 1))
     if x.shape != (count, width):

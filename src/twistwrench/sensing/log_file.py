@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..errors import NotFoundError, ShapeError, ValueRangeError
-from ..motion.csv_numbers import parse_table
-from ..report.table_file import TableFile
-from .directions import GRAVITY, rotations_of_quaternions
+from ..core.gravity import GRAVITY
+from ..errors import ShapeError, ValueRangeError
+from ..motion.csv_file import CsvFile, table_errors
+from ..motion.row_block import Block
+from ..motion.table_file import TableFile
+from ..typing import Array
+from .gravity_directions import rotations_of_quaternions
 from .log import AXES, ReadingLog, checked_log, late
-
-Array = NDArray[Any]
-
-__all__ = ["read_log", "write_log"]
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
@@ -44,57 +44,78 @@ _UNITS = {
 
 
 def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
-    """Read a log. Columns, in any order, each perhaps followed by its unit as in ``fx [N]``:
+    r"""Read a log of a force-torque sensor from a CSV file.
 
-    ``mx, my, mz, fx, fy, fz`` readings [N m, N]; the orientation as ``qw, qx, qy, qz`` or ``r11, r12, …, r33`` (R_wf, row by
-    row) or ``gx, gy, gz`` (the direction of gravity in {f}, of any length); optionally ``time`` [s], ``wx … vz`` and
-    ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz``, which nothing depends on. ``gravity`` (3,) is that of {w}. Other
-    columns are ignored, and named in the log's ``notes``.
+    Parameters
+    ----------
+    path : str or Path
+    gravity : (3,) array_like, in {w} [m/s²]
 
-    Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ValueRangeError`, which name the file, line and column,
-    and :class:`~twistwrench.ShapeError` for what is no path.
+    Returns
+    -------
+    log : ReadingLog
+
+    Raises
+    ------
+    NotFoundError
+        There is no such file.
+    ValueRangeError
+        The file cannot be read; line and column are named.
+    ShapeError
+        ``path`` is none.
+
+    Notes
+    -----
+    Columns, in any order, each perhaps followed by its unit as in ``fx [N]``:
+
+    ``mx, my, mz, fx, fy, fz`` readings [N m, N]; the orientation as ``qw, qx, qy, qz`` or ``r11, r12, …, r33`` (R_wf,
+    row by row) or ``gx, gy, gz`` (the direction of gravity in {f}, of any length); optionally ``time`` [s], ``wx … vz``
+    and ``dwx … dvz`` (V and dV in {f}), and ``px, py, pz``, which nothing depends on. Other columns are ignored, and
+    named in the log's ``notes``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "log.csv")
+    ...     count = path.write_text("mx,my,mz,fx,fy,fz,gx,gy,gz\n0,0,0,0,0,-29.43,0,0,-1\n")
+    ...     read_log(path).readings.tolist()
+    [[0.0, 0.0, 0.0, 0.0, 0.0, -29.43]]
     """
     if not isinstance(path, str | Path):
         raise ShapeError(f"read_log takes the path of a CSV file, got a {type(path).__name__}.")
     path = Path(path)
-    try:
-        text = path.read_text("utf-8-sig")
-    except FileNotFoundError:
-        raise NotFoundError(f"no log {str(path)!r}. Give the path of a CSV file.") from None
-    except (OSError, UnicodeDecodeError):
-        raise ValueRangeError(f"{path}: cannot be read as a UTF-8 text file. Save the log as CSV.") from None
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
-    if not lines:
-        raise ValueRangeError(
-            f"{path}: the log is empty. A log has a header ({', '.join(AXES)} and an orientation), then rows."
-        )
-    where = f"{path}: line {lines[0][0]}"
-    header = _names(lines[0][1], where)
-    names = [name for name in header if name in _KNOWN]
-    ignored = [name for name in header if name not in _KNOWN]
-    _check_complete(names, ignored, where)
-    if len(lines) == 1:
+    with table_errors(path, "log", f"a header ({', '.join(AXES)} and an orientation), then rows"):
+        file = CsvFile.open(path)
+        header = _names(file.header, f"{path}: line {file.header_line}")
+        names = [name for name in header if name in _KNOWN]
+        ignored = [name for name in header if name not in _KNOWN]
+        _check_complete(names, ignored, f"{path}: line {file.header_line}")
+        blocks = list(file.blocks([k for k, name in enumerate(header) if name in _KNOWN]))
+    table = np.concatenate([np.zeros((0, len(names))), *(block.table for block in blocks)])
+    if not len(table):
         raise ValueRangeError(f"{path}: no readings after the header. Give at least one row.")
-    rows = _columns(path, lines[1:], header) if ignored else lines[1:]
-    table = parse_table(("\n".join(line for _, line in rows) + "\n").encode(), len(names))
-    if table is None or not np.isfinite(table).all():
-        raise _blame(path, rows, names)
     columns = {name: table[:, k] for k, name in enumerate(names)}
     if "time" in columns and (k := late(columns["time"])) is not None:
         raise ValueRangeError(
-            f"{path}: line {rows[k][0]}: time {columns['time'][k]:g} s is not after the {columns['time'][k - 1]:g} s of the "
+            f"{path}: {_place(blocks, k)}: time {columns['time'][k]:g} s is not after the {columns['time'][k - 1]:g} s of the "
             "row before. Times must increase: sort the rows, or remove the column."
         )
     return replace(_log(path, columns, gravity), notes=_notes(ignored))
 
 
-def _names(text: str, where: str) -> list[str]:
-    if "," not in text:
-        raise ValueRangeError(
-            f"{where}: the columns are not separated by commas. Separate them so; decimals take points."
-        )
+def _place(blocks: list[Block], row: int) -> str:
+    """Where a row stands in the file."""
+    for block in blocks:
+        if row < len(block.table):
+            return block.place(row)
+        row -= len(block.table)
+    return "the last line"
+
+
+def _names(cells: Sequence[str], where: str) -> list[str]:
     names = []
-    for column in text.split(","):
+    for column in cells:
         match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", column.strip().strip('"'))
         name = (match[1] if match else column).strip().lower()
         name = _ALIASES.get(name, name)
@@ -107,18 +128,6 @@ def _names(text: str, where: str) -> list[str]:
         if name in _KNOWN and names.count(name) > 1:
             raise ValueRangeError(f"{where}: column {name!r} is there {names.count(name)} times. Keep one of them.")
     return names
-
-
-def _columns(path: Path, lines: list[tuple[int, str]], header: list[str]) -> list[tuple[int, str]]:
-    """The lines with the fields of known columns only: the others may hold anything."""
-    places = [k for k, name in enumerate(header) if name in _KNOWN]
-    kept = []
-    for number, line in lines:
-        fields = line.split(",")
-        if len(fields) != len(header):
-            raise _incomplete(path, number, len(fields), len(header))
-        kept.append((number, ",".join(fields[k] for k in places)))
-    return kept
 
 
 def _notes(ignored: list[str]) -> tuple[str, ...]:
@@ -195,33 +204,29 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLo
     )
 
 
-def _blame(path: Path, lines: list[tuple[int, str]], names: list[str]) -> ValueRangeError:
-    """The error of the first row that is not ``len(names)`` finite numbers."""
-    for number, line in lines:
-        fields = line.split(",")
-        where = f"{path}: line {number}"
-        if len(fields) != len(names):
-            return _incomplete(path, number, len(fields), len(names))
-        for name, field in zip(names, fields, strict=True):
-            try:
-                good = bool(np.isfinite(float(field))) and "_" not in field
-            except ValueError:
-                good = False
-            if not good:
-                return ValueRangeError(
-                    f"{where}, column {name!r} is {field.strip()!r}, not a finite number. Fill or remove the row."
-                )
-    return ValueRangeError(f"{path}: rows that cannot be read as numbers. Save the log as plain CSV.")
-
-
-def _incomplete(path: Path, number: int, count: int, wanted: int) -> ValueRangeError:
-    return ValueRangeError(f"{path}: line {number} has {count} values, the header names {wanted}. Complete the row.")
-
-
 def write_log(log: ReadingLog, path: str | Path) -> None:
     """Write a log that :func:`read_log` reads back; orientations become gravity's direction ``gx, gy, gz``.
 
-    Raises :class:`~twistwrench.ShapeError` for arguments of another type or order.
+    Parameters
+    ----------
+    log : ReadingLog
+    path : str or Path, the file that is written
+
+    Raises
+    ------
+    ShapeError
+        Arguments are of another type or order.
+    ValueRangeError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> log = ReadingLog.of([[0, 0, 0, 0, 0, -29.43]], pose=[np.eye(3)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_log(log, f"{folder}/log.csv")
+    ...     len(read_log(f"{folder}/log.csv"))
+    1
     """
     if isinstance(path, ReadingLog):
         raise ShapeError("write_log takes the log first, then the path: write_log(log, 'log.csv').")

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..errors import ValueRangeError
-
-Array = NDArray[Any]
-
-__all__ = ["checked_noise", "six_noises"]
+from ..core import arguments
+from ..errors import TwistWrenchError, ValueRangeError
+from ..typing import Array
 
 
 def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
@@ -23,8 +19,8 @@ def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
     [0.01, 0.3]
     """
     try:
-        sigma = np.asarray(noise, float)
-    except (TypeError, ValueError, OverflowError):
+        sigma = np.asarray(arguments.real(noise, "noise"), float)
+    except TwistWrenchError:  # said below
         sigma = np.empty(0)
     if sigma.shape != (2,) or not np.isfinite(sigma).all() or (sigma < 0 if none_at_all else sigma <= 0).any():
         what = "numbers from 0 on" if none_at_all else "positive numbers"
@@ -38,7 +34,8 @@ def six_noises(noise: ArrayLike) -> Array:
     >>> six_noises((0.01, 0.3)).tolist()
     [0.01, 0.01, 0.01, 0.3, 0.3, 0.3]
     """
-    sigma = np.asarray(noise, float) if np.shape(noise) == (6,) else np.repeat(checked_noise(noise), 3)
+    six = np.shape(noise) == (6,)
+    sigma = arguments.real(noise, "noise", 6) if six else np.repeat(checked_noise(noise), 3)
     if not np.isfinite(sigma).all() or (sigma <= 0).any():
         raise ValueRangeError(f"noise {noise!r} is not six positive numbers: mx, my, mz [N m], fx, fy, fz [N].")
     return sigma

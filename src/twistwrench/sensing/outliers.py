@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .blind_spots import blind_spots
-from .contact import CollisionThreshold
+from ..typing import Array
+from .contact_detection import CollisionThreshold
+from .dwells import Witnesses
 from .fit import Fit, Problem, fit
 from .log import ReadingLog
-from .witnesses import Witnesses
-
-Array = NDArray[Any]
-
-__all__ = ["least_rows", "runs", "touched_in_dwells", "trimmed"]
+from .observability import blind_spots
 
 _FALSE_ALARM = 1e-3  # chance that a clean log loses a reading
 _DWELL_ALARM = 1e-9  # that it loses a dwell: whole orientations go only where nothing else can be

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..core import arguments
+from ..core.gravity import GRAVITY
 from ..errors import ShapeError, ValueRangeError
-from .directions import GRAVITY, rotations_to_gravity
+from ..typing import Array
+from .gravity_directions import rotations_to_gravity
 from .log import ReadingLog, checked_log
 from .noise import checked_noise
-from .unknowns import State, Unknowns
-
-Array = NDArray[Any]
-
-__all__ = ["PoseProposal", "checked_count", "propose_poses"]
+from .unknowns import SensorState, Unknowns
 
 _CANDIDATES = 400
 _BELIEF = 1e3  # what is taken to be possible of each unknown before the first reading, in its own scale
@@ -26,7 +25,7 @@ _BELIEF = 1e3  # what is taken to be possible of each unknown before the first r
 
 @dataclass(frozen=True, eq=False)
 class PoseProposal:
-    """Orientations in the order to read them, and what will then be known."""
+    """Proposed orientations in the order to read them, and what will then be known."""
 
     gravity: Array
     """(count, 3) gravity in {f} [m/s²]."""
@@ -47,24 +46,42 @@ def propose_poses(
     noise: tuple[float, float] = (0.01, 0.3),
     gravity: float = float(np.linalg.norm(GRAVITY)),
 ) -> PoseProposal:
-    """The next ``count`` orientations for a static identification, D-optimal one by one, after those of ``log``.
+    """Optimal experiment design: the next orientations for a static identification, D-optimal one by one.
 
-    ``candidates`` (n, 3) are gravity directions in {f} to choose from, by default 400 spread evenly;
-    ``within`` [rad] keeps those that tilt the tool by no more than that from upright (gravity along -z of {f}).
-    ``noise`` is the standard deviation of moments [N m] and forces [N], ``gravity`` the size of gravity there [m/s²].
-    Raises :class:`~twistwrench.ValueRangeError` if there is nothing to choose from.
+    Parameters
+    ----------
+    count : int, how many
+    log : ReadingLog, optional, readings there are already
+    candidates : (n, 3) array_like, optional, gravity directions in {f} to choose from; None: 400 spread evenly
+    within : float, keeps those that tilt the tool by no more than that from upright (gravity along -z of {f}) [rad]
+    noise : (moment [N m], force [N]), standard deviations of a reading
+    gravity : float, size of gravity there [m/s²]
+
+    Returns
+    -------
+    proposal : PoseProposal
+
+    Raises
+    ------
+    ValueRangeError
+        There is nothing to choose from, or a number is invalid.
+
+    Notes
+    -----
     Source: Fedorov, "Theory of Optimal Experiments", 1972: det(M + A'A) = det M · det(1 + A M⁻¹ A').
 
+    Examples
+    --------
     >>> proposal = propose_poses(12)
     >>> proposal.gravity.shape, bool(proposal.mass_deviation[-1] < 0.01)
     ((12, 3), True)
     """
     count, sigma = checked_count(count), checked_noise(noise)
-    if not within >= 0:
+    if not arguments.number(within, "within") >= 0:
         raise ValueRangeError(f"within {within!r} is no largest tilt. Give an angle in rad, such as 1.0.")
     directions = _choices(candidates, within)
     unknowns, weight = Unknowns(), (1.0 / np.repeat(sigma, 3))[:, None]
-    if not (gravity > 0 and math.isfinite(gravity)):
+    if not 0 < arguments.number(gravity, "gravity") < math.inf:
         raise ValueRangeError(f"gravity {gravity!r} is no size of gravity. Give it in m/s², such as 9.81.")
     rows = _design(gravity * directions, unknowns) * weight
     information = np.diag(1.0 / (_BELIEF * unknowns.scales) ** 2)
@@ -100,7 +117,7 @@ def checked_count(count: Any) -> int:
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:
     still = ReadingLog(np.zeros((len(gravity), 6)), gravity)
-    return unknowns.design(still, 1.0, State())
+    return unknowns.design(still, 1.0, SensorState())
 
 
 def _choices(candidates: ArrayLike | None, within: float) -> Array:
@@ -113,7 +130,7 @@ def _choices(candidates: ArrayLike | None, within: float) -> Array:
         d = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=-1)
         d = np.concatenate([[[0.0, 0.0, -1.0]], d])
     else:
-        d = np.asarray(candidates, float)
+        d = np.asarray(arguments.real(candidates, "candidates"), float)
         if d.ndim != 2 or d.shape[1] != 3:
             raise ShapeError(
                 f"candidates have shape {d.shape}, expected (n, 3): gravity directions in the sensor's frame."

@@ -12,16 +12,18 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core import arguments
+from ..core.gravity import GRAVITY
 from ..errors import InertiaError, ModelWarning, ShapeError, ValueRangeError
 from ..lie import so3
 from ..screws.labelled import frame_name
-from .directions import GRAVITY, checked_rotations, gravity_in_frame
-from .frames import unlabelled
+from ..typing import Array
+from .gravity_directions import checked_rotations, gravity_in_frame
+from .sensor_frames import unlabelled
 
-Array = NDArray[Any]
 Sign = Literal["on_sensor", "by_sensor"]
 Inertia = Literal["given", "accept", "unknown"]
 
@@ -32,13 +34,10 @@ _UNTOLD = (
     "forces are free of it. Identify with inertia=True from a log in motion."
 )
 
-__all__ = ["ForceTorqueSensor", "Inertia", "Sign", "load_regressor", "sign_factor"]
-
 
 def sign_factor(sign: str) -> float:
     """+1 for readings of what the load applies to the sensor, -1 for what the sensor applies to the load."""
-    if sign not in get_args(Sign):
-        raise ValueRangeError(f"sign {sign!r} is not known. Choose one of: {', '.join(get_args(Sign))}.")
+    arguments.choice(sign, "sign", get_args(Sign))
     return 1.0 if sign == "on_sensor" else -1.0
 
 
@@ -72,8 +71,12 @@ def _times_inertia(x: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ForceTorqueSensor:
-    """A sensor, its bias, and the load mounted on it. ``reading = bias ± R' F_on + what else touches the load``.
+    """Force-torque sensor: its bias, and the load mounted on it.
 
+    ``reading = bias ± R' F_on + what else touches the load``.
+
+    Examples
+    --------
     >>> from twistwrench import SpatialInertia
     >>> sensor = ForceTorqueSensor(load=SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
     >>> sensor.predict(np.eye(3)).round(6).tolist()  # upright: 3 kg hang on it
@@ -97,11 +100,8 @@ class ForceTorqueSensor:
     def __post_init__(self) -> None:
         if not isinstance(self.load, SpatialInertia):
             raise InertiaError(f"a sensor's load is a SpatialInertia, got {type(self.load).__name__}.")
-        if self.inertia not in get_args(Inertia):
-            raise ValueRangeError(
-                f"inertia {self.inertia!r} is not known. Choose one of: {', '.join(get_args(Inertia))}."
-            )
-        bias = np.array(self.bias, float)
+        arguments.choice(self.inertia, "inertia", get_args(Inertia))
+        bias = np.array(arguments.real(self.bias, "bias"), float)
         if bias.shape != (6,):
             raise ShapeError(f"bias has shape {bias.shape}, expected (6,): mx, my, mz, fx, fy, fz.")
         if not np.isfinite(bias).all() or not np.isfinite(self.load.parameters.astype(float)).all():
@@ -130,13 +130,32 @@ class ForceTorqueSensor:
         *,
         gravity: ArrayLike = GRAVITY,
     ) -> Array:
-        """The reading (..., 6) when nothing touches the load.
+        """Predicted reading when nothing touches the load; arguments broadcast.
 
-        ``pose`` is T_wf (..., 4, 4) or R_wf (..., 3, 3); ``gravity`` (..., 3) in {w} [m/s²] (with ``pose=np.eye(3)``: in
-        {f}); V (..., 6) is the twist of {f} in {f}, dV (..., 6) its rate. They broadcast.
-        Raises :class:`~twistwrench.ShapeError`, :class:`~twistwrench.ValueRangeError`, and where a
-        :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` names another frame than {f} or each other,
-        :class:`~twistwrench.FrameError`.
+        Parameters
+        ----------
+        pose : (..., 4, 4) or (..., 3, 3) array_like, T_wf or R_wf
+        V : (..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]
+        dV : (..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]
+        gravity : (..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}
+
+        Returns
+        -------
+        reading : (..., 6) array, (m, f) in the sensor's axes [N m, N]
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            An argument is of another size, or the pose is none.
+        FrameError
+            A :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` names another frame than {f} or each other.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
+        >>> sensor.predict(np.eye(3)).round(6).tolist()
+        [0.0, 0.0, 0.0, 5.0, 0.0, -29.43]
         """
         given = self._unlabelled(pose=pose, V=V, dV=dV)
         V, dV = _six(given["V"], "V", _TWIST), _six(given["dV"], "dV", _TWIST)
@@ -156,11 +175,38 @@ class ForceTorqueSensor:
         *,
         gravity: ArrayLike = GRAVITY,
     ) -> Array:
-        """Readings (..., 6) without bias, weight and inertial load: what else acts, in the same sign and axes as they.
+        """Gravity and inertia compensation: readings without bias, weight and inertial load.
 
-        A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: those of {f} unless the mounting is turned.
-        The other arguments and errors are those of :meth:`predict`; warns (:class:`~twistwrench.ModelWarning`) in motion when
-        the load's inertia is unknown.
+        Parameters
+        ----------
+        readings : (..., 6) array_like or Wrench [N m, N]
+            A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: those of {f} unless the mounting is
+            turned.
+        pose : (..., 4, 4) or (..., 3, 3) array_like, T_wf or R_wf
+        V : (..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]
+        dV : (..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]
+        gravity : (..., 3) array_like, in {w} [m/s²]; with ``pose=np.eye(3)``: in {f}
+
+        Returns
+        -------
+        compensated : (..., 6) array, what else acts, in the same sign and axes as the readings [N m, N]
+
+        Raises
+        ------
+        ShapeError, ValueRangeError, FrameError
+            As :meth:`predict`.
+
+        Warns
+        -----
+        ModelWarning
+            There is motion and the load's inertia is unknown.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
+        >>> sensor.compensate([0, 0, 0, 5, 0, -39.43], np.eye(3)).round(6).tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
         """
         given = self._unlabelled(readings=readings, pose=pose, V=V, dV=dV)
         read = np.asarray(_six(given.pop("readings"), "readings", _READING))
@@ -170,9 +216,27 @@ class ForceTorqueSensor:
         return read - predicted
 
     def contact_wrench(self, compensated: ArrayLike) -> Array:
-        """What the world does to the load, in {f} (..., 6), from compensated readings (..., 6) of either sign.
+        """Contact wrench: what the world does to the load, from compensated readings of either sign.
 
-        A labelled :class:`~twistwrench.Wrench` is one in the sensor's axes: :class:`~twistwrench.FrameError` if it is not.
+        Parameters
+        ----------
+        compensated : (..., 6) array_like or Wrench, in the sensor's axes [N m, N]
+
+        Returns
+        -------
+        F : (..., 6) array, (m, f) in {f} [N m, N]
+
+        Raises
+        ------
+        FrameError
+            The sensor has a ``frame``, and a labelled wrench is in another.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
+        >>> sensor.contact_wrench([0, 0, 0, 0, 0, -10]).tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
         """
         given = self._unlabelled(compensated=compensated)["compensated"]
         F = sign_factor(self.sign) * np.asarray(_six(given, "compensated", _READING))
@@ -180,12 +244,46 @@ class ForceTorqueSensor:
         return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
 
     def untold(self, V: ArrayLike | None, dV: ArrayLike | None) -> str | None:
-        """What a motion, V and dV (..., 6), leaves in the moments because the load's inertia is unknown; None if nothing."""
+        """What a motion leaves in the moments because the load's inertia is unknown.
+
+        Parameters
+        ----------
+        V : (..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]
+        dV : (..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]
+
+        Returns
+        -------
+        text : str, or None if nothing
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
+        >>> sensor.untold(None, None) is None
+        True
+        """
         turning = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
         return _UNTOLD if self.inertia == "unknown" and turning else None
 
     def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:
-        """Warn (:class:`~twistwrench.ModelWarning`) of what :meth:`untold` says."""
+        """Warn of what :meth:`untold` says.
+
+        Parameters
+        ----------
+        V : (..., 6) array_like or Twist, optional, body twist of {f} [rad/s, m/s]
+        dV : (..., 6) array_like or Twist, optional, its rate [rad/s², m/s²]
+
+        Warns
+        -----
+        ModelWarning
+            There is motion and the load's inertia is unknown.
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia
+        >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
+        >>> sensor.warn_of_motion(None, None)
+        """
         if said := self.untold(V, dV):
             warnings.warn(said, ModelWarning, stacklevel=3)
 
@@ -194,10 +292,17 @@ class ForceTorqueSensor:
         return unlabelled(given, self.frame, turned=turned)
 
 
+def checked_sensor(sensor: Any, taker: str) -> ForceTorqueSensor:
+    """The sensor itself; :class:`~twistwrench.ShapeError` naming who takes it, if it is none."""
+    if isinstance(sensor, ForceTorqueSensor):
+        return sensor
+    raise ShapeError(f"{taker} takes a ForceTorqueSensor, got {arguments.shown(sensor)}.")
+
+
 def _six(x: ArrayLike | None, name: str, meant: str) -> Array | None:
-    if x is None:
+    if x is None and name in ("V", "dV"):
         return None
-    x = np.asarray(x, float)
+    x = np.asarray(arguments.real(x, name), float)  # type: ignore[arg-type]
     if x.shape[-1:] != (6,):
         raise ShapeError(f"{name} has shape {x.shape}, expected (..., 6): {meant}.")
     return x

@@ -8,20 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
+from ..core import arguments
 from ..core.files import read_text
 from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, ShapeError, TwistWrenchError, ValueRangeError
 from ..outputs import replacing
+from ..typing import Array
 from .noise import checked_noise
 from .sensor import ForceTorqueSensor
 from .uncertainty import Uncertainty
-
-Array = NDArray[Any]
-
-__all__ = ["SensorFile", "read_sensor", "read_sensor_file", "write_sensor"]
 
 _ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
 
@@ -43,12 +40,31 @@ class SensorFile:
 def write_sensor(
     sensor: ForceTorqueSensor, path: str | Path, noise: tuple[float, float], uncertainty: Uncertainty | None = None
 ) -> None:
-    """Write a sensor and the noise (moments [N m], forces [N]) of its readings, every digit of them.
+    """Write a sensor and the noise of its readings to a file, every digit of them.
 
-    ``uncertainty`` is how well it is known, as :attr:`Identification.uncertainty` has it: covariance and degrees of freedom,
-    which :func:`~twistwrench.sensing.compensation.compensation` needs for its rate of false alarms to hold. Whether the
-    load's rotational inertia is known goes with it. Raises :class:`~twistwrench.ShapeError` for arguments of another type,
-    :class:`~twistwrench.ValueRangeError` for a noise that is none, or where nothing can be written.
+    Parameters
+    ----------
+    sensor : ForceTorqueSensor
+    path : str or Path, the file that is written
+    noise : (moment [N m], force [N]), standard deviations of a reading
+    uncertainty : Uncertainty, optional, how well it is known, as :attr:`Identification.uncertainty` has it
+        Covariance and degrees of freedom, which :func:`~twistwrench.sensing.compensation.compensation` needs for its
+        rate of false alarms to hold. Whether the load's rotational inertia is known goes with it.
+
+    Raises
+    ------
+    ShapeError
+        Arguments are of another type.
+    ValueRangeError
+        A noise is none, or nothing can be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_sensor(ForceTorqueSensor(), f"{folder}/hand.json", (0.01, 0.3))
+    ...     Path(folder, "hand.json").exists()
+    True
     """
     if not isinstance(sensor, ForceTorqueSensor) or not isinstance(path, str | Path):
         raise ShapeError(
@@ -64,6 +80,10 @@ def write_sensor(
     }
     if sensor.frame is not None:
         content["frame"] = sensor.frame
+    if uncertainty is not None and not isinstance(uncertainty, Uncertainty):
+        raise ShapeError(
+            f"write_sensor: uncertainty is {arguments.shown(uncertainty)}: give Identification.uncertainty, or None."
+        )
     if uncertainty is not None:
         content["uncertainty"] = {
             "unknowns": list(uncertainty.unknowns),
@@ -74,7 +94,31 @@ def write_sensor(
 
 
 def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float]]:
-    """Read what :func:`write_sensor` wrote: the sensor and its noise. Raises as :func:`read_sensor_file` does."""
+    """Read a sensor and its noise from a file that :func:`write_sensor` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    sensor : ForceTorqueSensor
+    noise : (moment [N m], force [N]), standard deviations of a reading
+
+    Raises
+    ------
+    NotFoundError, ValueRangeError
+        As :func:`read_sensor_file`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_sensor(ForceTorqueSensor(bias=[0, 0, 0, 5, 0, 0]), f"{folder}/hand.json", (0.01, 0.3))
+    ...     sensor, noise = read_sensor(f"{folder}/hand.json")
+    >>> sensor.bias.tolist(), noise
+    ([0.0, 0.0, 0.0, 5.0, 0.0, 0.0], (0.01, 0.3))
+    """
     found = read_sensor_file(path)
     return found.sensor, found.noise
 

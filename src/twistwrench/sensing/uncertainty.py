@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import ValueRangeError
+from ..typing import Array
 from .fit import Fit
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor
-from .unknowns import State, Unknowns
-
-Array = NDArray[Any]
-
-__all__ = ["Uncertainty", "uncertainty_of"]
+from .unknowns import SensorState, Unknowns
 
 _KINDS = ("bias", "load", "inertia", "turn")  # of the sensor; drift, tilt and delay are of one log
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """The covariance of a sensor's unknowns, and the noise of a reading, with degrees of freedom."""
+    """Uncertainty of a sensor: the covariance of its unknowns, and the noise of a reading, with degrees of freedom."""
 
     unknowns: tuple[str, ...]
     """Names of p unknowns: of the bias, the load and its inertia, and the mounting's turn, those that were identified."""
@@ -57,8 +52,27 @@ class Uncertainty:
         return Unknowns(bias="bias mx" in has, inertia="Ixx" in has, turn="turn x" in has)
 
     def predictive(self, log: ReadingLog, sensor: ForceTorqueSensor) -> Array:
-        """Covariance S (n, 6, 6) of what that sensor leaves of readings without contact: S = diag σ² + A C A'."""
-        state = State(np.asarray(sensor.mounting), load=sensor.load.parameters.astype(float))
+        """Predictive covariance of what that sensor leaves of readings without contact: S = diag σ² + A C A'.
+
+        Parameters
+        ----------
+        log : ReadingLog
+        sensor : ForceTorqueSensor
+
+        Returns
+        -------
+        S : (n, 6, 6) array, in products of the units (N m, N)
+
+        Examples
+        --------
+        >>> from twistwrench import SpatialInertia, sensing
+        >>> tool = sensing.ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)))
+        >>> log = sensing.simulate(tool, 12)
+        >>> found = sensing.identify(log)
+        >>> found.uncertainty.predictive(log, found.sensor).shape
+        (12, 6, 6)
+        """
+        state = SensorState(np.asarray(sensor.mounting), load=sensor.load.parameters.astype(float))
         A = self._asked.design(log, sign_factor(sensor.sign), state)
         return np.asarray(np.diag(self.noise**2) + A @ self.covariance @ np.swapaxes(A, 1, 2))
 

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..lie import so3
+from ..typing import Array
 from .log import ReadingLog
 from .sensor import load_regressor
-
-Array = NDArray[Any]
-
-__all__ = ["State", "Unknowns", "clock", "drifts"]
 
 _AXES = ("mx", "my", "mz", "fx", "fy", "fz")
 _NAMES = {
@@ -30,7 +25,7 @@ _SIZES = {"bias": 1.0, "load": 1.0, "inertia": 0.1, "turn": 0.1, "drift": 1.0, "
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class SensorState:
     """Where the unknowns that readings are not linear in stand."""
 
     mounting: Array = field(default_factory=lambda: np.eye(3))
@@ -92,7 +87,7 @@ class Unknowns:
         start = sum(len(_NAMES[k]) for k in before)
         return slice(start, start + len(_NAMES[kind]))
 
-    def design(self, log: ReadingLog, factor: float, state: State) -> Array:
+    def design(self, log: ReadingLog, factor: float, state: SensorState) -> Array:
         """A (n, 6, p): how readings change with the unknowns; those of turn, tilt and delay are zero without a load."""
         g = log.gravity if not self.tilt else _tilted(log, state.tilt)
         Y = factor * load_regressor(g, log.V, log.dV)  # F_f = Y π
@@ -114,7 +109,7 @@ class Unknowns:
             columns["delay"] = -_in_sensor(dY, state.mounting) @ load[:, None]
         return np.concatenate([columns[kind] for kind in self.kinds], axis=-1)
 
-    def moved(self, state: State, log: ReadingLog, x: Array) -> State:
+    def moved(self, state: SensorState, log: ReadingLog, x: Array) -> SensorState:
         """The state after a step x (p,) of Gauss and Newton."""
         load = np.concatenate([x[self.load], np.zeros(10 - len(x[self.load]))])
         mounting, tilt, delay = state.mounting, state.tilt, state.delay
@@ -124,7 +119,7 @@ class Unknowns:
             tilt = so3.exp(x[self.part("tilt")] @ level_axes(log)) @ tilt
         if self.delay:
             delay = delay + float(x[self.part("delay")][0])
-        return State(mounting, tilt, delay, load, state.middle)
+        return SensorState(mounting, tilt, delay, load, state.middle)
 
 
 def clock(log: ReadingLog) -> Array:

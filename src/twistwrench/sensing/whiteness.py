@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..typing import Array
 from .fit import Fit
 from .log import AXES
-
-Array = NDArray[Any]
-
-__all__ = ["Whiteness", "whiteness"]
 
 _CHANCE = 1e-3  # that white residuals are called otherwise, for all six channels
 _LEAST = 8  # rows from which the order says anything

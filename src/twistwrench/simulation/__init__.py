@@ -6,18 +6,20 @@
 from __future__ import annotations
 
 from .contact import JointStops, Plane
-from .door import simulate
 from .events import Event, Happening
 from .result import SimulationResult
 from .rollout import Rollout
 from .schemes import METHODS
+from .simulate import simulate
 from .tableau import Partitioned, Tableau
-from .torque_laws import PD, ComputedTorque
+from .torque_laws import BatchComputedTorque, BatchPD
+
+PD, ComputedTorque = BatchPD, BatchComputedTorque  # former names
 
 __all__ = [
     "METHODS",
-    "PD",
-    "ComputedTorque",
+    "BatchComputedTorque",
+    "BatchPD",
     "Event",
     "Happening",
     "JointStops",

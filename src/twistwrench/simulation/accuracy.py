@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..report.coordinates import Coordinates
+from ..motion.coordinates import Coordinates
+from ..typing import Array
 from .result import SimulationResult
 from .schemes import ADAPTIVE
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["Accuracy", "Extent"]
 
 _DRIFT = 0.01
 """Share of the energy that moved from which the drift is remarked on."""
@@ -25,6 +21,8 @@ _ERROR = 0.05
 """Share of the motion from which its error is remarked on. Errors that would cancel are added up, so less says little."""
 _REST = 1e-9
 """rad or m: a motion shorter than this is rest."""
+_MANY = 1e4
+"""Times the motion from which its error is not said in numbers."""
 _ROWS = 2000
 
 
@@ -36,6 +34,11 @@ class Extent:
     """(nv,) rad or m, the largest difference of two places of a joint."""
     spans: Array
     """(nv,) s, the travel at the peak speed."""
+
+    @property
+    def rests(self) -> Array:
+        """(nv,) whether a joint does not move at all."""
+        return np.asarray(self.travels < _REST)
 
     @classmethod
     def of(cls, robot: Robot, states: Array) -> Extent:
@@ -70,13 +73,18 @@ class Accuracy:
         """Where no step was judged."""
         return cls(np.full(nv, np.nan), np.nan)
 
+    @property
+    def remarkable(self) -> bool:
+        """Whether the error is a share of the motion that is remarked on."""
+        return self.relative > _ERROR
+
     def told(self, found: SimulationResult, contacts: str) -> SimulationResult:
         """The result with its errors, and with remarks where they, its contacts or its drift call for it."""
         remarks = [*found.remarks, *filter(None, [contacts])]
         less = "rtol" if found.method == ADAPTIVE else "dt"
-        if self.relative > _ERROR:
-            share = _percent(self.relative)
-            remarks.append(f"the errors of its steps add up to about {share} of the motion: take a smaller {less}")
+        if self.remarkable:
+            share = f"about {_percent(self.relative)} of" if self.relative < _MANY else f"more than {_MANY:,.0f} times"
+            remarks.append(f"the errors of its steps add up to {share} the motion: take a smaller {less}")
         if found.relative_drift > _DRIFT:
             remarks.append(
                 f"the energy is off by {_percent(found.relative_drift)} of what moved: the motion, or the work said to be "
@@ -87,5 +95,9 @@ class Accuracy:
 
 def _percent(share: float) -> str:
     return (
-        f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %" if share < 1e4 else "more than 10,000 times"
+        f"{100 * share:.2g} %"
+        if share < 1.0
+        else f"{100 * share:.0f} %"
+        if share < _MANY
+        else f"more than {_MANY:,.0f} times"
     )

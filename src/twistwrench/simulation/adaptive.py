@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import SimulationError
+from ..typing import Array
+from .force_probes import ForceProbes
 from .forces import WORKS, System
 from .schemes import RungeKutta
+from .stiffness import Stiffness
 from .tableau import DORMAND_PRINCE
-
-Array = NDArray[Any]
-
-__all__ = ["Stepper"]
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
@@ -22,9 +20,13 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 class Stepper:
     """Dormand and Prince's method, the tolerances its steps keep to, and the last step it took."""
 
-    def __init__(self, system: System, rtol: float, atol: float, longest: float) -> None:
+    def __init__(
+        self, system: System, rtol: float, atol: float, longest: float, spacing: float, duration: float
+    ) -> None:
         self.system, self.scheme = system, RungeKutta(system, DORMAND_PRINCE)
+        self.probes = ForceProbes(system, *self.scheme.asked, spacing)
         self.rtol, self.atol, self.longest = rtol, atol, longest
+        self.stiffness = Stiffness(system, self.scheme, duration)
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
         self.h, self.rejected = 0.0, 0
         self.rate_after = np.zeros(0)
@@ -42,9 +44,12 @@ class Stepper:
             t1 = until if t + 1.01 * h >= until else t + h
             step = t1 - t
             y1 = scheme.step(t, y, step, rate)
+            self.stiffness.look(t, step, y, y1)
             error = step * np.dot(scheme.error, scheme.K)
             allowed = self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
             size = float(np.sqrt(np.mean(np.square((error / allowed)[judged]))))
+            if size <= 1.0:
+                size = max(size, self._unseen(t, step, y, allowed))
             if size <= 1.0:
                 factor = min(grow, max(_SHRINK, _SAFETY * size**self.power)) if size > 0 else grow
                 if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
@@ -68,24 +73,26 @@ class Stepper:
     def between(self, t: float) -> Array:
         """The state at a time within the last step, by the dense output."""
         t0, h, y0, Q = self.last
-        theta = (t - t0) / h
-        y = y0 + h * np.dot(theta ** np.arange(1, len(Q) + 1), Q)
+        y = y0 + h * _dense((t - t0) / h, Q)
         self.system.manifold.normalise(y[: self.system.nq])
-        return np.asarray(y)
+        return y
 
     def judged(self, spans: Array) -> Array:
         """What all steps so far were judged to be off by, (nv,) [rad or m], errors of velocity for ``spans`` (nv) [s].
 
         They are judged by a method of order 4, so it is more than they are off by.
         """
-        manifold, off = self.system.manifold, self.errors
-        positions = np.zeros(self.system.nv)
-        positions[manifold.places[1]] = off[manifold.places[0]]
-        for i, k in manifold.planar:
-            positions[k : k + 3] = off[i + 2], *[np.hypot(*off[i : i + 2])] * 2
-        for i, k in manifold.floating:  # a quaternion changes by half the angle
-            positions[k : k + 6] = [2.0 * np.linalg.norm(off[i : i + 4])] * 3 + [np.linalg.norm(off[i + 4 : i + 7])] * 3
-        return np.asarray(positions + spans * off[self.system.moving])
+        off = self.errors
+        return np.asarray(self.system.manifold.errors(off[: self.system.nq]) + spans * off[self.system.moving])
+
+    def _unseen(self, t: float, h: float, y: Array, allowed: Array) -> float:
+        """What functions do between the stages of a step, as a change of velocity, over what is allowed."""
+        Q = self.scheme.dense.T @ self.scheme.K
+        missing = self.probes.impulse(t, h, lambda shares: y + h * _dense(shares[:, None], Q))
+        if missing is None:
+            return 0.0
+        change = self.probes.change(*self.system.split(y), missing)
+        return float(np.sqrt(np.mean(np.square(change / allowed[self.system.moving]))))
 
     def _first(self, y: Array, rate: Array, span: float) -> float:
         """A first step in which a straight line goes a hundredth of what there is, or what acts at once."""
@@ -94,3 +101,8 @@ class Stepper:
         d0, d1 = (float(np.sqrt(np.mean(np.square((x / scale)[judged])))) for x in (y, rate))
         h = 1e-6 if min(d0, d1) < 1e-5 or not np.isfinite(d1) else 0.01 * d0 / d1
         return min(h, span, self.longest)
+
+
+def _dense(share: Any, Q: Array) -> Array:
+    """The mean rate (..., size) from the beginning of a step to a share (..., 1) of it, times the share."""
+    return np.asarray(share ** np.arange(1, len(Q) + 1) @ Q)

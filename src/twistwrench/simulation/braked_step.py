@@ -5,37 +5,37 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..algorithms.velocity_step import velocity_step
-from ..model.regroup import regrouped
+from ..model.base_parameters import regrouped
 from ..program.program import Program
 from ..program.trace import trace
+from ..robot.engine import compiled
+from ..typing import Array
+from .eased_friction import rubs_dry
 from .manifold import Manifold
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["BrakedStep"]
 
 
 class BrakedStep:
     """:func:`~twistwrench.algorithms.velocity_step.velocity_step` of one robot, compiled."""
 
     def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
-        from ..robot import _make_kernel
-
         self.usual, self.friction = usual, friction
         """The length of a step [s], unless said otherwise."""
+        self.dry = rubs_dry(robot.model) & friction
+        """Joints with dry friction, (nv,)."""
         self.gains = np.zeros(robot.nv) if gains is None else gains
         key = "braked step", friction, gains is not None
-        if key not in robot._kernels:
-            robot._require_invertible()
+
+        def made() -> Any:
+            robot.engine.require_invertible()
             doc = f"Velocities of {robot.name} after a step, compiled."
-            robot._kernels[key] = _make_kernel(_program(robot, friction, gains is not None), "braked step", doc)
-        self.kernel = robot._kernels[key]
+            return compiled(_program(robot, friction, gains is not None), "braked step", doc)
+
+        self.kernel = robot.engine.kept(key, made)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
         """Where the velocities change, (nq,): halfway with friction, at the beginning without."""

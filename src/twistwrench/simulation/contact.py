@@ -15,37 +15,42 @@ damping in vibroimpact", J. Applied Mechanics 42, 1975; the equation for e is th
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..lie import so3
-from .given import positive
+from ..typing import Array
+from .user_functions import positive
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
-Array = NDArray[Any]
-
-__all__ = ["Contact", "JointStops", "Plane", "PlaneContact", "StopContact"]
-
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane n·x = height that points of one frame run into; ``docs/simulation.md`` has the law.
+    """Contact plane n·x = height that points of one frame run into; ``docs/simulation.md`` has the law.
 
-    Along the plane a point sliding at v is held back by ``friction f v / √(|v|² + slip²)``: Coulomb's law, except that it
-    creeps where it would stick, at up to the speed ``slip``. Raises ShapeError and ValueRangeError.
+    Along the plane a point sliding at v is held back by ``friction f v / √(|v|² + slip²)``: Coulomb's law, except that
+    it creeps where it would stick, at up to the speed ``slip``.
 
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An argument is of another size or not finite.
+
+    Examples
+    --------
     >>> ground = Plane("box", points=[[0.1, 0, 0], [-0.1, 0, 0]], stiffness=1e5, dissipation=0.5, friction=0.8)
     >>> ground.points.shape
     (2, 3)
     """
 
     frame: str
+    """The frame whose points run into it."""
     points: ArrayLike = (0.0, 0.0, 0.0)
     """(3,) or (n, 3), in the frame [m]."""
     normal: ArrayLike = (0.0, 0.0, 1.0)
@@ -81,17 +86,22 @@ class Plane:
 
 @dataclass(frozen=True)
 class JointStops:
-    """Compliant stops at the position limits of the joints of one degree of freedom, by the law of :class:`Plane`.
+    """Compliant joint stops at the position limits of the joints of one degree of freedom, by the law of :class:`Plane`.
 
-    ``joints`` are those that have them; None: all that have limits. Raises ValueRangeError.
+    Raises
+    ------
+    ValueRangeError
+        A number is not finite or negative.
     """
 
     stiffness: float
     """k [N m/radⁿ or N/mⁿ]."""
     exponent: float = 1.5
+    """n, as of a plane."""
     dissipation: float = 0.0
     """c [s/rad or s/m]."""
     joints: tuple[str, ...] | None = None
+    """The joints that have them; None: all that have limits."""
 
     def __post_init__(self) -> None:
         _check_law("JointStops", self.stiffness, self.exponent, self.dissipation)

@@ -4,50 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from numpy.typing import NDArray
-
-from ..errors import ValueRangeError
-from .given import Function, Law, require_three
+from ..core import arguments
+from ..typing import Array
 from .position_limits import PositionLimits
+from .user_functions import Function, Law, require_three
 
 if TYPE_CHECKING:
     from .contact import Contact
-
-Array = NDArray[Any]
-
-__all__ = ["Event", "Happening", "Watch", "contact_events"]
 
 _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
 
 
 @dataclass(frozen=True)
 class Event:
-    """A function g(t, q, dq) whose zeros are looked for, and whether the simulation ends there.
+    """Event of a simulation: a function g(t, q, dq) whose zeros are looked for, and whether the simulation ends there.
 
-    ``direction``: ``"up"``, ``"down"`` or ``"both"``, the way g passes zero. Two zeros within a step of a method are not seen.
-    A zero at the very start is none. Raises ValueRangeError.
+    Two zeros within a step of a method are not seen. A zero at the very start is none.
 
+    Raises
+    ------
+    ValueRangeError
+        ``direction`` is none of the three, or ``function`` none.
+
+    Examples
+    --------
     >>> upright = Event(lambda t, q, dq: q[0], "upright", direction="up", terminal=True)
     """
 
     function: Function
+    """g(t, q, dq), a number."""
     name: str = "event"
+    """In the result."""
     direction: str = "both"
+    """"up", "down" or "both", the way g passes zero."""
     terminal: bool = False
+    """Whether the simulation ends there."""
 
     def __post_init__(self) -> None:
         require_three(self.function, f"event {self.name!r}")
-        if self.direction not in _DIRECTIONS:
-            raise ValueRangeError(f"event {self.name!r}: direction is {self.direction!r}; choose up, down or both.")
+        arguments.choice(self.direction, f"event {self.name!r}: direction", tuple(_DIRECTIONS))
 
 
 @dataclass(frozen=True, eq=False)
 class Happening:
-    """An event that happened: when, and in which state."""
+    """Event that happened: when, and in which state."""
 
     name: str
+    """The event's."""
     time: float
     """s."""
     q: Array
@@ -134,8 +139,9 @@ class Watch:
         return float(self.laws[k](t, q, dq))
 
     def _moment(self, k: int, t: float, left: tuple[float, float], right: tuple[float, float], at: Step) -> float:
-        """When g has its level between two times after t, by Brent's method on the step itself, to a few units in the last
-        place.
+        """When g has its level between two times after t, to a few units in the last place.
+
+        By Brent's method on the step itself.
         """
         from scipy.optimize import brentq
 

@@ -10,49 +10,28 @@ is the method's own error and nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import arguments
 from ..errors import ShapeError
+from ..robot.wrench_arguments import wrench_at
 from ..screws.wrench import Wrench
+from ..typing import Array
 from .braked_step import BrakedStep
 from .contact import Contact
-from .given import Law
+from .eased_friction import EasedFriction
 from .manifold import Manifold
+from .user_functions import Law
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
-Array = NDArray[Any]
-
-__all__ = ["WORKS", "JointFriction", "System", "torque_law", "wrench_laws"]
-
 WORKS = ("torques", "friction", "wrenches", "contacts")
 """What does work, in the order of the last entries of a state."""
-
-
-class JointFriction:
-    """The laws of friction of the joints, made continuous at rest.
-
-    The dry part is multiplied by tanh(|dq| / creep): a joint that would stick creeps, at up to a few times that speed, and
-    steps need not be as short as the time in which friction stops a joint.
-    """
-
-    def __init__(self, robot: Robot, creep: Array) -> None:
-        self.robot, self.creep = robot, creep
-        self.viscous, self.load = robot.model.friction.viscous, robot.model.friction.load
-
-    def left(self, dq: Array, tau: Array) -> Array:
-        """What friction leaves of the torques tau, (nv)."""
-        damping = self.viscous * dq
-        share = np.tanh(np.abs(dq) / self.creep)
-        y = tau - damping - share * (self.robot.friction_forces(dq) - damping)
-        # A joint that carries x loses share load |x| of it: x + sign(dq) share load |x| = y, so x has the sign of y.
-        return np.asarray(y / (1.0 + share * self.load * np.sign(dq) * np.sign(y)))
 
 
 class System:
@@ -65,13 +44,15 @@ class System:
         tau: Law | None = None,
         wrenches: Mapping[str, Law] | None = None,
         contacts: Sequence[Contact] = (),
-        friction: JointFriction | None = None,
+        friction: EasedFriction | None = None,
     ) -> None:
-        self.robot, self.manifold = robot, Manifold.of(robot.model)
+        self.robot, self.manifold = robot, Manifold(robot)
         self.nq, self.nv = robot.nq, robot.nv
         self.moving = slice(robot.nq, robot.nq + robot.nv)
         self.size = robot.nq + robot.nv + len(WORKS)
         self.tau, self.wrenches, self.contacts, self.friction = tau, dict(wrenches or {}), tuple(contacts), friction
+        self.functions = self._functions()
+        """What is given as a function: its name, and its generalised forces (m, nv) at times (m,) and states (m, size)."""
         self.braked: BrakedStep | None = None
         """Steps that take friction and gains of the rates at their end; rates are then those of such a step."""
         self._last: tuple[float, float, Array, Array, Array, Array, Array] | None = None
@@ -116,6 +97,19 @@ class System:
             powers[k] += x @ mean
         self._last = t, h, self.held, y.copy(), v, self.applied, powers.copy()
         return v
+
+    def _functions(self) -> list[tuple[str, Callable[[Array, Array], Array]]]:
+        def values(law: Law, times: Array, states: Array) -> Array:
+            return law.values(times, states[:, : self.nq], states[:, self.moving])
+
+        def pushes(frame: str, law: Law, times: Array, states: Array) -> Array:
+            return self.robot.wrench_torques(states[:, : self.nq], values(law, times, states), frame)
+
+        found: list[tuple[str, Callable[[Array, Array], Array]]] = []
+        if self.tau is not None:
+            found.append(("tau", partial(values, self.tau)))
+        found += [(f"the wrench at {f!r}", partial(pushes, f, law)) for f, law in self.wrenches.items() if law.varies]
+        return found
 
     def _torques(self, t: float, q: Array, dq: Array) -> Array:
         """Those of the controller and of ``tau``, (nv,)."""
@@ -166,7 +160,7 @@ def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, Law]:
         if callable(given) and not isinstance(given, Wrench):
             found[frame] = Law.of(given, what, (6,), ", (m, f), moment first")
         else:
-            labelled = robot._wrench(frame, given)  # checks a label
+            labelled = wrench_at(robot.model, frame, given)  # checks a label
             F = np.array(arguments.finite(arguments.one(labelled, what, 6), what, 6), float)
-            found[frame] = Law(lambda _t, _q, _dq, F=F: F, what, (6,))  # type: ignore[misc]
+            found[frame] = Law(lambda _t, _q, _dq, F=F: F, what, (6,), varies=False)  # type: ignore[misc]
     return found

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..report.coordinates import Coordinates
+from ..errors import ValueRangeError
+from ..robot.robot_argument import require_robot
+from ..typing import Array
 from .events import Happening
 
 if TYPE_CHECKING:
+    from ..motion.motion import Motion
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["SimulationResult"]
 
 _ROUNDING = 1e-9
 """Share of all energy that may be said to have moved where hardly any has: rounding of the whole is no drift of it."""
@@ -57,10 +55,13 @@ class SimulationResult:
     completed: bool = True
     """Whether it came to the end of its duration."""
     events: tuple[Happening, ...] = ()
+    """What happened, in order."""
     method: str = ""
+    """The integrator."""
     dt: float = np.nan
     """s, between the states of a record of which every one is kept; the step, unless the method adapts it."""
     steps: int = 0
+    """How many were taken."""
     rejected: int = 0
     """Steps that an adaptive method took again, shorter."""
     evaluations: int = 0
@@ -75,6 +76,8 @@ class SimulationResult:
     """What to know before the result is used, in words; empty if nothing."""
     coordinate_units: tuple[str, ...] = ()
     """Of the entries of q: ``"rad"``, ``"m"``, and ``""`` for those of a quaternion."""
+    simulated: Robot | None = None
+    """The robot; None where the result was read from a file."""
     energy: Array = field(init=False)
     """(n,) J, kinetic and potential."""
     drift: Array = field(init=False)
@@ -105,7 +108,7 @@ class SimulationResult:
 
     def __repr__(self) -> str:
         said = [
-            f"{len(self)} states to {self.times[-1]:g} s",
+            f"{len(self)} state{'s' * (len(self) != 1)} to {self.times[-1]:g} s",
             self.stopped,
             f"drift of energy {self.relative_drift:.1e}",
         ]
@@ -113,19 +116,109 @@ class SimulationResult:
         said += [f"note: {r}" for r in self.remarks]
         return f"<SimulationResult of {self.robot!r}, {self.method}: {'; '.join(said)}>"
 
+    @property
+    def motion(self) -> Motion:
+        """Its states as a :class:`twistwrench.Motion`, whose ``tau`` are the torques applied.
+
+        Raises ValueRangeError for a result from a file, which has no robot: give one to :meth:`of`.
+        """
+        if self.simulated is None:
+            raise ValueRangeError(
+                "this result was read from a file, which has no robot in it: result.of(robot).motion."
+            )
+        from ..motion.motion import Motion
+
+        return Motion(self.times, self.q, self.dq, self.ddq, self.tau, self.simulated)
+
+    def of(self, robot: Robot) -> SimulationResult:
+        """The same with the robot that was simulated, for a result from a file.
+
+        Parameters
+        ----------
+        robot : Robot
+
+        Returns
+        -------
+        result : SimulationResult
+
+        Raises
+        ------
+        ValueRangeError
+            The robot has other coordinates.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
+        >>> swing.of(tw.robots.pendulum()).motion
+        <Motion of 'pendulum': 101 states, 0 to 0.1 s>
+        """
+        if require_robot(robot, "SimulationResult.of").coordinate_names != self.coordinate_names:
+            raise ValueRangeError(
+                f"the result is of robot {self.robot!r}, whose coordinates are others than those of {robot.name!r}."
+            )
+        return replace(self, simulated=robot)
+
     def to_csv(self, path: str | Path) -> Path:
         """Write a CSV file that ``twistwrench torques`` reads as a motion, and :meth:`load` gives back to the last bit.
 
-        Columns: time, each coordinate, ``.vel``, ``.acc`` and ``.torque`` of each velocity, energies, works and momentum. What
-        else there is stands in comments before the header. Raises ValueRangeError where nothing can be written.
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        ValueRangeError
+            Nothing can be written.
+
+        Notes
+        -----
+        Columns: time, each coordinate, ``.vel``, ``.acc`` and ``.torque`` of each velocity, energies, works and
+        momentum. What else there is stands in comments before the header.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     bool((SimulationResult.load(swing.to_csv(f"{folder}/swing.csv")).q == swing.q).all())
+        True
         """
-        from .files import write_csv
+        from .result_files import write_csv
 
         return write_csv(self, path)
 
     def to_npz(self, path: str | Path) -> Path:
-        """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit. Raises as :meth:`to_csv`."""
-        from .files import write_npz
+        """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        ValueRangeError
+            Nothing can be written.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     bool((SimulationResult.load(swing.to_npz(f"{folder}/swing.npz")).q == swing.q).all())
+        True
+        """
+        from .result_files import write_npz
 
         return write_npz(self, path)
 
@@ -133,56 +226,106 @@ class SimulationResult:
     def load(path: str | Path) -> SimulationResult:
         """Read what :meth:`to_csv` or :meth:`to_npz` wrote, whatever the file is called.
 
-        Raises NotFoundError and TrajectoryError.
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        result : SimulationResult, without its robot
+
+        Raises
+        ------
+        NotFoundError
+            There is no such file.
+        TrajectoryError
+            It is none of these files.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     SimulationResult.load(swing.to_npz(f"{folder}/swing.npz")).robot
+        'pendulum'
         """
-        from .files import read
+        from .result_files import read
 
         return read(path)
 
     def plot(self, path: str | Path) -> Path:
-        """Draw joints, energies and drift to a .png, .pdf or .svg.
+        """Plot of joints, energies and drift.
 
-        Raises MissingExtraError without matplotlib, and ValueRangeError where nothing can be written.
+        Parameters
+        ----------
+        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError
+            There is no matplotlib.
+        ValueRangeError
+            Nothing can be written.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     swing.plot(f"{folder}/swing.svg").name
+        'swing.svg'
         """
-        from .picture import plot_simulation
+        from ..plotting.simulation import plot_simulation
 
         return plot_simulation(self, path)
 
 
 @dataclass
 class Record:
-    """The states kept so far."""
+    """The states kept so far: time, state, accelerations and torques of each, added all at once or not at all."""
 
-    times: list[float] = field(default_factory=list)
-    states: list[Array] = field(default_factory=list)
-    accelerations: list[Array] = field(default_factory=list)
-    torques: list[Array] = field(default_factory=list)
+    rows: list[tuple[float, Array, Array, Array]] = field(default_factory=list)
     events: list[Happening] = field(default_factory=list)
+
+    @property
+    def times(self) -> list[float]:
+        """Of the states [s]."""
+        return [row[0] for row in self.rows]
+
+    @property
+    def states(self) -> list[Array]:
+        """(q, dq, W) each."""
+        return [row[1] for row in self.rows]
 
     def keep(self, t: float, y: Array, ddq: Array, tau: Array) -> None:
         """Add a state."""
-        self.times.append(t)
-        self.states.append(y.copy())
-        self.accelerations.append(ddq.copy())
-        self.torques.append(tau.copy())
+        self.rows.append((t, y.copy(), ddq.copy(), tau.copy()))
 
     def result(self, robot: Robot, works: tuple[str, ...], **said: Any) -> SimulationResult:
         """All that was kept, with energies and momentum."""
-        Y = np.array(self.states)
+        times, states, accelerations, torques = zip(*self.rows, strict=True)
+        Y = np.array(states)
         q, dq, W = Y[:, : robot.nq], Y[:, robot.nq : robot.nq + robot.nv], Y[:, robot.nq + robot.nv :]
         with np.errstate(all="ignore"):  # the last states before a failure may be enormous
             kinetic, potential = robot.kinetic_energy(q, dq), robot.potential_energy(q)
             momentum = robot.momentum(q, dq)
         return SimulationResult(
             robot=robot.name,
+            simulated=robot,
             coordinate_names=robot.coordinate_names,
-            coordinate_units=_units(robot),
+            coordinate_units=tuple(u for b in robot.model.leaders for u in b.joint.coordinate_units),
             velocity_names=robot.model.velocity_names,
-            times=np.array(self.times),
+            times=np.array(times),
             q=q.copy(),
             dq=dq.copy(),
-            ddq=np.array(self.accelerations),
-            tau=np.array(self.torques),
+            ddq=np.array(accelerations),
+            tau=np.array(torques),
             kinetic_energy=np.asarray(kinetic),
             potential_energy=np.asarray(potential),
             work={name: W[:, k].copy() for k, name in enumerate(works)},
@@ -190,11 +333,3 @@ class Record:
             events=tuple(self.events),
             **said,
         )
-
-
-def _units(robot: Robot) -> tuple[str, ...]:
-    coordinates = Coordinates.of(robot.model)
-    units = ["rad" if angular else "m" for angular in coordinates.angular]
-    for place in coordinates.quaternions:
-        units[place] = [""] * 4
-    return tuple(units)

@@ -6,22 +6,21 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..errors import ValueRangeError
 from ..screws.wrench import Wrench
+from ..typing import Array
 from .rollout_inputs import cleaned
 from .rollout_kernel import computed, room_for
 from .torque_laws import TorqueLaw
 
 if TYPE_CHECKING:
+    from ..motion.motion import Motion
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["Rollout", "rollout"]
 
 FASTEST = 1e6
 """rad/s or m/s: what no robot reaches, and steps that are too long soon do."""
@@ -29,7 +28,10 @@ FASTEST = 1e6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rollout:
-    """Motions of any batch shape, n states each, the first at time 0. Printing it says whether all are stable."""
+    """Rollout: motions of any batch shape, n states each, the first at time 0.
+
+    Printing it says whether all are stable.
+    """
 
     robot: str
     """The robot's name."""
@@ -48,9 +50,56 @@ class Rollout:
     dt: float
     """s, of one step."""
     steps: int
-    integrator: str
+    """How many were taken."""
+    method: str
+    """The integrator, "semi_implicit" or "rk4"."""
     remarks: tuple[str, ...] = ()
     """What to know before the result is used, in words; empty if nothing."""
+    simulated: Robot | None = None
+    """The robot."""
+
+    def motion(self, *index: int) -> Motion:
+        """States of one motion of the batch as a :class:`twistwrench.Motion`; accelerations by a spline of the velocities.
+
+        Parameters
+        ----------
+        *index : int, of the motion in the batch
+
+        Returns
+        -------
+        motion : Motion
+
+        Raises
+        ------
+        ValueRangeError
+            There is no such motion in the batch.
+
+        Notes
+        -----
+        Its robot is the one that was rolled out, whatever ``parameters=`` said for the sample: for torques with a
+        sample's payload, ``motion.of(robot.with_payload(…))``.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> many = tw.robots.planar_2r().rollout([[0, 0], [1, 0]], [0, 0], steps=100)
+        >>> many.motion(1)
+        <Motion of 'planar_2r': 101 states, 0 to 0.1 s>
+        """
+        if (
+            not all(isinstance(k, int | np.integer) for k in index)
+            or len(index) != len(self.batch)
+            or not all(-n <= k < n for k, n in zip(index, self.batch, strict=False))
+        ):
+            raise ValueRangeError(
+                f"motion{index}: the batch has shape {self.batch}; give one index for each of its axes."
+            )
+        if self.simulated is None:
+            raise ValueRangeError("this rollout has no robot in it.")
+        from ..motion.motion import Motion
+
+        tau = None if self.tau is None else np.concatenate([self.tau[index], self.tau[index][-1:]])
+        return Motion(self.times, self.q[index], self.dq[index], tau=tau, robot=self.simulated)
 
     @property
     def batch(self) -> tuple[int, ...]:
@@ -84,7 +133,7 @@ class Rollout:
             advice = "take a smaller dt" if begun else "look at its q0 and dq0"
             said.append(f"{bad} unstable{where} at {self.unstable_from[first]:g} s: {advice}")
         said += [f"note: {remark}" for remark in self.remarks]
-        return f"<Rollout of {self.robot!r}, {self.integrator}: {'; '.join(said)}>"
+        return f"<Rollout of {self.robot!r}, {self.method}: {'; '.join(said)}>"
 
 
 def rollout(
@@ -97,7 +146,7 @@ def rollout(
     steps: int | None = None,
     duration: float | None = None,
     every: int = 1,
-    integrator: str = "semi_implicit",
+    method: str = "semi_implicit",
     wrench_on_robot: Mapping[str, ArrayLike | Wrench] | None = None,
     parameters: Mapping[str, ArrayLike] | None = None,
     friction: bool = False,
@@ -107,7 +156,7 @@ def rollout(
 ) -> Rollout:
     """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.Robot.rollout`."""
     given = cleaned(
-        robot, q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, integrator=integrator,
+        robot, q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, method=method,
         wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits, torques=torques,
     )  # fmt: skip
     results = room_for(given, out)
@@ -123,8 +172,9 @@ def rollout(
         said[0] if said else None,
         given.dt,
         given.steps,
-        given.plan.integrator,
+        given.plan.method,
         given.remarks,
+        robot,
     )
 
 

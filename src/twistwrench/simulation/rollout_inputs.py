@@ -9,22 +9,21 @@ from glob import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..model.varied import matching, nominal
-from .easing import creep_speeds, easing_remark
-from .given import positive, whole
-from .step_program import Plan, integrator_named
+from ..model.friction import NONE_GIVEN
+from ..model.sampled_parameters import refuse_impossible
+from ..model.variable_parameters import matching, nominal
+from ..robot.wrench_arguments import wrench_at
+from ..typing import Array
+from .eased_friction import creep_speeds, easing_remark
+from .step_program import Plan, method_named
 from .torque_laws import GivenTorque, TorqueLaw
+from .user_functions import positive, whole
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["Inputs", "cleaned"]
 
 MOST_STEPS = 10**9
 LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")
@@ -57,27 +56,31 @@ class Inputs:
 
 
 def cleaned(
-    robot: Robot, q0: Any, dq0: Any, tau: Any, *, dt: Any, steps: Any, duration: Any, every: Any, integrator: Any,
+    robot: Robot, q0: Any, dq0: Any, tau: Any, *, dt: Any, steps: Any, duration: Any, every: Any, method: Any,
     wrench_on_robot: Any, parameters: Any, friction: Any, torque_limits: Any, torques: Any,
 ) -> Inputs:  # fmt: skip
     """The inputs of a rollout; raises ShapeError, ValueRangeError and UnknownNameError."""
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
+    if hasattr(tau, "batch_law") and not isinstance(tau, type):  # a controller of one motion
+        n, h, _ = _counted_steps(dt, steps, duration, 1, [])
+        tau = tau.batch_law(robot, h * np.arange(n))
     law = _law_of(tau)
     law.check(robot.model)
     if isinstance(torque_limits, np.bool_):
         torque_limits = bool(torque_limits)
+    friction = arguments.flag(friction, "friction")
     limits, frames = _limits(robot, torque_limits), _wrenches_by_frame(robot, wrench_on_robot)
     names, values = _parameter_values(robot, parameters)
     plan = Plan(
         robot.model,
         law,
-        integrator_named(integrator),
+        method_named(method),
         bool(limits),
         tuple(frames),
         names,
-        bool(friction) and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names)),
-        bool(torques),
+        friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names)),
+        arguments.flag(torques, "torques"),
     )
     given = [*_given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]
     states = [_state_of(robot, "q0", q0, robot.nq), _state_of(robot, "dq0", dq0, robot.nv)]
@@ -90,7 +93,7 @@ def cleaned(
     batches += [(name, x.shape) for name, x in zip(names, values, strict=True)]
     batch = _batch_of(batches)
     rest = [x for _, x in labelled]
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
         creep = _creep(robot, states[0], h, dict(zip(names, values, strict=True)))
         rest.append(creep[..., None, :])
@@ -138,14 +141,14 @@ def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
 
 
 def _law_of(tau: Any) -> TorqueLaw:
+    if isinstance(tau, type):
+        raise ValueRangeError(f"tau is the class {tau.__name__}, not a law: call it, with a reference and gains.")
     if hasattr(tau, "torques") and hasattr(tau, "names"):
-        if isinstance(tau, type):
-            raise ValueRangeError(f"tau is the class {tau.__name__}, not a law: call it, as in PD(q_des, kp, kd).")
         return tau
     if callable(tau):
         raise ValueRangeError(
             "tau is a function, and the loop over the steps is machine code, which calls none. Give torques as an array, "
-            "tw.simulation.PD or tw.simulation.ComputedTorque; robot.simulate takes functions."
+            "tw.control.PD, tw.control.ComputedTorque, or their batches in tw.simulation; robot.simulate takes functions."
         )
     return GivenTorque(tau)
 
@@ -169,8 +172,7 @@ def _state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
         raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
     if what == "q0":
         for body in robot.model.leaders:
-            part = x[..., body.q_index : body.q_index + 4]
-            if body.joint.kind == "floating" and not np.any(part, axis=-1).all():
+            if not body.joint.is_configuration(x[..., body.places[0]]):
                 raise ValueRangeError(
                     f"q0 has a quaternion of zeros at joint {body.joint.name!r}, which is no rotation; none is (1, 0, 0, 0)."
                 )
@@ -202,7 +204,7 @@ def _wrenches_by_frame(robot: Robot, wrenches: Any) -> dict[str, Array]:
         return {}
     if not isinstance(wrenches, Mapping):
         raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
-    return {frame: robot._wrench(frame, F) for frame, F in wrenches.items()}
+    return {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
 
 
 def _parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Array]]:
@@ -217,7 +219,9 @@ def _parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[A
             raise ValueRangeError(
                 f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}."
             )
-    return tuple(given), [_real(x, f"parameter {name!r}") for name, x in given.items()]
+    values = {name: _real(x, f"parameter {name!r}") for name, x in given.items()}
+    refuse_impossible(robot.model, values)
+    return tuple(values), list(values.values())
 
 
 def _counted_steps(
@@ -280,7 +284,7 @@ def _creep(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -
             M = inertia(*(np.asarray(x, float) for x in inputs))
             return creep_speeds(M, _dry_friction(robot, parameters), h)
     except np.linalg.LinAlgError:
-        robot._require_invertible()
+        robot.engine.require_invertible()
         raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
 
 

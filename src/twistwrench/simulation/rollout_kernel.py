@@ -7,23 +7,20 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import ShapeError, ValueRangeError
 from ..kernels import threads
-from ..kernels.parts import Part
+from ..kernels.batch_split import Part
 from ..kernels.ufunc import owner_of
 from ..program.recurrence import Recurrence
-from ..targets.machine import SINGLE
+from ..robot.engine import compiled
+from ..targets.processor import SINGLE
+from ..typing import Array
 from .rollout_inputs import Inputs
 from .step_program import Plan
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["computed", "room_for"]
 
 IN_ONE_CALL = 5e9
 """Operations between two looks at whether the user wants to stop: some 0.3 s."""
@@ -63,14 +60,11 @@ def _parts(kernel: Any, given: Inputs, arrays: list[Array], outputs: tuple[Array
 
 
 def _kernel(robot: Robot, plan: Plan) -> Any:
-    found = robot._kernels.get(plan.key)
-    if found is None:
-        from ..robot import _make_kernel
+    def made() -> Any:
+        robot.engine.require_invertible()
+        return compiled(plan.recurrence(), "rollout", f"Rollouts of {robot.name}, compiled: {plan.method}.")
 
-        robot._require_invertible()
-        doc = f"Rollouts of {robot.name}, compiled: {plan.integrator}."
-        found = robot._kernels[plan.key] = _make_kernel(plan.recurrence(), "rollout", doc)
-    return found
+    return robot.engine.kept(plan.key, made)
 
 
 def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:

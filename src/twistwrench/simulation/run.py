@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.probe_rule import probe_spacing
 from ..errors import SimulationError
+from ..typing import Array
 from .accuracy import Accuracy, Extent
 from .adaptive import Stepper
+from .contact_steps import Touches
 from .events import Watch
+from .force_probes import ForceProbes, UnseenForces
 from .forces import WORKS, System
-from .given import Law
 from .result import Record, SimulationResult
 from .schemes import ADAPTIVE, Scheme
 from .step_doubling import StepDoubling
-from .touches import Touches
+from .user_functions import Law
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["Run"]
 
 _FASTEST = 1e6
 """rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
@@ -38,6 +36,7 @@ class Run:
         robot: Robot,
         system: System,
         scheme: Scheme,
+        start: Array,
         end: float,
         n: int,
         *,
@@ -56,16 +55,17 @@ class Run:
         self.stopped = ""
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
-        self.doubling = StepDoubling(n, self.h, method)
+        self.doubling = StepDoubling(n, self.h, lagging=scheme.lagging)
+        self.unseen = UnseenForces(ForceProbes(system, *scheme.asked, probe_spacing(self.h, end)), self.h)
         self.touches = Touches([contact.name for contact in system.contacts])
         self.stepper: Stepper | None = None
         self.accuracy = Accuracy.unknown(robot.nv)
-        self.last: tuple[float, Array] | None = None
-        """The last state that is good, kept or not."""
+        self.last: tuple[float, Array] = (0.0, start.copy())
+        """The last state that is good, kept or not; at first the one that the run begins in."""
 
-    def fixed(self, y: Array) -> None:
+    def fixed(self) -> None:
         """Steps of one length."""
-        self._begin(y)
+        y = self._begin()
         for k in range(self.n):
             t = k * self.h
             self._sample(t, y)
@@ -76,16 +76,18 @@ class Run:
             y1 = self._checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
             if (k == 0 and self._leaves_at_once(y, y1, self.h)) or self._ended(t, y, [(self.h, y1)]):
                 return
-            self.doubling.note(t, y, y1, self.system.held, changed=self._touched(t1, y, y1))
+            changed = self._touched(t1, y, y1) or self._stuck_or_slid(y, y1)
+            self.doubling.note(t, y, y1, self.system.held, changed=changed)
+            self.unseen.note(t, y, y1)
             y = y1
             self._advance(t1, y)
         self.system.rates(self.end, y, self.rate)
         self._keep(self.end, y)
 
-    def adaptive(self, y: Array, stepper: Stepper) -> None:
+    def adaptive(self, stepper: Stepper) -> None:
         """Steps of any length, from sample to sample where a controller asks for it; states between by dense output."""
         self.stepper = stepper
-        self._begin(y)
+        y = self._begin()
         t, k, spacing = 0.0, 0, self.h * self.every
         end = self.end
         self._sample(t, y)
@@ -123,7 +125,7 @@ class Run:
 
     def result(self, stopped: str, *, completed: bool) -> SimulationResult:
         """All up to here, the last good state included."""
-        if self.last is not None and (not self.record.times or self.last[0] > self.record.times[-1]):
+        if not self.record.rows or self.last[0] > self.record.rows[-1][0]:
             self._keep_rough(*self.last)
         said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
@@ -132,7 +134,7 @@ class Run:
 
     def judge(self) -> None:
         """Find what the steps so far are off by."""
-        if not self.record.states:
+        if not self.record.rows:
             return
         extent = Extent.of(self.robot, np.array(self.record.states))
         if self.stepper is not None:
@@ -141,13 +143,18 @@ class Run:
             error = self.doubling.errors(self.system, self.scheme, extent.spans) if self.doubling.steps else None
         if error is not None:
             self.accuracy = Accuracy.of(extent, error)
+        left_out = self.unseen.error(extent, self.last[0])
+        if left_out is not None and Accuracy.of(extent, left_out).remarkable:
+            self.remarks.append(self.unseen.remark())
+            self.accuracy = Accuracy.of(extent, np.fmax(self.accuracy.error, left_out))
 
     # ── parts of a step ──
 
-    def _begin(self, y: Array) -> None:
-        self.last = (0.0, y.copy())
+    def _begin(self) -> Array:
+        y = self.last[1].copy()
         if self.watch is not None:
             self.watch.begin(0.0, y)
+        return y
 
     def _leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
         """Whether a joint begins at a limit and moves beyond it; the first state is kept already, and is the last one too."""
@@ -168,6 +175,11 @@ class Run:
             return False
         return self.touches.step(t, self.watch.gaps, worked=bool(y1[-1] != y[-1]))
 
+    def _stuck_or_slid(self, y: Array, y1: Array) -> bool:
+        """Whether dry friction stops a joint, lets one go, or changes sides in the step."""
+        braked, moving = self.system.braked, self.system.moving
+        return braked is not None and bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
+
     def _advance(self, t: float, y: Array) -> None:
         self.steps += 1
         self.last = (t, y)
@@ -186,7 +198,7 @@ class Run:
         """Keep a state after something failed, which may fail again: then accelerations and torques are unknown there."""
         try:
             self._keep_at(t, y)
-        except SimulationError:
+        except (SimulationError, KeyboardInterrupt):  # an interrupt is under way already
             unknown = np.full(self.robot.nv, np.nan)
             self.record.keep(t, y, unknown, unknown)
 

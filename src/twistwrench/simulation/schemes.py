@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import UnknownNameError
+from ..typing import Array
 from .forces import WORKS, System
 from .tableau import DORMAND_PRINCE, EULER, RK4, SEMI_IMPLICIT_EULER, Tableau
 from .variational import Variational
-
-Array = NDArray[Any]
-
-__all__ = ["ADAPTIVE", "METHODS", "RungeKutta", "Scheme", "SemiImplicit", "scheme_of"]
 
 
 class Scheme(Protocol):
     """A one-step method."""
 
     order: int
+    asked: tuple[Array, Array]
+    """The times of a step at which forces are asked, as shares of it, and their weights in the impulse: c and b."""
+
+    @property
+    def lagging(self) -> bool:
+        """Whether the velocities of a state are those of half a step before its coordinates."""
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
         """The state a time ``h`` later, where ``rate`` is f(t, y)."""
@@ -30,9 +32,12 @@ class Scheme(Protocol):
 class RungeKutta:
     """An explicit method from its table. Quaternions are brought to unit length by the caller."""
 
+    lagging = False
+
     def __init__(self, system: System, tableau: Tableau) -> None:
         self.system, self.tableau, self.order = system, tableau, tableau.order
         self.a, self.b, self.c, self.error, self.dense = tableau.numbers
+        self.asked = self.c, self.b
         self.K = np.zeros((len(self.b), system.size))
         """The rates of the stages of the last step."""
 
@@ -53,9 +58,15 @@ class SemiImplicit:
     """
 
     order = SEMI_IMPLICIT_EULER.order
+    asked = np.zeros(1), np.ones(1)
 
     def __init__(self, system: System) -> None:
         self.system = system
+
+    @property
+    def lagging(self) -> bool:
+        """They do unless friction makes them change halfway along the step."""
+        return self.system.braked is None or not self.system.braked.friction
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
         """dq1 = dq + h ddq, or what brakes at the end of the step leaves of it; then q1 = q ⊕ h dq1, or halves of both."""

@@ -22,16 +22,12 @@ from .schemes import Scheme
 
 Array = NDArray[np.float64]
 
-__all__ = ["StepDoubling", "probed_steps"]
-
 _LEAST = 32
 """Steps probed of a run, if it has so many."""
 _SPACING = 50
 """Steps between two that are probed, in a long run. A probe is the work of 2.5 steps, of 6 for a method of one evaluation."""
 _MOST = 2000
 """Steps probed of a run, and as many again in which a contact begins or ends."""
-_LAGGING = ("semi_implicit",)
-"""Methods whose velocities are those of half a step before: see :meth:`StepDoubling._lagging`."""
 _ROUNDING = 1e-14
 
 
@@ -66,8 +62,9 @@ def probed_steps(n: int) -> Iterator[int]:
 class StepDoubling:
     """The steps of a run that are to be probed, and what they turn out to be off by."""
 
-    def __init__(self, n: int, h: float, method: str) -> None:
-        self.h, self.lagging = h, method in _LAGGING
+    def __init__(self, n: int, h: float, *, lagging: bool) -> None:
+        self.h, self.lagging = h, lagging
+        """Whether velocities are those of half a step before: see :meth:`_lagging`."""
         self._due = probed_steps(n)
         self._next: int | None = next(self._due, None)
         self._spread: list[_Step] = []
@@ -76,7 +73,7 @@ class StepDoubling:
         self._last: _Step | None = None
 
     def note(self, t: float, y: Array, after: Array, held: Array, *, changed: bool) -> None:
-        """Take note of a step, the next one; ``changed``: a contact begins or ends in it, or ended in the one before."""
+        """Take note of a step, the next one; ``changed``: a contact begins or ends in it, or dry friction changes sides."""
         step = _Step(self.steps, t, y, after, held)
         self.steps += 1
         if step.number == self._next:
@@ -113,26 +110,26 @@ class StepDoubling:
 
     def _probe(self, system: System, scheme: Scheme, steps: list[_Step], spans: Array) -> tuple[Array, Array] | None:
         """The numbers (m,) of the steps that could be taken in halves, and how far off they were, (m, nv)."""
-        numbers, pairs, lasting = [], [], []
+        numbers, pairs, times = [], [], []
         for step in steps:
             system.held = step.held
             try:
                 take = self._lagging if self.lagging else self._halves
                 halves = take(system, scheme, step)
-                lasts = _lasting(system, step.t + self.h, step.after, halves[system.moving] - step.after[system.moving])
+                lasts = lasting(system, step.t + self.h, step.after, halves[system.moving] - step.after[system.moving])
             except SimulationError:  # a function that fails at other times than those of the run
                 continue
             if np.isfinite(halves).all():
                 numbers.append(step.number)
                 pairs.append((step.after, halves))
-                lasting.append(lasts)
+                times.append(lasts)
         if not pairs:
             return None
         whole, halved = (np.array(x) for x in zip(*pairs, strict=True))
         q, v = slice(0, system.nq), system.moving
         places = _above_rounding(system.robot.subtract(whole[:, q], halved[:, q]), whole[:, q])
         speeds = _above_rounding(whole[:, v] - halved[:, v], whole[:, v])
-        off = places + np.minimum(spans, np.array(lasting)[:, None]) * speeds
+        off = places + np.minimum(spans, np.array(times)[:, None]) * speeds
         return np.array(numbers, float), off / (1.0 - 0.5**scheme.order)
 
     def _late(self, system: System, scheme: Scheme, spans: Array) -> Array:
@@ -142,7 +139,7 @@ class StepDoubling:
         first = min([*self._spread[:1], *self._changed[:1]], key=lambda step: step.number)
         system.held = first.held
         late = self._half(system, scheme, first.t, first.y)[system.moving] - first.y[system.moving]
-        return np.asarray(np.minimum(spans, _lasting(system, first.t, first.y, late)) * np.abs(late))
+        return np.asarray(np.minimum(spans, lasting(system, first.t, first.y, late)) * np.abs(late))
 
     def _halves(self, system: System, scheme: Scheme, step: _Step) -> Array:
         """The state after two steps of half the length."""
@@ -168,7 +165,7 @@ class StepDoubling:
         return halves
 
 
-def _lasting(system: System, t: float, y: Array, off: Array) -> float:
+def lasting(system: System, t: float, y: Array, off: Array) -> float:
     """About how long a difference of velocities (nv) lasts, by the accelerations it brings [s]; inf where nothing damps it."""
     if not off.any():
         return np.inf

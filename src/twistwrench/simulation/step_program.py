@@ -10,37 +10,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from numpy.typing import NDArray
-
 from ..algorithms import integration
-from ..algorithms.control import clipped
+from ..algorithms.control_laws import clipped
+from ..algorithms.coordinate_rates import coordinate_rates
 from ..algorithms.forward_dynamics import forward_dynamics
-from ..algorithms.friction import torque_past_eased_friction
-from ..algorithms.tangent import coordinate_rates
+from ..algorithms.friction import eased, torque_past_eased_friction
 from ..algorithms.velocity_step import velocity_step
 from ..errors import UnknownNameError
+from ..model.base_parameters import regrouped
 from ..model.model import Model
-from ..model.regroup import regrouped
-from ..model.varied import moves_joints, varied
+from ..model.variable_parameters import moves_joints, varied
 from ..program.recurrence import Recurrence, Source
 from ..program.trace import trace
+from ..typing import Array
 from .tableau import RK4, Tableau
 from .torque_laws import TorqueLaw
 
-Array = NDArray[Any]
-
-__all__ = ["INTEGRATORS", "Plan", "integrator_named"]
-
-INTEGRATORS = ("semi_implicit", "rk4")
+ROLLOUT_METHODS = ("semi_implicit", "rk4")
 """The methods of rollouts, by the names they have in simulations."""
 
 Ports = list[tuple[str, tuple[int, ...]]]
 
 
-def integrator_named(name: Any) -> str:
+def method_named(name: Any) -> str:
     """The name; UnknownNameError lists those there are."""
-    if not isinstance(name, str) or name not in INTEGRATORS:
-        raise UnknownNameError.of("integrator", name, INTEGRATORS)
+    if not isinstance(name, str) or name not in ROLLOUT_METHODS:
+        raise UnknownNameError.of("method", name, ROLLOUT_METHODS)
     return name
 
 
@@ -50,7 +45,7 @@ class Plan:
 
     model: Model
     law: TorqueLaw
-    integrator: str
+    method: str
     limited: bool = False
     """Whether torques are clipped."""
     frames: tuple[str, ...] = ()
@@ -62,13 +57,13 @@ class Plan:
     @property
     def key(self) -> tuple[Any, ...]:
         """Plans of one robot with one key are one program."""
-        said = self.integrator, self.limited, self.frames, self.parameters, self.friction, self.says_torques
+        said = self.method, self.limited, self.frames, self.parameters, self.friction, self.says_torques
         return ("rollout", *self.law.key, *said)
 
     @property
     def eases(self) -> bool:
         """Whether dry friction is eased off at low speeds, and not an impulse that at most stops a joint."""
-        return self.friction and self.integrator != "semi_implicit"
+        return self.friction and self.method != "semi_implicit"
 
     @property
     def given(self) -> Ports:
@@ -88,7 +83,7 @@ class Plan:
         fed = [Source("state", 0), Source("state", 0), Source("state", 1)]
         sources = [Source("given")] * len(given)
         said = ["tau"] * self.says_torques
-        if self.integrator == "semi_implicit":
+        if self.method == "semi_implicit":
             program = trace(self._semi_implicit, [*state, *given], ["q", "dq", *said])
             return Recurrence(program, (*fed, *sources), visible=2)
         more: Ports = [
@@ -148,7 +143,9 @@ class Plan:
         tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
         if self.limited:
             tau = clipped(tau, rest["torque limits"])
-        force = torque_past_eased_friction(plant, dq, tau, rest["creep"]) if self.friction else tau
+        force = tau
+        if self.friction:
+            force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
         return tau, forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
 
     def _models(self, given: Sequence[Array]) -> tuple[Model, Model, dict[str, Array]]:

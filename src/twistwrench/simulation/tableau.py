@@ -12,32 +12,25 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import ValueRangeError
-from .trees import Row, Tree, density, elementary_weights, trees
-
-Array = NDArray[Any]
-
-__all__ = [
-    "DORMAND_PRINCE",
-    "EULER",
-    "IMPLICIT_EULER",
-    "MIDPOINT",
-    "RK4",
-    "SEMI_IMPLICIT_EULER",
-    "Partitioned",
-    "Tableau",
-]
+from ..typing import Array
+from .order_conditions import Row, Tree, density, elementary_weights, trees
 
 
 @dataclass(frozen=True)
 class Tableau:
-    """A Butcher tableau. Raises ValueRangeError where a, b, c do not have the order claimed, naming the tree that fails.
+    """Butcher tableau of a Runge-Kutta method, checked to have the order claimed.
 
+    Raises
+    ------
+    ValueRangeError
+        a, b, c do not have it; the tree that fails is named.
+
+    Examples
+    --------
     >>> Tableau("Heun", 2, a=((0, 0), (1, 0)), b=(Fraction(1, 2), Fraction(1, 2))).c
     (Fraction(0, 1), Fraction(1, 1))
     >>> Tableau("wrong", 2, a=((0,),), b=(1,))
@@ -46,7 +39,9 @@ class Tableau:
     """
 
     name: str
+    """Of the method."""
     order: int
+    """Order of consistency."""
     a: tuple[Row, ...]
     """(stages, stages)."""
     b: Row
@@ -54,9 +49,11 @@ class Tableau:
     embedded: Row = ()
     """(stages,), weights of a second step whose distance from the first is the estimate of its error."""
     embedded_order: int = 0
+    """Order of the second step."""
     dense: tuple[Row, ...] = ()
     """(stages, degree): the weights within the step, b_i(θ) = Σ_j dense[i][j] θ^(j+1) for 0 ≤ θ ≤ 1."""
     dense_order: int = 0
+    """Order within the step."""
 
     def __post_init__(self) -> None:
         for part in ("a", "dense"):
@@ -131,15 +128,24 @@ class Tableau:
 
 @dataclass(frozen=True)
 class Partitioned:
-    """Two tables for two halves of a state, such as velocities and positions: each half steps by its own.
+    """Partitioned Runge-Kutta method: two tables for two halves of a state, such as velocities and positions.
 
-    Raises ValueRangeError unless the two have the order claimed together, on trees whose nodes have two colours.
+    Each half steps by its own.
+
+    Raises
+    ------
+    ValueRangeError
+        The two have not the order claimed together, on trees whose nodes have two colours.
     """
 
     name: str
+    """Of the method."""
     order: int
+    """Order of consistency."""
     velocities: Tableau
+    """Table of the velocities."""
     positions: Tableau
+    """Table of the positions."""
 
     def __post_init__(self) -> None:
         v, p = self.velocities, self.positions

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..algorithms.control import computed_torque, proportional_derivative, undriven
+from ..algorithms.control_laws import computed_torque, proportional_derivative, undriven
 from ..algorithms.inverse_dynamics import gravity_forces
 from ..algorithms.recursion import zeros
+from ..core import arguments
 from ..errors import ValueRangeError
 from ..model.model import Model
-
-Array = NDArray[Any]
-
-__all__ = ["PD", "ComputedTorque", "GivenTorque", "TorqueLaw"]
+from ..typing import Array
 
 
 class TorqueLaw(Protocol):
@@ -68,31 +66,64 @@ class GivenTorque:
 
 
 @dataclass(frozen=True, eq=False)
-class PD:
-    """τ = kp (q_des - q) + kd (dq_des - dq), and g(q) on top with ``gravity=True``, at every joint of one degree of freedom.
+class BatchPD:
+    """PD law of the motions of a rollout: τ = kp (q_des - q) + kd (dq_des - dq) + g(q).
 
-    ``q_des`` (nq), ``dq_des`` (nv) and the gains, (nv) or one number for all, hold for all steps and samples; with axes
-    (..., steps, n) they are said step by step, with (..., 1, n) sample by sample. Planar and floating joints get no torque,
-    and their entries are of no account. g is that of the robot without ``parameters``. MR section 11.4.
+    Gains and references may differ from motion to motion, which those of :class:`twistwrench.control.PD` do not. At
+    every joint of one degree of freedom: planar and floating joints get no torque, and their entries count for nothing.
+    Values hold for all steps and samples; with axes (..., steps, n) they are said step by step, with (..., 1, n) sample
+    by sample. g is that of the robot without ``parameters``.
+
+    Notes
+    -----
+    MR section 11.4.
     """
 
     q_des: ArrayLike
+    """Wanted configuration (nq,)."""
     kp: ArrayLike
+    """Stiffness (nv,) or one number for all, N m/rad or N/m."""
     kd: ArrayLike
+    """Damping (nv,) or one number for all, N m s/rad or N s/m."""
     dq_des: ArrayLike = 0.0
-    gravity: bool = False
+    """Wanted velocities (nv,) or one number for all, rad/s or m/s."""
+    gravity: bool = True
+    """Whether g(q) is added."""
     names: ClassVar[tuple[str, ...]] = ("q_des", "dq_des", "kp", "kd")
 
     @property
     def key(self) -> tuple[Any, ...]:
         """One program with gravity, one without."""
-        return ("pd", bool(self.gravity))
+        return ("pd", arguments.flag(self.gravity, "PD: gravity"))
 
     def check(self, model: Model) -> None:
-        """Any robot will do."""
+        """Check that the robot will do; any does.
+
+        Parameters
+        ----------
+        model : Model
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> BatchPD([0, 0], kp=1.0, kd=1.0).check(tw.robots.planar_2r().model)
+        """
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
-        """The law, on symbols."""
+        """The law, on symbols.
+
+        Parameters
+        ----------
+        model : Model
+        angles : (nq,) array of symbols, q again, for sines and cosines
+        q : (nq,) array of symbols
+        dq : (nv,) array of symbols
+        *given : arrays of symbols, those of ``names``
+
+        Returns
+        -------
+        tau : (nv,) array of symbols
+        """
         tau = proportional_derivative(model, q, dq, *given)
         if self.gravity:
             held = gravity_forces(model, angles)
@@ -104,7 +135,22 @@ class PD:
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, Array]:
-        """The law at dq, and kd."""
+        """The law at dq, and kd, for semi-implicit steps.
+
+        Parameters
+        ----------
+        model : Model
+        angles : (nq,) array of symbols, q again, for sines and cosines
+        q : (nq,) array of symbols
+        dq : (nv,) array of symbols
+        _h : symbol, the step
+        *given : arrays of symbols, those of ``names``
+
+        Returns
+        -------
+        tau : (nv,) array of symbols
+        kd : (nv,) array of symbols
+        """
         gains, kd = zeros(model.nv), given[3]
         for body in model.leaders:
             if body.joint.nv == 1:
@@ -113,18 +159,28 @@ class PD:
 
 
 @dataclass(frozen=True, eq=False)
-class ComputedTorque:
-    """τ = M (ddq_des + kp (q_des - q) + kd (dq_des - dq)) + h: the error obeys ë + kd ė + kp e = 0. MR eq. 11.35.
+class BatchComputedTorque:
+    """Computed-torque law of the motions of a rollout: τ = M (ddq_des + kp (q_des - q) + kd (dq_des - dq)) + h.
 
-    Shapes are those of :class:`PD`. M and h are those of the robot without ``parameters``, gravity and springs included,
-    friction not. Robots with planar or floating joints are refused: their law has no torque for every velocity.
+    The error obeys ë + kd ė + kp e = 0. Shapes are those of :class:`BatchPD`. M and h are those of the robot without
+    ``parameters``, gravity and springs included, friction not. Robots with planar or floating joints are refused: their
+    law has no torque for every velocity.
+
+    Notes
+    -----
+    MR eq. 11.35.
     """
 
     q_des: ArrayLike
+    """Wanted configuration (nq,)."""
     kp: ArrayLike
+    """Proportional gain (nv,) or one number for all, 1/s²."""
     kd: ArrayLike
+    """Derivative gain (nv,) or one number for all, 1/s."""
     dq_des: ArrayLike = 0.0
+    """Wanted velocities (nv,) or one number for all, rad/s or m/s."""
     ddq_des: ArrayLike = 0.0
+    """Wanted accelerations (nv,) or one number for all, rad/s² or m/s²."""
     names: ClassVar[tuple[str, ...]] = ("q_des", "dq_des", "kp", "kd", "ddq_des")
 
     @property
@@ -133,15 +189,43 @@ class ComputedTorque:
         return ("computed torque",)
 
     def check(self, model: Model) -> None:
-        """Refuse planar and floating joints."""
+        """Refuse planar and floating joints.
+
+        Parameters
+        ----------
+        model : Model
+
+        Raises
+        ------
+        ValueRangeError
+            The robot has such a joint.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> BatchComputedTorque([0, 0], kp=1.0, kd=1.0).check(tw.robots.planar_2r().model)
+        """
         if names := undriven(model):
             raise ValueRangeError(
                 f"computed torque wants a torque for every velocity, and {', '.join(names)} is no joint of one degree of "
-                "freedom. tw.simulation.PD drives the others and leaves it alone."
+                "freedom. tw.simulation.BatchPD drives the others and leaves it alone."
             )
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
-        """The law, on symbols."""
+        """The law, on symbols.
+
+        Parameters
+        ----------
+        model : Model
+        angles : (nq,) array of symbols, q again, for sines and cosines
+        q : (nq,) array of symbols
+        dq : (nv,) array of symbols
+        *given : arrays of symbols, those of ``names``
+
+        Returns
+        -------
+        tau : (nv,) array of symbols
+        """
         return np.asarray(computed_torque(model, angles, dq, self._wanted(model, q, dq, *given)))
 
     def torques_of_step(
@@ -154,7 +238,26 @@ class ComputedTorque:
         /,
         *given: Array,
     ) -> tuple[Array, None]:
-        """The law at dq, kd too: at rates that the law's own model predicts, kd would change where it rests."""
+        """The law at dq, kd too, for semi-implicit steps.
+
+        Parameters
+        ----------
+        model : Model
+        angles : (nq,) array of symbols, q again, for sines and cosines
+        q : (nq,) array of symbols
+        dq : (nv,) array of symbols
+        h : symbol, the step
+        *given : arrays of symbols, those of ``names``
+
+        Returns
+        -------
+        tau : (nv,) array of symbols
+        kd : None
+
+        Notes
+        -----
+        At rates that the law's own model predicts, kd would change where it rests.
+        """
         return self.torques(model, angles, q, dq, *given), None
 
     def _wanted(

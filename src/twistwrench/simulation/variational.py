@@ -21,19 +21,13 @@ Sources: Marsden and West, "Discrete mechanics and variational integrators", Act
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.splitting import COMPOSITIONS
 from ..errors import SimulationError
-from .brackets import LARGEST_TURN, bernoulli, exponential, half_step, planar_bracket, twist_bracket
+from ..typing import Array
+from .event_location import LARGEST_TURN, adjoint, bernoulli, exponential, half_step
 from .forces import WORKS, System
-
-Array = NDArray[Any]
-
-__all__ = ["Variational"]
 
 _MOST = 100
 """Iterations. Each gains as many digits as a step is short against the motion: three or four are usual."""
@@ -63,13 +57,15 @@ class _Secant:
 class Variational:
     """The midpoint rule from Hamilton's principle, composed to an order of :data:`COMPOSITIONS`."""
 
+    lagging = False
+
     def __init__(self, system: System, order: int) -> None:
         self.system, self.order, self.fractions = system, order, COMPOSITIONS[order]
+        parts = np.array(self.fractions)
+        self.asked = np.cumsum(parts) - 0.5 * parts, parts
         robot = system.robot
         self.terms = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
-        manifold = system.manifold
-        self.groups = [(slice(k, k + 3), planar_bracket) for _, k in manifold.planar]
-        self.groups += [(slice(k, k + 6), twist_bracket) for _, k in manifold.floating]
+        self.groups = system.manifold.groups
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
         """The state a time ``h`` later, where ``rate`` is f(t, y)."""
@@ -88,6 +84,7 @@ class Variational:
         """One midpoint step; the state after it, ξ, and the powers of the forces in the middle (4,)."""
         system, before, powers = self.system, np.inf, np.zeros(len(WORKS))
         secant: _Secant | None = None
+        usual = float(np.abs(xi).max()) or 1e-300  # a step may come to rest
         for _ in range(_MOST):
             middle = system.manifold.move(q0, 0.5 * h * xi)
             M, C, bias = self.terms(middle, xi)
@@ -102,10 +99,10 @@ class Variational:
             if secant is not None:
                 change = secant.changed(change)
             xi = xi + change
-            size, scale = float(np.abs(change).max()), float(np.abs(xi).max()) or 1e-300
+            size, scale = float(np.abs(change).max()), max(float(np.abs(xi).max()), usual)
             if not size < np.inf:
                 raise self._lost(t, "the step is unstable", change)
-            if any(np.linalg.norm(h * xi[k][: len(xi[k]) // 2]) > LARGEST_TURN for k, _ in self.groups):
+            if any(np.linalg.norm(h * xi[k][turning]) > LARGEST_TURN for k, turning, _ in self.groups):
                 raise self._lost(t, f"the step turns a body by more than {LARGEST_TURN:g} rad", change)
             # The next change would be as much smaller again, this one may be rounding already.
             settled = size * min(size / before, 1.0) if before < np.inf else size
@@ -119,7 +116,7 @@ class Variational:
 
     def _brought(self, xi: Array, h: float, p: Array, G: Array) -> tuple[Array, Array]:
         """(a / (e^a - 1))ᵀ p and (1 + E)⁻ᵀ G; G loses ad(ξ)ᵀ p first."""
-        brackets = [(k, bracket(xi[k]).T) for k, bracket in self.groups]
+        brackets = [(k, adjoint(xi[k], c).T) for k, _, c in self.groups]
         for k, ad in brackets:
             G[k] -= ad @ p[k]
         left, half = p.copy(), 0.5 * G
@@ -130,8 +127,8 @@ class Variational:
     def _carried(self, eta: Array, p0: Array, impulse: Array) -> Array:
         """Eᵀ (Eᵀ p0 + h G)."""
         p1 = p0 + impulse
-        for k, bracket in self.groups:
-            half = 0.5 * bracket(eta[k]).T
+        for k, _, c in self.groups:
+            half = 0.5 * adjoint(eta[k], c).T
             p1[k] = exponential(half, exponential(half, p0[k]) + impulse[k])
         return p1
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from .contacts import Contact
-from .directions import LargestWrench, largest_wrench, weakest_direction
 from .ellipsoid import WrenchEllipsoid, wrench_ellipsoid
 from .equilibrium import Equilibrium, body_equilibrium, robot_equilibrium
-from .map import PayloadMap, payload_map
+from .force_directions import LargestWrench, largest_wrench, weakest_direction
+from .holding_torques import TorqueWrench, wrench_from_torques
 from .payload import LargestPayload, RegionPayload, largest_payload, payload_in_region, torques_per_kilogram
+from .payload_map import PayloadMap, payload_map
 from .polytope import WrenchPolytope, wrench_polytope
-from .torques import TorqueWrench, wrench_from_torques
 
 __all__ = [
     "Contact",

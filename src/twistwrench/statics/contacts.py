@@ -6,25 +6,29 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ValueRangeError
-from ..screws.words import tuple_of
-
-Array = NDArray[Any]
-
-__all__ = ["Contact"]
+from ..screws.vector_text import tuple_of
+from ..typing import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Contact:
-    """A point where the world pushes: a force within the friction cone about ``normal``, \\|tangential\\| ≤ μ · normal part.
+    r"""Point contact with Coulomb friction: a force within the friction cone about ``normal``.
 
-    For one body, ``point`` and ``normal`` are in the frame of its wrench. For a robot, ``point`` is in ``frame``, a link
-    of it, and ``normal`` in the base frame, so that the floor's is (0, 0, 1) at every foot. The normal points into what
-    is held, and is made of unit length. Raises ShapeError, ValueRangeError.
+    That is \|tangential\| ≤ μ · normal part. For one body, ``point`` and ``normal`` are in the frame of its wrench. For
+    a robot, ``point`` is in ``frame``, a link of it, and ``normal`` in the base frame, so that the floor's is (0, 0, 1)
+    at every foot. The normal points into what is held, and is made of unit length.
 
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        A vector is of another size, the normal zero, or the friction negative.
+
+    Examples
+    --------
     >>> Contact((0, 0, 0), normal=(0, 0, 2), friction=0.5).edges(4)[1].round(3).tolist()
     [0.0, 0.5, 1.0]
     """
@@ -60,9 +64,30 @@ class Contact:
         return f"Contact at {tuple_of(self.point)} m{at}, normal {tuple_of(self.normal)}, friction {self.friction:g}"
 
     def edges(self, count: int, *, around: bool = False) -> Array:
-        """Forces (count, 3) with unit normal part whose cone lies inside the friction cone, or ``around`` it; (1, 3) for μ = 0.
+        """Edges of a pyramid that lies inside the friction cone, or ``around`` it: forces with unit normal part.
 
-        Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count). Raises ValueRangeError.
+        Parameters
+        ----------
+        count : int, 3 or more
+        around : bool, around the cone rather than inside
+
+        Returns
+        -------
+        forces : (count, 3) array; (1, 3) for μ = 0
+
+        Raises
+        ------
+        ValueRangeError
+            ``count`` is no such number.
+
+        Notes
+        -----
+        Edge k leans by μ at the angle 2πk/count; those around lean by μ / cos(π/count).
+
+        Examples
+        --------
+        >>> Contact(friction=0.5).edges(4).shape
+        (4, 3)
         """
         count = arguments.whole(count, "the number of a cone's edges", 3)  # fewer have no inside
         if self.friction == 0:
@@ -74,9 +99,26 @@ class Contact:
         return self.normal + lean * (np.cos(angle) * first + np.sin(angle) * second)
 
     def allows(self, force: ArrayLike, slack: float = 1e-9) -> Any:
-        """(...) of bool: whether ``force`` (..., 3) [N] lies in the friction cone itself, to ``slack`` of its size.
+        """Whether a force lies in the friction cone itself.
 
-        Raises ShapeError, ValueRangeError.
+        Parameters
+        ----------
+        force : (..., 3) array_like [N]
+        slack : float, part of its size by which it may lie outside
+
+        Returns
+        -------
+        answer : (...) array of bool
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``force`` is of another size, or not finite.
+
+        Examples
+        --------
+        >>> bool(Contact(friction=0.5).allows([0.4, 0, 1]))
+        True
         """
         f = arguments.finite(force, "force", 3)
         along = f @ self.normal

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import UnknownNameError, ValueRangeError
-from ..screws.words import tuple_of
-from .checks import same_batch, unit_vectors
-from .limits import effort_limits
-from .torques import RANK_TOLERANCE
+from ..screws.vector_text import tuple_of
+from ..typing import Array
+from .holding_torques import RANK_TOLERANCE
+from .pose_arguments import same_batch, unit_vectors
+from .torque_limits import effort_limits
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["PARTS", "WrenchEllipsoid", "wrench_ellipsoid"]
+    from ..robot.quantity_methods import Kind
 
 PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
 """The rows of a wrench that each part means."""
@@ -27,7 +25,10 @@ PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WrenchEllipsoid:
-    """All x (n,) with x' A x ≤ 1, centred where the torques of gravity would put nothing. Leading axes are the poses'."""
+    """Force ellipsoid: all x (n,) with x' A x ≤ 1, centred where the torques of gravity would put nothing.
+
+    Leading axes are the poses'.
+    """
 
     matrix: Array
     """(..., n, n): A = J W⁻² J', with the rows of J that are meant and W the scale of each torque."""
@@ -36,7 +37,9 @@ class WrenchEllipsoid:
     semi_axes: Array
     """(..., n): their lengths, descending; inf along what the structure bears."""
     part: str
-    kind: str
+    """"force", "moment" or "wrench"."""
+    kind: Kind
+    """Axes and reference point, as in :meth:`Robot.jacobian`."""
 
     def __repr__(self) -> str:
         what = f"WrenchEllipsoid of {self.part}s, {self.kind}"
@@ -53,13 +56,30 @@ class WrenchEllipsoid:
 
     @property
     def condition(self) -> Array:
-        """(...): the longest semi-axis over the shortest; inf at singular poses."""
+        """Condition number (...): the longest semi-axis over the shortest; inf at singular poses."""
         return self.semi_axes[..., 0] / self.semi_axes[..., -1]
 
     def reach(self, direction: ArrayLike) -> Array:
-        """(...): how far the ellipsoid extends along ``direction`` (..., n), which is made of unit length.
+        """How far the ellipsoid extends along a direction.
 
-        Raises ShapeError, ValueRangeError.
+        Parameters
+        ----------
+        direction : (..., n) array_like, made of unit length
+
+        Returns
+        -------
+        reach : (...) array [N or N m for each unit of torque]
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``direction`` is of another size, or zero.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> float(wrench_ellipsoid(tw.robots.planar_2r(), [0.0, np.pi / 2]).reach([0, 1, 0]))
+        inf
         """
         d = unit_vectors(direction, self.matrix.shape[-1])
         same_batch(poses=self.semi_axes, direction=d)
@@ -74,18 +94,38 @@ def wrench_ellipsoid(
     frame: str | None = None,
     *,
     part: str = "force",
-    kind: str = "world_aligned",
+    kind: Kind = "world_aligned",
     limits: ArrayLike | None = None,
 ) -> WrenchEllipsoid:
-    """Wrenches whose torques have norm at most 1, without gravity; (nq) → (n) semi-axes, for any batch of q.
+    """Force ellipsoid: the wrenches whose torques have norm at most 1, without gravity.
 
-    ``part``: "force", at zero moment, the book's force ellipsoid f' J_v J_v' f = 1; "moment", at zero force; or "wrench",
-    all six numbers (m, f), whose axes depend on the unit of length. ``kind`` as in :meth:`Robot.jacobian`. With
-    ``limits`` (nv,) [N m or N] each torque counts as a share of its limit, and the ellipsoid lies inside the polytope of
-    :func:`~twistwrench.statics.wrench_polytope` without gravity. Rows of q with NaN have NaN.
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    frame : str, optional, a link of the robot; its tip if None
+    part : "force", "moment" or "wrench"
+        "force", at zero moment, the book's force ellipsoid f' J_v J_v' f = 1; "moment", at zero force; or "wrench", all
+        six numbers (m, f), whose axes depend on the unit of length.
+    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
+    limits : (nv,) array_like, optional, each torque then counts as a share of its limit [N m, sliding joints: N]
 
-    Raises UnknownNameError, ShapeError, ValueRangeError.
+    Returns
+    -------
+    ellipsoid : WrenchEllipsoid, with n semi-axes, for any batch of q; rows with NaN have NaN
 
+    Raises
+    ------
+    UnknownNameError, ShapeError, ValueRangeError
+        An argument is none of the choices, or of another size.
+
+    Notes
+    -----
+    MR section 5.4. With ``limits`` the ellipsoid lies inside the polytope of
+    :func:`~twistwrench.statics.wrench_polytope` without gravity.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> arm = tw.robots.planar_2r()
     >>> wrench_ellipsoid(arm, [0.0, np.pi / 2]).semi_axes.round(6).tolist()  # the golden ratio, and one over it

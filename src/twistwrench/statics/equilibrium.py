@@ -7,20 +7,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import FrameError, ValueRangeError
-from .checks import one_configuration
+from ..typing import Array
 from .contacts import Contact
-from .limits import effort_limits
+from .pose_arguments import one_configuration
+from .torque_limits import effort_limits
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["Equilibrium", "body_equilibrium", "robot_equilibrium"]
 
 _TWIST_NAMES = ("wx", "wy", "wz", "vx", "vy", "vz")
 _OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
@@ -36,18 +33,18 @@ _ROUNDING = 1e-14
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Equilibrium:
-    r"""An answer with its proof: contact forces and torques that balance, or a motion nothing resists.
+    r"""Static equilibrium with its proof: contact forces and torques that balance, or a motion nothing resists.
 
     Contacts push and never pull. So if along some motion no contact can take power out, and the loads put in more than
-    the motors can take out, then no forces balance: in balance all powers along every motion add up to zero. That motion is
-    the proof of a no, and two lines check it by hand: at each contact n · v ≥ μ \|v - n (n · v)\|, with v its row of
-    ``velocities``, n its normal; and ``power`` > 0, for one body F · V of its wrench F = (m, f) and V = ``motion``.
-
-    ``holds`` is None where the friction cones, cut into as many edges as they may be, decide neither way: the case is
-    then marginal, within one part in 10⁴ of the friction coefficients.
+    the motors can take out, then no forces balance: in balance all powers along every motion add up to zero. That
+    motion, the certificate, is the proof of a no, and two lines check it by hand: at each contact n · v ≥ μ \|v - n (n ·
+    v)\|, with v its row of ``velocities``, n its normal; and ``power`` > 0, for one body F · V of its wrench F = (m, f)
+    and V = ``motion``.
     """
 
     holds: bool | None
+    """Whether forces balance; None where the friction cones, cut into as many edges as they may be, decide neither way:
+    the case is then marginal, within one part in 10⁴ of the friction coefficients."""
     forces: Array | None
     """(contacts, 3) N on the body: in its frame, or for a robot in the base frame; None unless it holds."""
     torques: Array | None
@@ -89,12 +86,32 @@ class Equilibrium:
 
 
 def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, edges: int = 8) -> Equilibrium:
-    """Whether contacts can balance a wrench (m, f) (6,) [N m, N] on one body, in the frame of points and normals.
+    """Force closure of one body: whether contacts can balance a wrench on it.
 
-    Forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0, or by Farkas' lemma a twist V with F·V > 0 along which
-    no contact force does negative work. One wrench at a time, as each is a linear programme. Raises ShapeError,
-    ValueRangeError, and FrameError for a contact with a ``frame``: that is a link of a robot, and its normal in the base frame.
+    Parameters
+    ----------
+    contacts : sequence of Contact, in the frame of the wrench
+    wrench_on_body : (6,) array_like, (m, f) [N m, N]
+    edges : int, edges of each friction cone to begin with
 
+    Returns
+    -------
+    answer : Equilibrium
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An argument is of another size or not finite.
+    FrameError
+        A contact has a ``frame``: that is a link of a robot, and its normal in the base frame.
+
+    Notes
+    -----
+    MR section 12.2. Forces f_i in the friction cones with Σ (p_i × f_i, f_i) + F = 0, or by Farkas' lemma a twist V
+    with F·V > 0 along which no contact force does negative work. One wrench at a time, as each is a linear programme.
+
+    Examples
+    --------
     >>> legs = [Contact((x, y, 0), friction=0.3) for x, y in ((1, 0), (-1, 1), (-1, -1))]
     >>> print(body_equilibrium(legs, [0, 0, 0, 0, 0, -30.0]))
     holds, with contact forces up to 15 N
@@ -132,15 +149,37 @@ def robot_equilibrium(
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     edges: int = 8,
 ) -> Equilibrium:
-    """Whether a robot at rest can hold itself at one pose by contacts and by torques within limits; (nq) → an answer.
+    """Static equilibrium of a robot: whether it holds itself at one pose by contacts and by torques within limits.
 
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    contacts : sequence of Contact, each at a link of the robot
+    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
+    wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+    edges : int, edges of each friction cone to begin with
+
+    Returns
+    -------
+    answer : Equilibrium
+
+    Raises
+    ------
+    ShapeError
+        An argument is of another size, or q is a batch; it says how to loop.
+    ValueRangeError, UnknownNameError, FrameError
+        An argument is invalid, or the robot has no such frame.
+
+    Notes
+    -----
     Forces in the friction cones with τ = g(q) - Σ J'F_on - Σ J_i' f_i, abs(τ) ≤ limits, 0 on a floating base, and the
     largest share of a limit made least; or a motion dq with -τ₀·dq - Σ L abs(dq) > 0 (τ₀ the torques without contacts)
-    along which no contact force does negative work. Joints without a limit bear anything.
+    along which no contact force does negative work. Joints without a limit bear anything. One pose at a time, as each
+    is a linear programme of its own.
 
-    One pose at a time, as each is a linear programme of its own; a batch is a ShapeError that says how to loop.
-    Raises ShapeError, ValueRangeError, UnknownNameError, FrameError.
-
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> box = tw.robots.floating_box()
     >>> corners = [Contact((x, y, -0.1), frame=box.link_names[0]) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError
-from .checks import one_configuration, same_batch
-from .limits import effort_limits, growth, require_fixed_base, span
+from ..typing import Array
+from .pose_arguments import one_configuration, same_batch
+from .torque_limits import effort_limits, growth, require_fixed_base, span
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
-Array = NDArray[Any]
-
-__all__ = ["LargestPayload", "RegionPayload", "largest_payload", "payload_in_region", "torques_per_kilogram"]
-
 
 @dataclass(frozen=True, eq=False)
 class LargestPayload:
-    """The largest mass held at rest, and the joint that is then at its limit. Leading axes are the poses'."""
+    """Largest payload: the largest mass held at rest, and the joint that is then at its limit.
+
+    Leading axes are the poses'.
+    """
 
     mass: Array
     """(...) kg: 0 where the robot cannot hold even itself, inf where no joint feels the mass, nan where q is nan."""
@@ -42,16 +42,17 @@ class LargestPayload:
     limits: Array
     """(nv,): the limits used."""
     joint_names: tuple[str, ...]
+    """Names of the joints, as ``joint`` counts them."""
 
     @property
     def torques(self) -> Array:
-        """(..., nv): the holding torques with the largest payload; without one where that is not finite."""
+        """Holding torques with the largest payload (..., nv) [N m or N]; without one where that is not finite."""
         mass = np.where(np.isfinite(self.mass), self.mass, 0.0)
         return self.unloaded + mass[..., None] * self.per_kilogram
 
     @property
     def share(self) -> Array:
-        """(..., nv): those torques as shares of the limits, 1 for the limiting joint."""
+        """Holding torques as shares of the limits (..., nv), 1 for the limiting joint."""
         idle = np.where(self.torques == 0, 0.0, np.inf)  # a joint that can give nothing
         return np.divide(np.abs(self.torques), self.limits, out=idle, where=self.limits > 0)
 
@@ -75,11 +76,31 @@ class LargestPayload:
 def torques_per_kilogram(
     robot: Robot, q: ArrayLike, com: ArrayLike = (0.0, 0.0, 0.0), frame: str | None = None
 ) -> Array:
-    """The torques that hold one kilogram at ``com`` (3,) of a frame, the robot's own weight left out; (nq) → (nv).
+    """Holding torques of one kilogram at a point of a frame, the robot's own weight left out.
 
-    τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26. Any batch of q and
-    com broadcasts. Raises ShapeError, ValueRangeError, FrameError, UnknownNameError.
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    com : (3,) array_like, centre of mass of the payload in the frame [m]
+    frame : str, optional, a link of the robot; its tip if None
 
+    Returns
+    -------
+    tau : (nv,) array [N m/kg, sliding joints: N/kg]
+
+    Raises
+    ------
+    ShapeError, ValueRangeError, FrameError, UnknownNameError
+        As the robot's methods.
+
+    Notes
+    -----
+    τ = J_b' F with F = (c × f, f), f = -R' g the force that carries a kilogram, in the frame: MR eq. 5.26. Any batch of
+    q and com broadcasts.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> torques_per_kilogram(tw.robots.planar_2r(), [0.0, 0.0]).round(2).tolist()
     [19.62, 9.81]
@@ -100,12 +121,33 @@ def largest_payload(
     frame: str | None = None,
     limits: ArrayLike | None = None,
 ) -> LargestPayload:
-    """The largest mass held at rest with its centre of mass at ``com`` (3,) [m] of a frame; (nq) → ().
+    """Largest payload: the largest mass held at rest within the torque limits.
 
-    ``limits`` (nv,) [N m or N] stand in for the robot's own. Any batch of q and com broadcasts. Joint friction, which helps
-    to hold, is left out. Raises :class:`~twistwrench.ValueRangeError` without effort limits or with a floating base, and
-    ShapeError, FrameError, UnknownNameError as the robot's methods do.
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    com : (3,) array_like, centre of mass of the payload in the frame [m]
+    frame : str, optional, a link of the robot; its tip if None
+    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
 
+    Returns
+    -------
+    found : LargestPayload, ``mass`` () [kg]
+
+    Raises
+    ------
+    ValueRangeError
+        There are no effort limits, or the base floats.
+    ShapeError, FrameError, UnknownNameError
+        As the robot's methods.
+
+    Notes
+    -----
+    Any batch of q and com broadcasts. Joint friction, which helps to hold, is left out.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> found = largest_payload(tw.robots.planar_2r(), [0.0, 0.0], limits=[50.0, 20.0])
     >>> print(found)
@@ -135,7 +177,7 @@ def largest_payload(
 
 @dataclass(frozen=True, eq=False)
 class RegionPayload:
-    """The largest mass when the centre of mass is only known, or may be chosen, within a convex region."""
+    """Largest payload when its centre of mass is only known, or may be chosen, within a convex region."""
 
     sure: float
     """kg held wherever in the region the centre of mass is."""
@@ -150,13 +192,32 @@ class RegionPayload:
 def payload_in_region(
     robot: Robot, q: ArrayLike, region: ArrayLike, *, frame: str | None = None, limits: ArrayLike | None = None
 ) -> RegionPayload:
-    """The largest mass with its centre of mass in the convex hull of ``region`` (k, 3) [m], at one pose; (nq), (k, 3) → ().
+    """Largest payload with its centre of mass in the convex hull of a region, at one pose.
 
-    What is held surely is the least of the corners, since torques are affine in the centre of mass. The best place
-    is a linear programme: maximise Σ λ over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits, where m = Σ λ and m c = Σ λ_k c_k.
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    region : (k, 3) array_like, corners in the frame [m]
+    frame : str, optional, a link of the robot; its tip if None
+    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
 
-    Raises what :func:`largest_payload` raises.
+    Returns
+    -------
+    found : RegionPayload
 
+    Raises
+    ------
+    ValueRangeError, ShapeError, FrameError, UnknownNameError
+        As :func:`largest_payload`.
+
+    Notes
+    -----
+    What is held surely is the least of the corners, since torques are affine in the centre of mass. The best place is a
+    linear programme: maximise Σ λ over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits, where m = Σ λ and m c = Σ λ_k c_k.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> arm = tw.robots.planar_2r()
     >>> found = payload_in_region(arm, [0.0, 0.0], [[0.0, 0, 0], [0.5, 0, 0]], limits=[50.0, 20.0])

@@ -6,26 +6,27 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import UnknownNameError, ValueRangeError
-from .checks import one_configuration
+from ..typing import Array
 from .ellipsoid import effort_weights, part_rows
-from .limits import effort_limits, require_fixed_base
-from .torques import RANK_TOLERANCE
+from .holding_torques import RANK_TOLERANCE
+from .pose_arguments import one_configuration
+from .torque_limits import effort_limits, require_fixed_base
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["WrenchPolytope", "wrench_polytope"]
+    from ..robot.quantity_methods import Kind
 
 
 @dataclass(frozen=True, eq=False)
 class WrenchPolytope:
-    """All x (n,) with ``normals`` @ x ≤ ``offsets``: a bounded cross-section, times what the structure bears."""
+    """Wrench polytope: all x (n,) with ``normals`` @ x ≤ ``offsets``.
+
+    A bounded cross-section, times what the structure bears.
+    """
 
     normals: Array
     """(h, n): outward, of unit length."""
@@ -38,22 +39,63 @@ class WrenchPolytope:
     sides: tuple[str, ...]
     """(h,): the joint and sign behind each half-space, such as "+elbow"; empty for a projection."""
     part: str
+    """"force", "moment" or "wrench"."""
     rest: str
+    """What the other three numbers are: "zero" or "any"."""
     frame: str
-    kind: str
+    """The frame at which the wrench is applied."""
+    kind: Kind
+    """Axes and reference point, as in :meth:`Robot.jacobian`."""
 
     def contains(self, x: ArrayLike, slack: float = 1e-9) -> Array:
-        """(...) of bool: whether the robot can apply ``x`` (..., n), to ``slack`` in N or N m.
+        """Whether the robot can apply a force, moment or wrench.
 
-        Raises ShapeError, ValueRangeError.
+        Parameters
+        ----------
+        x : (..., n) array_like [N or N m]
+        slack : float, by which it may lie outside [N or N m]
+
+        Returns
+        -------
+        answer : (...) array of bool
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``x`` is of another size, or not finite.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> found = wrench_polytope(tw.robots.planar_2r(), [0.0, np.pi / 2], limits=[50.0, 20.0])
+        >>> found.contains([[0, 0, 0], [0, 0, 100]]).tolist()
+        [True, False]
         """
         x = arguments.finite(x, "x", self.normals.shape[1])
         return np.all(x @ self.normals.T <= self.offsets + slack, axis=-1)
 
     def support(self, direction: ArrayLike) -> Array:
-        """(...): the largest direction · x over the polytope, inf where the structure bears part of the direction (..., n).
+        """Support function: the largest direction · x over the polytope.
 
-        Raises ShapeError, ValueRangeError.
+        Parameters
+        ----------
+        direction : (..., n) array_like
+
+        Returns
+        -------
+        largest : (...) array, inf where the structure bears part of the direction
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``direction`` is of another size, or not finite.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> found = wrench_polytope(tw.robots.planar_2r(), [0.0, np.pi / 2], limits=[50.0, 20.0])
+        >>> round(float(found.support([0, 0, 1])), 6)
+        50.38
         """
         d = arguments.finite(direction, "direction", self.normals.shape[1])
         most = (d @ self.vertices.T).max(axis=-1)
@@ -82,22 +124,43 @@ def wrench_polytope(
     *,
     part: str = "force",
     rest: str = "zero",
-    kind: str = "world_aligned",
+    kind: Kind = "world_aligned",
     limits: ArrayLike | None = None,
 ) -> WrenchPolytope:
-    """Every x with abs(g(q) + J' F) ≤ limits, at one pose; (nq) → corners (k, 3), or (k, 6) for ``part="wrench"``.
+    """Wrench polytope (force polytope): every x with abs(g(q) + J' F) ≤ limits, at one pose.
 
-    ``part``: "force", "moment" or "wrench" (m, f). ``rest`` says what the other three numbers are: "zero", the section of
-    the six-dimensional polytope; "any", its projection. ``kind`` as in :meth:`Robot.jacobian`; ``limits`` (nv,) [N m or N]
-    stand in for the robot's own. Joints without a limit bound nothing.
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array_like, configuration
+    frame : str, optional, a link of the robot; its tip if None
+    part : "force", "moment" or "wrench" (m, f)
+    rest : "zero" or "any", what the other three numbers are
+        "zero", the section of the six-dimensional polytope; "any", its projection.
+    kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`twistwrench.Robot.jacobian`
+    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
 
-    One pose at a time, as poses differ in how many corners they have; a batch is a ShapeError that says how to loop.
+    Returns
+    -------
+    polytope : WrenchPolytope, with corners (k, 3), or (k, 6) for ``part="wrench"``
+
+    Raises
+    ------
+    ValueRangeError
+        No wrench at all keeps the limits, the base floats, or there are no limits.
+    ShapeError
+        q is a batch; it says how to loop.
+    UnknownNameError, FrameError
+        As the robot's methods.
+
+    Notes
+    -----
+    Joints without a limit bound nothing. One pose at a time, as poses differ in how many corners they have;
     :func:`~twistwrench.statics.largest_wrench`, :func:`~twistwrench.statics.weakest_direction` and
     :func:`~twistwrench.statics.wrench_ellipsoid` take any batch.
 
-    Raises ValueRangeError where no wrench at all keeps the limits, on floating bases, and without limits; ShapeError,
-    UnknownNameError, FrameError as the robot's methods do.
-
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> arm = tw.robots.planar_2r()
     >>> found = wrench_polytope(arm, [0.0, np.pi / 2], limits=[50.0, 20.0])
@@ -117,7 +180,7 @@ def wrench_polytope(
     b = np.concatenate([(L - g)[some], (L + g)[some]])
     names = [n for n, finite in zip(robot.model.velocity_names, some, strict=True) if finite]
     sides = [f"+{n}" for n in names] + [f"-{n}" for n in names]
-    labels = (part, rest, str(robot.tip if frame is None else frame), kind)
+    labels: tuple[Any, ...] = (part, rest, str(robot.tip if frame is None else frame), kind)
     length = np.linalg.norm(A, axis=1)
     felt = length > 1e-12 * max(1.0, length.max(initial=0.0))
     if np.any(b[~felt] < 0):
@@ -176,7 +239,7 @@ def _deepest_point(H: Array, b: Array) -> Array:
     return np.asarray(found.x[:-1]) * scale
 
 
-def _projection(corners: Array, lines: Array, labels: tuple[str, str, str, str]) -> WrenchPolytope:
+def _projection(corners: Array, lines: Array, labels: tuple[Any, ...]) -> WrenchPolytope:
     """The shadow on three numbers: hull of the corners' shadows across the lines' shadows."""
     from scipy.spatial import ConvexHull
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .check import Check
+from .check import DerivationCheck
 from .derivation import Derivation, derive
 from .equations import Equations, Step
 from .lagrangian import lagrange
-from .parameters import Parameter
+from .symbols import Parameter
 
-__all__ = ["Check", "Derivation", "Equations", "Parameter", "Step", "derive", "lagrange"]
+__all__ = ["Derivation", "DerivationCheck", "Equations", "Parameter", "Step", "derive", "lagrange"]

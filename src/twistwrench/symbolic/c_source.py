@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ValueRangeError
-from .source import FUNCTIONS, Routine, constants, header, ordered_names, routine, unused, written
+from .printed_code import FUNCTIONS, Routine, constants, header, ordered_names, routine, unused, written
 
 if TYPE_CHECKING:
     from .equations import Equations
-
-__all__ = ["c_source"]
 
 
 def c_source(equations: Equations, prefix: str | None = None) -> str:

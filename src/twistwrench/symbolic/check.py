@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import KernelError
-from .coordinates import to_robot
+from ..typing import Array
 from .equations import Equations
 from .evaluation import Evaluator
+from .generalized_coordinates import to_robot
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["TOLERANCE", "Check", "checked"]
 
 TOLERANCE = 1e-12
 """Of the largest torque, mass or force at the states. Both sides round some hundred sums of order-one terms."""
@@ -27,14 +23,19 @@ _STATES, _SEED = 16, 8100
 
 
 @dataclass(frozen=True)
-class Check:
-    """How far a derivation is from the compiled kernels, relative to the largest entry of each quantity."""
+class DerivationCheck:
+    """Check of a derivation: how far it is from the compiled kernels, relative to the largest entry of each quantity."""
 
     inverse_dynamics: float
+    """Residual of τ."""
     mass_matrix: float
+    """Residual of M."""
     coriolis_forces: float
+    """Residual of c."""
     gravity_forces: float
+    """Residual of g."""
     states: int
+    """How many random states were compared."""
 
     @property
     def worst(self) -> float:
@@ -48,7 +49,7 @@ class Check:
         )
 
 
-def checked(equations: Equations, robot: Robot) -> Check:
+def checked(equations: Equations, robot: Robot) -> DerivationCheck:
     """Compare; :class:`~twistwrench.KernelError` if the two sides disagree, for then one of them is wrong."""
     n, rng = robot.nv, np.random.default_rng(_SEED)
     u, du, ddu = (
@@ -80,7 +81,7 @@ def checked(equations: Equations, robot: Robot) -> Check:
         mine = found.array(exprs, (_STATES,)).reshape(np.shape(rows))
         scale = np.abs(rows).max() if name == "mass_matrix" else torque
         gaps[name] = float(np.abs(mine - rows).max() / scale) if scale else float(np.abs(mine).max())
-    check = Check(**gaps, states=_STATES)
+    check = DerivationCheck(**gaps, states=_STATES)
     if not check.worst <= TOLERANCE:
         raise KernelError(
             f"the derivation of {robot.name!r} disagrees with Newton–Euler by {check.worst:.1e} "

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["shortest"]
-
 _ROUND_OFF = 4e-16
 """Two units in the last place."""
 

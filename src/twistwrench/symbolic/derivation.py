@@ -7,19 +7,27 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import MissingExtraError, ShapeError, ValueRangeError
-from . import size
-from .assembly import assembled
-from .check import Check, checked
-from .coordinates import coordinates_of
+from . import derivation_size as size
+from .check import DerivationCheck, checked
+from .equation_assembly import assembled
 from .equations import Equations, Label, Line, Step
-from .expanded import Motion, RingArithmetic, Terms, chain_angles, energies, motion_of, ring_of, spring_energies
-from .parameters import model_entries
-from .writing import Writer
+from .expanded_form import (
+    RingArithmetic,
+    SymbolicMotion,
+    Terms,
+    chain_angles,
+    drive_energies,
+    energies,
+    motion_of,
+    ring_of,
+    spring_energies,
+)
+from .factored_form import EquationWriter
+from .generalized_coordinates import coordinates_of
+from .symbols import model_entries
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-__all__ = ["FORMS", "Derivation", "derive", "require_sympy"]
 
 FORMS = ("auto", "expanded", "named")
 """``expanded``: every term written out. ``named``: intermediate results get names. ``auto``: expanded where it is short."""
@@ -27,14 +35,16 @@ FORMS = ("auto", "expanded", "named")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Derivation(Equations):
-    """The equations of a robot, with how they compare to the compiled kernels in ``check``.
+    """Symbolic equations of motion of a robot, with how they compare to the compiled kernels in ``check``.
 
-    Torques belong to the coordinates ``q``: the robot's own, except for planar joints, (x, y, theta) with their rates, and
-    floating ones, (x, y, z, alpha, beta, gamma) with the ZYX Euler angles of MR appendix B.1.1.
+    Torques belong to the coordinates ``q``: the robot's own, except for planar joints, (x, y, theta) with their rates,
+    and floating ones, (x, y, z, alpha, beta, gamma) with the ZYX Euler angles of MR appendix B.1.1.
     """
 
     form: str = "expanded"
-    check: Check | None = None
+    """"expanded" or "named"."""
+    check: DerivationCheck | None = None
+    """Residuals against the compiled kernels."""
 
 
 def require_sympy(purpose: str = "Deriving equations") -> None:
@@ -46,16 +56,39 @@ def require_sympy(purpose: str = "Deriving equations") -> None:
 
 
 def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "auto") -> Derivation:
-    """Lagrange's equations of a robot with named symbols, checked against the kernels before they are returned.
+    """Symbolic dynamics: Lagrange's equations of a robot with named symbols, checked against the kernels.
 
-    ``symbols`` says which of the robot's numbers become symbols: ``"all"``, ``"none"``, kinds (lengths, coms, masses,
-    inertias, gravity, springs, gears) and names (``"L_1"``, ``"m_2"``) in any mix; the others stay numbers. ``form`` is
-    ``"expanded"``, ``"named"`` (intermediate results get names, each printed) or ``"auto"``. SI units, angles in radians.
-    Friction is left out, which ``remarks`` then says. Numbers are the shortest decimals within 4e-16 of the model's.
+    Parameters
+    ----------
+    robot : Robot
+    symbols : "all", "none", kinds and names in any mix, which of the robot's numbers become symbols
+        Kinds: lengths, coms, masses, inertias, gravity, springs, gears; names: ``"L_1"``, ``"m_2"``. The others stay
+        numbers.
+    form : "expanded", "named" or "auto"
+        ``"named"``: intermediate results get names, each printed.
 
-    Raises UnknownNameError for symbols the robot has not; ValueRangeError for a robot too large, before starting;
-    MissingExtraError without SymPy; KernelError if the result disagrees with Newton–Euler. MR section 8.1.
+    Returns
+    -------
+    equations : Derivation, in SI units, angles in radians
 
+    Raises
+    ------
+    UnknownNameError
+        The robot has not such symbols.
+    ValueRangeError
+        The robot is too large; said before starting.
+    MissingExtraError
+        There is no SymPy.
+    KernelError
+        The result disagrees with Newton–Euler.
+
+    Notes
+    -----
+    MR section 8.1. Friction is left out, which ``remarks`` then says. Numbers are the shortest decimals within 4e-16 of
+    the model's.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> arm = derive(tw.robots.planar_2r())
     >>> print(arm.text("gravity_forces"))
@@ -84,7 +117,7 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         elif work > size.COMFORTABLE:
             motion = None
     if motion is None:
-        from .named import named_derivation
+        from .intermediate_names import named_derivation
 
         size.check_named(robot)
         found = named_derivation(model, entries, coordinates)
@@ -92,12 +125,15 @@ def derive(robot: Robot, *, symbols: str | Iterable[str] = "all", form: str = "a
         arithmetic = RingArithmetic(ring, coordinates)
         kinetic, potential = energies(entries, motion, arithmetic)
         zero, springs = ring.number(0.0), spring_energies(model, entries, arithmetic)
-        terms = Terms(ring, coordinates, sum(kinetic, zero), sum((*potential, *springs), zero))
+        drives = drive_energies(entries, arithmetic)
+        terms = Terms(ring, coordinates, sum((*kinetic, *drives), zero), sum((*potential, *springs), zero))
         masses = [p.name for p in entries.parameters if "masses" in p.kinds]
-        writer = Writer(ring, chain_angles(model, ring, coordinates), masses=masses)
+        writer = EquationWriter(ring, chain_angles(model, ring, coordinates), masses=masses)
         fields = assembled(terms, writer)
         tags = [b.tag for b in entries.bodies]
-        before = _energy_steps(writer, coordinates, tags, motion, (kinetic, potential, springs), fields["lagrangian"])
+        before = _energy_steps(
+            writer, coordinates, tags, motion, (kinetic, potential, springs, drives), fields["lagrangian"]
+        )
         found = {**fields, "steps": (*before, *fields["steps"]), "form": "expanded"}
     seen = _free_symbols(found)
     derivation = Derivation(
@@ -136,11 +172,11 @@ def _free_symbols(found: dict[str, Any]) -> set[str]:
 
 
 def _energy_steps(
-    writer: Writer, coordinates: Any, tags: list[str], motion: Motion, energy: Any, L: Any
+    writer: EquationWriter, coordinates: Any, tags: list[str], motion: SymbolicMotion, energy: Any, L: Any
 ) -> tuple[Step, ...]:
     import sympy
 
-    motions, (K, P, springs) = [c.rate for c in coordinates], energy
+    motions, (K, P, springs, drives) = [c.rate for c in coordinates], energy
 
     def column(vector: Any) -> Any:
         return sympy.ImmutableMatrix([writer.by_motion(x, motions, writer.by_angle) for x in vector])
@@ -152,11 +188,13 @@ def _energy_steps(
     kinetic = ((Label(f"K_{tags[i]}"), writer.by_motion(K[i], motions, writer.by_mass)) for i in places)
     potential = ((Label(f"P_{tags[i]}"), writer.by_angle(P[i])) for i in places)
     stored = tuple((Label(f"E_{n}"), writer.by_angle(x)) for n, x in enumerate(springs, 1))
+    turned = tuple((Label(f"T_{n}"), writer.by_motion(x, motions, writer.by_mass)) for n, x in enumerate(drives, 1))
     steps = (
         Step("positions", "centres of mass in the base frame", each("p", motion.positions)),
         Step("velocities", "of the centres of mass", each("v", motion.velocities)),
         Step("angular_velocities", "of the links, in their own axes", each("omega", motion.turning, any)),
         Step("kinetic_energies", "½ m v·v + ½ ω·I ω of each link", tuple(kinetic)),
+        Step("drive_energies", "½ J q̇² of each drive with an armature", turned),
         Step("potential_energies", "−m (gravity · p) of each link", tuple(potential)),
         Step("spring_energies", "½ k stretch² of each spring", stored),
         Step("lagrangian", "the sum of K less the sum of P", ((Label("L"), L),)),

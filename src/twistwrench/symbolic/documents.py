@@ -13,8 +13,6 @@ from .notation import Latex, Notation
 if TYPE_CHECKING:
     from .equations import Equations, Line, Step
 
-__all__ = ["heading", "latex_document", "markdown_document", "remarks_of", "sentence"]
-
 _MARGIN = 24.0  # points: the equals sign, and how far a line that goes on is moved in
 _AXES = "xyz"
 

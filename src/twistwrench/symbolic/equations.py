@@ -11,9 +11,7 @@ from typing import Any
 
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from .notation import Latex, Notation, Text
-from .parameters import Parameter
-
-__all__ = ["Equations", "Label", "Line", "Step"]
+from .symbols import Parameter
 
 
 @dataclass(frozen=True)
@@ -41,28 +39,33 @@ Line = tuple[Label, Any]
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a derivation: its name, a sentence about it, its lines."""
+    """Step of a derivation: its name, a sentence about it, its lines."""
 
     name: str
+    """As in :meth:`Equations.step`."""
     remark: str
+    """A sentence."""
     lines: tuple[Line, ...]
+    """What is printed, line by line."""
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """τ = M(q) q̈ + h(q, q̇) in SymPy, made by :func:`twistwrench.symbolic.lagrange` and ``derive``.
+    """Symbolic equations of motion τ = M(q) q̈ + h(q, q̇) in SymPy.
 
-    Of a robot, and of a Lagrangian that is ½ q̇'M q̇ less a potential, h = c + g: ``split`` says so. Of one with terms linear in
-    the rates (a magnetic force) or with time in it, h has more in it; ``tau`` has it all.
-
-    Where ``definitions`` is not empty, everything after it is written in the symbols defined there, each in those before
-    it. ``q``, ``dq`` and ``ddq`` are the symbols of coordinates, rates and accelerations.
+    Made by :func:`twistwrench.symbolic.lagrange` and ``derive``. Of a robot, and of a Lagrangian that is ½ q̇'M q̇ less
+    a potential, h = c + g: ``split`` says so. Of one with terms linear in the rates (a magnetic force) or with time in
+    it, h has more in it; ``tau`` has it all.
     """
 
     name: str
+    """Of the robot or system."""
     q: tuple[Any, ...]
+    """Symbols of the coordinates."""
     dq: tuple[Any, ...]
+    """Symbols of their rates."""
     ddq: tuple[Any, ...]
+    """Symbols of their accelerations."""
     lagrangian: Any
     """L = K - P."""
     mass_matrix: Any
@@ -78,15 +81,20 @@ class Equations:
     tau: Any
     """The right-hand sides, (n, 1)."""
     steps: tuple[Step, ...]
+    """The derivation, step by step."""
     definitions: tuple[tuple[Any, Any], ...] = ()
+    """Symbol and expression of each intermediate result, in those before it; where there are any, everything else is
+    written in them."""
     parameters: tuple[Parameter, ...] = ()
     """The named numbers, with their values."""
     meanings: tuple[tuple[str, str], ...] = ()
     """Symbol and meaning of the coordinates."""
     remarks: tuple[str, ...] = ()
+    """What a reader should know, in sentences."""
     split: bool = True
     """Whether c and g are all of τ but M q̈."""
     cache: dict[str, Any] = field(default_factory=dict, repr=False)
+    """What was computed from these equations before."""
 
     def __repr__(self) -> str:
         return (
@@ -121,19 +129,83 @@ class Equations:
     # ── ways out ──
 
     def step(self, name: str) -> Step:
-        """A step by its name, hyphens as good as underscores; UnknownNameError lists them."""
+        """Step by its name, hyphens as good as underscores.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        step : Step
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such step; they are listed.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> equations.step("gravity-forces").name
+        'gravity_forces'
+        """
         for step in self.steps:
             if step.name == str(name).replace("-", "_"):
                 return step
         raise UnknownNameError.of("step", name, [s.name for s in self.steps])
 
     def chosen(self, steps: Iterable[str] | None) -> tuple[Step, ...]:
-        """The steps named, all of them for None."""
+        """Steps by their names, all of them for None.
+
+        Parameters
+        ----------
+        steps : iterable of str, optional, names of the steps that are written; None: all
+
+        Returns
+        -------
+        steps : tuple of Step
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such step.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> [step.name for step in equations.chosen(["gravity_forces"])]
+        ['gravity_forces']
+        """
         names = [steps] if isinstance(steps, str) or not isinstance(steps, Iterable | None) else steps
         return self.steps if names is None else tuple(map(self.step, names))
 
     def text(self, steps: Iterable[str] | None = None) -> str:
-        """Plain text with Greek letters."""
+        """Plain text with Greek letters.
+
+        Parameters
+        ----------
+        steps : iterable of str, optional, names of the steps that are written; None: all
+
+        Returns
+        -------
+        text : str
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such step.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> print(equations.text(["gravity_forces"]))
+        gravity_forces: g, what is left at rest
+          g₁ = m₁ L₁ g sin(θ₁)
+        """
         notation = Text()
         parts = []
         for step in self.chosen(steps):
@@ -142,49 +214,166 @@ class Equations:
         return "\n\n".join(parts)
 
     def latex(self, steps: Iterable[str] | None = None, *, document: bool = True) -> str:
-        """LaTeX for amsmath: a document that compiles, or with ``document=False`` what goes between."""
+        r"""LaTeX for amsmath.
+
+        Parameters
+        ----------
+        steps : iterable of str, optional, names of the steps that are written; None: all
+        document : bool, a document that compiles; False: what goes between
+
+        Returns
+        -------
+        text : str
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such step.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> equations.latex().startswith(r"\documentclass")
+        True
+        """
         from .documents import latex_document
 
         return latex_document(self, self.chosen(steps), Latex(), whole=document)
 
     def markdown(self, steps: Iterable[str] | None = None) -> str:
-        """Markdown with formulas between dollars, as GitHub and notebooks show them."""
+        """Markdown with formulas between dollars, as GitHub and notebooks show them.
+
+        Parameters
+        ----------
+        steps : iterable of str, optional, names of the steps that are written; None: all
+
+        Returns
+        -------
+        text : str
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such step.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> "$" in equations.markdown(["gravity_forces"])
+        True
+        """
         from .documents import markdown_document
 
         return markdown_document(self, self.chosen(steps), Latex())
 
     def html(self, steps: Iterable[str] | None = None) -> str:
-        """A page that needs nothing else: formulas are MathML, which browsers show without scripts."""
-        from .page import html_page
+        """HTML page that needs nothing else: formulas are MathML, which browsers show without scripts.
+
+        Parameters
+        ----------
+        steps : iterable of str, optional, names of the steps that are written; None: all
+
+        Returns
+        -------
+        text : str
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such step.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> "<math" in equations.html(["gravity_forces"])
+        True
+        """
+        from .derivation_page import html_page
 
         return html_page(self, self.chosen(steps))
 
     def numpy_source(self) -> str:
-        """A Python module that needs NumPy only: functions of arrays with any leading batch shape."""
-        from .source import numpy_source
+        """Python module that needs NumPy only: functions of arrays with any leading batch shape.
+
+        Returns
+        -------
+        source : str
+
+        Raises
+        ------
+        ValueRangeError
+            No source can hold the equations, as :meth:`function`.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> "def inverse_dynamics(" in equations.numpy_source()
+        True
+        """
+        from .printed_code import numpy_source
 
         return numpy_source(self)
 
     def c_source(self, prefix: str | None = None) -> str:
-        """C99 that needs math.h only: one file, no allocation, functions named ``prefix_inverse_dynamics`` and so on.
+        """C99 source that needs math.h only: one file, no allocation.
 
-        Raises ValueRangeError for a prefix that begins no name in C, and as :meth:`function` does.
+        Parameters
+        ----------
+        prefix : str, optional, what names begin with, as in ``prefix_inverse_dynamics``; None: the equations' name
+
+        Returns
+        -------
+        source : str
+
+        Raises
+        ------
+        ValueRangeError
+            A prefix begins no name in C, or as :meth:`function`.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> "void pendulum_inverse_dynamics(" in equations.c_source()
+        True
         """
         from .c_source import c_source
 
         return c_source(self, prefix)
 
     def function(self, name: str) -> Callable[..., Any]:
-        """A function of :meth:`numpy_source`, ready to call: inverse_dynamics(q, dq, ddq), bias_forces(q, dq) and so on.
+        """Function of :meth:`numpy_source`, ready to call: inverse_dynamics(q, dq, ddq), bias_forces(q, dq) and so on.
 
-        Its last argument, ``parameters``, maps the name of every constant to its number; without it, the robot's own. The
-        time of a Lagrangian that depends on it is one of them.
+        Parameters
+        ----------
+        name : str, of the function
 
-        Raises UnknownNameError for other functions, and ValueRangeError for equations that no source can hold
-        (Max, Piecewise, what SymPy leaves as a derivative); the function, UnknownNameError for constants that are not
-        there, and ValueRangeError where some are missing.
+        Returns
+        -------
+        function : callable
+            Its last argument, ``parameters``, maps the name of every constant to its number; without it, the robot's
+            own. The time of a Lagrangian that depends on it is one of them. It raises UnknownNameError for constants
+            that are not there, and ValueRangeError where some are missing.
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such function.
+        ValueRangeError
+            No source can hold the equations (Max, Piecewise, what SymPy leaves as a derivative).
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> equations = tw.symbolic.derive(tw.robots.pendulum())
+        >>> equations.function("inverse_dynamics")([0.0], [0.0], [1.0]).tolist()
+        [1.0]
         """
-        from .source import FUNCTIONS, constants
+        from .printed_code import FUNCTIONS, constants
 
         if not isinstance(name, str) or name not in FUNCTIONS:
             raise UnknownNameError.of("function", name, FUNCTIONS)

@@ -6,13 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..typing import Array
 from .equations import Equations
-
-Array = NDArray[Any]
-
-__all__ = ["Evaluator"]
 
 
 class Evaluator:

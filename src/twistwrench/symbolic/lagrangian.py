@@ -8,31 +8,50 @@ from numbers import Real
 from typing import Any
 
 from ..errors import ShapeError, ValueRangeError
-from .assembly import assembled, entry_name, steps_of, term_lines
-from .coordinates import Coordinate, Variable, dotted
+from .equation_assembly import assembled, entry_name, steps_of, term_lines
 from .equations import Equations, Label, Step
-from .expanded import Terms
-from .given import check_lagrangian, symbols_of, time_of
+from .expanded_form import Terms
+from .factored_form import EquationWriter
+from .generalized_coordinates import Coordinate, Variable, dotted
+from .lagrange_arguments import check_lagrangian, symbols_of, time_of
 from .trig_sum import HIGHEST, Ring, TrigSum
-from .writing import Writer
-
-__all__ = ["lagrange"]
 
 
 def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
-    """The equations of motion d/dt ∂L/∂q̇ - ∂L/∂q = τ of a Lagrangian L(q, q̇, t), a SymPy expression.
+    """Lagrange's equations d/dt ∂L/∂q̇ - ∂L/∂q = τ of a Lagrangian L(q, q̇, t), a SymPy expression.
 
-    ``q`` are the coordinates, independent SymPy symbols. ``rates`` are the symbols of their rates in L; without it, by the
-    naming rule theta_1 → thetadot_1, x → xdot. Accelerations are called thetaddot_1, xddot. ``time`` is the symbol of
-    time, where L depends on it: then ∂/∂t of the momenta, a step of its own, is part of the equations. Every other symbol
-    is a constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms linear in the rates in the equations, and
-    g is whatever is left at rest, centrifugal forces of a wire that is turned included.
+    Parameters
+    ----------
+    L : SymPy expression
+    q : coordinates, independent SymPy symbols
+    rates : symbols of their rates in L, optional
+        Without it, by the naming rule theta_1 → thetadot_1, x → xdot. Accelerations are called thetaddot_1, xddot.
+    time : symbol of time, optional, where L depends on it
+        Then ∂/∂t of the momenta, a step of its own, is part of the equations.
+    name : str, of the system
 
-    Raises ShapeError for an L that is no expression (strings are not read), and for coordinates, rates and a time that are
-    no symbols or do not match; ValueRangeError for an L that
-    depends on none of the rates, on rates of coordinates that are not listed, on accelerations, or on a ``t`` that
-    ``time`` does not name; MissingExtraError without SymPy. MR eq. 8.2 and 8.3.
+    Returns
+    -------
+    equations : Equations
 
+    Raises
+    ------
+    ShapeError
+        L is no expression (strings are not read), or coordinates, rates and a time are no symbols or do not match.
+    ValueRangeError
+        L depends on none of the rates, on rates of coordinates that are not listed, on accelerations, or on a ``t``
+        that ``time`` does not name.
+    MissingExtraError
+        There is no SymPy.
+
+    Notes
+    -----
+    MR eq. 8.2 and 8.3. Every other symbol is a constant. What L has beside ½ q̇'M q̇ and a potential appears too: terms
+    linear in the rates in the equations, and g is whatever is left at rest, centrifugal forces of a wire that is turned
+    included.
+
+    Examples
+    --------
     >>> import sympy
     >>> m, R, g, Omega, theta, thetadot = sympy.symbols("m R g Omega theta thetadot")
     >>> bead = lagrange(m*R**2/2*(thetadot**2 + Omega**2*sympy.sin(theta)**2) + m*g*R*sympy.cos(theta), theta)
@@ -59,7 +78,7 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     else:
         terms, expressions = parsed
         masses = [n for n in terms.ring.symbols if n.startswith("m") and not n.startswith("mu")]
-        fields = assembled(terms, Writer(terms.ring, masses=masses, expressions=expressions))
+        fields = assembled(terms, EquationWriter(terms.ring, masses=masses, expressions=expressions))
     first = Step("lagrangian", "as given", ((Label("L"), L),))
     fields = {**fields, "lagrangian": L, "steps": (first, *fields["steps"])}
     return Equations(

@@ -11,8 +11,6 @@ from bisect import bisect_right
 from collections.abc import Callable
 from itertools import accumulate, pairwise
 
-__all__ = ["TEXT_WIDTH", "broken", "latex_width", "text_width"]
-
 TEXT_WIDTH = 460.0
 """Points that a line of LaTeX may take: 95 % of the text width of A4 with margins of 20 mm."""
 

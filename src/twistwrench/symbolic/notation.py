@@ -12,8 +12,6 @@ from functools import lru_cache
 from typing import Any
 from xml.sax.saxutils import escape
 
-__all__ = ["Latex", "MathML", "Notation", "Text"]
-
 _RANKS = {"G": -0.7, "m": 0, "I": 1, "L": 2, "r": 2, "a": 2, "h": 2, "g": 3, "t": 4.5}
 _GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η", "theta": "θ", "iota": "ι",

@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-__all__ = ["HIGHEST", "Basis", "Ring", "TrigSum"]
-
 Basis = tuple[str, tuple[Any, ...]]
 """``("cos" | "sin", multiple of each angle)``; the first multiple that is not zero is positive. cos 0 stands for 1."""
 

@@ -11,12 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..program.program import FUSED, Instruction, Program
-from .avx2_code import Code
+from .avx2_code import Avx2Code
 from .avx2_rows import ColumnLoader, ColumnStorer
-from .machine import Precision
+from .processor import Precision
 from .sincos import COSINE, HALF_PI, SINE, TWO_OVER_PI
-
-__all__ = ["OPERATIONS", "Selection"]
 
 SIDE_BY_SIDE = 3
 """Angles whose sine and cosine are computed in lockstep: four values each are alive at a time, of sixteen registers."""
@@ -35,7 +33,7 @@ class Selection:
 
     def __init__(self, program: Program, precision: Precision, *, packed: bool = False) -> None:
         self.program, self.precision, self.bits = program, precision, precision.bits
-        self.code = Code("pd" if precision.bits == 64 else "ps")
+        self.code = Avx2Code("pd" if precision.bits == 64 else "ps")
         self.constants: dict[int, int] = {}
         self.pairs: dict[int, tuple[int, int]] = {}
         self.values: dict[int, int] = {}

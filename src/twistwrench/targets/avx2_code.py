@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-__all__ = ["Code", "Step"]
 
-
-class Step(NamedTuple):
+class Avx2Step(NamedTuple):
     """One machine instruction, or a few that belong together. ``result`` is -1 for stores."""
 
     kind: str
@@ -19,12 +17,12 @@ class Step(NamedTuple):
     offset: int = 0
 
 
-class Code:
+class Avx2Code:
     """Steps in order; values are numbers. ``suffix`` is ``pd`` or ``ps``."""
 
     def __init__(self, suffix: str) -> None:
         self.suffix = suffix
-        self.steps: list[Step] = []
+        self.steps: list[Avx2Step] = []
         self.constants: dict[int, int] = {}
         self._values = 0
 
@@ -34,7 +32,7 @@ class Code:
 
     def _step(self, kind: str, name: str, *sources: int, port: int = 0, offset: int = 0) -> int:
         result = self._new()
-        self.steps.append(Step(kind, name, result, sources, port, offset))
+        self.steps.append(Avx2Step(kind, name, result, sources, port, offset))
         return result
 
     def constant(self, bits: int) -> int:
@@ -102,19 +100,19 @@ class Code:
 
     def store(self, x: int, port: int, offset: int, *, whole: bool) -> None:
         """All of a register, or its lower half, to an array."""
-        self.steps.append(Step("store", "ymm" if whole else "xmm", -1, (x,), port, offset))
+        self.steps.append(Avx2Step("store", "ymm" if whole else "xmm", -1, (x,), port, offset))
 
     def store_upper(self, x: int, port: int, offset: int) -> None:
         """The upper half of a register to an array."""
-        self.steps.append(Step("upper", "vextractf128", -1, (x,), port, offset))
+        self.steps.append(Avx2Step("upper", "vextractf128", -1, (x,), port, offset))
 
     def keep(self, x: int, entry: int) -> None:
         """A register to an entry of the frame."""
-        self.steps.append(Step("keep", "", -1, (x,), offset=entry))
+        self.steps.append(Avx2Step("keep", "", -1, (x,), offset=entry))
 
     def scatter(self, x: int, port: int, offsets: Sequence[int]) -> None:
         """The lanes to single numbers of an array."""
         half = len(offsets) // 2
         for part, some in ((x, offsets[:half]), (self.joined(x, x, 0x31), offsets[half:])):
             for k, offset in enumerate(some):
-                self.steps.append(Step("number", str(k), -1, (part,), port, offset))
+                self.steps.append(Avx2Step("number", str(k), -1, (part,), port, offset))

@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from ..program.program import Program
 from .avx2 import OPERATIONS, Selection
 from .avx2_text import ARRAYS_IN_REGISTERS, written
+from .batch_loop import Loop, loop
 from .buffers import LINE
-from .frame import Frame
-from .frame_rows import frame_to_rows, preparation, zero_tiles
-from .loop import Loop, loop
-from .machine import Machine, Precision
-from .rows import RowStorer
+from .lanes import RowStorer
+from .llvm_text import LlvmWriter
+from .processor import Machine, Precision
 from .sincos import wrapper
-from .writer import Writer
-
-__all__ = ["module", "serves"]
+from .spill_frame import SpillFrame
+from .spill_frame_text import frame_to_rows, preparation, zero_tiles
 
 WIDE = 100
 """With more entries of results than this, the code leaves them in the frame, and a loop makes rows of them, tile by tile:
@@ -35,8 +33,11 @@ UNLIKELY = '!prof !{!"branch_weights", i32 1, i32 100000}'
 
 
 def serves(program: Program, machine: Machine) -> bool:
-    """Whether this emitter can be asked: an x86-64 with AVX2 and FMA under the System V calling convention, and a program
-    whose angles are plain inputs that are nothing but angles, or are clipped to numbers that need no look."""
+    """Whether this emitter can be asked: on this processor, for this program.
+
+    An x86-64 with AVX2 and FMA under the System V calling convention, and a program whose angles are plain inputs that are
+    nothing but angles, or are clipped to numbers that need no look.
+    """
     used: dict[int, set[bool]] = {}
     for op, args, _ in program.instructions:
         if op not in OPERATIONS:
@@ -81,7 +82,7 @@ def _prefix(machine: Machine) -> str:
 def module(program: Program, precision: Precision, machine: Machine, name: str, around: Loop = loop) -> str:
     """LLVM assembly of the module; ``name`` is that of the loop, which ``around`` makes."""
     lanes, packed = machine.lanes(precision), len(program.results) > WIDE
-    columns, frame = _angle_columns(program), Frame(program, len(program.instructions))
+    columns, frame = _angle_columns(program), SpillFrame(program, len(program.instructions))
     code = Selection(program, precision, packed=packed).code
     checked = {k: program.inputs[k].size for k in columns}
     lines, parts, vectors = written(code, precision, checked, len(program.results) if packed else 0, _prefix(machine))
@@ -100,7 +101,7 @@ def module(program: Program, precision: Precision, machine: Machine, name: str, 
             f"declare i32 @look({types})",
             *(f"declare void @part{k}({types})" for k in range(parts)),
             wrapper(precision, lanes),
-            preparation(Writer(precision, lanes), frame.constants if packed else (), "prepare_one"),
+            preparation(LlvmWriter(precision, lanes), frame.constants if packed else (), "prepare_one"),
             made.prepare(),
             *(made.rows(frame, streamed) for streamed in ((False, True) if packed else ())),
             made.one(),
@@ -138,12 +139,12 @@ class _Blocks:
         self.precision, self.lanes, self.group = precision, lanes, group
         self.ports = [*program.inputs, *program.outputs]
         self.arrays = [f"%a{k}" for k in range(len(self.ports))]
-        self.w = Writer(precision, lanes)
+        self.w = LlvmWriter(precision, lanes)
 
     def _defined(self, name: str) -> str:
         arguments = ", ".join(f"ptr noalias {a}" for a in self.arrays)
         body = "\n".join(self.w.lines)
-        self.w = Writer(self.precision, self.lanes)
+        self.w = LlvmWriter(self.precision, self.lanes)
         return f"define internal void @{name}({arguments}, ptr noalias %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
     def one(self) -> str:
@@ -216,7 +217,7 @@ class _Blocks:
             w.do(f"br label %{done}")
         w.begin(done)
 
-    def rows(self, frame: Frame, streamed: bool) -> str:
+    def rows(self, frame: SpillFrame, streamed: bool) -> str:
         """``@rows``, or ``@streamed_rows``: rows of the entries in the frame."""
         entry, label, tables = 0, "entry", []
         for k, port in enumerate(self.program.outputs):
@@ -235,7 +236,7 @@ class _Blocks:
         for call in calls:
             self.w.do(call)
         body = "\n".join(self.w.lines)
-        self.w = Writer(self.precision, self.lanes)
+        self.w = LlvmWriter(self.precision, self.lanes)
         return f"define internal void @prepare(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
@@ -243,7 +244,7 @@ def _pointers(places: Sequence[str]) -> str:
     return ", ".join(f"ptr {p}" for p in places)
 
 
-def _in_reach(w: Writer, source: str, size: int, columns: Sequence[int]) -> str:
+def _in_reach(w: LlvmWriter, source: str, size: int, columns: Sequence[int]) -> str:
     """A copy of ``lanes`` rows with the huge angles among those columns replaced by their equals."""
     bytes_each = w.precision.bytes
     copy = w.new(f"alloca [{size * w.lanes} x {w.element}], align 64")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from .avx2_code import Code
-from .machine import Precision
-
-__all__ = ["ColumnLoader", "ColumnStorer"]
+from .avx2_code import Avx2Code
+from .processor import Precision
 
 
 class _Columns:
-    def __init__(self, code: Code, port: int, columns: int, precision: Precision) -> None:
+    def __init__(self, code: Avx2Code, port: int, columns: int, precision: Precision) -> None:
         self.code, self.port, self.columns, self.bytes = code, port, columns, precision.bytes
         self.width = 16 // precision.bytes
         self.half = self.width
@@ -31,7 +29,7 @@ class _Columns:
 class ColumnLoader(_Columns):
     """Columns of an input array; a piece of 128 bits a row is loaded at the first use of one of its columns."""
 
-    def __init__(self, code: Code, port: int, columns: int, precision: Precision) -> None:
+    def __init__(self, code: Avx2Code, port: int, columns: int, precision: Precision) -> None:
         super().__init__(code, port, columns, precision)
         self.ready: dict[int, int] = {}
 
@@ -60,7 +58,7 @@ class ColumnLoader(_Columns):
 class ColumnStorer(_Columns):
     """Columns of an output array, stored in tiles as wide as a register as soon as these are complete."""
 
-    def __init__(self, code: Code, port: int, columns: int, precision: Precision) -> None:
+    def __init__(self, code: Avx2Code, port: int, columns: int, precision: Precision) -> None:
         super().__init__(code, port, columns, precision)
         self.lanes = 2 * self.half
         self.span = next((n for n in (self.lanes, self.width) if columns >= n), 1)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from typing import NamedTuple
 
-from .avx2_code import Code, Step
-from .machine import Precision
+from .avx2_code import Avx2Code, Avx2Step
+from .processor import Precision
 from .registers import FRAME, NEVER, Registers
 from .sincos import limit_pattern
-
-__all__ = ["ARRAYS_IN_REGISTERS", "Assembled", "written"]
 
 PART = 1500
 """Steps in a part, about: some 12 kB of code, of which the first cache holds two."""
@@ -30,11 +28,11 @@ class Assembled(NamedTuple):
     frame: int
 
 
-def written(code: Code, precision: Precision, angles: Mapping[int, int], entries: int, prefix: str) -> Assembled:
+def written(code: Avx2Code, precision: Precision, angles: Mapping[int, int], entries: int, prefix: str) -> Assembled:
     """The steps as functions of the frame and the arrays, to be called one after the other.
 
     ``look`` gives 1 where an angle may be huge. ``angles``: how many columns the arrays with angles have; ``entries``:
-    vectors of the frame that :meth:`Code.keep` writes.
+    vectors of the frame that :meth:`Avx2Code.keep` writes.
     """
     steps = _needed(code)
     parts = max(1, round(len(steps) / PART))
@@ -49,8 +47,11 @@ def written(code: Code, precision: Precision, angles: Mapping[int, int], entries
 
 
 def _look(angles: Mapping[int, int], prefix: str) -> list[str]:
-    """Give 1 if an angle may be huge. The bits of sizes order like the sizes; looked at are the upper 32, and what they leave
-    open is settled where angles are replaced."""
+    """Give 1 if an angle may be huge.
+
+    The bits of sizes order like the sizes; looked at are the upper 32, and what they leave open is settled where angles are
+    replaced.
+    """
     if not angles:
         return []
     lines, first = [f"{prefix}look:", "vmovdqa ymm1, ymmword ptr [rip + twsize]"], True
@@ -66,7 +67,7 @@ def _look(angles: Mapping[int, int], prefix: str) -> list[str]:
     ]  # fmt: skip
 
 
-def _needed(code: Code) -> list[Step]:
+def _needed(code: Avx2Code) -> list[Avx2Step]:
     """The steps that something stored depends on."""
     used: set[int] = set()
     kept = []
@@ -90,7 +91,7 @@ def _limits(precision: Precision) -> list[str]:
 class _Parts(Registers):
     """One walk through the steps, part by part."""
 
-    def __init__(self, code: Code, steps: list[Step], entries: int, cuts: Container[int]) -> None:
+    def __init__(self, code: Avx2Code, steps: list[Avx2Step], entries: int, cuts: Container[int]) -> None:
         used = {value for step in steps for value in step.sources}
         constants = [value for value in code.constants if value in used]
         fixed = {value: f"[rip + twconst + {32 * n}]" for n, value in enumerate(constants)}
@@ -114,12 +115,12 @@ class _Parts(Registers):
             writers[step.kind](step)
             self.done()
 
-    def _result(self, step: Step) -> int:
+    def _result(self, step: Avx2Step) -> int:
         r = self.take()
         self.put(step.result, r)
         return r
 
-    def _array(self, step: Step) -> str:
+    def _array(self, step: Avx2Step) -> str:
         """A place in an array; those beyond the registers for arguments have their addresses on the stack."""
         base = self.pointers.get(step.port)
         if base is None:
@@ -129,7 +130,7 @@ class _Parts(Registers):
             self.body.append(f"mov {base}, qword ptr [rsp + {8 + 8 * (step.port - len(_ARGUMENTS))}]")
         return f"[{base} + {step.offset}]"
 
-    def _binary(self, step: Step) -> None:
+    def _binary(self, step: Avx2Step) -> None:
         a, b = step.sources
         if step.kind == "swapping" and a not in self.register:
             a, b = sorted((a, b), key=lambda v: (v not in self.register, self.next_after(v)))
@@ -138,7 +139,7 @@ class _Parts(Registers):
         self.read(step.sources)
         self.body.append(f"{step.name} ymm{self._result(step)}, ymm{left}, {right}")
 
-    def _fused(self, step: Step) -> None:
+    def _fused(self, step: Avx2Step) -> None:
         """The result replaces an operand: one in a register for the last time, else one that is fetched or copied for it."""
         sources = step.sources
         once = [k for k in range(3) if sources.count(sources[k]) == 1]
@@ -169,23 +170,23 @@ class _Parts(Registers):
         self.put(step.result, r)
         self.body.append(f"{step.name}{form}{self.suffix} ymm{r}, {first}, {second}")
 
-    def _unary(self, step: Step) -> None:
+    def _unary(self, step: Avx2Step) -> None:
         text = self.text(step.sources[0])
         self.read(step.sources)
         self.body.append(f"{step.name} ymm{self._result(step)}, {text}")
 
-    def _shift(self, step: Step) -> None:
+    def _shift(self, step: Avx2Step) -> None:
         r = self.fetch(step.sources[0], step.sources)
         self.read(step.sources)
         self.body.append(f"{step.name} ymm{self._result(step)}, ymm{r}, {step.offset}")
 
-    def _blend(self, step: Step) -> None:
+    def _blend(self, step: Avx2Step) -> None:
         a, b, mask = step.sources
         left, m, right = self.fetch(a, step.sources), self.fetch(mask, step.sources), self.text(b)
         self.read(step.sources)
         self.body.append(f"{step.name} ymm{self._result(step)}, ymm{left}, {right}, ymm{m}")
 
-    def _joined(self, step: Step) -> None:
+    def _joined(self, step: Avx2Step) -> None:
         a, b = step.sources
         left, right = self.fetch(a, step.sources), self.text(b)
         self.read(step.sources)
@@ -196,11 +197,11 @@ class _Parts(Registers):
         else:
             self.body.append(f"vperm2f128 ymm{r}, ymm{left}, {right}, {step.offset}")
 
-    def _load(self, step: Step) -> None:
+    def _load(self, step: Avx2Step) -> None:
         at = self._array(step)
         self.body.append(f"{step.name} xmm{self._result(step)}, {at}")
 
-    def _insert(self, step: Step) -> None:
+    def _insert(self, step: Avx2Step) -> None:
         r, at = self.fetch(step.sources[0], step.sources), self._array(step)
         self.read(step.sources)
         to = self._result(step)
@@ -211,7 +212,7 @@ class _Parts(Registers):
         else:
             self.body.append(f"vinsertps xmm{to}, xmm{r}, dword ptr {at}, {16 * int(step.name)}")
 
-    def _store(self, step: Step) -> None:
+    def _store(self, step: Avx2Step) -> None:
         r, at = self.fetch(step.sources[0], step.sources), self._array(step)
         if step.kind == "upper":
             self.body.append(f"vextractf128 xmmword ptr {at}, ymm{r}, 1")
@@ -221,12 +222,12 @@ class _Parts(Registers):
             self.body.append(f"vmovu{self.suffix} {step.name}word ptr {at}, {step.name}{r}")
         self.read(step.sources)
 
-    def _keep(self, step: Step) -> None:
+    def _keep(self, step: Avx2Step) -> None:
         r = self.fetch(step.sources[0], step.sources)
         self.body.append(f"vmova{self.suffix} ymmword ptr [{FRAME} + {32 * step.offset}], ymm{r}")
         self.read(step.sources)
 
-    def _number(self, step: Step, r: int, at: str) -> str:
+    def _number(self, step: Avx2Step, r: int, at: str) -> str:
         if self.suffix == "pd":
             return f"{'vmovhpd' if step.name == '1' else 'vmovlpd'} qword ptr {at}, xmm{r}"
         return f"vextractps dword ptr {at}, xmm{r}, {step.name}"

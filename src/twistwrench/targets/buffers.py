@@ -9,20 +9,8 @@ import math
 from collections.abc import Sequence
 
 from ..program.program import Port
-from .machine import Precision
-from .writer import Writer
-
-__all__ = [
-    "LINE",
-    "ON_STACK",
-    "Step",
-    "buffer_size",
-    "call_block",
-    "call_copy",
-    "copying",
-    "spoiling",
-    "take",
-]
+from .llvm_text import LlvmWriter
+from .processor import Precision
 
 Step = tuple[str, list[str]]
 """The distance between samples, and those within one, axis by axis [bytes]."""
@@ -37,18 +25,18 @@ LINE = 64
 """Bytes of a cache line: buffers start with one."""
 
 
-def buffer_size(w: Writer, port: Port) -> int:
+def buffer_size(w: LlvmWriter, port: Port) -> int:
     """Bytes that a block of samples takes."""
     return max(port.size, 1) * w.lanes * w.precision.bytes
 
 
-def call_block(w: Writer, pointers: list[str], name: str = "block") -> None:
+def call_block(w: LlvmWriter, pointers: list[str], name: str = "block") -> None:
     """Call ``@block``, or another function of places."""
     w.do(f"call void @{name}({', '.join(f'ptr {p}' for p in pointers)})")
 
 
 def take(
-    w: Writer, sizes: list[int], samples: str, outputs: Sequence[tuple[str, Sequence[int | str], Step]]
+    w: LlvmWriter, sizes: list[int], samples: str, outputs: Sequence[tuple[str, Sequence[int | str], Step]]
 ) -> tuple[str, str, list[str]]:
     """Memory for buffers of those sizes: what to free, the label control is in, the buffers. Without it, results are NaN."""
     lines = [-(-size // LINE) * LINE for size in sizes]
@@ -66,7 +54,7 @@ def take(
 
 
 def call_copy(
-    w: Writer, which: str, buffer: str, place: str, count: str, shape: Sequence[int | str], step: Step
+    w: LlvmWriter, which: str, buffer: str, place: str, count: str, shape: Sequence[int | str], step: Step
 ) -> None:
     """Call ``@gather`` or ``@scatter`` for so many samples at ``place``."""
     w.do(f"call void @{which}(ptr {buffer}, ptr {place}, i64 {count}, {_lengths(shape, step)})")
@@ -83,7 +71,7 @@ def _lengths(shape: Sequence[int | str], step: Step) -> str:
 
 def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str:
     """``gather`` copies strided samples into a packed buffer and pads it to a block; ``scatter`` copies them out."""
-    w = Writer(precision, lanes)
+    w = LlvmWriter(precision, lanes)
     word = f"i{precision.bits}"
     per_sample = w.new(f"mul i64 {w.new('mul i64 %n0, %n1')}, %n2")
     size = w.new(f"mul i64 {per_sample}, {precision.bytes}")
@@ -110,7 +98,7 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
     return f"define internal void @{name}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-def _pad(w: Writer, word: str, per_sample: str, size: str) -> None:
+def _pad(w: LlvmWriter, word: str, per_sample: str, size: str) -> None:
     """Repeat the last sample in the rows of the block that are left."""
     last = w.at("%buffer", w.new(f"mul i64 {w.new('sub i64 %count, 1')}, {size}"))
     missing = w.new(f"sub i64 {w.lanes}, %count")
@@ -124,7 +112,7 @@ def _pad(w: Writer, word: str, per_sample: str, size: str) -> None:
 
 def spoiling(precision: Precision, lanes: int) -> str:
     """Write NaN into every entry of strided samples."""
-    w = Writer(precision, lanes)
+    w = LlvmWriter(precision, lanes)
     with w.loop("%count", "entry") as row:
         place = w.at("%place", w.new(f"mul i64 {row}, %outer"))
         with w.loop("%n0", w.after) as i, w.loop("%n1", w.after) as j, w.loop("%n2", w.after) as k:

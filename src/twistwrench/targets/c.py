@@ -15,8 +15,6 @@ import numpy as np
 from ..errors import KernelError
 from ..program.program import FUSED, Program
 
-__all__ = ["FUSED_MACROS", "PRECISIONS", "CFunction", "identifier", "literal", "statements"]
-
 PRECISIONS = {"double": "", "float": "f"}
 """The types there are, and what ends the names of their functions and their literals."""
 

@@ -1,7 +1,7 @@
 """exp in lanes: x = k ln 2 + r, a Taylor polynomial in |r| ≤ ln 2 / 2, and k put into the exponent.
 
 Two parts of ln 2 leave r good to the last bit: the first has trailing zeros enough that its product with k is exact. The
-polynomial's remainder is below a quarter unit in the last place; the whole is within one (tests/test_exp.py measures it).
+polynomial's remainder is below a quarter unit in the last place; the whole is within one (tests/program/test_exp.py).
 Results below the smallest normal number are 0, beyond the largest infinity; NaN stays NaN.
 """
 
@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import math
 
-from .machine import Precision
-from .writer import Writer
-
-__all__ = ["exp"]
+from .llvm_text import LlvmWriter
+from .processor import Precision
 
 LN2 = {
     64: (6.93147180369123816490e-01, 1.90821492927058770002e-10),
@@ -30,7 +28,7 @@ def bounds(precision: Precision) -> tuple[float, float]:
     return (1.0 - largest) * math.log(2.0) * (1 - 1e-6), (largest + 1.0) * math.log(2.0) * (1 - 1e-6)
 
 
-def exp(w: Writer, x: str) -> str:
+def exp(w: LlvmWriter, x: str) -> str:
     """Emit e**x. What is out of bounds, NaN included, is found by its bits: a comparison of numbers would raise flags."""
     bits, mantissa = w.precision.bits, w.precision.mantissa
     low, high = (w.bits(w.precision.pattern(abs(bound))) for bound in bounds(w.precision))

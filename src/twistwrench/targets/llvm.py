@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ..program.program import FUSED, Program
+from .batch_loop import Loop, loop
 from .exp import exp
-from .loop import Loop, loop
-from .machine import Machine, Precision
-from .rows import RowLoader, RowStorer
+from .lanes import RowLoader, RowStorer
+from .llvm_text import LlvmWriter
+from .processor import Machine, Precision
 from .sincos import sincos, wrap, wrapper
-from .writer import Writer
-
-__all__ = ["LOOP", "Emitter", "assembly", "declarations"]
 
 LOOP = "loop"
 """Name of the function that has the shape of a ufunc's inner loop."""
@@ -40,7 +38,7 @@ WIDE = 500
 def assembly(program: Program, precision: Precision, machine: Machine, around: Loop = loop) -> str:
     """The module: the block, the loop around it, and what they call."""
     lanes = machine.lanes(precision)
-    w = Writer(precision, lanes, fused=machine.fused)
+    w = LlvmWriter(precision, lanes, fused=machine.fused)
     e = _Whole(w, program)
     entries: dict[int, list[int]] = {}
     for k, result in enumerate(program.results):
@@ -62,7 +60,7 @@ def assembly(program: Program, precision: Precision, machine: Machine, around: L
 _INTRINSICS = (("fma", 3), ("sqrt", 1), ("fabs", 1), ("copysign", 2))
 
 
-def declarations(w: Writer) -> str:
+def declarations(w: LlvmWriter) -> str:
     """What a module may call."""
     v, e, bits = w.vector, w.element, w.precision.bits
     lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS]
@@ -73,7 +71,7 @@ def declarations(w: Writer) -> str:
 class Emitter:
     """State of one walk through instructions: where each value is, and the label of the current basic block."""
 
-    def __init__(self, w: Writer, program: Program) -> None:
+    def __init__(self, w: LlvmWriter, program: Program) -> None:
         self.w, self.program = w, program
         self.values: dict[int, str] = {}
         self.label = "entry"
@@ -161,7 +159,7 @@ class Emitter:
 class _Whole(Emitter):
     """An emitter of a whole program, which stores the results where they go."""
 
-    def __init__(self, w: Writer, program: Program) -> None:
+    def __init__(self, w: LlvmWriter, program: Program) -> None:
         super().__init__(w, program)
         self.wide, self.stored = len(program.results) > WIDE, 0
         first = len(program.inputs)
@@ -187,7 +185,7 @@ def _plain_angles(program: Program, first: int, end: int) -> list[int]:
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
 
-def _operation(w: Writer, op: str, x: list[str]) -> str:
+def _operation(w: LlvmWriter, op: str, x: list[str]) -> str:
     if op in _BINARY:
         return w.binary(_BINARY[op], x[0], x[1])
     if op in FUSED:

@@ -10,13 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..program.program import FUSED, Program
-
-Array = NDArray[Any]
-
-__all__ = ["NumpyKernel"]
+from ..typing import Array
 
 CHUNK = 4096
 """Samples computed at a time: intermediates stay in the cache, and memory stays bounded."""

@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..program.recurrence import Recurrence, Source
+from ..typing import Array
 from .numpy import NumpyKernel
-
-Array = NDArray[Any]
-
-__all__ = ["NumpySteps"]
 
 
 class NumpySteps:

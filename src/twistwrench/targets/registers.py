@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["FRAME", "Registers"]
-
 REGISTERS = 16
 NEVER = 1 << 60
 CLEAN = 2

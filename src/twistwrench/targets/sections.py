@@ -1,8 +1,8 @@
 """A long program as several functions, a section each, in modules of a few: compiled in linear time and memory.
 
-What crosses from a section to a later one, and all entries of the results, go through a :class:`~.frame.Frame`; once the last
-section is done, rows of the results are made of it, tile by tile, in a loop. Instructions and their order stay the same, so
-results keep their bits.
+What crosses from a section to a later one, and all entries of the results, go through a :class:`~.frame.SpillFrame`; once the
+last section is done, rows of the results are made of it, tile by tile, in a loop. Instructions and their order stay the
+same, so results keep their bits.
 """
 
 from __future__ import annotations
@@ -11,15 +11,13 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from ..program.program import Program
-from .frame import Frame
-from .frame_rows import frame_to_rows, load_home, preparation, store_home
+from .batch_loop import Loop
 from .llvm import CUT_OUTPUTS, LOOP, Emitter, declarations
-from .loop import Loop
-from .machine import Machine, Precision
+from .llvm_text import LlvmWriter
+from .processor import Machine, Precision
 from .sincos import wrapper
-from .writer import Writer
-
-__all__ = ["in_sections"]
+from .spill_frame import SpillFrame
+from .spill_frame_text import frame_to_rows, load_home, preparation, store_home
 
 SECTION = 400
 """Instructions in a section, about."""
@@ -30,7 +28,7 @@ EACH = 25
 
 def in_sections(program: Program, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
     """The texts of the modules to compile and to link together."""
-    frame = Frame(program, SECTION)
+    frame = SpillFrame(program, SECTION)
     yield _head(frame, precision, machine, around)
     sections = list(enumerate(pairwise(frame.starts)))
     for k in range(0, len(sections), EACH):
@@ -39,14 +37,14 @@ def in_sections(program: Program, precision: Precision, machine: Machine, around
         yield "\n".join([declarations(w), wrapper(precision, w.lanes), *parts])
 
 
-def _writer(precision: Precision, machine: Machine) -> Writer:
-    return Writer(precision, machine.lanes(precision), fused=machine.fused)
+def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
+    return LlvmWriter(precision, machine.lanes(precision), fused=machine.fused)
 
 
 # ── the loop, and what it calls ──
 
 
-def _head(frame: Frame, precision: Precision, machine: Machine, around: Loop) -> str:
+def _head(frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
     """The loop, the preparation of the frame, and the block, which calls the sections and then makes rows."""
     w = _writer(precision, machine)
     inputs, ports = len(frame.program.inputs), len(frame.program.inputs) + len(frame.program.outputs)
@@ -75,7 +73,7 @@ def _head(frame: Frame, precision: Precision, machine: Machine, around: Loop) ->
 # ── one section ──
 
 
-def _section(frame: Frame, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]) -> str:
+def _section(frame: SpillFrame, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]) -> str:
     w = _writer(precision, machine)
     _Section(w, frame).walk(*bounds, frame.entries, large=False)
     arguments = ", ".join(f"ptr noalias %a{k}" for k in range(len(frame.program.inputs)))
@@ -87,7 +85,7 @@ def _section(frame: Frame, precision: Precision, machine: Machine, number: int, 
 class _Section(Emitter):
     """An emitter that finds values of earlier sections in the frame, and leaves there what later ones need."""
 
-    def __init__(self, w: Writer, frame: Frame) -> None:
+    def __init__(self, w: LlvmWriter, frame: SpillFrame) -> None:
         super().__init__(w, frame.program)
         self.frame, self.stored = frame, 0
 

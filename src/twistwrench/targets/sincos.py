@@ -3,16 +3,14 @@
 With a fused multiply–add, ``x - k π/2`` by the leading part of π/2 is exact as long as the result is below 1: both terms
 are multiples of the same small power of two. Two more parts leave an error below 1.5 units in the last place of the result
 up to :func:`limit`, near the zeros too. Beyond it each lane is first brought into ±π with the C library's sin, cos and
-atan2, which reduce correctly; the error is then 2.5 units of a result near 1 (tests/test_sincos.py measures all this).
+atan2, which reduce correctly; the error is then 2.5 units of a result near 1 (tests/program/test_sincos.py measures all this).
 Polynomials: S. Moshier, Cephes Mathematical Library, 1984–1992.
 """
 
 from __future__ import annotations
 
-from .machine import Precision
-from .writer import Writer
-
-__all__ = ["limit", "limit_pattern", "sincos", "wrap", "wrapper"]
+from .llvm_text import LlvmWriter
+from .processor import Precision
 
 TWO_OVER_PI = 0.6366197723675814
 
@@ -51,7 +49,7 @@ def limit_pattern(precision: Precision) -> int:
     return precision.pattern(limit(precision))
 
 
-def sincos(w: Writer, angles: list[str]) -> list[tuple[str, str]]:
+def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
     """Emit (sin x, cos x) of several angles within the limit, in lockstep; NaN and infinity give NaN.
 
     Each step is done for all angles before the next: the processor finds independent work side by side, and a constant
@@ -72,14 +70,14 @@ def sincos(w: Writer, angles: list[str]) -> list[tuple[str, str]]:
     return [_quadrant(w, *triple) for triple in zip(shifted, sines, cosines, strict=True)]
 
 
-def _horner(w: Writer, coefficients: tuple[float, ...], points: list[str]) -> list[str]:
+def _horner(w: LlvmWriter, coefficients: tuple[float, ...], points: list[str]) -> list[str]:
     values = [w.splat(coefficients[0])] * len(points)
     for c in coefficients[1:]:
         values = [w.fma(value, x, w.splat(c)) for value, x in zip(values, points, strict=True)]
     return values
 
 
-def _quadrant(w: Writer, shifted: str, sine: str, cosine: str) -> tuple[str, str]:
+def _quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> tuple[str, str]:
     """Swap and turn signs by the quarter turns in the low bits of ``shifted``."""
     bits = w.precision.bits
     quadrant = w.new(f"bitcast {w.vector} {shifted} to {w.integer}")
@@ -91,7 +89,7 @@ def _quadrant(w: Writer, shifted: str, sine: str, cosine: str) -> tuple[str, str
     return _flip(w, w.select(odd, cosine, sine), high), _flip(w, w.select(odd, sine, cosine), both)
 
 
-def _flip(w: Writer, value: str, sign: str) -> str:
+def _flip(w: LlvmWriter, value: str, sign: str) -> str:
     """``value`` with its sign turned where the top bit of ``sign`` is set."""
     top = w.new(f"and {w.integer} {sign}, {w.bits(-(1 << (w.precision.bits - 1)))}")
     pattern = w.new(f"bitcast {w.vector} {value} to {w.integer}")
@@ -99,7 +97,7 @@ def _flip(w: Writer, value: str, sign: str) -> str:
     return w.new(f"bitcast {w.integer} {pattern} to {w.vector}")
 
 
-def wrap(w: Writer, angles: list[str], block: str) -> tuple[list[str], str]:
+def wrap(w: LlvmWriter, angles: list[str], block: str) -> tuple[list[str], str]:
     """Emit the check for huge angles: one branch, taken only if some lane of some angle needs it.
 
     Takes the label control comes from; returns the angles to use and the label control is in afterwards.
@@ -121,13 +119,13 @@ def wrap(w: Writer, angles: list[str], block: str) -> tuple[list[str], str]:
     return merged, near
 
 
-def _wrapper_name(w: Writer) -> str:
+def _wrapper_name(w: LlvmWriter) -> str:
     return f"wrap.{w.suffix}"
 
 
 def wrapper(precision: Precision, lanes: int) -> str:
     """The function :func:`wrap` calls: each lane beyond the limit is replaced by its equal within ±π."""
-    w = Writer(precision, lanes)
+    w = LlvmWriter(precision, lanes)
     double = "double"
     result = "%x"
     for lane in range(lanes):

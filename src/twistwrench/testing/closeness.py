@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-Array = NDArray[Any]
-
-__all__ = ["assert_close", "relative_gap"]
+from numpy.typing import ArrayLike
 
 
 def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = None) -> float:
-    """The largest difference of two arrays over ``scale``, by default the largest entry of ``desired``.
+    """Relative difference of two arrays by norm: the largest difference over the largest entry of ``desired``.
 
+    Parameters
+    ----------
+    actual, desired : array_like of one shape
+    scale : float, optional, in place of the largest entry
+
+    Returns
+    -------
+    gap : float
+
+    Notes
+    -----
     By norm, not entry by entry: an entry near zero is the difference of large terms and carries their rounding. Entries
     that are not finite in both arrays make the gap infinite or NaN, so ``gap <= tolerance`` is false.
 
+    Examples
+    --------
     >>> relative_gap([100.0, 0.5], [100.0, 0.0])
     0.005
     """
@@ -33,11 +40,23 @@ def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = No
 def assert_close(
     actual: ArrayLike, desired: ArrayLike, rtol: float, what: str = "", *, scale: float | None = None
 ) -> None:
-    """Raise an AssertionError unless :func:`relative_gap` is at most ``rtol``; shapes must agree.
+    """Assert that two arrays agree: :func:`relative_gap` is at most ``rtol``, and shapes are the same.
 
-    ``what`` says what is compared. ``scale`` replaces the largest entry of ``desired`` where that is the small
-    difference of large terms; say in the test which terms.
+    Parameters
+    ----------
+    actual, desired : array_like of one shape
+    rtol : float, the largest gap
+    what : str, what is compared
+    scale : float, optional, in place of the largest entry of ``desired``
+        Where that is the small difference of large terms; say in the test which terms.
 
+    Raises
+    ------
+    AssertionError
+        They do not agree.
+
+    Examples
+    --------
     >>> assert_close([1.0, 2.0], [1.0, 2.1], 1e-3, "the torque of joint 2")
     Traceback (most recent call last):
     AssertionError: the torque of joint 2: off by 0.0476 of the largest entry, 2.1; allowed 0.001.

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["derivative", "derivative_along"]
+from ..typing import Array
 
 _PLACES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 _WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
@@ -22,10 +18,19 @@ six values divided by STEP about 1e-14 too. Dynamics depends on sums of joint an
 
 
 def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Array:
-    """df/dt at t = 0 by central differences of order six; ``function`` takes t of shape (6,) and returns (6, ...).
+    """Numerical derivative df/dt at t = 0 by central differences of order six.
 
-    ``rate`` is how fast the function varies: the sum of the speeds of what it depends on, in rad/s and m/s.
+    Parameters
+    ----------
+    function : takes t of shape (6,), returns (6, ...)
+    rate : float, how fast the function varies: the sum of the speeds of what it depends on [rad/s, m/s]
 
+    Returns
+    -------
+    slope : (...) array
+
+    Examples
+    --------
     >>> round(float(derivative(np.sin)), 13)
     1.0
     """
@@ -34,9 +39,25 @@ def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Arr
 
 
 def derivative_along(robot: Robot, function: Callable[[Array], ArrayLike], q: ArrayLike, v: ArrayLike) -> Array:
-    """df/dt at t = 0 of ``function(q ⊕ t v)``; (nq), (..., nv) → (..., *shape of f). ``function`` takes batches of q.
+    """Numerical derivative along the configuration manifold: df/dt at t = 0 of ``function(q ⊕ t v)``.
 
-    With v the identity (nv, nv): the derivatives along each joint, first axis.
+    Parameters
+    ----------
+    robot : Robot
+    function : takes batches of q
+    q : (nq,) array_like, configuration
+    v : (..., nv) array_like, directions; the identity (nv, nv) gives the derivatives along each joint, first axis
+
+    Returns
+    -------
+    slope : (..., *shape of f) array
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> derivative_along(arm, arm.potential_energy, [0, 0], np.eye(2)).round(6).tolist()
+    [29.43, 9.81]
     """
     v = np.asarray(v, float)
     rate = max(1.0, float(np.abs(v).sum(axis=-1).max(initial=0.0)))

@@ -7,23 +7,21 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies.inertia import SpatialInertia
+from ..bodies.second_moments import rotational_inertia
 from ..errors import ModelWarning, ValueRangeError
+from ..joints import JOINT_TYPES
+from ..joints.screw_joint import ScrewJoint
 from ..lie import se3, so3
 from ..model.builder import ModelBuilder
-from ..model.joint import JOINT_KINDS
 from ..robot import Robot
+from ..typing import Array
 
-Array = NDArray[Any]
-
-KINDS = (*JOINT_KINDS, "mimic", "fixed")
+KINDS = (*JOINT_TYPES, "mimic", "fixed")
 """Kinds a random joint can have: those that move, followers of earlier one-degree joints, and fixed ones."""
 
-__all__ = ["KINDS", "random_builder", "random_inertia", "random_pose", "random_robot"]
-
-_ONE_DEGREE = ("revolute", "continuous", "prismatic", "helical")
+_SCREWS = {kind: joint for kind, joint in JOINT_TYPES.items() if issubclass(joint, ScrewJoint)}
 
 
 def random_robot(
@@ -34,10 +32,27 @@ def random_robot(
     floating_base: bool = False,
     mimic: str = "follow",
 ) -> Robot:
-    """A random tree with that many joints, fixed and mimic ones counted; the same ``rng`` seed gives the same robot.
+    """Random robot: a tree of so many joints; the same ``rng`` seed gives the same robot.
 
-    ``mimic="independent"`` frees its followers. Its gravity points anywhere.
+    Parameters
+    ----------
+    rng : numpy Generator or seed
+    joints : int, how many, fixed and mimic ones counted
+    kinds : sequence of str, joint types to choose from
+    floating_base : bool, let the root link float
+    mimic : "follow" or "independent", which frees its followers
 
+    Returns
+    -------
+    robot : Robot, under gravity that points anywhere
+
+    Raises
+    ------
+    ValueRangeError
+        There is no such joint type.
+
+    Examples
+    --------
     >>> random_robot(1, joints=3, kinds=("revolute",)).nv
     3
     """
@@ -51,9 +66,31 @@ def random_robot(
 def random_builder(
     rng: np.random.Generator | int | None = None, joints: int = 7, kinds: Sequence[str] = KINDS
 ) -> ModelBuilder:
-    """The description behind :func:`random_robot`: links ``link0`` (the root), ``link1``, …, joints ``joint1``, …
+    """Description of a random robot, as :func:`random_robot` builds it.
 
+    Parameters
+    ----------
+    rng : numpy Generator or seed
+    joints : int, how many, fixed and mimic ones counted
+    kinds : sequence of str, joint types to choose from
+
+    Returns
+    -------
+    builder : ModelBuilder, with links ``link0`` (the root), ``link1``, …, joints ``joint1``, …
+
+    Raises
+    ------
+    ValueRangeError
+        There is no such joint type.
+
+    Notes
+    -----
     Each link hangs on a random earlier one, more often on the last, so that branches and chains both occur.
+
+    Examples
+    --------
+    >>> random_builder(0, joints=3).build().name
+    'random'
     """
     rng = np.random.default_rng(rng)
     if unknown := [kind for kind in kinds if kind not in KINDS]:
@@ -66,7 +103,7 @@ def random_builder(
         kind = str(rng.choice(moving if i == 1 else tuple(kinds)))
         follows = kind == "mimic" and bool(leaders)
         if kind == "mimic":
-            kind = str(rng.choice(_ONE_DEGREE))
+            kind = str(rng.choice(list(_SCREWS)))
         parent = f"link{i - 1 if rng.random() < 0.6 else rng.integers(i)}"
         builder.add_link(f"link{i}", random_inertia(rng))
         builder.add_joint(
@@ -80,7 +117,7 @@ def random_builder(
             else None,
             **_options(rng, kind),
         )
-        if kind in _ONE_DEGREE and not follows:
+        if kind in _SCREWS and not follows:
             leaders.append(f"joint{i}")
     return builder
 
@@ -88,18 +125,31 @@ def random_builder(
 def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
     """Axis, limits and losses of a joint. Axes are coordinate axes now and then: those take other paths in the code."""
     options: dict[str, Any] = {"axis": rng.standard_normal(3) if rng.random() < 0.7 else np.eye(3)[rng.integers(3)]}
-    if kind == "helical":
+    joint = _SCREWS.get(kind)
+    if joint is not None and joint.has_pitch:
         options["pitch"] = rng.uniform(-0.5, 0.5)
-    if kind in ("revolute", "prismatic"):
+    if joint is not None and not joint.has_pitch and not joint.wraps:
         options |= {"lower": rng.uniform(-3.0, -0.5), "upper": rng.uniform(0.5, 3.0)}
-    if kind in _ONE_DEGREE:
+    if joint is not None:
         options |= {"damping": rng.uniform(0.0, 1.0), "friction": rng.uniform(0.0, 1.0)}
     return options
 
 
 def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInertia:
-    """A body that can exist: second moments S about a centre of mass away from the origin, in rotated axes.
+    """Random inertia of a body that can exist.
 
+    Second moments S about a centre of mass away from the origin, in rotated axes.
+
+    Parameters
+    ----------
+    rng : numpy Generator or seed
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Examples
+    --------
     >>> random_inertia(3).defects()
     []
     """
@@ -107,11 +157,25 @@ def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInert
     A = 0.2 * rng.standard_normal((3, 3))
     mass = rng.uniform(0.2, 5.0)
     S = mass * (A @ A.T + 1e-3 * np.eye(3))
-    return SpatialInertia.from_com(mass, 0.3 * rng.standard_normal(3), S.trace() * np.eye(3) - S)
+    return SpatialInertia.from_com(mass, 0.3 * rng.standard_normal(3), rotational_inertia(S))
 
 
 def random_pose(rng: np.random.Generator | int | None = None) -> Array:
-    """A pose (4, 4) with any rotation and a position within ±0.5 m."""
+    """Random pose with any rotation and a position within ±0.5 m.
+
+    Parameters
+    ----------
+    rng : numpy Generator or seed
+
+    Returns
+    -------
+    T : (4, 4) array
+
+    Examples
+    --------
+    >>> random_pose(0).shape
+    (4, 4)
+    """
     rng = np.random.default_rng(rng)
     w = rng.standard_normal(3)
     return np.asarray(se3.pose(so3.exp(w / np.linalg.norm(w) * rng.uniform(0.0, np.pi)), rng.uniform(-0.5, 0.5, 3)))

@@ -13,8 +13,6 @@ from .states import State, random_state
 if TYPE_CHECKING:
     from hypothesis.strategies import SearchStrategy
 
-__all__ = ["robots", "robots_with_states", "seeds"]
-
 
 def seeds() -> SearchStrategy[int]:
     """Seeds of random generators: a failing example shrinks to a small number that can be typed."""

@@ -6,16 +6,15 @@ from ..algorithms.pose_paths import PosePath, screw_path, straight_path
 from ..algorithms.time_scalings import cubic, quintic, trapezoid, uniform
 from .cartesian import follow_poses
 from .fastest import Fastest, fastest
-from .limits import Bounds, Violation, bounds_of, violations
+from .limit_checks import Bounds, Violation, bounds_of, violations
 from .paths import JointPath, joint_line, spline
-from .trajectory import Sampled, Trajectory, fitted, move
+from .trajectory import Trajectory, fitted, move
 
 __all__ = [
     "Bounds",
     "Fastest",
     "JointPath",
     "PosePath",
-    "Sampled",
     "Trajectory",
     "Violation",
     "bounds_of",

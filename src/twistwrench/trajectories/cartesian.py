@@ -6,19 +6,17 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import PathError, ShapeError, ValueRangeError
-from ..inverse_kinematics import twist_left
+from ..robot.inverse_kinematics import twist_left
+from ..robot.robot_argument import require_robot
+from ..typing import Array
 from .paths import JointPath, one_degree_joints
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["follow_poses"]
 
 _FIRST, _MOST = 64, 4096
 _ARRIVED = 1e-11
@@ -35,13 +33,34 @@ def follow_poses(
     *,
     tolerance: float = 1e-8,
 ) -> JointPath:
-    """The joints' path that moves a frame along T(s), from ``q0`` (nq,) where it has the pose T(0), on q0's branch.
+    """Joint path of a Cartesian path: moves a frame along T(s), from ``q0`` where it has the pose T(0), on q0's branch.
 
-    ``poses`` maps s (m,) from 0 to 1 to (m, 4, 4), as those of :func:`screw_path` and :func:`straight_path`. Each place
-    starts from the one before, by least motion where joints are redundant; between places a spline, with places so close
-    that the frame is off by at most ``tolerance`` [m, rad]. Raises PathError, which says at which s the robot cannot go on and
-    why (singular, a limit, out of reach, a jump) and keeps the path until there as ``partial``.
+    Parameters
+    ----------
+    robot : Robot
+    poses : function, maps s (m,) from 0 to 1 to (m, 4, 4), as :func:`screw_path` and :func:`straight_path` do
+    q0 : (nq,) array_like, configuration at the start
+    frame : str, optional, a link of the robot; its tip if None
+    tolerance : float, how far the frame may be off between places [m, rad]
 
+    Returns
+    -------
+    path : JointPath
+
+    Raises
+    ------
+    PathError
+        The robot cannot go on at some s (singular, a limit, out of reach, a jump), which is said with why.
+        The path until there is kept as ``partial``.
+    ShapeError, ValueRangeError, UnknownNameError, FrameError
+        An argument is invalid, or the robot has no such frame.
+
+    Notes
+    -----
+    Each place starts from the one before, by least motion where joints are redundant; between places a spline.
+
+    Examples
+    --------
     >>> import numpy as np, twistwrench as tw
     >>> from twistwrench import trajectories
     >>> arm = tw.robots.ur5()
@@ -54,7 +73,7 @@ def follow_poses(
     >>> bool(abs(half[:3, 3] - (T[:3, 3] + there[:3, 3]) / 2).max() < 1e-6)
     True
     """
-    one_degree_joints(robot, "following poses")
+    one_degree_joints(require_robot(robot, "follow_poses"), "following poses")
     q0 = arguments.finite(q0, "q0", robot.nq, names=robot.coordinate_names)
     q0 = np.array(arguments.one(q0, "q0", robot.nq))
     allowed = arguments.number(tolerance, "tolerance")

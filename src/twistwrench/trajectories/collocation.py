@@ -9,16 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import comb
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .rows import PathRows, Row, Rows
-
-Array = NDArray[Any]
-
-__all__ = ["Cell", "try_cell"]
+from ..typing import Array
+from .limit_rows import PathRows, Row, Rows
 
 STAGES = 5
 TOLERANCE = 2e-8

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..core import arguments
 from ..errors import ConstraintWarning, PathError, ValueRangeError
+from ..robot.robot_argument import require_robot
+from ..typing import Array
 from .collocation import AT_REST
-from .limits import Bounds, beyond_positions, bounds_of
-from .passes import Arc, backward, forward
-from .rows import PathRows
+from .limit_checks import Bounds, bounds_of, positions_passed
+from .limit_rows import PathRows
+from .paths import JointPath, require_path
 from .timing import FastestScaling
 from .trajectory import Trajectory
+from .two_passes import Arc, backward, forward
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from .paths import JointPath
-
-Array = NDArray[Any]
-
-__all__ = ["Fastest", "LimitCurves", "Touch", "fastest"]
 
 _SHORTEST = 1e-6
 """Part of the path: limits of torque and acceleration by which the robot is at its velocity limit sooner count as lower."""
@@ -33,12 +32,14 @@ _ROOM = 4e-8
 
 @dataclass(frozen=True)
 class Touch:
-    """A part of the motion, and the limit it touches."""
+    """Part of a fastest motion, and the limit it touches."""
 
     begin: float
     """s."""
     end: float
+    """s."""
     joint: str
+    """Name of the joint."""
     kind: str
     """``torque``, ``velocity`` or ``acceleration``."""
     side: int
@@ -65,12 +66,14 @@ class LimitCurves:
 
 @dataclass(frozen=True, eq=False)
 class Fastest(Trajectory):
-    """The fastest motion along a path, with what limits it when."""
+    """Time-optimal motion along a path, with what limits it when."""
 
     bounds: Bounds
     """The limits kept."""
     rows: PathRows
+    """The limits as rows along the path."""
     arcs: tuple[Arc, ...]
+    """The phase plane's arcs that make up the timing."""
 
     @property
     def touches(self) -> tuple[Touch, ...]:
@@ -92,8 +95,22 @@ class Fastest(Trajectory):
         return tuple(found)
 
     def shares(self, t: ArrayLike) -> Array:
-        """The most used limit's share at each t (...): 1 where one is touched, never above. Switches have two sides.
+        """Share of the most used limit: 1 where one is touched, never above.
 
+        Parameters
+        ----------
+        t : (...) array_like [s]
+
+        Returns
+        -------
+        shares : (...) array
+
+        Notes
+        -----
+        Switches have two sides.
+
+        Examples
+        --------
         >>> import twistwrench as tw
         >>> arm = tw.robots.planar_2r()
         >>> quick = fastest(arm, tw.trajectories.joint_line(arm, [0, 0], [1, 1]), effort=[60, 30])
@@ -108,7 +125,28 @@ class Fastest(Trajectory):
         return np.asarray(np.abs(parts).max(axis=-1))
 
     def limit_curves(self, samples: int = 801) -> LimitCurves:
-        """The phase plane (s, ds/dt): the curves that bound it, and the motion in it. MR figure 9.11."""
+        """Limit curves of the phase plane (s, ds/dt), and the motion in it.
+
+        Parameters
+        ----------
+        samples : int, places along the path
+
+        Returns
+        -------
+        curves : LimitCurves
+
+        Notes
+        -----
+        MR figure 9.11.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> quick = fastest(arm, tw.trajectories.joint_line(arm, [0, 0], [1, 1]), effort=[60, 30])
+        >>> quick.limit_curves(101).torque.shape
+        (101,)
+        """
         s = np.unique(np.concatenate([np.linspace(0, 1, samples), self.rows.breaks]))
         cap = self.rows.cap(s)
         cells = self.scaling.cells  # type: ignore[attr-defined]
@@ -133,14 +171,41 @@ def fastest(
     acceleration: ArrayLike | None = None,
     friction: bool = False,
 ) -> Fastest:
-    """The shortest motion along a path from rest to rest within the limits, the robot's own or those given, (nv,) each.
+    """Time-optimal time scaling: the shortest motion along a path from rest to rest within the limits.
 
-    One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and acceleration that bring the robot
-    to its velocity limit within a millionth of the path count as lower, which costs no more of the time than that. A path
-    beyond the joints' positions is followed with a ConstraintWarning that names them; ``violations`` lists all. Raises
-    PathError where the robot cannot hold itself on the path, naming s, joint and amount; ValueRangeError where nothing limits
-    the motion, or the path stands still somewhere. The method: :mod:`twistwrench.trajectories.passes`.
+    Parameters
+    ----------
+    robot : Robot
+    path : JointPath
+    effort : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
+    velocity : (nv,) array_like, optional, velocity limits that stand in for the robot's own [rad/s, m/s]
+    acceleration : (nv,) array_like, optional, acceleration limits [rad/s², m/s²]
+    friction : bool, count the friction of the joints
 
+    Returns
+    -------
+    motion : Fastest
+
+    Raises
+    ------
+    PathError
+        The robot cannot hold itself on the path; s, joint and amount are named.
+    ValueRangeError
+        Nothing limits the motion, or the path stands still somewhere.
+
+    Warns
+    -----
+    ConstraintWarning
+        The path is beyond the joints' positions; it names them, and ``violations`` lists all.
+
+    Notes
+    -----
+    MR section 9.4. One limit is touched at all times and none is passed, to 1e-6 of it; limits of torque and
+    acceleration that bring the robot to its velocity limit within a millionth of the path count as lower, which costs
+    no more of the time than that. The method: :mod:`twistwrench.trajectories.passes`.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> from twistwrench import trajectories
     >>> mass = tw.robots.pendulum().with_gravity([0, 0, 0])
@@ -148,7 +213,9 @@ def fastest(
     >>> round(quick.duration, 6)  # 2 sqrt(d / a), with 1 kg at 1 m
     1.0
     """
-    bounds = bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort)
+    require_path(path, "fastest")
+    friction = arguments.flag(friction, "friction")
+    bounds = bounds_of(require_robot(robot, "fastest"), velocity=velocity, acceleration=acceleration, effort=effort)
     if robot.nv == 0:
         raise ValueRangeError(f"robot {robot.name!r} has no joint that moves. Lock fewer joints.")
     s = np.linspace(0.0, 1.0, 2001)
@@ -183,8 +250,8 @@ def fastest(
 def _warn_of_positions(robot: Robot, path: JointPath, bounds: Bounds) -> None:
     s = np.linspace(0.0, 1.0, 2001)
     found = [
-        f"{name} reaches {value:.5g} beyond {limit:.5g} at s = {s[i]:.4g}"
-        for name, value, limit, i, _ in beyond_positions(robot, path(s)[0], bounds)
+        f"{v.joint} reaches {v.value:.5g} beyond {v.limit:.5g} at s = {v.time:.4g}"
+        for v in positions_passed(robot, s, path(s)[0], bounds)
     ]
     if found:
         more = f" and {len(found) - 4} more" if len(found) > 4 else ""

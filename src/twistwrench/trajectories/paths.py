@@ -7,25 +7,25 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
+from ..robot.robot_argument import require_robot
+from ..typing import Array
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
-Array = NDArray[Any]
-
-__all__ = ["JointPath", "joint_line", "one_degree_joints", "spline"]
-
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """q(s) with dq/ds and d²q/ds²; made by :func:`joint_line`, :func:`spline`, :func:`follow_poses`."""
+    """Joint path q(s) with dq/ds and d²q/ds²; made by :func:`joint_line`, :func:`spline`, :func:`follow_poses`."""
 
     name: str
+    """In words."""
     coordinates: Callable[[Array], tuple[Array, Array, Array]]
+    """Gives q, dq/ds and d²q/ds² at s (m,), (m, n) each."""
     knots: Array = field(default_factory=lambda: np.array([0.0, 1.0]))
     """Where pieces meet, 0 and 1 among them."""
     deviation: float = 0.0
@@ -37,15 +37,34 @@ class JointPath:
 
 
 def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
-    """The straight line q0 ⊕ s (q1 ⊖ q0); floating and planar joints follow a constant twist. MR section 9.2.
+    """Straight line in joint space, q0 ⊕ s (q1 ⊖ q0); floating and planar joints follow a constant twist.
 
-    Raises ShapeError and ValueRangeError, also where the ends are the same.
+    Parameters
+    ----------
+    robot : Robot
+    q0, q1 : (nq,) array_like, configurations at the ends
 
+    Returns
+    -------
+    path : JointPath
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An end is of another size or not finite, or the ends are the same.
+
+    Notes
+    -----
+    MR section 9.2.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> path = joint_line(tw.robots.planar_2r(), [0, 0], [1, -2])
     >>> [x.tolist() for x in path(0.25)]
     [[0.25, -0.5], [1.0, -2.0], [0.0, 0.0]]
     """
+    require_robot(robot, "joint_line")
     q0, q1 = (
         np.array(arguments.one(arguments.finite(q, n, robot.nq, names=robot.coordinate_names), n, robot.nq))
         for n, q in (("q0", q0), ("q1", q1))
@@ -73,12 +92,32 @@ def spline(
     velocities: ArrayLike | None = None,
     degree: int = 3,
 ) -> JointPath:
-    """A smooth path through waypoints (m, nq), m ≥ 2; s is the share of its length, or of ``times``. MR section 9.3.
+    """Spline path through waypoints; s is the share of its length, or of ``times``.
 
-    ``times`` (m,) [s] rising: the path is at rest at both ends, and under ``uniform(times[-1] - times[0])`` each waypoint is
-    met at its time. ``velocities`` (m, nv) with times: these at the waypoints, MR eq. 9.27, and then accelerations jump.
-    ``degree`` 3 or 5. Raises ShapeError and ValueRangeError; robots with planar or floating joints have lines only.
+    Parameters
+    ----------
+    robot : Robot
+    waypoints : (m, nq) array_like, m ≥ 2
+    times : (m,) array_like, optional, rising [s]
+        The path is at rest at both ends, and under ``uniform(times[-1] - times[0])`` each waypoint is met at its time.
+    velocities : (m, nv) array_like, optional, at the waypoints, with times [rad/s, m/s]; accelerations then jump
+    degree : 3 or 5
 
+    Returns
+    -------
+    path : JointPath
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An argument is invalid, or the robot has planar or floating joints, which have lines only.
+
+    Notes
+    -----
+    MR section 9.3, eq. 9.27.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> path = spline(tw.robots.planar_2r(), [[0, 0], [1, 1], [2, 0]])
     >>> path(path.knots)[0].round(9).tolist()
@@ -86,6 +125,7 @@ def spline(
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_interp_spline
 
+    require_robot(robot, "spline")
     points = configurations(robot, waypoints, "waypoints")
     if len(points) < 2:
         raise ShapeError(f"waypoints has shape {points.shape}: a path takes at least two.")
@@ -94,7 +134,7 @@ def spline(
     if (steps == 0).any() and times is None:
         k = int((steps == 0).argmax())
         raise ValueRangeError(f"waypoints {k} and {k + 1} are the same place. Leave one of them out.")
-    if degree not in (3, 5):
+    if arguments.number(degree, "degree") not in (3, 5):
         raise ValueRangeError(f"degree is {degree!r}: choose 3 or 5.")
     if degree == 5 and (len(points) < 6 or times is not None):
         raise ValueRangeError("a spline of degree 5 takes at least six waypoints, and no times. Choose degree=3.")
@@ -124,6 +164,16 @@ def spline(
             curve = CubicHermiteSpline(knots, points, rates * T)
     first, second = curve.derivative(1), curve.derivative(2)
     return JointPath("spline", lambda s: (curve(s), first(s), second(s)), knots)
+
+
+def require_path(path: Any, what: str) -> JointPath:
+    """``path``, which must be one of the joints. Raises ValueRangeError."""
+    if not isinstance(path, JointPath):
+        raise ValueRangeError(
+            f"{what}: the path is {arguments.shown(path)}: give a path of the joints, as tw.trajectories.joint_line(robot, q0, "
+            "q1), spline(robot, waypoints) and follow_poses make one."
+        )
+    return path
 
 
 def one_degree_joints(robot: Robot, what: str) -> None:

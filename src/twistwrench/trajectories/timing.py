@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..typing import Array
 from .collocation import Cell
-
-Array = NDArray[Any]
-
-__all__ = ["FastestScaling"]
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _GAUSS, _WEIGHTS = 0.5 * (_GAUSS + 1.0), 0.5 * _WEIGHTS

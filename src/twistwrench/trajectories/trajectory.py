@@ -7,20 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..algorithms.time_scalings import quintic
 from ..core import arguments
 from ..errors import PathError, ShapeError, ValueRangeError
-from .limits import Bounds, Violation, bounds_of, violations
-from .paths import JointPath, joint_line, spline
+from ..motion.motion import Motion
+from ..robot.robot_argument import require_robot
+from ..typing import Array
+from .limit_checks import Bounds, Violation, bounds_or_own, violations
+from .paths import JointPath, joint_line, require_path, spline
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["Sampled", "Scaling", "Trajectory", "fitted", "move"]
 
 _FIT = 2001
 
@@ -41,28 +40,24 @@ class Scaling(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
-    """A motion at instants."""
-
-    time: Array
-    """(n,) s."""
-    q: Array
-    """(n, nq)."""
-    dq: Array
-    """(n, nv)."""
-    ddq: Array
-    """(n, nv)."""
-
-
-@dataclass(frozen=True, eq=False)
 class Trajectory:
-    """q(t) = q(s(t)) of one robot, with exact derivatives."""
+    """Trajectory q(t) = q(s(t)) of one robot, with exact derivatives."""
 
     robot: Robot
+    """The robot that moves."""
     path: JointPath
+    """q(s)."""
     scaling: Scaling
+    """s(t)."""
 
     def __post_init__(self) -> None:
+        require_robot(self.robot, "Trajectory")
+        require_path(self.path, "Trajectory")
+        if not callable(self.scaling) or isinstance(self.scaling, type) or not hasattr(self.scaling, "duration"):
+            raise ValueRangeError(
+                f"Trajectory: the scaling is {arguments.shown(self.scaling)}: give one that tw.trajectories.quintic, cubic, "
+                "trapezoid or uniform makes."
+            )
         wide = self.path(0.0)[0].shape[-1]
         if wide != self.robot.nq:
             raise ShapeError(
@@ -72,7 +67,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """s."""
+        """From the beginning to the end [s]."""
         return float(self.scaling.duration)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
@@ -82,9 +77,24 @@ class Trajectory:
         ds, dds = ds[..., None], dds[..., None]
         return q, q1 * ds, q2 * ds * ds + q1 * dds
 
-    def sample(self, dt: float) -> Sampled:
-        """The motion every ``dt`` [s] and at its end. Raises ValueRangeError for steps that are not above zero or too many.
+    def sample(self, dt: float) -> Motion:
+        """Samples of the trajectory as a :class:`twistwrench.Motion`, every ``dt`` and at its end.
 
+        Parameters
+        ----------
+        dt : float, above 0 [s]
+
+        Returns
+        -------
+        motion : Motion
+
+        Raises
+        ------
+        ValueRangeError
+            ``dt`` is not above zero, or there are too many samples.
+
+        Examples
+        --------
         >>> import twistwrench as tw
         >>> from twistwrench import trajectories
         >>> moving = trajectories.move(tw.robots.planar_2r(), [0, 0], [1, 1], trajectories.cubic(1.0))
@@ -101,15 +111,48 @@ class Trajectory:
         if self.duration - t[-1] > 1e-9 * min(step, self.duration):
             t = np.append(t, self.duration)
         t[-1] = min(t[-1], self.duration)
-        return Sampled(t, *self(t))
+        return Motion(t, *self(t), robot=self.robot)
 
     def violations(self, bounds: Bounds | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
-        """The limits it passes, worst first; see :func:`~twistwrench.trajectories.violations`."""
+        """Limits that it passes, worst first; see :func:`~twistwrench.trajectories.violations`.
+
+        Parameters
+        ----------
+        bounds : Bounds, optional; None: the robot's own
+        friction : bool, count the friction of the joints
+
+        Returns
+        -------
+        found : tuple of Violation
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> move(tw.robots.ur5(), [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0]).violations()
+        ()
+        """
         return violations(self.robot, self, bounds, friction=friction)
 
     def to_csv(self, path: str | Path, dt: float = 0.002, *, degrees: bool = False) -> Path:
-        """Write time, q, dq and ddq every ``dt`` as ``twistwrench torques`` reads them. Raises ValueRangeError.
+        """Write time, q, dq and ddq every ``dt`` as ``twistwrench torques`` reads them.
 
+        Parameters
+        ----------
+        path : str or Path
+        dt : float, above 0 [s]
+        degrees : bool, angles in degrees
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        ValueRangeError
+            ``dt`` is not above zero, or nothing can be written.
+
+        Examples
+        --------
         >>> import tempfile, pathlib, twistwrench as tw
         >>> from twistwrench import trajectories
         >>> moving = trajectories.move(tw.robots.planar_2r(), [0, 0], [1, 1], trajectories.cubic(1.0))
@@ -117,26 +160,39 @@ class Trajectory:
         ...     print(moving.to_csv(pathlib.Path(folder, "m.csv"), 0.5).read_text().splitlines()[0])
         time,joint1,joint2,joint1.vel,joint2.vel,joint1.acc,joint2.acc
         """
-        from ..report.coordinates import Coordinates
-        from ..report.table_file import TableFile
-
-        names, sampled = Coordinates.of(self.robot.model), self.sample(dt)
-        unit = np.degrees(1.0) if degrees else 1.0
-        q_unit = np.where(names.angular, unit, 1.0)
-        v_unit = np.where(names.angular_velocity, unit, 1.0)
-        header = ["time", *names.names]
-        header += [n + suffix for suffix in (".vel", ".acc") for n in names.velocity_names]
-        rows = [sampled.time[:, None], sampled.q * q_unit, sampled.dq * v_unit, sampled.ddq * v_unit]
-        with TableFile.writing(path, header) as file:
-            if file is not None:
-                file.write(np.concatenate(rows, axis=1))
-        return Path(path)
+        return self.sample(dt).to_csv(path, degrees=degrees)
 
     def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
-        """Draw positions, velocities, accelerations and torques as shares of their limits, and for the fastest timing the
-        phase plane. Raises MissingExtraError, ValueRangeError.
+        """Plot of positions, velocities, accelerations and torques as shares of their limits.
+
+        For the fastest timing the phase plane, too.
+
+        Parameters
+        ----------
+        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+        bounds : Bounds, optional; None: the robot's own
+        friction : bool, count the friction of the joints
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError
+            There is no matplotlib.
+        ValueRangeError
+            Nothing can be written.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> moving = move(tw.robots.ur5(), [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     moving.plot(f"{folder}/move.svg").name
+        'move.svg'
         """
-        from .picture import plot_trajectory
+        from ..plotting.trajectory import plot_trajectory
 
         return plot_trajectory(self, path, bounds, friction=friction)
 
@@ -144,15 +200,34 @@ class Trajectory:
 def move(
     robot: Robot, q0: ArrayLike, q1: ArrayLike, scaling: Scaling | None = None, *, waypoints: ArrayLike | None = None
 ) -> Trajectory:
-    """From q0 (nq,) to q1 on a straight line of the joints, or through ``waypoints`` (m, nq) between them on a spline.
+    """Trajectory from one configuration to another on a straight line of the joints, or on a spline through waypoints.
 
-    Without a scaling a quintic one takes the time that the robot's limits ask for. Raises ShapeError, ValueRangeError.
+    Parameters
+    ----------
+    robot : Robot
+    q0, q1 : (nq,) array_like, configurations at the ends
+    scaling : optional, s(t); None: a quintic one that takes the time the robot's limits ask for
+    waypoints : (m, nq) array_like, optional, between the ends
 
+    Returns
+    -------
+    trajectory : Trajectory
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        An argument is invalid.
+    PathError
+        The robot cannot hold itself on the path.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> moving = move(tw.robots.ur5(), [0, -1, 1, 0, 0, 0], [1, -1, 1, 0, 0, 0])
     >>> round(moving.duration, 3)
     0.597
     """
+    require_robot(robot, "move")
     if waypoints is None:
         path = joint_line(robot, q0, q1)
     else:
@@ -169,18 +244,47 @@ def move(
 def fitted(
     robot: Robot, path: JointPath, shape: Any = None, bounds: Bounds | None = None, *, friction: bool = False
 ) -> Any:
-    """A scaling of the given shape (None: quintic) as short as the limits of velocity, acceleration and torque allow.
+    """Time scaling of a given shape as short as the limits of velocity, acceleration and torque allow.
 
-    Torques are g + (τ - g) (T0/T)² of the time T, so each sample gives the shortest T in closed form; viscous and
-    Coulomb friction counts if asked for. Raises PathError where the robot cannot hold itself on the path, and
-    ValueRangeError where nothing limits it.
+    Parameters
+    ----------
+    robot : Robot
+    path : JointPath
+    shape : a scaling, optional, whose shape it has; None: quintic
+    bounds : Bounds, optional; None: the robot's own
+    friction : bool, count the viscous and Coulomb friction of the joints
 
+    Returns
+    -------
+    scaling : of the given shape
+
+    Raises
+    ------
+    PathError
+        The robot cannot hold itself on the path.
+    ValueRangeError
+        Nothing limits it.
+
+    Notes
+    -----
+    Torques are g + (τ - g) (T0/T)² of the time T, so each sample gives the shortest T in closed form.
+
+    Examples
+    --------
     >>> import twistwrench as tw
+    >>> from twistwrench.motion.bounds import bounds_of
     >>> arm = tw.robots.planar_2r()
-    >>> round(fitted(arm, joint_line(arm, [0, 0], [1, 0]), bounds=bounds_of(arm, velocity=2.0)).duration, 6)
+    >>> bounds = tw.trajectories.bounds_of(arm, velocity=2.0)
+    >>> round(fitted(arm, joint_line(arm, [0, 0], [1, 0]), bounds=bounds).duration, 6)
     0.9375
     """
-    bounds = bounds_of(robot) if bounds is None else bounds
+    require_robot(robot, "fitted")
+    bounds, friction = bounds_or_own(robot, bounds), arguments.flag(friction, "friction")
+    if shape is not None and not (hasattr(shape, "stretched") and not isinstance(shape, type)):
+        raise ValueRangeError(
+            f"fitted: the shape is {arguments.shown(shape)}: give a scaling that tw.trajectories.quintic, cubic, trapezoid or "
+            "uniform makes, of any duration."
+        )
     unit = (quintic(1.0) if shape is None else shape).stretched(1.0)
     q, dq, ddq = Trajectory(robot, path, unit)(np.linspace(0.0, 1.0, _FIT))
     with np.errstate(divide="ignore", invalid="ignore"):

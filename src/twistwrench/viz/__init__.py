@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING
+
 from .camera import Camera
+from .drawn_motion import DrawnMotion, motion_of, read_motion
 from .live import LiveView
-from .motion import Motion, motion_of, read_motion
 from .movie import film, movie
 from .page import write_page
-from .plots import Energies, energies, plot_phase, plot_power, plot_split
 from .scene import Scene, Shape, scene_of
-from .stage import draw
 
 __all__ = [
     "Camera",
+    "DrawnMotion",
     "Energies",
     "LiveView",
-    "Motion",
     "Scene",
     "Shape",
     "draw",
@@ -30,3 +31,16 @@ __all__ = [
     "scene_of",
     "write_page",
 ]
+
+if TYPE_CHECKING:
+    from ..plotting.motion import Energies, energies, plot_phase, plot_power, plot_split
+    from ..plotting.robot import draw
+
+_DRAWN = dict.fromkeys(("Energies", "energies", "plot_phase", "plot_power", "plot_split"), "motion") | {"draw": "robot"}
+"""Where pictures are drawn: ``plotting`` imports what is here, so it is imported when first asked for."""
+
+
+def __getattr__(name: str) -> object:
+    if name in _DRAWN:
+        return getattr(importlib.import_module(f"..plotting.{_DRAWN[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

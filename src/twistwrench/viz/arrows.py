@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ..typing import Array
 from .surface import Surface
-
-Array = NDArray[Any]
-
-__all__ = ["arc", "arrow"]
 
 _AROUND = 14
 _STEPS = 40

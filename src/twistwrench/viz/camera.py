@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..model.model import BASE
+from ..typing import Array
 
 if TYPE_CHECKING:
     from .scene import Scene, Shape
     from .surface import Surface
-
-Array = NDArray[Any]
-
-__all__ = ["FAR", "Camera", "Painter", "overview"]
 
 _SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
 _SHADOW = (0.80, 0.82, 0.85)
@@ -29,15 +26,29 @@ _ALPHA = {"looks": 1.0, "inertia": 0.3}
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Looks at ``target`` (3,) from ``distance`` [m], turned by ``azimuth`` about z and raised by ``elevation`` [rad]."""
+    """Camera that looks at a point of the base frame from some distance, turned about z and raised."""
 
     target: Array
+    """The point it looks at (3,) [m]."""
     distance: float
+    """From the target [m]."""
     azimuth: float = -0.9
+    """About z [rad]."""
     elevation: float = 0.35
+    """Above the horizontal [rad]."""
 
     def axes(self) -> Array:
-        """Right, up and back as rows (3, 3)."""
+        """Axes of the picture: right, up and back as rows.
+
+        Returns
+        -------
+        axes : (3, 3) array, in the base frame
+
+        Examples
+        --------
+        >>> Camera(np.zeros(3), 2.0).axes().shape
+        (3, 3)
+        """
         (c, s), (ca, sa) = (
             (np.cos(self.elevation), np.sin(self.elevation)),
             (np.cos(self.azimuth), np.sin(self.azimuth)),
@@ -47,7 +58,23 @@ class Camera:
         return np.stack([right, np.cross(back, right), back])
 
     def project(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Where points (..., 3) are in the picture (..., 2), in metres at the target, and how far away (...)."""
+        """Perspective projection: where points are in the picture, and how far away.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like, in the base frame [m]
+
+        Returns
+        -------
+        places : (..., 2) array, in metres at the target
+        depths : (...) array [m]
+
+        Examples
+        --------
+        >>> places, depths = Camera(np.zeros(3), 2.0).project([0.0, 0.0, 0.0])
+        >>> places.tolist(), float(depths)
+        ([0.0, 0.0], 2.0)
+        """
         seen = (np.asarray(points) - self.target) @ self.axes().T
         away = np.maximum(self.distance - seen[..., 2], 1e-3 * self.distance)
         return seen[..., :2] * (self.distance / away)[..., None], away

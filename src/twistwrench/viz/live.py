@@ -12,27 +12,24 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import MissingExtraError, ValueRangeError
 from ..lie import quaternion
-from ..report.coordinates import Coordinates
-from .hands import hands_of
-from .look import share_colours
-from .nodes import LAYERS, Nodes
+from ..motion.coordinates import Coordinates
+from ..typing import Array
+from .colours import share_colours
 from .page_access import PageAccess
 from .scene import Scene, scene_of
+from .scene_nodes import LAYERS, Nodes
+from .sliders import sliders_of
 
 if TYPE_CHECKING:
     import viser
 
     from ..robot import Robot
-    from .motion import Motion
-
-Array = NDArray[Any]
-
-__all__ = ["LiveView", "check_port"]
+    from .drawn_motion import DrawnMotion
 
 _TRIANGLES = 400_000
 _RATE = 30.0
@@ -57,22 +54,35 @@ def check_port(port: int, host: str = "127.0.0.1") -> None:
 
 
 class LiveView:
-    """A robot on a page of this computer, at :attr:`url`; the torques on it are computed by the robot's kernels.
+    """Live viewer: a robot on a page of this computer, at :attr:`url`; torques are computed by its kernels.
 
-    The address has a token in it that is drawn anew for each page; requests without it, from pages of others, or for names of
-    others are refused, and the page cannot be shared by viser's tunnel.
+    The address has a token in it that is drawn anew for each page; requests without it, from pages of others, or for
+    names of others are refused, and the page cannot be shared by viser's tunnel.
 
-    ``motion`` plays; without one, and when a slider is moved, torques are those that hold the pose. ``q`` (nq,) is where it
-    starts; ``wrench_on_robot`` {frame: (m, f)}, in the frame, is drawn and counts.
+    Parameters
+    ----------
+    robot : Robot
+    motion : DrawnMotion, optional, which plays; without one, and when a slider is moved, torques are those that hold
+        the pose
+    q : (nq,) array_like, optional, where it starts
+    wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) in their frames, drawn and counted [N m, N]
+    scene : Scene, optional, the robot's looks
+    port : int
+    host : str
 
-    Raises ValueRangeError for a port that is taken, and MissingExtraError without viser.
+    Raises
+    ------
+    ValueRangeError
+        The port is taken.
+    MissingExtraError
+        There is no viser.
     """
 
     def __init__(
         self,
         robot: Robot,
         *,
-        motion: Motion | None = None,
+        motion: DrawnMotion | None = None,
         q: ArrayLike | None = None,
         wrench_on_robot: Mapping[str, ArrayLike] | None = None,
         scene: Scene | None = None,
@@ -132,7 +142,12 @@ class LiveView:
             before = now
 
     def advance(self, seconds: float) -> None:
-        """Let the motion go on for some of the viewer's time, if it plays; after its end it begins again."""
+        """Let the motion go on for some of the viewer's time, if it plays; after its end it begins again.
+
+        Parameters
+        ----------
+        seconds : float [s]
+        """
         if not self.playing or self.motion is None:
             return
         begin, end = float(self.motion.time[0]), float(self.motion.time[-1])
@@ -140,7 +155,17 @@ class LiveView:
         self.seek(begin + (at - begin) % (end - begin) if at > end > begin else min(at, end))
 
     def seek(self, at: float) -> None:
-        """Go to a time of the motion [s]."""
+        """Go to a time of the motion.
+
+        Parameters
+        ----------
+        at : float [s]
+
+        Raises
+        ------
+        ValueRangeError
+            There is no motion.
+        """
         motion = self.motion
         if motion is None:
             raise ValueRangeError("there is no motion to go to a time of. Give one: motion=….")
@@ -150,7 +175,17 @@ class LiveView:
             self.refresh()
 
     def pose(self, q: ArrayLike) -> None:
-        """Go to a pose, at rest; q (nq,). A motion that plays stops."""
+        """Go to a pose, at rest; a motion that plays stops.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+
+        Raises
+        ------
+        ShapeError
+            ``q`` is of another size.
+        """
         with self._lock:
             self.q = np.array(arguments.finite(arguments.one(q, "q", self.robot.nq), "q", self.robot.nq))
             self.posed, self.playing = True, False
@@ -173,7 +208,13 @@ class LiveView:
                 self.play_button.label = "Pause" if self.playing else "Play"
 
     def shares(self) -> tuple[Array, Array]:
-        """Torques (nv,) as shares of their limits, elsewhere of the largest; and the same with NaN where there is no limit."""
+        """Torques as shares of their limits, elsewhere of the largest.
+
+        Returns
+        -------
+        shares : (nv,) array
+        of_limits : (nv,) array, the same with NaN where there is no limit
+        """
         limits = np.where(self.robot.limits.effort > 0, self.robot.limits.effort, np.inf)
         most = np.abs(self.tau).max(initial=1e-9) if self.motion is None else np.maximum(self.motion.peaks, 1e-9)
         some = np.isfinite(limits)
@@ -203,7 +244,7 @@ class LiveView:
         if self.motion is not None:
             self._motion_controls(self.motion)
         self.torque_panel = gui.add_html("")
-        self.hands = hands_of(self.robot.model)
+        self.hands = sliders_of(self.robot.model)
         with gui.add_folder("Joints"):
             self.sliders = [self._slider(k, hand) for k, hand in enumerate(self.hands)]
         with gui.add_folder("Show"):
@@ -217,9 +258,9 @@ class LiveView:
             with gui.add_folder("Notes"):
                 gui.add_html(f"<div style='{_TEXT}color:#8a4b08'>{'<br>'.join(map(html.escape, notes))}</div>")
 
-    def _motion_controls(self, motion: Motion) -> None:
+    def _motion_controls(self, motion: DrawnMotion) -> None:
         gui = self.server.gui
-        with gui.add_folder("Motion"):
+        with gui.add_folder("DrawnMotion"):
             begin, end = float(motion.time[0]), float(motion.time[-1])
             self.time_slider: Any = gui.add_slider(
                 "Time [s]", begin, max(end, begin + 1e-3), (end - begin) / 1000 or 1e-3, begin

@@ -7,22 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import MissingExtraError, ValueRangeError
-from ..figure import AXIS, INK, OVER, QUIET, SMALL, figure, require_matplotlib
 from ..outputs import replacing
+from ..plotting.style import AXIS, INK, OVER, QUIET, SMALL, figure, require_matplotlib
+from ..typing import Array
 from .camera import FAR, Painter, overview
-from .look import share_colours
-from .motion import Motion, motion_of
+from .colours import share_colours
+from .drawn_motion import DrawnMotion, motion_of
 from .scene import Scene, scene_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-Array = NDArray[Any]
-
-__all__ = ["MOVIES", "film", "movie", "movie_path"]
 
 MOVIES = (".gif", ".mp4")
 """The kinds of film that are made, by their suffixes."""
@@ -45,11 +42,33 @@ def movie(
     speed: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Film a motion, time (n,) [s] and q (n, nq), to a .gif or .mp4; what is derived of it, :func:`motion_of` says.
+    """Film a motion to a .gif or .mp4; what is derived of it, :func:`motion_of` says.
 
-    ``fps`` pictures a second of film, which shows ``speed`` seconds of motion; ``progress`` is told how many of how many are
-    drawn. Raises MissingExtraError without matplotlib, and without ffmpeg for .mp4; ValueRangeError, ShapeError.
+    Parameters
+    ----------
+    robot : Robot
+    time : (n,) array_like [s]
+    q : (n, nq) array_like, configurations
+    path : str or Path, .gif or .mp4
+    dq : (n, nv) array_like, optional, velocities [rad/s, m/s]
+    ddq : (n, nv) array_like, optional, accelerations [rad/s², m/s²]
+    fps : float, pictures a second of film
+    speed : float, seconds of motion that a second of film shows
+    progress : callable, optional, told how many of how many pictures are drawn
 
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    MissingExtraError
+        There is no matplotlib, or no ffmpeg for .mp4.
+    ValueRangeError, ShapeError
+        Arrays do not fit each other, or the file cannot be written.
+
+    Examples
+    --------
     >>> import tempfile, twistwrench as tw
     >>> t = np.linspace(0, 0.2, 7)
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +80,7 @@ def movie(
 
 
 def film(
-    motion: Motion,
+    motion: DrawnMotion,
     path: str | Path,
     *,
     scene: Scene | None = None,
@@ -69,7 +88,36 @@ def film(
     speed: float = 1.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Film a :class:`Motion`; see :func:`movie`."""
+    """Film a :class:`DrawnMotion`; see :func:`movie`.
+
+    Parameters
+    ----------
+    motion : DrawnMotion
+    path : str or Path, .gif or .mp4
+    scene : Scene, optional, the robot's looks
+    fps : float, pictures a second of film
+    speed : float, seconds of motion that a second of film shows
+    progress : callable, optional, told how many of how many pictures are drawn
+
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    MissingExtraError, ValueRangeError
+        As :func:`movie`.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> from twistwrench.viz import motion_of
+    >>> t = np.linspace(0, 0.2, 7)
+    >>> motion = motion_of(tw.robots.pendulum(), t, np.sin(t)[:, None])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     film(motion, f"{folder}/swing.gif", fps=10).suffix
+    '.gif'
+    """
     target = Path(movie_path(path))
     moments = _moments(motion, fps, speed)
     robot = motion.load.loaded
@@ -116,7 +164,7 @@ def movie_path(path: str | Path) -> str:
     return text if suffix else f"{text}.gif"
 
 
-def _moments(motion: Motion, fps: float, speed: float) -> Array:
+def _moments(motion: DrawnMotion, fps: float, speed: float) -> Array:
     for name, value in (("fps", fps), ("speed", speed)):
         if not 0 < value < np.inf:
             raise ValueRangeError(f"{name} is {value}, and must be positive and finite.")
@@ -138,7 +186,7 @@ def _writer(suffix: str, fps: float) -> Any:
     return FFMpegWriter(fps=cast("int", fps), codec="libx264", extra_args=["-pix_fmt", "yuv420p", "-crf", "20"])
 
 
-def _painter(scene: Scene, motion: Motion, moments: Array) -> Painter:
+def _painter(scene: Scene, motion: DrawnMotion, moments: Array) -> Painter:
     some = np.array([motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]])
     return Painter(scene, *overview(scene, some))
 
@@ -166,7 +214,7 @@ class _Stage:
 class _Bars:
     """Each torque as a share of its limit, elsewhere of its largest."""
 
-    def __init__(self, axis: Any, motion: Motion) -> None:
+    def __init__(self, axis: Any, motion: DrawnMotion) -> None:
         robot = motion.load.loaded
         limits = np.where(robot.limits.effort > 0, robot.limits.effort, np.inf)
         self.limited = np.isfinite(limits)

@@ -12,26 +12,23 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..lie import se3
+from ..motion.coordinates import Coordinates
 from ..outputs import replacing
-from ..report.coordinates import Coordinates
-from .hands import hands_of
-from .look import COLOURS, SHARES, force_scale, torque_marks
+from ..typing import Array
+from .colours import COLOURS, SHARES, force_scale, torque_marks
 from .scene import Scene, scene_of
 from .skeleton import turned_z
+from .sliders import sliders_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ..robot import Robot
-    from .motion import Motion
-
-Array = NDArray[Any]
-
-__all__ = ["page_text", "read_page", "write_page"]
+    from .drawn_motion import DrawnMotion
 
 _TRIANGLES = 150_000
 _SCRIPTS = ("robot.js", "solids.js", "stage.js", "panel.js", "page.js")
@@ -44,17 +41,34 @@ def write_page(
     robot: Robot,
     path: str | Path,
     *,
-    motion: Motion | None = None,
+    motion: DrawnMotion | None = None,
     q: ArrayLike | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     scene: Scene | None = None,
 ) -> Path:
     """Write a page with the robot in it, and a motion that plays; it needs nothing but a browser.
 
-    It starts at ``q`` (nq,), else where the motion begins, else neutral. ``wrench_on_robot`` {frame: (m, f)}, in the frame,
-    is drawn and counted in the torques that hold a pose; a motion brings its own. Raises ValueRangeError where the file
-    cannot be written.
+    Parameters
+    ----------
+    robot : Robot
+    path : str or Path, .gif or .mp4
+    motion : DrawnMotion, optional, which plays
+    q : (nq,) array_like, optional, where it starts; None: where the motion begins, else neutral
+    wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and counted in the torques that hold a pose
+        A motion brings its own. [N m, N]
+    scene : Scene, optional, the robot's looks
 
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    ValueRangeError
+        The file cannot be written.
+
+    Examples
+    --------
     >>> import tempfile, twistwrench as tw
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     page = write_page(tw.robots.planar_2r(), f"{folder}/arm.html")
@@ -70,7 +84,7 @@ def write_page(
 def page_text(
     robot: Robot,
     *,
-    motion: Motion | None = None,
+    motion: DrawnMotion | None = None,
     q: ArrayLike | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     scene: Scene | None = None,
@@ -171,13 +185,13 @@ def _robot_data(robot: Robot, start: Array) -> dict[str, Any]:
             }
             for b in model.bodies
         ],
-        "frames": [{"name": n, "body": f.body, "pose": f.pose.ravel().tolist()} for n, f in model.frames.items()],
-        "tip": None if model.tip is None else list(model.frames).index(model.tip),
+        "frames": [{"name": n, "body": f.body, "pose": f.pose.ravel().tolist()} for n, f in model.all_frames.items()],
+        "tip": None if model.tip is None else list(model.all_frames).index(model.tip),
         "torques": [
             {"name": n, "unit": u, "limit": limit if 0 < limit < np.inf else None}
             for n, u, limit in zip(coordinates.velocity_names, coordinates.torque_units, limits, strict=True)
         ],
-        "hands": hands_of(model),
+        "hands": sliders_of(model),
         "springs": [
             {
                 "stiffness": s.stiffness,
@@ -200,7 +214,7 @@ def _robot_data(robot: Robot, start: Array) -> dict[str, Any]:
     }
 
 
-def _scene_data(scene: Scene, box: _Box, start: Array, motion: Motion | None) -> dict[str, Any]:
+def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | None) -> dict[str, Any]:
     surfaces: list[dict[str, Any]] = []
     numbers: dict[int, int] = {}
     shapes = []
@@ -254,7 +268,7 @@ def _wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, A
     return {"wrenches": data, "wrenchMarks": marks}
 
 
-def _motion_data(robot: Robot, motion: Motion, box: _Box) -> dict[str, Any]:
+def _motion_data(robot: Robot, motion: DrawnMotion, box: _Box) -> dict[str, Any]:
     path = None
     if robot.tip is not None:
         path = box.put(np.asarray(robot.forward_kinematics(motion.q))[:, :3, 3], "f4")
@@ -266,7 +280,7 @@ def _motion_data(robot: Robot, motion: Motion, box: _Box) -> dict[str, Any]:
     }
 
 
-def _subtitle(robot: Robot, motion: Motion | None) -> str:
+def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
     mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
     text = f"{robot.nv} degree{'s' if robot.nv != 1 else ''} of freedom, {mass:.4g} kg moving"
     if motion is None:

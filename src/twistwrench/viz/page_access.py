@@ -19,8 +19,6 @@ from typing import Any
 
 from ..errors import MissingExtraError
 
-__all__ = ["PageAccess"]
-
 Handler = Callable[[Any, Any], Any]
 """Takes a connection and the request that opens it; returns a response, or None where a websocket is to be opened."""
 

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
-__all__ = ["find_resource"]
-
 _PACKAGES = ("package://", "model://")
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..algorithms.recursion import base_poses, joint_poses
 from ..errors import ModelWarning
 from ..model.model import BASE
+from ..typing import Array
 from .skeleton import PAYLOAD, payload_ball, skeleton
 from .surface import Surface
 from .visuals import Colour, read_visuals
@@ -19,32 +21,34 @@ from .visuals import Colour, read_visuals
 if TYPE_CHECKING:
     from ..robot import Robot
 
-Array = NDArray[Any]
-
-__all__ = ["Scene", "Shape", "scene_of"]
-
 _LEAST = 60
 """Triangles left to the smallest shape when a scene is thinned."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A surface of one colour at a ``pose`` (4, 4) in the frame of a body (``BASE`` for what does not move)."""
+    """Surface of one colour, fixed to a body."""
 
     body: int
+    """The body's number; ``BASE`` for what does not move."""
     surface: Surface
+    """Vertices and triangles."""
     pose: Array
+    """Pose (4, 4) in the frame of the body."""
     colour: Colour
+    """Red, green, blue, 0 to 1."""
     layer: str
     """``looks``, how the robot is meant to look; ``inertia``, the ellipsoid with each body's mass and moments."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot and its shapes."""
+    """Scene: a robot and its shapes."""
 
     robot: Robot
+    """The robot."""
     shapes: tuple[Shape, ...]
+    """What is drawn of it."""
     remarks: tuple[str, ...]
     """What could not be drawn as the file says."""
     size: float
@@ -68,17 +72,57 @@ class Scene:
         return *self.remarks, f"Inertia of {few}: the file gives that of {size} about as long as the whole robot."
 
     def body_poses(self, q: ArrayLike) -> Array:
-        """T_s,body of the moving bodies; (nq) → (nbodies, 4, 4), for any batch of q. Those of rotors, never drawn, are NaN."""
+        """Poses of the moving bodies, T_s,body, for any batch of q.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+
+        Returns
+        -------
+        T : (nbodies, 4, 4) array; those of rotors, never drawn, are NaN
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> scene_of(tw.robots.planar_2r()).body_poses([0.0, 0.0]).shape
+        (2, 4, 4)
+        """
         poses = np.asarray(self.robot.link_poses(q), float)
         place = {link: k for k, link in enumerate(self.robot.link_names)}
         found = np.full((*poses.shape[:-3], len(self.robot.model.bodies), 4, 4), np.nan)
-        for k, body in enumerate(self.robot.model.bodies):
+        model, hidden = self.robot.model, []
+        for k, body in enumerate(model.bodies):
             if body.link in place:
                 found[..., k, :, :] = poses[..., place[body.link], :, :]
+            elif body.joint.moves_body:  # between the joints of one link, and no frame itself
+                hidden.append(k)
+        if hidden:
+            q = np.asarray(q, float)
+            for at in np.ndindex(q.shape[:-1]):
+                T = base_poses(model, joint_poses(model, q[at]))
+                for k in hidden:
+                    found[(*at, k)] = T[k]
         return found
 
     def bounds(self, q: ArrayLike, layer: str = "looks") -> Array:
-        """The lowest and the highest corner (2, 3) of the box around the shapes at q (nq,)."""
+        """Bounding box of the shapes at a configuration.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        layer : "looks" or "inertia"
+
+        Returns
+        -------
+        corners : (2, 3) array, the lowest and the highest corner in the base frame [m]
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> scene_of(tw.robots.planar_2r()).bounds([0.0, 0.0]).shape
+        (2, 3)
+        """
         poses = self.body_poses(q)
         corners = []
         for shape in self.shapes:
@@ -91,7 +135,23 @@ class Scene:
         return np.stack([every.min(axis=0), every.max(axis=0)])
 
     def thinned(self, most: int) -> Scene:
-        """The same with at most about ``most`` triangles that show the looks, shared out as they are now."""
+        """Scene with at most about so many triangles that show the looks, shared out as they are now.
+
+        Parameters
+        ----------
+        most : int
+
+        Returns
+        -------
+        scene : Scene
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> scene = scene_of(tw.robots.planar_2r())
+        >>> len(scene.thinned(100).shapes) == len(scene.shapes)
+        True
+        """
         total = sum(len(s.surface.faces) for s in self.shapes if s.layer == "looks")
         if total <= most:
             return self
@@ -103,11 +163,24 @@ class Scene:
 
 
 def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
-    """The robot's scene: its file's looks where they are found, and joints, tubes and ellipsoids of inertia where not.
+    """Scene of a robot: its file's looks where they are found, and joints, tubes and ellipsoids of inertia where not.
 
-    ``meshes=False`` leaves the file's looks alone. Warns once, with a :class:`~twistwrench.ModelWarning`, of what the file
-    shows and is not there.
+    Parameters
+    ----------
+    robot : Robot
+    meshes : bool, take the file's looks
 
+    Returns
+    -------
+    scene : Scene
+
+    Warns
+    -----
+    ModelWarning
+        The file shows what is not there; once.
+
+    Examples
+    --------
     >>> import twistwrench as tw
     >>> scene = scene_of(tw.robots.planar_2r())
     >>> {shape.layer for shape in scene.shapes} == {"looks", "inertia"}
@@ -130,7 +203,7 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
             shapes.append(Shape(body, surface, here, colour, "looks"))
     shapes += [Shape(body, surface, here, colour, "inertia") for body, surface, colour in bones.ellipsoids]
     for name, inertia in model.payloads:
-        frame = model.frames[name]
+        frame = model.all_frames[name]
         shapes += [Shape(frame.body, s, frame.pose, PAYLOAD, "looks") for s in payload_ball(inertia)]
     if remarks:
         warnings.warn(f"robot {robot.name!r}: {'. '.join(remarks)}.", ModelWarning, stacklevel=2)

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InertiaError
 from ..lie import se3, so3
 from ..model.model import BASE
+from ..typing import Array
 from .surface import Surface, box, cylinder, ellipsoid, sphere
 
 if TYPE_CHECKING:
     from ..bodies.inertia import SpatialInertia
-    from ..model.joint import Joint
+    from ..joints import Joint
     from ..model.model import Body, Model
 
-Array = NDArray[Any]
 Part = tuple[int, Surface, tuple[float, float, float]]
-
-__all__ = ["PAYLOAD", "Skeleton", "equal_inertia_ellipsoid", "payload_ball", "skeleton", "turned_z"]
 
 TUBE, JOINT, GROUND, ELLIPSOID = (0.86, 0.88, 0.90), (0.23, 0.27, 0.33), (0.55, 0.59, 0.64), (0.20, 0.46, 0.72)
 PAYLOAD = (0.84, 0.37, 0.0)
@@ -45,7 +42,7 @@ class Skeleton:
 
 def skeleton(model: Model) -> Skeleton:
     """The parts of all bodies but rotors, and of the base where it stands still."""
-    bodies = {k: b for k, b in enumerate(model.bodies) if b.joint.kind != "rotor"}
+    bodies = {k: b for k, b in enumerate(model.bodies) if b.joint.moves_body}
     points = _points(model)
     every = np.concatenate([np.zeros((1, 3)), *points.values()])
     size = float(np.linalg.norm(np.ptp(every, axis=0)))
@@ -61,11 +58,11 @@ def skeleton(model: Model) -> Skeleton:
         looks += [(b.parent, s, TUBE) for s in _rail(model, b, size, r)]
     for k, b in bodies.items():
         start = _axis_point(b.joint)
-        if b.joint.kind in ("planar", "floating"):
+        if b.joint.nv > 1:
             start = np.array(b.inertia.com, float) if b.inertia.mass > 0 else start
         for end in ends[k] or _far_ends(model, k, start):
             looks += [(k, s, TUBE) for s in _tube(start, end, r)]
-    if not any(b.joint.kind == "floating" and b.parent == BASE for b in bodies.values()):
+    if not any(not b.joint.driven and b.parent == BASE for b in bodies.values()):
         looks.append((BASE, cylinder(2.6 * r, 0.5 * r).placed(se3.pose(np.eye(3), [0, 0, -0.25 * r])), GROUND))
         looks += [(BASE, s, GROUND) for end in ends[BASE] for s in _tube(np.zeros(3), end, r)]
     ellipsoids = [(k, e, ELLIPSOID) for k, b in bodies.items() for e in equal_inertia_ellipsoid(b.inertia)]

@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core.foreign_errors import foreign_errors
 from ..errors import MissingExtraError, ModelError
-
-Array = NDArray[Any]
-
-__all__ = ["Surface", "box", "cylinder", "ellipsoid", "joined", "read_mesh", "revolved", "sphere"]
+from ..typing import Array
 
 _CREASE = np.cos(np.radians(38.0))
 """Faces that meet at less are one smooth piece."""

@@ -1,5 +1,6 @@
-"""What a robot file says its links look like: the ``<visual>`` elements of URDF. https://wiki.ros.org/urdf/XML/link
+"""What a robot file says its links look like: the ``<visual>`` elements of URDF.
 
+https://wiki.ros.org/urdf/XML/link
 Looks never stop a robot from being shown: what cannot be read is left out, and said in the remarks.
 """
 
@@ -9,26 +10,23 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import MissingExtraError, ModelError, NotFoundError
-from ..io.element import Element, parse
-from ..io.source import read_robot_text
-from ..io.urdf import rotation_of_rpy
+from ..formats.element import Element, parse
+from ..formats.source import read_robot_text
+from ..formats.urdf import rotation_of_rpy
 from ..lie import se3
+from ..typing import Array
 from .resources import find_resource
 from .surface import Surface, box, cylinder, read_mesh, sphere
 
 if TYPE_CHECKING:
     from ..model.model import Model
 
-Array = NDArray[Any]
 Colour = tuple[float, float, float]
-
-__all__ = ["GREY", "Colour", "Visual", "read_visuals"]
 
 GREY: Colour = (0.72, 0.75, 0.78)
 """What has no colour of its own."""

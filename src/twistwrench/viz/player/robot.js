@@ -50,6 +50,7 @@ function toQuaternion(roll, pitch, yaw) {
 function jointPose(body, q) {
   const at = q.slice(body.q, body.q + body.nq);
   if (body.kind === "rotor") return IDENTITY; // looks the same however it has turned
+  if (body.kind === "ball") return pose(fromQuaternion(at), [0, 0, 0]);
   if (body.kind === "floating") return pose(fromQuaternion(at.slice(0, 4)), at.slice(4));
   if (body.kind === "planar") {
     const [turning, first, second] = body.axes;
@@ -177,7 +178,7 @@ function forcePolytope(robot, columns, holding) {
 function between(robot, a, b, share) {
   const q = a.map((x, k) => x + share * (robot.coordinates[k].turns ? shortest(b[k] - x) : b[k] - x));
   for (const body of robot.bodies)
-    if (body.kind === "floating" && !body.follows) {
+    if ((body.kind === "floating" || body.kind === "ball") && !body.follows) {
       const here = [0, 1, 2, 3].map((k) => body.q + k), same = here.reduce((sum, k) => sum + a[k] * b[k], 0) < 0 ? -1 : 1;
       for (const k of here) q[k] = (1 - share) * a[k] + share * same * b[k];
     }

@@ -1,0 +1,79 @@
+"""The equation of motion as the hand feels it: F = Λ dV + η. Modern Robotics section 8.6.
+
+With Y = L⁻ᵀJ' and M = L'DL, J M⁻¹ J' is Y'D⁻¹Y: M is factored once, and the zeros between branches stay zeros. The
+pivots of J M⁻¹ J' come out beside the result: the square of what a row has left of its own once the later rows are
+taken out of it, so one near zero is a direction the hand cannot be moved in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..model.model import Model
+from ..typing import Array
+from .inverse_dynamics import bias_forces
+from .jacobians import jacobian, jacobian_rate
+from .mass_matrix import mass_matrix
+from .recursion import zeros
+from .tree_factorisation import factored, lowered, solved
+
+ROWS = ("wx", "wy", "wz", "vx", "vy", "vz")
+"""The rows of a twist: three of turning, then three of moving."""
+
+
+def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
+    """Λ = (J M⁻¹ J')⁻¹ and the pivots of J M⁻¹ J'; (r, r), (r,). MR section 8.6, also for J that is not square."""
+    L, D = factored(mass_matrix(model, q))
+    Y = lowered(L, jacobian(model, q, frame, kind)[list(rows)].T)
+    R, E = factored(Y.T @ (D[:, None] * Y))
+    Lambda = zeros(len(rows), len(rows))
+    for k, unit in enumerate(np.eye(len(rows)).astype(object)):
+        Lambda[:, k] = solved(R, E, unit)
+    lower = np.tril_indices(len(rows), -1)
+    Lambda.T[lower] = Lambda[lower]
+    return Lambda, 1.0 / E
+
+
+def task_bias(model: Model, q: Array, dq: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
+    """η = Λ (J M⁻¹ h - (dJ/dt) dq) and the pivots of J M⁻¹ J'; (r,), (r,). MR section 8.6."""
+    L, D = factored(mass_matrix(model, q))
+    Y = lowered(L, jacobian(model, q, frame, kind)[list(rows)].T)
+    R, E = factored(Y.T @ (D[:, None] * Y))
+    z = D * lowered(L, bias_forces(model, q, dq))
+    return solved(R, E, Y.T @ z - jacobian_rate(model, q, dq, frame, kind)[list(rows)] @ dq), 1.0 / E
+
+
+def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
+    """Numbers 0 to 5 of the rows of a twist, from names ("vx vz"), numbers, or None for all six; in the order given.
+
+    Raises UnknownNameError for other names, ValueRangeError for numbers beyond 5, rows named twice, and none at all.
+    """
+    if rows is None:
+        return tuple(range(6))
+    try:
+        given = rows.replace(",", " ").split() if isinstance(rows, str) else list(rows)
+    except TypeError:
+        raise ShapeError(
+            f"rows={rows!r}: give names, such as {' '.join(ROWS[3:])!r}, or numbers from 0 to 5."
+        ) from None
+    found = tuple(_row_number(row) for row in given)
+    if not found:
+        raise ValueRangeError(f"rows={rows!r} names no row. Choose from {', '.join(ROWS)}; None means all six.")
+    if len(set(found)) < len(found):
+        raise ValueRangeError(f"rows={rows!r} names a row twice: {', '.join(ROWS[k] for k in found)}. Name each once.")
+    return found
+
+
+def _row_number(row: object) -> int:
+    if isinstance(row, str):
+        if row not in ROWS:
+            raise UnknownNameError.of("row of a twist", row, ROWS)
+        return ROWS.index(row)
+    if isinstance(row, bool) or not isinstance(row, int | np.integer):
+        raise ShapeError(f"a row of a twist is a name or a number, got {row!r}. Names: {', '.join(ROWS)}.")
+    if not 0 <= row < 6:
+        raise ValueRangeError(f"row {row} is out of range: a twist has rows 0 to 5, which are {', '.join(ROWS)}.")
+    return int(row)

@@ -1,0 +1,266 @@
+"""What every command of the shell takes to know its robot, and how its errors end: one line, and an exit code."""
+
+from __future__ import annotations
+
+import difflib
+import logging
+import math
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial, wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from ..report.locks import joints_beside, joints_held
+from ..verdict import ExitCode
+from .usage import in_shell_words
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..robot import Robot
+
+_DEMO = "demo"
+_STANDARD_INPUT = "-"
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """What every command takes to know its robot."""
+
+    source: str
+    floating_base: bool
+    lock: dict[str, float]
+    tip: str | None
+    mimic: str
+    inertia: str
+    actuators: str | None
+    degrees: bool
+    chain: tuple[str, str] | None = None
+    """Two frames; joints that are not between them are held at neutral."""
+    keep: str | None = None
+    """Of an MJCF scene, the body to read."""
+    model: str | None = None
+    """Of an SDF world, the model to read."""
+
+    def load(self) -> Robot:
+        """The robot meant: a bundled one by name, or a file by its path."""
+        return self._load()[0]
+
+    def load_and_locked(
+        self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
+    ) -> tuple[Robot, tuple[str, ...]]:
+        """The robot, and the names of all joints that the options hold still, those that follow them among them.
+
+        ``stiff`` takes elastic gears to be rigid. ``held`` names joints of the model that are held at neutral besides.
+        """
+        return self._load(stiff=stiff, held=held)
+
+    @property
+    def files(self) -> dict[str, str | None]:
+        """The files read for the robot, by argument; None of bundled ones. No output may overwrite them."""
+        given = {"ROBOT": self.source, "--actuators": self.actuators}
+        return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
+
+    def _load(
+        self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
+    ) -> tuple[Robot, tuple[str, ...]]:
+        make = self._maker()
+        options: dict[str, Any] = {"tip": self.tip, "mimic": self.mimic, "inertia": self.inertia}
+        if self.floating_base:  # some bundled robots float of themselves
+            options["floating_base"] = True
+        options |= {name: value for name, value in (("keep", self.keep), ("model", self.model)) if value is not None}
+        if not self.lock and held is None and self.chain is None:
+            return self._driven(make(lock={}, **options), stiff=stiff), ()
+        # Which locked joints turn and which slide, and their limits, are known only once the robot is.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)
+            whole = make(**{**options, "inertia": "accept"})
+        free = whole.model
+        lock = joints_held(free, self.lock, degrees=self.degrees)
+        if self.chain is not None:
+            single = {b.joint.name: float(whole.neutral[b.q_index]) for b in free.leaders if b.joint.nv == 1}
+            lock = {name: single[name] for name in joints_beside(free, *self.chain) if name in single} | lock
+        if held is not None:
+            lock |= self._missing(whole, [name for name in held(free) if name not in lock])
+        if self.actuators:
+            robot = self._driven(make(lock={}, **options), stiff=stiff).lock(lock)
+        else:
+            robot = make(lock=lock, **options)
+        moving = {b.joint.name for b in robot.model.bodies}
+        return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
+
+    def _missing(self, robot: Robot, names: list[str]) -> dict[str, float]:
+        """The neutral positions of joints that a motion leaves out; none where it leaves out all, as then it is misread."""
+        single = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
+        if len(names) == len(robot.model.leaders):
+            return {}
+        found = {name: float(robot.neutral[single[name].q_index]) for name in names if name in single}
+        if found:
+            click.echo(
+                f"note: held still, as the motion has no column for them: {', '.join(f'{n}={v:g}' for n, v in found.items())}.",
+                err=True,
+            )
+        return found
+
+    def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
+        if self.actuators is None:
+            return robot
+        return robot.with_actuators(bundled(self.actuators, self.source, ".yaml", "actuator file"), stiff=stiff)
+
+    def _maker(self) -> Callable[..., Robot]:
+        from .. import robots
+        from ..robot import load
+        from ..robots.finding import plain_name
+
+        if self._bundled:
+            make: Callable[..., Robot] = getattr(robots, plain_name(self.source))
+            return make
+        return partial(load, robot_source(self.source))
+
+    @property
+    def _bundled(self) -> bool:
+        from .. import robots
+        from ..robots.finding import plain_name
+
+        return plain_name(self.source) in robots.names() and not Path(self.source).is_file()
+
+
+def robot_source(source: str) -> str | Path:
+    """What ROBOT means: the path of a file, those of robots known by their names too, or the text that comes by a pipe.
+
+    Raises :class:`~twistwrench.NotFoundError`, with near names.
+    """
+    from ..core.files import is_stream
+    from ..formats.source import read_robot_text, standard_input_text
+    from ..robots.finding import known_robots, plain_name
+
+    if source == _STANDARD_INPUT:  # read once, and perhaps loaded twice
+        return standard_input_text()
+    if is_stream(Path(source)):
+        return read_robot_text(source)[0]
+    if Path(source).exists():
+        return source
+    known, wanted = known_robots(), plain_name(source)
+    if wanted in known:
+        return known[wanted].path
+    near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.6)
+    hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
+    raise NotFoundError(
+        f"no robot file {source!r}, and no bundled robot of that name, nor one of another package.{hint} "
+        "Give a path, or a name that `twistwrench robots` lists."
+    )
+
+
+def robot_command(function: Callable[..., None]) -> Callable[..., None]:
+    """The ROBOT argument and the options shared by all commands; errors and warnings in a line each."""
+
+    @click.argument("source", metavar="ROBOT")
+    @click.option("--floating-base", is_flag=True, help="Let the base move freely.")
+    @click.option(
+        "--lock",
+        metavar="JOINT=VALUE",
+        multiple=True,
+        help="Hold a joint still there, or all of '*wheel*'; may be repeated.",
+    )
+    @click.option(
+        "--chain", nargs=2, metavar="BASE TIP", help="Hold all joints still that are not between these frames."
+    )
+    @click.option("--keep", metavar="BODY", help="Of an MJCF scene: this body and all that it carries.")
+    @click.option("--model", metavar="NAME", help="Of an SDF world: this model.")
+    @click.option("--tip", metavar="FRAME", help="The frame meant where none is named.")
+    @click.option("--mimic", type=click.Choice(["follow", "independent"]), default="follow", show_default=True)
+    @click.option("--inertia", type=click.Choice(["error", "accept", "repair"]), default="error", show_default=True)
+    @click.option("--actuators", metavar="FILE.yaml", help="Motors, gears, rotors and friction; 'demo' is bundled.")
+    @click.option("--degrees", is_flag=True, help="Angles in files, options and reports are in degrees.")
+    @wraps(function)
+    def command(
+        source: str,
+        floating_base: bool,
+        lock: tuple[str, ...],
+        chain: tuple[str, str] | None,
+        keep: str | None,
+        model: str | None,
+        tip: str | None,
+        mimic: str,
+        inertia: str,
+        actuators: str | None,
+        degrees: bool,
+        **rest: Any,
+    ) -> None:
+        with plain_errors():
+            held: dict[str, float] = {}
+            for joint, value in map(_parse_lock, lock):
+                if joint in held:
+                    raise ValueRangeError(f"--lock {joint} is given twice. Keep one of them.")
+                held[joint] = value
+            options = RobotOptions(
+                source, floating_base, held, tip, mimic, inertia, actuators, degrees, chain, keep, model
+            )
+            function(options, **rest)
+
+    return command
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Errors of the library end the program with one line on stderr; its warnings are a line each."""
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of broken meshes, our errors say
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelWarning)
+        warnings.showwarning = lambda message, *_args, **_rest: click.echo(
+            f"note: {in_shell_words(str(message))}", err=True
+        )
+        try:
+            yield
+        except TwistWrenchError as error:
+            click.echo(f"error: {' '.join(in_shell_words(str(error)).split())}", err=True)
+            sys.exit(ExitCode.BAD_INPUT)
+
+
+def _parse_lock(text: str) -> tuple[str, float]:
+    joint, equals, value = text.partition("=")
+    try:
+        if not equals or not math.isfinite(float(value)):
+            raise ValueError  # noqa: TRY301  the same sentence answers all of it
+        return joint.strip(), float(value)
+    except ValueError:
+        raise ValueRangeError(f"lock {text!r} is not JOINT=VALUE, for example gripper=0.02.") from None
+
+
+def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
+    """The path given, or for ``demo`` the file of that kind bundled with that robot."""
+    if name != _DEMO or Path(name).is_file():
+        return Path(name)
+    folder = Path(__file__).parents[1] / "robots"
+    path = folder / f"{robot}_{_DEMO}{suffix}"
+    if not path.is_file():
+        have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
+        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise UnknownNameError(
+            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
+            f"Give the path of a {suffix[1:].upper()} file instead."
+        )
+    return path
+
+
+def motion_path(options: RobotOptions, motion: str) -> Path:
+    """The motion's file; the bundled ones are in radians."""
+    path = bundled(motion, options.source, ".csv", "motion")
+    if options.degrees and path != Path(motion):
+        raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
+    return path
+
+
+def check_extra(plot_path: str | None) -> None:
+    """Say before the long run, not after it, that a picture cannot be drawn."""
+    if plot_path is not None:
+        from ..plotting.style import require_matplotlib
+
+        require_matplotlib("Drawing the report (--plot)")

@@ -1,0 +1,92 @@
+"""The command ``twistwrench export``: its options, and what it prints."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ValueRangeError
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+_LISTS = ("by", "parameters", "rows", "wrenches")
+
+
+def export_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of the command, all but the robot's own."""
+    for option in (
+        click.option("--no-test", is_flag=True, help="Leave out the program that checks the functions."),
+        click.option(
+            "--prefix", metavar="NAME", help="What the functions' names begin with; the robot's name otherwise."
+        ),
+        click.option("--float", "single", is_flag=True, help="Single precision."),
+        click.option(
+            "--quantity",
+            "quantities",
+            metavar="NAME[:OPTION=VALUE,…]",
+            multiple=True,
+            default=("inverse_dynamics",),
+            show_default=True,
+            help="A function, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Several of "
+            "wrenches=, rows=, by= and parameters= are joined by +.",
+        ),
+        click.option(
+            "--c",
+            "path",
+            metavar="FOLDER|OUT.c",
+            required=True,
+            help="Write C99: a header, a source and its test, into a folder or beside each other.",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def export_answer(
+    robot: Robot,
+    inputs: Mapping[str, str | None],
+    *,
+    path: str,
+    quantities: tuple[str, ...],
+    single: bool,
+    prefix: str | None,
+    no_test: bool,
+) -> Iterator[str]:
+    """Write the files, and say so; ``inputs`` maps what the user calls the files that were read to them."""
+    from ..export.package import export_c
+
+    written = export_c(
+        robot,
+        [_quantity(text) for text in quantities],
+        path,
+        precision="float" if single else "double",
+        prefix=prefix,
+        test=not no_test,
+        label="--c",
+        inputs=inputs,
+    )
+    for file in written:
+        yield f"wrote {file}"
+    if not no_test:
+        _, source, test = written
+        yield f"to check it: cc -O2 {shlex.quote(str(source))} {shlex.quote(str(test))} -lm && ./a.out"
+
+
+def _quantity(text: str) -> tuple[str, dict[str, Any]]:
+    """(name, options) of ``name:option=value,…``."""
+    name, colon, rest = text.partition(":")
+    options: dict[str, Any] = {}
+    for part in rest.split(",") if colon else ():
+        option, equals, value = (word.strip() for word in part.partition("="))
+        if not (option and equals and value):
+            raise ValueRangeError(
+                f"--quantity {text!r}: {part!r} is not OPTION=VALUE, as in jacobian:frame=tool0,kind=space."
+            )
+        if option in options:
+            raise ValueRangeError(f"--quantity {text!r} gives {option} twice. Keep one of them.")
+        options[option] = tuple(value.split("+")) if option in _LISTS else value
+    return name.strip(), options

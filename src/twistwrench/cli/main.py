@@ -1,0 +1,272 @@
+"""The shell. Commands read options, call one function of the library, and turn errors into one line and an exit code.
+
+Exit codes are those of :mod:`twistwrench.verdict`. Everything heavy is imported inside the command that needs it, so that
+``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ModelWarning, ValueRangeError
+from ..verdict import ExitCode
+from .common import RobotOptions, check_extra, motion_path, plain_errors, robot_command
+from .convert import convert_options
+from .derive import derive_options
+from .doctor import doctor_options
+from .export import export_options
+from .move import move_options
+from .payload import payload_options
+from .sensor import sensor_group
+from .simulate import simulate_options
+from .torques import answer_torques, torques_options
+from .usage import Commands
+from .view import plot_options, view_options
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+_FOUND_A_PROBLEM = ExitCode.NO
+_DEMO = "demo"
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="twistwrench")
+def main() -> None:
+    """Robot dynamics from robot files. ROBOT is a path, or a name that `twistwrench robots` lists, such as ur5."""
+
+
+@main.command()
+@torques_options
+@robot_command
+def torques(options: RobotOptions, **given: Any) -> None:
+    """Which torques a motion takes, which joint is over its limit, and what causes it.
+
+    The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
+    """
+    if code := answer_torques(options, _console().print, **given):
+        sys.exit(code)
+
+
+@main.command()
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON, in SI units and radians.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the joints as CSV, in SI units and radians.")
+@robot_command
+def info(options: RobotOptions, as_json: bool, as_csv: bool) -> None:
+    """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
+    from .tables.robot_info import info_view
+
+    if as_json and as_csv:
+        raise ValueRangeError("--json and --csv both write to the standard output. Choose one.")
+    if options.degrees and (as_json or as_csv):
+        raise ValueRangeError("--json and --csv are in SI units and radians. Leave --degrees out.")
+
+    with warnings.catch_warnings(record=True) as remarks:
+        warnings.simplefilter("always", ModelWarning)
+        robot = options.load()
+    for remark in remarks:  # those of the model itself stand below its tree
+        if not any(defect in str(remark.message) for defect in robot.defects):
+            warnings.warn_explicit(remark.message, remark.category, remark.filename, remark.lineno)
+    if as_json or as_csv:
+        from ..report.robot_summary import as_text
+
+        click.echo(as_text(robot, "json" if as_json else "csv"), nl=False)
+        return
+    _console().print(info_view(robot, degrees=options.degrees))
+
+
+@main.command(name="robots")
+@click.argument("word", default="")
+def list_robots(word: str) -> None:
+    """The robots that have a name: bundled, or of packages that are installed; with WORD, those that have it in theirs."""
+    with plain_errors():
+        from .tables.known_robots import robot_tables
+
+        console = _console()
+        for table in list(robot_tables(word)):
+            console.print(table)
+
+
+@main.command()
+@robot_command
+def verify(options: RobotOptions) -> None:
+    """Check the robot's dynamics against independent formulas and libraries; exit code 1 if any disagrees."""
+    from ..verify import verify as checked
+    from .tables.verification import verification_table
+
+    robot = options.load()
+    if robot.nv == 0:
+        raise ValueRangeError(f"nothing to check: {robot.name!r} has no joint that moves; load with --floating-base.")
+    report = checked(robot)
+    _console().print(verification_table(report))
+    if not report.passed:
+        sys.exit(_FOUND_A_PROBLEM)
+
+
+@main.command()
+@payload_options
+@robot_command
+def payload(options: RobotOptions, **given: Any) -> None:
+    """The largest payload held at rest at a pose, the joint that limits it, and the forces the robot can apply.
+
+    Exit code 1 if the pose is outside the joints' position limits, or the robot cannot hold itself there.
+    """
+    from ..outputs import check_outputs, picture_path
+    from .payload import answer_payload
+
+    check_extra(given["plot_path"])
+    if given["plot_path"] is not None:
+        given["plot_path"] = picture_path(given["plot_path"])
+    check_outputs(
+        {"--csv": given["csv_path"], "--plot": given["plot_path"]},
+        {"--limits": given["limits_path"], **options.files},
+    )
+    robot = options.load()
+    if not answer_payload(robot, _console().print, degrees=options.degrees, **given):
+        sys.exit(_FOUND_A_PROBLEM)
+
+
+@main.command()
+@simulate_options
+@robot_command
+def simulate(options: RobotOptions, **given: Any) -> None:
+    """How the robot moves, falls or is thrown: states, energies with their drift, events, and why it stopped.
+
+    Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
+    what was computed until then is printed and written.
+    """
+    from ..outputs import check_outputs, picture_path
+    from .simulate import answer_simulate
+
+    check_extra(given["plot_path"])
+    if given["plot_path"] is not None:
+        given["plot_path"] = picture_path(given["plot_path"])
+    check_outputs({"--csv": given["csv_path"], "--npz": given["npz_path"], "--plot": given["plot_path"]}, options.files)
+    if code := answer_simulate(options.load(), _console().print, degrees=options.degrees, **given):
+        sys.exit(code)
+
+
+@main.command()
+@view_options
+@robot_command
+def view(options: RobotOptions, trajectory: str | None, **given: Any) -> None:
+    """Show the robot in a browser: joints to move, a motion to play, torques, forces at the tip; or write a page or a film.
+
+    Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is shown all the same.
+    """
+    from .view import answer_view
+
+    path = None if trajectory is None else motion_path(options, trajectory)
+    if code := answer_view(options.load_and_locked, path, options.files, degrees=options.degrees, **given):
+        sys.exit(code)
+
+
+@main.command()
+@plot_options
+@robot_command
+def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
+    """Draw a motion: what each torque is made of, power and energy, or the phase plane of each joint.
+
+    Exit code 1, LOOK AGAIN, if the motion contradicts itself; it is drawn all the same.
+    """
+    from .view import answer_plot
+
+    path = motion_path(options, trajectory)
+    if code := answer_plot(options.load_and_locked, path, options.files, degrees=options.degrees, **given):
+        sys.exit(code)
+
+
+@main.command()
+@move_options
+@robot_command
+def move(options: RobotOptions, **given: Any) -> None:
+    """A motion from one place to another: straight in the joints or at the tip, through waypoints, or as fast as can be.
+
+    Exit code 1 if the robot cannot follow the path, or the motion passes a limit.
+    """
+    from ..outputs import check_outputs, picture_path
+    from .move import answer_move
+
+    check_extra(given["plot_path"])
+    if given["plot_path"] is not None:
+        given["plot_path"] = picture_path(given["plot_path"])
+    check_outputs(
+        {"--csv": given["csv_path"], "--plot": given["plot_path"]},
+        {"--limits": given["limits_path"], "--waypoints": given["waypoints"], **options.files},
+    )
+    if not answer_move(options.load(), _console().print, degrees=options.degrees, **given):
+        sys.exit(_FOUND_A_PROBLEM)
+
+
+@main.command()
+@derive_options
+@robot_command
+def derive(options: RobotOptions, **given: Any) -> None:
+    """The robot's equations of motion in symbols, derived by Lagrange's method, as text, LaTeX, a page, C or NumPy."""
+    from .derive import derive_answer
+
+    for part in derive_answer(options.load(), options.files, **given):
+        click.echo(part)
+
+
+@main.command()
+@robot_command
+@convert_options
+def convert(options: RobotOptions, **given: Any) -> None:
+    """The robot as a file of another format: OUT.urdf, OUT.xml (MJCF) or OUT.sdf.
+
+    Exit code 1 if the format cannot say something of the robot, which is listed; the file is written all the same.
+    """
+    from .convert import answer_convert
+
+    if not answer_convert(options, click.echo, **given):
+        sys.exit(_FOUND_A_PROBLEM)
+
+
+@main.command()
+@export_options
+@robot_command
+def export(options: RobotOptions, **given: Any) -> None:
+    """The robot's quantities as C99 source that allocates nothing and needs math.h only, with a program that checks it."""
+    from .export import export_answer
+
+    for line in export_answer(options.load(), options.files, **given):
+        click.echo(line)
+
+
+@main.command()
+@doctor_options
+def doctor(**given: Any) -> None:
+    """What is wrong with a robot file, what it does to M and to gravity torques, and the repair.
+
+    Exit code 1 with errors or warnings.
+    """
+    from ..outputs import picture_path
+    from .doctor import answer_doctor
+
+    with plain_errors():
+        check_extra(given["plot_path"])
+        if given["plot_path"] is not None:
+            given["plot_path"] = picture_path(given["plot_path"])
+        if code := answer_doctor(_console().print, **given):
+            sys.exit(code)
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    class Output(Console):
+        def on_broken_pipe(self) -> None:
+            raise
+
+    console = Output(highlight=False)
+    # Files and pipes have no width of their own; 110 columns hold the tables without folding.
+    return console if console.is_terminal else Output(highlight=False, width=110)
+
+
+main.add_command(sensor_group(plain_errors, _console, check_extra))

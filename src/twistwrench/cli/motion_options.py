@@ -1,0 +1,84 @@
+"""How every command reads a motion: its options, and the robot and the file that they give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ValueRangeError
+
+if TYPE_CHECKING:
+    from ..motion.motion_log import MotionLog
+    from ..robot import Robot
+
+Load = Callable[..., "tuple[Robot, tuple[str, ...]]"]
+"""Loads the robot meant, and tells the joints held still; ``stiff`` takes elastic gears to be rigid, ``held`` names joints of
+the robot's model that are to be held at neutral besides."""
+
+
+def motion_options(*, required: bool) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The options that say which motion is meant, and how its file is read."""
+    options = (
+        click.option(
+            "--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it."
+        ),
+        click.option(
+            "--lock-missing", is_flag=True, help="Hold joints still, at neutral, that the motion has no column for."
+        ),
+        click.option("--rate", type=float, metavar="HZ", help="Rows a second, where the motion has no column of time."),
+        click.option(
+            "--columns",
+            metavar="JOINT=COLUMN",
+            multiple=True,
+            help="Which column is which: elbow=pos3, elbow.vel=w3, time=stamp; may be repeated.",
+        ),
+        click.option(
+            "--trajectory",
+            "trajectory",
+            metavar="FILE.csv",
+            required=required,
+            help="The motion; 'demo' is the one bundled with a robot.",
+        ),
+    )
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        for option in options:
+            function = option(function)
+        return function
+
+    return decorate
+
+
+def open_motion(
+    load: Load, path: Path, *, degrees: bool, columns: Iterable[str], rate: float | None, lock_missing: bool
+) -> tuple[Robot, MotionLog]:
+    """The robot, and the motion in the file as a motion of it; raises what :meth:`MotionLog.open` raises."""
+    from ..motion.motion_log import MotionLog, joints_without_column, moves_motors, open_motion_file
+
+    told = parse_columns(columns)
+    file = open_motion_file(path)
+    held = partial(joints_without_column, file, columns=told) if lock_missing else None
+    options: dict[str, Any] = {"stiff": not moves_motors(file)} | ({} if held is None else {"held": held})
+    robot, locked = load(**options)
+    return robot, MotionLog.open(file, robot.model, degrees=degrees, locked=locked, columns=told, rate=rate)
+
+
+def parse_columns(texts: Iterable[str]) -> dict[str, str]:
+    """Read ``JOINT=COLUMN`` each; raises :class:`~twistwrench.ValueRangeError`, which shows the form.
+
+    >>> parse_columns(["elbow=pos3", "time=Time [ms]"])
+    {'elbow': 'pos3', 'time': 'Time [ms]'}
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, column = (part.strip() for part in text.partition("="))
+        if not equals or not name or not column:
+            raise ValueRangeError(f"--columns {text!r} is not JOINT=COLUMN, for example elbow=pos3 or elbow.vel=w3.")
+        if name in found:
+            raise ValueRangeError(f"--columns says twice what {name!r} is. Keep one of them.")
+        found[name] = column
+    return found

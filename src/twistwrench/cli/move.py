@@ -1,0 +1,214 @@
+"""The command ``twistwrench move``: its options, and its answer as things to print."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from ..errors import ConstraintWarning, PathError, ValueRangeError
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from ..robot import Robot
+    from ..trajectories.paths import JointPath
+
+
+def move_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of the command, all but the robot's own."""
+    for option in (
+        click.option(
+            "--plot", "plot_path", metavar="OUT.png", help="Draw the motion; with --fastest, the phase plane too."
+        ),
+        click.option(
+            "--csv", "csv_path", metavar="OUT.csv", help="Write the motion, as 'twistwrench torques' reads it."
+        ),
+        click.option(
+            "--step", type=float, default=0.002, show_default=True, metavar="SECONDS", help="Between rows of --csv."
+        ),
+        click.option("--friction", is_flag=True, help="Count joint friction among the torques."),
+        click.option("--limits", "limits_path", metavar="FILE.csv", help="Limits: joint,lower,upper,velocity,effort."),
+        click.option("--acceleration", type=float, metavar="A", help="Limit every joint to it [rad/s², m/s²]."),
+        click.option(
+            "--payload", "payloads", metavar="MASS[,x,y,z][@FRAME]", multiple=True, help="A point mass carried."
+        ),
+        click.option(
+            "--duration", type=float, metavar="SECONDS", help="How long it takes; as short as may be if not given."
+        ),
+        click.option(
+            "--scaling",
+            type=click.Choice(["quintic", "cubic", "trapezoid"]),
+            default="quintic",
+            show_default=True,
+            help="How the time goes along the path.",
+        ),
+        click.option("--fastest", is_flag=True, help="The fastest timing: one limit touched at all times."),
+        click.option(
+            "--straight", is_flag=True, help="Move the tip on a straight line between the poses of both ends."
+        ),
+        click.option("--screw", is_flag=True, help="Move the tip on the constant screw between them."),
+        click.option("--by", metavar="x,y,z", help="Move the tip straight by that [m], along the base's axes."),
+        click.option(
+            "--waypoints", metavar="FILE.csv", help="Configurations on the way, a row each, joints as columns."
+        ),
+        click.option("--to", metavar="v,v,…", help="Where it ends: all coordinates."),
+        click.option(
+            "--from", "begin", metavar="v,v,…", help="Where it begins; the neutral configuration if not given."
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees: bool, **given: Any) -> bool:
+    """Print the answer with ``show`` and write the files; whether the motion exists and stays within all limits.
+
+    Raises errors of the library.
+    """
+    from dataclasses import replace
+
+    from ..report.joint_values import degrees_hint
+    from ..report.loaded_robot import LoadedRobot, parse_payload
+    from ..trajectories.fastest import fastest
+    from ..trajectories.limit_checks import bounds_of
+    from ..trajectories.trajectory import Trajectory
+    from .tables.trajectory import move_view
+
+    carried = [parse_payload(text) for text in given["payloads"]]
+    robot = LoadedRobot(robot, tuple(carried)).loaded
+    bounds = bounds_of(robot, acceleration=given["acceleration"])
+    if given["limits_path"] is not None:
+        from ..report.limits_file import read_limits
+
+        mine = read_limits(given["limits_path"], robot.model, degrees=degrees)
+        bounds = replace(bounds, lower=mine.lower, upper=mine.upper, velocity=mine.velocity, effort=mine.effort)
+    if given["fastest"] and given["duration"] is not None:
+        raise ValueRangeError("--fastest finds the duration, and --duration says it. Leave one of them out.")
+    if not given["step"] > 0:
+        raise ValueRangeError(f"--step {given['step']:g}: give seconds above zero.")
+    for what, text in (("--from", given["begin"]), ("--to", given["to"])):
+        if text is not None and (hint := degrees_hint(robot, _configuration(robot, text, what, degrees=degrees))):
+            show(f"! {what}: {hint}")
+    path, trouble = _path_and_trouble(robot, degrees=degrees, **given)
+    if path is None:
+        show(f"CANNOT: {trouble}")
+        return False
+    friction = given["friction"]
+    try:
+        if given["fastest"] and trouble is None:
+            limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
+                moving: Trajectory = fastest(robot, path, friction=friction, **limits)
+        else:
+            moving = Trajectory(robot, path, _scaling(robot, path, bounds, given))
+    except PathError as problem:
+        show(f"CANNOT: {problem}")
+        return False
+    over = moving.violations(bounds, friction=friction)
+    words = " and ".join(f"{p.mass:g} kg" for p in carried)
+    show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words))
+    if robot.model.friction.any and not friction:
+        show("! Joint friction is left out, and 'twistwrench torques' counts it: add --friction.")
+    if friction and not robot.model.friction.any:
+        from ..model.friction import NONE_GIVEN
+
+        show(f"! {NONE_GIVEN[0].upper()}{NONE_GIVEN[1:]}.")
+    if given["csv_path"] is not None:
+        moving.to_csv(given["csv_path"], given["step"], degrees=degrees)
+    if given["plot_path"] is not None:
+        moving.plot(given["plot_path"], bounds, friction=friction)
+    for written in filter(None, (given["csv_path"], given["plot_path"])):
+        show(f"wrote {written}")
+    if trouble is not None:
+        show(f"CANNOT: {trouble} The motion above, and in the files, is the path until there.")
+    return not over and trouble is None
+
+
+def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any]) -> Any:
+    from ..algorithms.time_scalings import cubic, quintic, trapezoid
+    from ..trajectories.trajectory import fitted
+
+    shapes: dict[str, Any] = {
+        "quintic": quintic,
+        "cubic": cubic,
+        "trapezoid": lambda T: trapezoid(v=1.5 / T, duration=T),
+    }
+    shape = shapes[given["scaling"]](1.0)
+    if given["duration"] is not None:
+        return shape.stretched(given["duration"])
+    return fitted(robot, path, shape, bounds, friction=given["friction"])
+
+
+def _path_and_trouble(robot: Robot, *, degrees: bool, **given: Any) -> tuple[JointPath | None, PathError | None]:
+    """The path asked for; where it ends early, what there is of it and why."""
+    from ..algorithms.pose_paths import screw_path, straight_path
+    from ..report.joint_values import parse_numbers
+    from ..trajectories.cartesian import follow_poses
+    from ..trajectories.paths import joint_line, spline
+
+    tip_moves = [name for name in ("straight", "screw", "by") if given[name]]
+    if len(tip_moves) > 1:
+        raise ValueRangeError(f"--{tip_moves[0]} and --{tip_moves[1]} ask for two paths. Keep one of them.")
+    if given["to"] is not None and given["by"] is not None:
+        raise ValueRangeError("--to and --by both say where it ends. Keep one of them.")
+    if given["to"] is None and given["by"] is None:
+        raise ValueRangeError("where does it end? Give --to v,v,… with all coordinates, or --by x,y,z for the tip.")
+    if tip_moves and given["waypoints"] is not None:
+        raise ValueRangeError(f"--waypoints are for the joints, and --{tip_moves[0]} moves the tip. Keep one of them.")
+    q0 = robot.neutral if given["begin"] is None else _configuration(robot, given["begin"], "--from", degrees=degrees)
+    if given["by"] is not None:
+        step = parse_numbers(given["by"], "--by", "x,y,z in metres, for example 0,0,0.1", 3)
+        T = robot.forward_kinematics(q0)
+        end = T.copy()
+        end[:3, 3] += step
+        poses = straight_path(T, end)
+    else:
+        q1 = _configuration(robot, given["to"], "--to", degrees=degrees)
+        if not tip_moves:
+            if given["waypoints"] is None:
+                return joint_line(robot, q0, q1), None
+            between = _waypoints(robot, given["waypoints"], degrees=degrees)
+            return spline(robot, np.concatenate([[q0], between, [q1]])), None
+        make = straight_path if given["straight"] else screw_path
+        poses = make(robot.forward_kinematics(q0), robot.forward_kinematics(q1))
+    try:
+        return follow_poses(robot, poses, q0), None
+    except PathError as problem:
+        return problem.partial, problem  # type: ignore[return-value]
+
+
+def _configuration(robot: Robot, text: str, what: str, *, degrees: bool) -> Array:
+    from ..report.joint_values import parse_numbers
+
+    names = robot.coordinate_names
+    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}"
+    return _in_radians(robot, np.array([parse_numbers(text, what, form, robot.nq)]), degrees=degrees)[0]
+
+
+def _in_radians(robot: Robot, q: Array, *, degrees: bool) -> Array:
+    from ..motion.coordinates import Coordinates
+
+    return q * np.where(Coordinates.of(robot.model).angular & degrees, math.radians(1.0), 1.0)
+
+
+def _waypoints(robot: Robot, file: str, *, degrees: bool) -> Array:
+    from ..motion.csv_file import CsvFile, table_errors
+
+    names = robot.coordinate_names
+    form = f"the columns {', '.join(names[:12])}, each once, and at least one row"
+    with table_errors(file, "waypoint file", form):
+        table = CsvFile.open(file)
+        if sorted(table.header) != sorted(names):
+            raise ValueRangeError(f"{file}: line {table.header_line}: give {form}.")
+        used = [table.header.index(name) for name in names]
+        found = np.concatenate([np.zeros((0, len(used))), *(block.table for block in table.blocks(used))])
+    if not len(found):
+        raise ValueRangeError(f"{file}: no row after the header: give {form}.")
+    return _in_radians(robot, found, degrees=degrees)

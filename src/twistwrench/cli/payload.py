@@ -1,0 +1,133 @@
+"""The command ``twistwrench payload``: its options, and its answer as things to print."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from ..errors import ValueRangeError
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from ..robot import Robot
+
+_SAMPLES = 200_000
+
+
+def payload_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of the command, all but the robot's own."""
+    for option in (
+        click.option(
+            "--plot", "plot_path", metavar="OUT.png", help="Draw the force polytope, ellipsoid, shares and map."
+        ),
+        click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the table, a row per joint."),
+        click.option(
+            "--samples", type=int, metavar="N", help=f"Configurations drawn for the map.  [default: {_SAMPLES}]"
+        ),
+        click.option(
+            "--map", "plane", metavar="rz|xz|yz|xy", help="Map the largest payload over a slice of the workspace."
+        ),
+        click.option(
+            "--limits", "limits_path", metavar="FILE.csv", help="Effort limits: joint,lower,upper,velocity,effort."
+        ),
+        click.option(
+            "--com", metavar="x,y,z", default="0,0,0", show_default=True, help="Centre of mass in the frame [m]."
+        ),
+        click.option("--frame", metavar="FRAME", help="What carries the payload; the tip if not given."),
+        click.option(
+            "--payload",
+            "payloads",
+            metavar="MASS[,x,y,z][@FRAME]",
+            multiple=True,
+            help="A point mass carried already, such as the gripper; may be repeated.",
+        ),
+        click.option("--configuration", metavar="v,v,…", help="All coordinates at once."),
+        click.option(
+            "--at",
+            metavar="JOINT=VALUE",
+            multiple=True,
+            help="A joint's place, others at zero or as --configuration says; may be repeated.",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def answer_payload(
+    robot: Robot,
+    show: Callable[[RenderableType], None],
+    *,
+    degrees: bool,
+    at: tuple[str, ...],
+    configuration: str | None,
+    frame: str | None,
+    com: str,
+    payloads: tuple[str, ...],
+    limits_path: str | None,
+    plane: str | None,
+    samples: int | None,
+    csv_path: str | None,
+    plot_path: str | None,
+) -> bool:
+    """Print the answer part by part with ``show``, and write the files.
+
+    Returns whether the robot can be in the pose, and holds itself there. All options are read before anything is printed.
+    Raises errors of the library.
+    """
+    from ..report.joint_values import degrees_hint, parse_configuration, parse_numbers
+    from ..report.loaded_robot import LoadedRobot, parse_payload
+    from ..statics.joint_stops import joints_beyond_stops
+    from ..statics.payload import largest_payload
+    from ..statics.payload_map import payload_map, plane_and_samples
+    from ..statics.unit_hints import unit_slips
+    from .tables.payload import carried_words, caution, map_view, payload_view, place_words, stops_view, write_payload
+
+    if samples is not None and plane is None:
+        raise ValueRangeError("--samples is about the map, and there is none. Add --map rz.")
+    count = _SAMPLES if samples is None else samples
+    if plane is not None:
+        plane, count = plane_and_samples(plane, count)
+    q = parse_configuration(robot, at, configuration, degrees=degrees)
+    hint = degrees_hint(robot, q)
+    place = np.array(parse_numbers(com, "--com", "x,y,z in metres, for example 0,0,0.1", 3))
+    allowed = robot.limits
+    if limits_path is not None:
+        from ..report.limits_file import read_limits
+
+        allowed = read_limits(limits_path, robot.model, degrees=degrees)
+    limits = allowed.effort
+    beyond = joints_beyond_stops(robot, q, allowed)
+    load = LoadedRobot(robot, tuple(map(parse_payload, payloads)))
+    robot = load.loaded
+    found = largest_payload(robot, q, place, frame=frame, limits=limits)
+    name = str(robot.tip if frame is None else frame)
+    where, carried = place_words(name, place), carried_words(robot, load.payloads)
+    if beyond:
+        show(stops_view(beyond, degrees=degrees))
+    if hint:
+        show(f"! {hint}")
+    show(payload_view(robot, found, q, name, where, carried=carried, degrees=degrees, limits=limits))
+    chart = None
+    if plane is not None:
+        chart = payload_map(robot, plane, samples=count, com=place, frame=frame, limits=limits)
+        show(map_view(chart))
+    show(caution())
+    places = {
+        "--com": place,
+        **{f"--payload {t}": np.array(p.place) for t, p in zip(payloads, load.payloads, strict=True)},
+    }
+    for slip in unit_slips(robot, q, allowed, places, degrees=degrees):
+        click.echo(f"note: {slip}", err=True)
+    if csv_path is not None:
+        write_payload(robot, found, q, csv_path, degrees=degrees)
+    if plot_path is not None:
+        from ..plotting.payload import plot_payload
+
+        plot_payload(robot, q, found, plot_path, frame=name, where=where, carried=carried, limits=limits, chart=chart)
+    for written in filter(None, (csv_path, plot_path)):
+        show(f"wrote {written}")
+    return bool(found.holds) and not beyond

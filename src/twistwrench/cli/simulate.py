@@ -1,0 +1,185 @@
+"""The command ``twistwrench simulate``: its options, and its answer as things to print."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import SimulationError, ValueRangeError
+from ..verdict import ExitCode
+from .progress import share_done
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from ..robot import Robot
+    from ..simulation.result import SimulationResult
+
+
+_CONTACT = "1e5,0.3,0.5"
+
+
+def simulate_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of the command, all but the robot's own."""
+    for option in (
+        click.option("--plot", "plot_path", metavar="OUT.png", help="Draw joints, energies and drift."),
+        click.option("--npz", "npz_path", metavar="OUT.npz", help="Write all arrays in NumPy's format."),
+        click.option("--csv", "csv_path", metavar="OUT.csv", help="Write a motion that the torques command reads."),
+        click.option("--every", type=int, default=1, show_default=True, metavar="N", help="Keep one state in N."),
+        click.option(
+            "--rtol", type=float, default=1e-8, show_default=True, help="Of dopri5: relative error of a step."
+        ),
+        click.option(
+            "--contact",
+            metavar="k,c,mu",
+            help=f"The ground's stiffness [N/m^1.5], dissipation [s/m] and friction; needs --ground.  [default: {_CONTACT}]",
+        ),
+        click.option("--ground", metavar="HEIGHT", type=float, help="Where the ground is, along z of the base [m]."),
+        click.option(
+            "--touch",
+            metavar="FRAME[:x,y,z]",
+            multiple=True,
+            help="A point that the ground holds up, with --ground; may be repeated. Without it the tip.",
+        ),
+        click.option(
+            "--stop-at-limits", is_flag=True, help="End where a joint reaches a limit of position, with exit code 1."
+        ),
+        click.option("--friction", is_flag=True, help="Let the joints have their friction and damping."),
+        click.option(
+            "--wrench-on-robot",
+            "wrenches",
+            metavar="FRAME:m,m,m,f,f,f",
+            multiple=True,
+            help="What the world does there.",
+        ),
+        click.option(
+            "--payload", "payloads", metavar="MASS[,x,y,z][@FRAME]", multiple=True, help="A point mass carried."
+        ),
+        click.option("--torque", metavar="JOINT=VALUE", multiple=True, help="A constant torque; may be repeated."),
+        click.option(
+            "--velocity", metavar="JOINT=VALUE", multiple=True, help="A velocity at the start; may be repeated."
+        ),
+        click.option("--configuration", metavar="v,v,…", help="All coordinates at the start."),
+        click.option(
+            "--at", metavar="JOINT=VALUE", multiple=True, help="A joint's place at the start; may be repeated."
+        ),
+        click.option(
+            "--method",
+            default="dopri5",
+            show_default=True,
+            metavar="NAME",
+            help="dopri5, rk4, variational, variational6, midpoint, semi_implicit or euler.",
+        ),
+        click.option("--dt", type=float, default=1e-3, show_default=True, help="Between two states [s]."),
+        click.option("--duration", type=float, default=1.0, show_default=True, help="How long [s]."),
+    ):
+        function = option(function)
+    return function
+
+
+def answer_simulate(
+    robot: Robot,
+    show: Callable[[RenderableType], None],
+    *,
+    degrees: bool,
+    duration: float,
+    dt: float,
+    method: str,
+    at: tuple[str, ...],
+    configuration: str | None,
+    velocity: tuple[str, ...],
+    torque: tuple[str, ...],
+    payloads: tuple[str, ...],
+    wrenches: tuple[str, ...],
+    friction: bool,
+    stop_at_limits: bool,
+    touch: tuple[str, ...],
+    ground: float | None,
+    contact: str | None,
+    rtol: float,
+    every: int,
+    csv_path: str | None,
+    npz_path: str | None,
+    plot_path: str | None,
+) -> ExitCode:
+    """Print the answer with ``show``, and write the files.
+
+    Returns FINE where the motion came to the end of its duration, NO where it ended before, at a limit or because it could
+    not go on. What was computed before a failure or an interrupt is printed and written too. Raises errors of the library,
+    and KeyboardInterrupt.
+    """
+    from ..report.joint_values import degrees_hint, parse_configuration, parse_rates
+    from ..report.loaded_robot import LoadedRobot, parse_payload, parse_wrenches
+    from .tables.simulation import simulation_view
+
+    load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches))
+    loaded = load.loaded
+    failure: BaseException | None = None
+    q0 = parse_configuration(loaded, at, configuration, degrees=degrees)
+    if hint := degrees_hint(loaded, q0):
+        show(f"! {hint}")
+    dq0 = parse_rates(loaded, velocity, "--velocity", degrees=degrees)
+    options: dict[str, Any] = {
+        "method": method,
+        "tau": parse_rates(loaded, torque, "--torque", degrees=False) if torque else None,
+        "wrench_on_robot": load.wrenches or None,
+        "friction": friction,
+        "limits": "stop" if stop_at_limits else None,
+        "contacts": _planes(loaded, touch, ground, contact),
+        "rtol": rtol,
+        "every": every,
+    }
+    try:
+        with share_done(f"{loaded.name}: {options['method']}") as progress:
+            result = loaded.simulate(q0, dq0, duration, dt, **options, progress=progress)
+    except SimulationError as problem:
+        if problem.result is None:
+            raise
+        result, failure = _computed(problem), problem
+    except KeyboardInterrupt as interrupt:
+        if not hasattr(interrupt, "result"):
+            raise
+        result, failure = interrupt.result, interrupt
+    show(simulation_view(loaded, result, degrees=degrees))
+    for path, write in ((csv_path, result.to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
+        if path is not None:
+            show(f"wrote {write(path)}")
+    if isinstance(failure, KeyboardInterrupt):
+        raise failure
+    return ExitCode.FINE if failure is None and result.completed else ExitCode.NO
+
+
+def _computed(problem: SimulationError) -> SimulationResult:
+    result: Any = problem.result
+    return result
+
+
+def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:
+    """A plane for each frame that touches the ground."""
+    from ..report.joint_values import parse_numbers
+    from ..simulation.contact import Plane
+
+    if ground is None:
+        if touch:
+            raise ValueRangeError("--touch names points that the ground holds up, and there is none. Add --ground 0.")
+        if contact is not None:
+            raise ValueRangeError("--contact says what the ground is like, and there is none. Add --ground 0.")
+        return []
+    k, c, mu = parse_numbers(
+        _CONTACT if contact is None else contact,
+        "--contact",
+        "k,c,mu: stiffness, dissipation and friction, for example 1e5,0.3,0.5",
+        3,
+    )
+    points: dict[str, list[list[float]]] = {}
+    for text in touch or (robot.tip or "",):
+        frame, colon, place = text.partition(":")
+        if not frame:
+            robot.model.frame(None)  # says what to name
+        form = "FRAME:x,y,z in metres, for example tool0:0,0,0.1"
+        points.setdefault(frame, []).append(parse_numbers(place, "--touch", form, 3) if colon else [0.0, 0.0, 0.0])
+    return [
+        Plane(frame, rows, height=ground, stiffness=k, dissipation=c, friction=mu) for frame, rows in points.items()
+    ]

@@ -1,0 +1,67 @@
+"""The findings of ``twistwrench doctor``: what is wrong, what it does, and the repair."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from ...diagnosis import DoctorReport, Finding, Severity
+from .style import title_line
+
+_COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
+_LISTED = 6
+"""Notes of one check that are listed; more are counted."""
+
+
+def doctor_view(report: DoctorReport, *, every: bool = False) -> RenderableType:
+    """A heading, a table of the findings, and a paragraph for each error and warning; all notes if ``every``."""
+    heading = Text.assemble((report.robot, "bold"), f"  {report.summary}")
+    if not report.findings:
+        return heading
+    shown = list(_shown(report, every=every))
+    left = len(report.findings) - len(shown)
+    parts: list[RenderableType] = [heading]
+    if str(report.effect) != "none":
+        parts.append(Text(f"all repairs together change: {report.effect}"))
+    parts.append(_table(shown))
+    parts += [part for finding in shown for part in _paragraph(finding)]
+    if left:
+        parts.append(Text(f"{left} more notes; --json lists all.", "dim"))
+    return Group(*parts)
+
+
+def _shown(report: DoctorReport, *, every: bool) -> Iterator[Finding]:
+    notes: dict[str, int] = {}
+    for finding in report.findings:
+        if finding.severity is Severity.NOTE:
+            notes[finding.check] = notes.get(finding.check, 0) + 1
+            if notes[finding.check] > _LISTED and not every:
+                continue
+        yield finding
+
+
+def _table(findings: list[Finding]) -> Table:
+    table = Table(box=SIMPLE_HEAD, title=title_line("Findings"), title_justify="left", pad_edge=False)
+    table.add_column("severity", no_wrap=True)
+    table.add_column("check", no_wrap=True)
+    table.add_column("line", justify="right", no_wrap=True)
+    table.add_column("where", overflow="fold")
+    table.add_column("effect of the repair", overflow="fold")
+    for finding in findings:
+        colour = _COLOURS[finding.severity]
+        line = f"{finding.file}:{finding.line}" if finding.file else str(finding.line or "")
+        table.add_row(
+            Text(finding.severity, colour), finding.check, line, Text(finding.where), Text(str(finding.effect))
+        )
+    return table
+
+
+def _paragraph(finding: Finding) -> Iterator[RenderableType]:
+    yield Text.assemble((f"{finding.severity} ", _COLOURS[finding.severity]), str(finding).partition(": ")[2])
+    if finding.repair is not None:
+        yield Padding(Text(f"repair: {finding.repair.sentence}"), (0, 0, 0, 2))

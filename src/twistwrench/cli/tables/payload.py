@@ -1,0 +1,200 @@
+"""The largest payload as text, and as a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from ...core.csv_writer import CsvWriter
+from ...errors import ValueRangeError
+from ...model.limits import TOLERANCE
+from ...outputs import replacing
+from ...report.loaded_robot import Payload
+from ...screws.vector_text import without_noise
+from ...statics.force_directions import largest_wrench, weakest_direction
+from ...statics.joint_stops import BeyondStop
+from ...statics.payload import LargestPayload
+from ...statics.payload_map import PayloadMap
+from ...typing import Array
+
+if TYPE_CHECKING:
+    from ...robot import Robot
+
+_BAR = 16
+
+
+def payload_view(
+    robot: Robot,
+    found: LargestPayload,
+    q: Array,
+    frame: str,
+    where: str,
+    *,
+    carried: str = "",
+    degrees: bool = False,
+    limits: ArrayLike | None = None,
+) -> RenderableType:
+    """Heading, a row per joint, the forces the robot can apply there, and the verdict; for one pose.
+
+    ``where`` the payload is, and what is ``carried`` already, in words.
+    """
+    turning = np.array([turns for b in robot.model.leaders for turns in b.joint.turning])
+    unit = "N m" if turning.all() else "N" if not turning.any() else "N m, N"
+    table = Table(
+        box=SIMPLE_HEAD, title=f"Holding torques \\[{unit}]", title_justify="left", title_style="bold", pad_edge=False
+    )
+    table.add_column("joint", no_wrap=True)
+    headings = (
+        f"q \\[{'°' if degrees else 'rad'}]",
+        "alone",
+        "per kg",
+        "loaded",
+        "limit",
+        "up to \\[kg]",
+        "share",
+    )
+    for name in headings:
+        table.add_column(name, justify="right")
+    table.add_column("")
+    places = _places(robot, q, degrees=degrees)
+    for k, name in enumerate(found.joint_names):
+        share, worst = float(found.share[k]), k == int(found.joint)
+        style = "bold red" if share > 1 + TOLERANCE else "bold" if worst else ""
+        place = "" if np.isnan(places[k]) else _number(places[k], 1e-12)
+        table.add_row(
+            Text(name),
+            place,
+            _number(found.unloaded[k]),
+            _number(found.per_kilogram[k]),
+            _number(found.torques[k]),
+            "-" if math.isinf(found.limits[k]) else f"{found.limits[k]:g}",
+            "-" if not math.isfinite(found.per_joint[k]) else _number(max(found.per_joint[k], 0.0)),
+            f"{100 * share:.0f} %" if math.isfinite(found.limits[k]) else "",
+            Text("█" * round(_BAR * min(share, 1.0)), style="red" if worst or share > 1 else "cyan"),
+            style=style,
+        )
+    besides = f"  ·  carrying {carried} already" if carried else ""
+    heading = Text.assemble((robot.name, "bold"), f"  ·  payload at {where}{besides}")
+    return Group(_verdict(found, carried), Text(), heading, table, *_forces(robot, q, frame, limits))
+
+
+def place_words(frame: str, com: Array) -> str:
+    """A point of a frame: tool0 + [0, 0, 0.1] m."""
+    return frame + (f" + [{', '.join(f'{x:g}' for x in com)}] m" if np.any(com) else "")
+
+
+def carried_words(robot: Robot, payloads: Sequence[Payload]) -> str:
+    """Point masses with their places: 1.2 kg at tool0 + [0, 0, 0.05] m."""
+    return " and ".join(
+        f"{p.mass:g} kg at {place_words(str(p.frame or robot.tip), np.array(p.place))}" for p in payloads
+    )
+
+
+def map_view(chart: PayloadMap) -> Text:
+    """The map in a line."""
+    return Text(f"map, {chart}")
+
+
+def caution() -> Text:
+    """What the numbers leave out."""
+    return Text(
+        "Counts joint torques at rest alone: structure, grip, warm motors and motion may limit it earlier.",
+        style="dim",
+    )
+
+
+def _places(robot: Robot, q: Array, *, degrees: bool = False) -> Array:
+    """(nv,): where each joint is [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
+    places = np.full(robot.nv, np.nan)
+    for b in robot.model.leaders:
+        if b.joint.nq == b.joint.nv == 1:
+            turns = b.joint.turning[0]
+            places[b.v_index] = q[b.q_index] * (180 / math.pi if degrees and turns else 1.0)
+    return places
+
+
+def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> list[Text]:
+    names = ("x", "y", "z")
+    along = largest_wrench(robot, q, np.concatenate([np.eye(3), -np.eye(3)]), frame=frame, limits=limits)
+    pairs = [f"±{n} {_force(along.magnitude[k])} / {_force(along.magnitude[k + 3])}" for k, n in enumerate(names)]
+    lines = [Text(f"Largest force [N] along {', '.join(pairs)} (base axes).")]
+    try:
+        weakest = weakest_direction(robot, q, frame=frame, limits=limits)
+    except ValueRangeError:
+        return lines
+    d = ", ".join(f"{0.0 if abs(x) < 5e-4 else x:.2f}" for x in weakest.wrench[3:])
+    limited = f", limited by {weakest.joint_names[int(weakest.joint)]}" if weakest.joint >= 0 else ""
+    return [*lines, Text(f"Weakest along ({d}): {_force(weakest.magnitude)} N{limited}."), Text()]
+
+
+def _verdict(found: LargestPayload, carried: str) -> Text:
+    itself = "the robot and what it carries" if carried else "the robot itself"
+    if not found.holds:
+        why = (
+            str(found).removeprefix("no payload: ").replace("the robot alone", itself if carried else "the robot alone")
+        )
+        return Text.assemble(("NONE", "bold red"), f": {why}.")
+    if found.joint < 0:
+        return Text.assemble(("ANY", "bold green"), ": no joint with a limit feels the payload at this pose.")
+    k = int(found.joint)
+    side = "upper" if found.side > 0 else "lower"
+    return Text.assemble(
+        (f"{found.mass:.4g} kg", "bold green"),
+        f": the largest payload held at rest, limited by {found.joint_names[k]} at its {side} limit "
+        f"({_number(found.torques[k])}, of which {_number(found.unloaded[k])} hold {itself}).",
+    )
+
+
+def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
+    """Which joints the pose puts beyond their stops, and by how much; ``degrees`` for those that turn."""
+    said = []
+    for b in beyond:
+        scale, unit = ((180 / math.pi, "°") if degrees else (1.0, " rad")) if b.turns else (1.0, " m")
+        side = "above its upper" if b.value > b.stop else "below its lower"
+        value, far, stop = (_number(scale * x, 1e-12) for x in (b.value, b.by, b.stop))
+        said.append(f"{b.joint} at {value}{unit} is {far}{unit} {side} position limit, {stop}{unit}")
+    return Text.assemble(("OVER LIMIT", "bold red"), f": the robot cannot be in this pose: {'; '.join(said)}.")
+
+
+def write_payload(robot: Robot, found: LargestPayload, q: Array, path: str | Path, *, degrees: bool = False) -> None:
+    """A CSV row per joint: its name, where it is (``q_degrees`` if so, and empty where that is no one number), its torques.
+
+    Numbers have all their digits, and what rounding left in place of a zero is zero. ValueRangeError if the file cannot be
+    written.
+    """
+    columns = (
+        "q_degrees" if degrees else "q",
+        "alone",
+        "per_kilogram",
+        "with_payload",
+        "limit",
+        "holds_up_to",
+        "share",
+    )
+    torques = (without_noise(x) for x in (found.unloaded, found.per_kilogram, found.torques))
+    data = (_places(robot, q, degrees=degrees), *torques, found.limits, found.per_joint, without_noise(found.share))
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        writer = CsvWriter(file)
+        writer.row(("joint", *columns))
+        for k, name in enumerate(found.joint_names):
+            row = (float(column[k]) for column in data)
+            writer.row((name, *(None if math.isnan(x) else x for x in row)))
+
+
+def _force(value: Any) -> str:
+    return "unbounded" if math.isinf(value) else f"{value:.4g}"
+
+
+def _number(value: Any, least: float = 5e-4) -> str:
+    if abs(value) < least:
+        return "0"
+    return f"{value:.4g}"

@@ -1,0 +1,164 @@
+"""A motion as text: what each joint does of what it may, what limits it when, and a verdict."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from ...motion.coordinates import Coordinates
+from ...trajectories.fastest import Fastest
+from ...trajectories.limit_checks import Bounds, Violation
+from ...trajectories.trajectory import Trajectory
+
+_BAR = 12
+_SAMPLES = 2001
+_LISTED = 12
+
+
+@dataclass(frozen=True)
+class JointUse:
+    """The most a joint does in a motion, as values and as shares of its limits (nan where there is none)."""
+
+    joint: str
+    way: float
+    velocity: float
+    velocity_share: float
+    torque: float
+    torque_share: float
+    limiting: float
+    """The part of the time during which it is at a limit, in a fastest motion."""
+
+
+def joint_uses(trajectory: Trajectory, bounds: Bounds, *, friction: bool) -> list[JointUse]:
+    """One for each entry of dq."""
+    robot = trajectory.robot
+    q, dq, ddq = trajectory(np.linspace(0.0, trajectory.duration, _SAMPLES))
+    tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
+    way = robot.subtract(q[-1], q[0])
+    at_limit = dict.fromkeys(robot.model.velocity_names, 0.0)
+    if isinstance(trajectory, Fastest):
+        for touch in trajectory.touches:
+            at_limit[touch.joint] += (touch.end - touch.begin) / trajectory.duration
+    found = []
+    for k, name in enumerate(robot.model.velocity_names):
+        v, t = (x[int(np.abs(x).argmax())] for x in (dq[:, k], tau[:, k]))
+        shares = [
+            abs(x) / m if math.isfinite(m) else math.nan for x, m in ((v, bounds.velocity[k]), (t, bounds.effort[k]))
+        ]
+        found.append(JointUse(name, float(way[k]), float(v), shares[0], float(t), shares[1], at_limit[name]))
+    return found
+
+
+def move_view(
+    trajectory: Trajectory,
+    bounds: Bounds,
+    violations: tuple[Violation, ...],
+    *,
+    friction: bool,
+    degrees: bool,
+    carried: str = "",
+) -> RenderableType:
+    """Heading, a row per joint, what limits the fastest motion when, and the verdict."""
+    robot = trajectory.robot
+    names = Coordinates.of(robot.model)
+    unit = np.where(names.angular_velocity & degrees, math.degrees(1.0), 1.0)
+    turning = bool(names.angular_velocity.all())
+    angle = "°" if degrees else "rad" if turning else "rad, m"
+    torque = "N m" if turning else "N m, N"
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("joint", no_wrap=True)
+    fast = isinstance(trajectory, Fastest)
+    for heading in (
+        f"way \\[{angle}]",
+        f"peak \\[{angle}/s]",
+        "share",
+        f"peak \\[{torque}]",
+        "share",
+        *(["at limit"] * fast),
+    ):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("")
+    for k, use in enumerate(joint_uses(trajectory, bounds, friction=friction)):
+        most = max((x for x in (use.velocity_share, use.torque_share) if not math.isnan(x)), default=0.0)
+        over = most > 1 + 1e-6
+        table.add_row(
+            Text(use.joint),
+            f"{use.way * unit[k]:.4g}",
+            f"{use.velocity * unit[k]:.4g}",
+            _share(use.velocity_share),
+            f"{use.torque:.4g}",
+            _share(use.torque_share),
+            *([f"{100 * use.limiting:.0f} %"] * fast),
+            Text("█" * round(_BAR * min(most, 1.0)), style="red" if over or most > 1 - 1e-6 else "cyan"),
+            style="bold red" if over else "",
+        )
+    s = trajectory.path.name
+    first = Text.assemble(
+        (robot.name, "bold"),
+        f"  ·  {s}, {trajectory.scaling.name} timing: {trajectory.duration:.6g} s",
+        f"  ·  carrying {carried}" if carried else "",
+    )
+    parts: list[RenderableType] = [first, table]
+    if isinstance(trajectory, Fastest):
+        parts.extend(_timeline(trajectory))
+    return Group(*parts, *_verdict(trajectory, bounds, violations))
+
+
+def _share(x: float) -> str:
+    return "–" if math.isnan(x) else f"{100 * x:.0f} %"
+
+
+def _timeline(trajectory: Fastest) -> list[RenderableType]:
+    table = Table(
+        box=SIMPLE_HEAD, title="What limits it when", title_justify="left", title_style="bold", pad_edge=False
+    )
+    for name, justify in (
+        ("from \\[s]", "right"),
+        ("to \\[s]", "right"),
+        ("joint", "left"),
+        ("limit", "left"),
+        ("", "left"),
+    ):
+        table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    T, touches = trajectory.duration, trajectory.touches
+    shown = sorted(sorted(touches, key=lambda t: t.begin - t.end)[:_LISTED], key=lambda t: t.begin)
+    for t in shown:
+        a, b = round(24 * t.begin / T), max(round(24 * t.end / T), round(24 * t.begin / T) + 1)
+        bar = Text("·" * min(a, 23) + "█" * (min(b, 24) - min(a, 23)) + "·" * (24 - min(b, 24)), style="cyan")
+        table.add_row(f"{t.begin:.4f}", f"{t.end:.4f}", Text(t.joint), f"{'+' if t.side > 0 else '−'} {t.kind}", bar)
+    rest = len(touches) - len(shown)
+    return [table, *([Text(f"and {rest} shorter parts", style="dim")] if rest else [])]
+
+
+def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...]) -> list[Text]:
+    if violations:
+        lines = [Text(f"OVER LIMIT: {v}", style="bold red") for v in violations[:6]]
+        return [*lines, *([Text(f"and {len(violations) - 6} more")] if len(violations) > 6 else [])]
+    unknown = _unknown_limits(trajectory, bounds)
+    within = "Within the limits that are known" if unknown else "Within all limits"
+    if isinstance(trajectory, Fastest):
+        within += ", and at one of them at all times: it cannot be done faster on this path"
+    return [Text(f"{within}.", style="bold"), *(Text(f"! {text}") for text in unknown)]
+
+
+def _unknown_limits(trajectory: Trajectory, bounds: Bounds) -> list[str]:
+    """A sentence for each kind of limit that some joints have not."""
+    names = np.array(trajectory.robot.model.velocity_names)
+    found = []
+    for kind, most in (("torque", bounds.effort), ("velocity", bounds.velocity)):
+        missing = names[~np.isfinite(most)]
+        if not len(missing):
+            continue
+        listed = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
+        of = "any joint" if len(missing) == len(names) else listed
+        column = "effort" if kind == "torque" else kind
+        found.append(
+            f"No {kind} limit of {of} is known, so none was asked for: --limits FILE.csv gives them ({column})."
+        )
+    return found

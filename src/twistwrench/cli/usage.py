@@ -1,0 +1,123 @@
+"""How the shell speaks and ends: errors in one line each with their exit codes, the library's sentences in words of options."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import click
+
+from ..verdict import ExitCode
+
+_SHELL_WORDS = (
+    # The library speaks Python; the shell's user knows options.
+    (r"\bPass frame=…, or load with tip=…", "Name one with --tip FRAME"),
+    (r"\b(inertia|mimic|sign|symbols|form|keep|model)='(\w+)'", r"--\1 \2"),
+    (r"\b(orientation|inertia|drift|delay|tilt)=True", r"--\1"),
+    (r"\bprecision='double'", "without --float"),
+    (r"\btest=False", "--no-test"),
+    (r"\bprefix='([^']*)'", r"--prefix '\1'"),
+    (r"\bfloating_base=True", "--floating-base"),
+    (r"\boverwrite=True", "--force"),
+    (r"\b(limits|tip|lock|frame|model)=(?:…|(?=[\s.,;]))", r"--\1"),
+)
+
+
+TRACEBACK = "TWISTWRENCH_TRACEBACK"
+"""The environment variable that shows where a fault of the program arose."""
+
+
+class Commands(click.Group):
+    """Commands whose errors are one line each, and whose exit codes are those of :class:`~twistwrench.verdict.ExitCode`."""
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run as a program that cleans up behind itself when it is told to end."""
+        with _terminable():
+            return super().main(*args, **options)
+
+    def make_context(self, *args: Any, **options: Any) -> click.Context:
+        """Parse, with usage errors in one line."""
+        with _own_endings(), _short_usage():
+            return super().make_context(*args, **options)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run, with errors in one line."""
+        with _own_endings(), _short_usage():
+            return super().invoke(ctx)
+
+
+class _UsageLine(click.ClickException):
+    exit_code = ExitCode.BAD_INPUT
+
+    def show(self, file: Any = None) -> None:
+        click.echo(f"error: {self.message}", file=file, err=True)
+
+
+@contextmanager
+def _short_usage() -> Iterator[None]:
+    try:
+        yield
+    except click.exceptions.NoArgsIsHelpError:
+        raise
+    except click.UsageError as error:
+        where = f" See {error.ctx.command_path} --help." if error.ctx else ""
+        raise _UsageLine(" ".join(error.format_message().split()) + where) from None
+
+
+@contextmanager
+def _own_endings() -> Iterator[None]:
+    """Interrupts, closed pipes and faults of the program end with codes of their own, and no traceback unless asked for."""
+    try:
+        yield
+    except (click.ClickException, click.exceptions.Exit, click.Abort):
+        raise
+    except KeyboardInterrupt:
+        click.echo("interrupted", err=True)
+        sys.exit(ExitCode.INTERRUPTED)
+    except BrokenPipeError:
+        with suppress(OSError, ValueError):  # what is left in the buffer has nowhere to go
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(ExitCode.PIPE_CLOSED)
+    except Exception as fault:
+        asked = os.environ.get(TRACEBACK, "").lower() not in ("", "0", "off", "false")
+        if asked:
+            click.echo("".join(traceback.format_exception(fault)).rstrip(), err=True)
+        said = " ".join(str(fault).split())
+        what = f"{type(fault).__name__}: {said[:300]}" if said else type(fault).__name__
+        hint = "" if asked else f"; {TRACEBACK}=1 shows where it arose"
+        click.echo(
+            f"error: a fault of twistwrench itself, not of your input: {what}. Please report it with the command{hint}.",
+            err=True,
+        )
+        sys.exit(ExitCode.FAULT)
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM ends the program as an error does, so that scratch files go. What the caller set for it stays."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+
+    def end(*_: Any) -> None:
+        sys.exit(ExitCode.TERMINATED)
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def in_shell_words(text: str) -> str:
+    """A sentence of the library with keyword arguments as the options they are here."""
+    for pattern, option in _SHELL_WORDS:
+        text = re.sub(pattern, option, text)
+    return text

@@ -1,0 +1,261 @@
+"""The commands ``twistwrench view`` and ``twistwrench plot``: their options, and what they do."""
+
+from __future__ import annotations
+
+import os
+import sys
+import webbrowser
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ValueRangeError
+from ..verdict import ExitCode
+from .motion_options import Load, motion_options, open_motion
+from .progress import frames_drawn
+
+if TYPE_CHECKING:
+    from ..viz.drawn_motion import DrawnMotion
+    from ..viz.live import LiveView
+
+_PORT = 8080
+_KINDS = ("split", "power", "phase")
+
+
+def view_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of ``view``, all but the robot's own."""
+    for option in (
+        click.option("--no-browser", is_flag=True, help="Serve the page, and open no browser."),
+        click.option(
+            "--host", default="127.0.0.1", show_default=True, help="Address to serve at; 0.0.0.0 lets others look."
+        ),
+        click.option(
+            "--port", type=int, metavar="N", help=f"Port to serve at, 0 for any that is free.  [default: {_PORT}]"
+        ),
+        click.option(
+            "--speed", type=float, default=1.0, show_default=True, help="Of the film: seconds of motion a second."
+        ),
+        click.option("--movie", "movie", metavar="OUT.gif|OUT.mp4", help="Film the motion instead of serving it."),
+        click.option(
+            "--html", "html", metavar="OUT.html", help="Write one file that plays offline instead of serving it."
+        ),
+        click.option(
+            "--no-meshes", is_flag=True, help="Draw the robot from its numbers, whatever its file looks like."
+        ),
+        *_motion_options(required=False),
+    ):
+        function = option(function)
+    return function
+
+
+def plot_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of ``plot``, all but the robot's own."""
+    for option in (
+        click.option("--joint", "joints", metavar="JOINT", multiple=True, help="Of this joint alone; may be repeated."),
+        click.option("--out", "out", metavar="OUT.png", required=True, help="The picture: .png, .pdf or .svg."),
+        click.option(
+            "--what",
+            type=click.Choice(_KINDS),
+            required=True,
+            help="Causes of torques, power and energy, or phase planes.",
+        ),
+        *_motion_options(required=True),
+    ):
+        function = option(function)
+    return function
+
+
+def _motion_options(*, required: bool) -> tuple[Callable[[Any], Any], ...]:
+    """The motion and what the robot carries, as ``torques`` takes them."""
+    return (
+        click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out."),
+        click.option(
+            "--wrench-on-robot",
+            "wrenches",
+            metavar="FRAME:m,m,m,f,f,f",
+            multiple=True,
+            help="What the world does to it there.",
+        ),
+        click.option(
+            "--payload",
+            "payloads",
+            metavar="MASS[,x,y,z][@FRAME]",
+            multiple=True,
+            help="A point mass carried; may be repeated.",
+        ),
+        motion_options(required=required),
+    )
+
+
+def answer_view(
+    load: Load,
+    path: Path | None,
+    files: Mapping[str, str | None],
+    *,
+    html: str | None,
+    movie: str | None,
+    speed: float,
+    port: int | None,
+    host: str,
+    no_browser: bool,
+    no_meshes: bool,
+    **given: Any,
+) -> ExitCode:
+    """Write the files asked for; without any, serve the page until interrupted. Everything that can be refused is, first.
+
+    Returns NO where the motion contradicts itself, which is shown all the same.
+    """
+    from ..outputs import check_outputs
+    from ..viz.live import LiveView
+    from ..viz.movie import film, movie_path
+    from ..viz.page import write_page
+    from ..viz.scene import scene_of
+
+    if movie is not None:
+        if path is None:
+            raise ValueRangeError("--movie films a motion, and there is none. Add --trajectory FILE.csv.")
+        movie = movie_path(movie)
+    check_outputs({"--html": html, "--movie": movie}, {"--trajectory": path, **files})
+    serves = html is None and movie is None
+    if serves:
+        _require_viser()
+        port = _port(port, host)
+    robot, wrenches, motion = _loaded(load, path, **given)
+    scene = scene_of(robot, meshes=not no_meshes)
+    start = None if motion is not None else _start(robot)
+    if html is not None:
+        click.echo(f"wrote {write_page(robot, html, motion=motion, q=start, wrench_on_robot=wrenches, scene=scene)}")
+    if movie is not None and motion is not None:
+        with frames_drawn("filming") as progress:
+            film(motion, movie, scene=scene, speed=speed, progress=progress)
+        click.echo(f"wrote {movie}")
+    if serves:
+        about: dict[str, Any] = {"motion": motion, "q": start, "wrench_on_robot": wrenches, "scene": scene}
+        _serve(LiveView(robot, **about, port=port or 0, host=host), browse=not no_browser)
+    return ExitCode.FINE if motion is None else motion.verdict.exit_code
+
+
+def answer_plot(
+    load: Load,
+    path: Path,
+    files: Mapping[str, str | None],
+    *,
+    what: str,
+    out: str,
+    joints: tuple[str, ...],
+    **given: Any,
+) -> ExitCode:
+    """Draw one picture of the motion in the file ``path``. Returns NO where the motion contradicts itself."""
+    from ..outputs import check_outputs, picture_path
+    from ..plotting.motion import PICTURES
+    from ..plotting.style import require_matplotlib
+
+    require_matplotlib("Drawing (plot)")
+    out = picture_path(out)
+    if joints and what == "power":
+        raise ValueRangeError("--joint chooses panels, and the picture of power has none. Leave it out.")
+    check_outputs({"--out": out}, {"--trajectory": path, **files})
+    _, _, motion = _loaded(load, path, **given)
+    if motion is not None:
+        PICTURES[what](motion, out, *([joints] if joints else []))
+    click.echo(f"wrote {out}")
+    return ExitCode.FINE if motion is None else motion.verdict.exit_code
+
+
+def _loaded(
+    load: Load,
+    path: Path | None,
+    *,
+    degrees: bool,
+    payloads: tuple[str, ...],
+    wrenches: tuple[str, ...],
+    no_friction: bool,
+    columns: tuple[str, ...],
+    rate: float | None,
+    lock_missing: bool,
+    smooth: bool,
+) -> tuple[Any, dict[str, Any], DrawnMotion | None]:
+    """The robot with its payloads, the wrenches on it, and its motion; limits that this passes are said on stderr."""
+    from ..report.loaded_robot import LoadedRobot, parse_payload, parse_wrenches
+    from ..viz.drawn_motion import read_motion
+
+    if path is None and (columns or rate is not None or lock_missing or smooth):
+        raise ValueRangeError(
+            "--columns, --rate, --lock-missing and --smooth are about a motion, and none is given. Add --trajectory."
+        )
+    trajectory = None
+    if path is None:
+        robot, _ = load()
+    else:
+        reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
+        robot, trajectory = open_motion(load, path, degrees=degrees, **reading)
+    loaded = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
+    motion = None
+    if trajectory is not None:
+        motion = read_motion(loaded, trajectory, smoothing=smooth)
+        for sentence in (*trajectory.notes, *motion.warnings):
+            click.echo(f"note: {sentence}", err=True)
+    return loaded.loaded, loaded.wrenches, motion
+
+
+def _start(robot: Any) -> Any:
+    """Neutral, but for joints whose limits leave zero out: those in their middle."""
+    q = robot.neutral.copy()
+    for body in robot.model.leaders:
+        low, high = robot.limits.lower[body.v_index], robot.limits.upper[body.v_index]
+        if body.joint.nv == 1 and not low <= q[body.q_index] <= high:
+            q[body.q_index] = (low + high) / 2
+    return q
+
+
+def _port(port: int | None, host: str) -> int:
+    """The port to serve at: the one asked for, or the usual one, or any if that is taken."""
+    from ..viz.live import check_port
+
+    if port is not None:
+        check_port(port, host)
+        return port
+    try:
+        check_port(_PORT, host)
+    except ValueRangeError:
+        check_port(0, host)
+        click.echo(f"note: port {_PORT} is taken, so another is used. Choose one with --port N.", err=True)
+        return 0
+    return _PORT
+
+
+def _require_viser() -> None:
+    from importlib.util import find_spec
+
+    from ..errors import MissingExtraError
+
+    if find_spec("viser") is None:
+        raise MissingExtraError.of("viser", "viz", "The live view (or write a page: --html OUT.html; it)")
+
+
+def _serve(view: LiveView, *, browse: bool) -> None:
+    """Until Ctrl-C."""
+    try:
+        opened = browse and _open_browser(view.url)
+        if browse and not opened:
+            click.echo(
+                f"note: no browser could be opened here. Open {view.url} in one, or write a page with --html.", err=True
+            )
+        click.echo(f"{view.robot.name} at {view.url}   (Ctrl-C ends)")
+        view.serve()
+    except KeyboardInterrupt:
+        click.echo("ended")
+    finally:
+        view.close()
+
+
+def _open_browser(url: str) -> bool:
+    """Whether a browser with windows came up; one that would take over the terminal is none."""
+    if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
+        return False
+    try:
+        return webbrowser.open(url)
+    except (webbrowser.Error, OSError):
+        return False

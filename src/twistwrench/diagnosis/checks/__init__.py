@@ -1,0 +1,38 @@
+"""The checks of the doctor: each a name, and a function from the described robot to findings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+from ..described import DescribedRobot
+from ..findings import Finding
+from .inertia import check_impossible, check_too_large, check_too_small
+from .joints import check_axis, check_degrees, check_effort, check_friction, check_limits, check_mimic
+from .masses import check_assumed, check_density, check_massless, check_no_inertia, check_no_mass, check_placeholder
+from .mirror import check_mirror
+from .options import Options
+from .places import check_com, check_units
+
+__all__ = ["CHECKS", "Options"]
+
+CHECKS: Mapping[str, Callable[[DescribedRobot, Options], Iterator[Finding]]] = {
+    "impossible": check_impossible,
+    "too-large": check_too_large,
+    "too-small": check_too_small,
+    "placeholder": check_placeholder,
+    "no-inertia": check_no_inertia,
+    "no-mass": check_no_mass,
+    "massless": check_massless,
+    "assumed": check_assumed,
+    "com-outside": check_com,
+    "density": check_density,
+    "units": check_units,
+    "mirror": check_mirror,
+    "mimic": check_mimic,
+    "degrees": check_degrees,
+    "limits": check_limits,
+    "effort": check_effort,
+    "axis": check_axis,
+    "friction": check_friction,
+}
+"""By name, in the order of reports."""

@@ -1,0 +1,191 @@
+"""Tensors that no body has, and tensors that no body of the link's shapes has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...model.inertia_checks import reasons
+from ...model.model import BASE
+from ...typing import Array
+from ..described import DescribedLink, DescribedRobot, WrittenInertia
+from ..findings import FileRepair, Finding, Severity
+from ..nearest import METRICS, nearest
+from ..slips import Slip, explain, slips_of_impossible, slips_of_too_large, slips_of_too_small
+from .options import Options
+
+_ABSORBED = 1.0
+"""% of M from which an impossible link within a possible body matters."""
+MATTERS = 5.0
+"""% of M from which a tensor of another size than its shapes matters."""
+_FACTOR = 2.0
+"""How much larger than the largest possible in its box a moment is, before it is too large."""
+_IDENTIFIED = 10.0
+"""Of that largest moment: what regrouping the parameters of neighbours brings about, and no more."""
+_SMALL = 1.0 / 30.0
+"""Of the diagonal of its shapes: a gyration radius below is too small."""
+
+
+def check_impossible(robot: DescribedRobot, options: Options) -> Iterator[Finding]:
+    """Negative moments, or a broken triangle inequality, of a link by itself."""
+    refused = {i for i, body in enumerate(robot.model.bodies) if reasons(body.inertia)}
+    for link in robot.links.values():
+        written = link.written
+        if written is None or written.mass <= 0 or no_tensor(written) or not (why := reasons(written.inertia)):
+            continue
+        body = robot.model.frames[link.name].body if link.name in robot.model.frames else BASE
+        reference = reference_of(link)
+        slip = explain(slips_of_impossible(written.tensor), reference)
+        repair = (
+            slip_repair(link, slip)
+            if slip is not None
+            else nearest_repair(link, options.metric, reference if options.metric == "entropic" else None)
+        )
+        effect = robot.effects.of(repair.inertias)
+        if body in refused:
+            severity, fate = Severity.ERROR, "the moving body it belongs to cannot exist, and is refused on loading"
+        elif body == BASE:
+            severity, fate = Severity.NOTE, "it does not move"
+        else:
+            severity = Severity.WARNING if effect.reaches(_ABSORBED) else Severity.NOTE
+            fate = "with what is fixed to it, it makes a body that can exist"
+        yield Finding(
+            "impossible", severity, f"link {link.name!r}", written.line, f"its tensor cannot exist: {'; '.join(why)}; {fate}",
+            dict(zip(("moment_1", "moment_2", "moment_3"), np.linalg.eigvalsh(written.tensor).tolist(), strict=True)),
+            effect, repair, written.file,
+        )  # fmt: skip
+
+
+def check_too_large(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """A moment above twice the largest that the mass could have within the box of the link's shapes."""
+    for link, written in judged(robot):
+        reach = _reach(link, written)
+
+        def fits(tensor: Array, reach: Array = reach, mass: float = written.mass) -> bool:
+            return bool((tensor.diagonal() <= _FACTOR * _most(reach, mass)).all())
+
+        if fits(written.tensor) or not reach.all():
+            continue
+        most = _most(reach, written.mass)
+        axis = int((written.tensor.diagonal() / most).argmax())
+        factor = float(written.tensor[axis, axis] / most[axis])
+        reference = reference_of(link)
+        slip = explain(slips_of_too_large(written.tensor, written, fits, reference), reference)
+        if slip is None and factor <= _IDENTIFIED and identified(written):
+            repair = None
+            severity, more = Severity.NOTE, ", as identified sets have, whose parts are right in their sums only"
+        else:
+            repair, severity, more = slip_repair(link, slip) if slip is not None else shape_repair(link), None, ""
+        effect = robot.effects.of(repair.inertias) if repair is not None else robot.effects.of({})
+        if severity is None:
+            severity = Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE
+        name = ("ixx", "iyy", "izz")[axis]
+        radius = float(np.sqrt(written.tensor[axis, axis] / written.mass))
+        yield Finding(
+            "too-large", severity, f"link {link.name!r}", written.line,
+            f"its tensor is too large for its shapes: {name} is {written.tensor[axis, axis]:.4g} kg m², a gyration radius of "
+            f"{radius:.3g} m, and {written.mass:.4g} kg in their box have {most[axis]:.3g} at most{more}",
+            {"factor": factor, "gyration_radius": radius, "largest": float(most[axis])}, effect, repair, written.file,
+        )  # fmt: skip
+
+
+def check_too_small(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """A largest gyration radius below a thirtieth of the diagonal of the shapes."""
+    for link, written in judged(robot):
+        largest = float(np.linalg.eigvalsh(written.tensor)[-1])
+        radius, diagonal = float(np.sqrt(max(largest, 0.0) / written.mass)), link.shapes.diagonal
+        if radius >= _SMALL * diagonal or no_tensor(written):
+            continue
+        reference = reference_of(link)
+        slip = explain(slips_of_too_small(written.tensor, reference), reference)
+        repair = slip_repair(link, slip) if slip is not None else shape_repair(link)
+        effect = robot.effects.of(repair.inertias)
+        yield Finding(
+            "too-small", Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE, f"link {link.name!r}", written.line,
+            f"its tensor is too small for its shapes: its gyration radius is {radius:.2g} m, their diagonal {diagonal:.2g} m",
+            {"gyration_radius": radius, "diagonal": diagonal}, effect, repair, written.file,
+        )  # fmt: skip
+
+
+def judged(robot: DescribedRobot) -> Iterator[tuple[DescribedLink, WrittenInertia]]:
+    """The links of a hundredth of the mass, with a possible tensor and shapes that were all read."""
+    for link in robot.links.values():
+        written = link.written
+        fine = written is not None and robot.heavy(link) and not reasons(written.inertia)
+        if written is not None and fine and not placeholder(written) and link.shapes.complete:
+            yield link, written
+
+
+def no_tensor(written: WrittenInertia) -> bool:
+    """Whether it is nothing, or rounding beside the moments about the origin, or those of a body of a micrometre."""
+    largest = float(np.abs(written.tensor).max())
+    return largest <= max(1e-13 * float(np.abs(written.inertia.moment_about_origin).max()), 1e-12 * written.mass)
+
+
+def placeholder(written: WrittenInertia) -> bool:
+    """Whether the moments are one power of ten, as templates have it, and the products nothing or the same."""
+    value = float(written.tensor[0, 0])
+    if value <= 0 or (written.tensor.diagonal() != value).any():
+        return False
+    products = set(np.abs(written.tensor[[0, 0, 1], [1, 2, 2]]).tolist())
+    return products <= {0.0, value} and abs(np.log10(value) - round(np.log10(value))) < 1e-9
+
+
+def reference_of(link: DescribedLink) -> Array | None:
+    """The tensor of the link's shapes at its mass, along the axes its own is written in; None without volume."""
+    if link.written is None or not link.shapes.complete:
+        return None
+    tensor = link.shapes.tensor(link.written.mass)
+    R = link.written.R
+    return None if tensor is None else np.asarray(R.T @ tensor @ R)
+
+
+def slip_repair(link: DescribedLink, slip: Slip) -> FileRepair:
+    """What the slip says was meant."""
+    return _repair(link, "slip", f"one slip explains it: {slip.sentence}", slip.tensor)
+
+
+def nearest_repair(link: DescribedLink, metric: str, reference: Array | None) -> FileRepair:
+    """The nearest tensor that can exist."""
+    assert link.written is not None
+    tensor = nearest(link.written.tensor, metric, reference)
+    change = float(np.linalg.norm(tensor - link.written.tensor) / np.linalg.norm(link.written.tensor))
+    sentence = (
+        f"no one slip explains it; the nearest tensor that can exist ({METRICS[metric]}) is {100 * change:.2g} % away"
+    )
+    return _repair(link, "nearest" if metric == "frobenius" else metric, sentence, tensor, METRICS[metric])
+
+
+def shape_repair(
+    link: DescribedLink, why: str = "no one slip explains it; this is the tensor of its shapes as uniform solids"
+) -> FileRepair:
+    """The tensor of the shapes at the link's mass, or advice where they have no volume."""
+    tensor = reference_of(link)
+    if tensor is None:
+        return FileRepair("advice", "give it the tensor of its shape at its mass")
+    return _repair(link, "shape", why, tensor)
+
+
+def _repair(link: DescribedLink, kind: str, sentence: str, tensor: Array, metric: str = "") -> FileRepair:
+    assert link.written is not None
+    edits, tensor = link.written.edits(tensor)
+    return FileRepair(kind, sentence, {link.name: link.written.with_tensor(tensor)}, edits, metric)
+
+
+def _reach(link: DescribedLink, written: WrittenInertia) -> Array:
+    """How far the shapes reach from the centre of mass, along the written axes (3,) [m]."""
+    low, high = link.shapes.box(written.R)
+    c = written.R.T @ written.com
+    return np.maximum(np.abs(low - c), np.abs(high - c))
+
+
+def _most(reach: Array, mass: float) -> Array:
+    """The largest moments that a mass within that reach can have."""
+    return np.asarray(mass * (reach @ reach - reach**2))
+
+
+def identified(written: WrittenInertia) -> bool:
+    """Whether the numbers look identified: all six of them, of which products are not small beside the moments."""
+    products = np.abs(written.tensor[[0, 0, 1], [1, 2, 2]])
+    return bool(products.all() and products.max() > 1e-3 * written.tensor.trace())

@@ -1,0 +1,119 @@
+"""Numbers of joints: limits, efforts, velocities, axes, friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..described import DescribedJoint, DescribedRobot
+from ..findings import Edit, FileRepair, Finding, Severity
+from .options import Options
+
+_TURNS = 4.0 * math.pi
+_ENDLESS = 1000.0
+"""rad or m: a limit beyond says that there is none."""
+_STROKE = 5.0
+_NAMED = 6
+
+
+def check_mimic(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Joints that mimic a joint that is not there: the file is refused on loading, unless ``mimic="independent"``."""
+    for problem in robot.problems:
+        yield Finding("mimic", Severity.ERROR, problem.where, problem.line, problem.sentence)
+
+
+def check_degrees(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Limits of revolute joints beyond two turns either way that are whole numbers: degrees."""
+    for joint in robot.joints.values():
+        limits = [joint.numbers.get(name, 0.0) for name in ("lower", "upper")]
+        largest = max(map(abs, limits))
+        whole = all(float(x).is_integer() for x in limits)
+        if not joint.turns or robot.format != "urdf" or not _TURNS < largest < _ENDLESS or not whole:
+            continue
+        edits = tuple(
+            Edit(joint.places[name], f"{math.radians(joint.numbers[name]):.10g}")
+            for name in ("lower", "upper")
+            if joint.numbers.get(name)
+        )
+        yield _finding(
+            joint, "degrees", Severity.WARNING, f"its limits, {limits[0]:g} to {limits[1]:g} rad, look like degrees",
+            {"lower": limits[0], "upper": limits[1]}, FileRepair("number", "the limits in radians", edits=edits),
+        )  # fmt: skip
+
+
+def check_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Zero outside the limits, and strokes of several metres."""
+    outside, long = [], []
+    model = robot.model
+    for body in model.leaders:
+        if body.joint.nv != 1:
+            continue
+        lower, upper = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+        if lower > 0 or upper < 0:
+            outside.append(body.joint.name)
+        if not body.joint.turning[0] and _STROKE < upper - lower < _ENDLESS:
+            long.append(body.joint.name)
+    said = "zero is outside their limits, so the neutral configuration is no configuration of theirs"
+    yield from _of_several(robot, "limits", outside, said)
+    yield from _of_several(robot, "limits", long, f"their stroke is more than {_STROKE:g} m")
+
+
+def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Limits of effort and velocity that are none, and joints whose own weight is more than their effort."""
+    joints = [joint for joint in robot.joints.values() if joint.single]
+    for what in ("effort", "velocity"):
+        if robot.format == "urdf":
+            none = [j.name for j in joints if not j.numbers.get(what)]
+            large = [j.name for j in joints if j.numbers.get(what, 0.0) >= 1e4 or j.numbers.get(what) == 1000.0]
+            yield from _of_several(robot, "effort", none, f"they have no limit of {what}")
+            yield from _of_several(robot, "effort", large, f"their limit of {what} stands for none")
+    limits, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
+    names = robot.model.velocity_names
+    weak = [names[k] for k in range(robot.model.nv) if np.isfinite(limits[k]) and torques[k] > limits[k]]
+    yield from _of_several(robot, "effort", weak, "their own weight takes more than their effort at some pose")
+
+
+def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Axes that are not of unit length; they are normalised on loading, and other programs may not do so."""
+    for joint in robot.joints.values():
+        if joint.axis is None or abs(length := float(np.linalg.norm(joint.axis))) == 0 or abs(length - 1.0) < 1e-3:
+            continue
+        text = " ".join(f"{x:.10g}" for x in joint.axis / length)
+        repair = FileRepair("number", "the axis with unit length", edits=(Edit(joint.places["axis"], text),))
+        yield _finding(
+            joint, "axis", Severity.NOTE, f"its axis has the length {length:.4g}, not 1", {"length": length}, repair
+        )
+
+
+def check_friction(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Robots in which nothing damps a joint."""
+    model = robot.model
+    if model.nv and not model.friction.any and not model.armature.any():
+        yield Finding(
+            "friction", Severity.NOTE, f"robot {model.name!r}", 0,
+            "no joint has damping, friction or armature; real gears have all three",
+        )  # fmt: skip
+
+
+def _finding(
+    joint: DescribedJoint, check: str, severity: Severity, sentence: str, numbers: dict[str, float], repair: FileRepair
+) -> Finding:
+    return Finding(
+        check, severity, f"joint {joint.name!r}", joint.line, sentence, numbers, repair=repair, file=joint.file
+    )
+
+
+def _of_several(robot: DescribedRobot, check: str, names: list[str], sentence: str) -> Iterator[Finding]:
+    """One note on all joints of which the same is to be said."""
+    if not names:
+        return
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    first = robot.joints.get(names[0])
+    listed = ", ".join(map(repr, names[:_NAMED]))
+    noun = "joint" if len(names) == 1 else "joints"
+    yield Finding(
+        check, Severity.NOTE, f"{noun} {listed}{more}", first.line if first else 0,
+        sentence, {"joints": float(len(names))}, file=first.file if first else "",
+    )  # fmt: skip

@@ -1,0 +1,162 @@
+"""What the doctor finds: a finding with its effect on the dynamics, and the repair of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from ..bodies.inertia import SpatialInertia
+
+__all__ = ["Edit", "Effect", "FileRepair", "Finding", "Place", "Severity"]
+
+
+class Severity(StrEnum):
+    """How much a finding matters."""
+
+    ERROR = "error"
+    """What it is about cannot exist, or cannot be read."""
+    WARNING = "warning"
+    """Very probably not meant, and it changes what is computed."""
+    NOTE = "note"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a number stands in the file.
+
+    Attributes
+    ----------
+    element : int, number of the element in document order
+    attribute : str; empty: the text within the element
+    position : int, which of several numbers; -1: all there is
+    """
+
+    element: int
+    attribute: str = ""
+    position: int = -1
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One number of the file, as it will be written.
+
+    Attributes
+    ----------
+    place : Place
+    text : str
+    """
+
+    place: Place
+    text: str
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Effect of a finding: the largest changes between the file and its repair, over random configurations.
+
+    Attributes
+    ----------
+    inertia_percent : float, of a diagonal entry of the mass matrix, in percent of the repaired robot's
+    inertia_joint : str, whose entry that is; empty where none changes
+    torque : float, of a gravity torque or force [N m or N]
+    torque_joint : str
+    effort_percent : float, of a gravity torque in percent of the joint's effort limit; 0 where no limit is given
+    effort_joint : str
+
+    Examples
+    --------
+    >>> print(Effect(260.0, "wrist_3_joint", 0.0, "", 0.0, ""))
+    M of wrist_3_joint by 260 %
+    """
+
+    inertia_percent: float = 0.0
+    inertia_joint: str = ""
+    torque: float = 0.0
+    torque_joint: str = ""
+    effort_percent: float = 0.0
+    effort_joint: str = ""
+
+    def __str__(self) -> str:
+        said = [f"M of {self.inertia_joint} by {_percent(self.inertia_percent)}"] if self.inertia_joint else []
+        if self.torque_joint:
+            share = (
+                f", {_percent(self.effort_percent)} of the effort of {self.effort_joint}" if self.effort_joint else ""
+            )
+            said.append(f"g of {self.torque_joint} by {self.torque:.3g}{share}")
+        return "; ".join(said) or "none"
+
+    def reaches(self, percent: float, effort: float = 1.0) -> bool:
+        """Whether an entry of M changes by that much, or a gravity torque by that much of its limit.
+
+        Parameters
+        ----------
+        percent : float, of M
+        effort : float, of the effort limit, percent
+
+        Returns
+        -------
+        answer : bool
+
+        Examples
+        --------
+        >>> Effect(3.0, "elbow").reaches(5.0)
+        False
+        """
+        return self.inertia_percent >= percent or self.effort_percent >= effort
+
+
+@dataclass(frozen=True, eq=False)
+class FileRepair:
+    """FileRepair of a finding: what it changes, and why.
+
+    Attributes
+    ----------
+    kind : str, "slip" where one slip explains the numbers, "nearest", "entropic", "shape", "mirror", "number" or "advice"
+    sentence : str
+    inertias : {link: SpatialInertia} about the link's origin, what they become
+    edits : the numbers of the file to change; empty where nothing is written
+    metric : str, what "nearest" is measured in
+    """
+
+    kind: str
+    sentence: str
+    inertias: Mapping[str, SpatialInertia] = field(default_factory=dict)
+    edits: tuple[Edit, ...] = ()
+    metric: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """Finding of the doctor.
+
+    Attributes
+    ----------
+    check : str, name of the check
+    severity : Severity
+    where : str, the link or joint
+    line : int, in the file; 0 where it is not known
+    sentence : str, what is wrong
+    numbers : {name: float}, what it is judged by
+    effect : Effect, between the file and its repair
+    repair : FileRepair, or None
+    file : str, the included file that the line is of; empty for the robot's own
+    """
+
+    check: str
+    severity: Severity
+    where: str
+    line: int
+    sentence: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    effect: Effect = Effect()
+    repair: FileRepair | None = None
+    file: str = ""
+
+    def __str__(self) -> str:
+        place = f" ({self.file + ', ' if self.file else ''}line {self.line})" if self.line else ""
+        return f"{self.severity}: {self.where}{place}: {self.sentence}"
+
+
+def _percent(value: float) -> str:
+    return f"{value:.3g} %" if value < 1e4 else f"a factor of {value / 100.0:.2g}"

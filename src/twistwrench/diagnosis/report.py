@@ -1,0 +1,249 @@
+"""The doctor's report: its findings, what they say as text, and the robot with their repairs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.files import as_path
+from ..errors import ValueRangeError
+from ..outputs import replacing
+from ..robot import Robot, load
+from ..verdict import ExitCode
+from .editing import edited, encoded
+from .findings import Effect, Finding, Place, Severity
+from .reading import Subject
+
+__all__ = ["DoctorReport"]
+
+ALWAYS = ("impossible", "mirror")
+"""Checks whose notes are repaired too: other programs judge links one by one and refuse them; a side was asked for."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DoctorReport:
+    """Report of :func:`twistwrench.doctor`: what is wrong with a robot file, worst first.
+
+    Attributes
+    ----------
+    robot : str, its name
+    source : str, what was looked at
+    findings : tuple of Finding
+    checks : tuple of str, those that ran
+    subject : Subject, what was read
+    """
+
+    robot: str
+    source: str
+    findings: tuple[Finding, ...]
+    checks: tuple[str, ...]
+    subject: Subject
+
+    def __repr__(self) -> str:
+        return f"<DoctorReport of {self.robot!r}: {self.summary}>"
+
+    @property
+    def effect(self) -> Effect:
+        """Of all repairs together."""
+        wanted = {link: G for f in reversed(self.findings) if f.repair for link, G in f.repair.inertias.items()}
+        return self.subject.robot.effects.of(wanted) if wanted else Effect()
+
+    @property
+    def summary(self) -> str:
+        """How many findings there are of each severity, in words."""
+        counts = Counter(finding.severity for finding in self.findings)
+        said = [f"{counts[s]} {s}{'s' if counts[s] != 1 else ''}" for s in Severity if counts[s]]
+        return ", ".join(said) or "nothing found"
+
+    def exit_code(self, *, strict: bool = False) -> ExitCode:
+        """What a command that prints the report ends with: 1 with errors or warnings, with notes too if ``strict``.
+
+        Parameters
+        ----------
+        strict : bool
+
+        Returns
+        -------
+        code : ExitCode
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.doctor(tw.robots.path_of("ur5")).exit_code()
+        <ExitCode.FINE: 0>
+        """
+        bad = any(strict or finding.severity is not Severity.NOTE for finding in self.findings)
+        return ExitCode.NO if bad else ExitCode.FINE
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report as plain data, in SI units: what ``--json`` prints.
+
+        Returns
+        -------
+        report : dict, which ``json.dumps`` takes
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> sorted(tw.doctor(tw.robots.path_of("planar_2r")).to_dict())
+        ['checks', 'findings', 'robot', 'source']
+        """
+        return {
+            "robot": self.robot,
+            "source": self.source,
+            "checks": list(self.checks),
+            "findings": [_finding(finding) for finding in self.findings],
+        }
+
+    def to_json(self) -> str:
+        """:meth:`to_dict` as text.
+
+        Returns
+        -------
+        text : str
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.doctor(tw.robots.path_of("planar_2r")).to_json()[0]
+        '{'
+        """
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
+
+    @property
+    def repairs(self) -> tuple[Finding, ...]:
+        """The findings whose repairs :meth:`write` puts into the file.
+
+        Those of errors and warnings, of all tensors that cannot exist, and of parts that mirror each other where a side is
+        given, as far as numbers of the file itself can be changed; none of two that change the same number.
+        """
+        found: list[Finding] = []
+        taken: set[Place] = set()
+        for finding in self.findings:
+            repair = finding.repair
+            if repair is None or not repair.edits:
+                continue
+            places = {edit.place for edit in repair.edits}
+            if (finding.severity is not Severity.NOTE or finding.check in ALWAYS) and not places & taken:
+                found.append(finding)
+                taken |= places
+        return tuple(found)
+
+    def repaired_text(self) -> str:
+        """The text of the file with the repairs: only the numbers concerned, and a comment before each element.
+
+        Returns
+        -------
+        text : str
+
+        Raises
+        ------
+        ValueRangeError
+            The robot has no file.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> path = tw.robots.path_of("ur5")
+        >>> tw.doctor(path).repaired_text() == path.read_text()
+        True
+        """
+        if not self.subject.text:
+            raise ValueRangeError(f"robot {self.robot!r} was not read from a file, so there is none to edit.")
+        edits = [
+            (edit, finding.repair.sentence)
+            for finding in self.repairs
+            if finding.repair
+            for edit in finding.repair.edits
+        ]
+        return edited(self.subject.text, edits) if edits else self.subject.text
+
+    def repaired(self) -> Robot:
+        """The robot that the repaired file describes.
+
+        Returns
+        -------
+        robot : Robot
+
+        Raises
+        ------
+        InertiaError
+            A moving body still cannot exist.
+        ValueRangeError
+            The robot has no file.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.doctor(tw.robots.path_of("ur5")).repaired().nv
+        6
+        """
+        folders = [] if self.subject.path is None else [self.subject.path.resolve().parent]
+        subject = self.subject
+        return load(
+            self.repaired_text(), include_paths=folders, floating_base=subject.floating_base, model=subject.model
+        )
+
+    def write(self, path: str | Path, *, overwrite: bool = False) -> tuple[Finding, ...]:
+        """Write the file with the repairs; everything else stays as it is, byte for byte.
+
+        Parameters
+        ----------
+        path : str or Path
+        overwrite : bool, whether a file that is there is replaced
+
+        Returns
+        -------
+        findings : tuple of Finding, those that were repaired
+
+        Raises
+        ------
+        ValueRangeError
+            The robot has no file, or the path cannot be written or is there already.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     tw.doctor(tw.robots.path_of("ur5")).write(f"{folder}/ur5.urdf")
+        ()
+        """
+        text = self.repaired_text()
+        target = as_path(path)
+        if target.exists() and not overwrite:
+            raise ValueRangeError(f"{str(target)!r} is there already. Give another name, or say overwrite=True.")
+        with replacing(target) as scratch:
+            scratch.write_bytes(encoded(text, self.subject.data))
+        return self.repairs
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    effect, repair = finding.effect, finding.repair
+    return {
+        "check": finding.check,
+        "severity": str(finding.severity),
+        "where": finding.where,
+        "file": finding.file,
+        "line": finding.line,
+        "sentence": finding.sentence,
+        "numbers": {name: _known(value) for name, value in finding.numbers.items()},
+        "effect": {name: _known(value) for name, value in vars(effect).items()},
+        "repair": None
+        if repair is None
+        else {
+            "kind": repair.kind,
+            "sentence": repair.sentence,
+            "metric": repair.metric,
+            "inertias": {link: inertia.parameters.tolist() for link, inertia in repair.inertias.items()},
+            "written": bool(repair.edits),
+        },
+    }
+
+
+def _known(value: Any) -> Any:
+    """None in place of what JSON has no number for."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,185 @@
+"""The shapes that a file gives a link, as points and as uniform solids, in the link's frame."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..bodies.hull import convex_hull
+from ..bodies.inertia import SpatialInertia
+from ..errors import ModelWarning, TwistWrenchError
+from ..typing import Array
+from ..viz import surface
+from ..viz.resources import find_resource
+
+_MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
+_LARGEST = 200 * 2**20
+"""Bytes of a mesh file that is opened."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeSpec:
+    """A shape as a file has it."""
+
+    kind: str
+    """box, sphere, cylinder, capsule, ellipsoid, mesh, or another that is not read."""
+    sizes: tuple[float, ...]
+    """Edges; radius; radius and length; semi-axes; or the scale of a mesh."""
+    pose: Array
+    """(4, 4) in the link's frame."""
+    file: str = ""
+    """Of a mesh, as it is named."""
+    role: str = "visual"
+    """visual or collision."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """One shape that was read."""
+
+    spec: ShapeSpec
+    points: Array
+    """(n, 3) corners in the link's frame [m]."""
+    inertia: SpatialInertia | None
+    """Of the uniform solid, the hull for a mesh, at 1 kg/m³; None for what has no volume."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkShapes:
+    """All shapes of a link."""
+
+    specs: tuple[ShapeSpec, ...] = ()
+    solids: tuple[Solid, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether there are shapes, and every one was read."""
+        return bool(self.specs) and len(self.solids) == len(self.specs)
+
+    @cached_property
+    def points(self) -> Array:
+        """(n, 3) corners of all shapes, in the link's frame [m]."""
+        return np.concatenate([np.zeros((0, 3)), *(solid.points for solid in self.solids)])
+
+    @property
+    def diagonal(self) -> float:
+        """Of the box along the link's axes [m]."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
+
+    @cached_property
+    def uniform(self) -> SpatialInertia | None:
+        """All shapes to be seen, else those to be touched, as solids at 1 kg/m³; None where there is no volume."""
+        for role in ("visual", "collision"):
+            mine = [s.inertia for s in self.solids if s.spec.role == role and s.inertia is not None]
+            if mine:
+                return sum(mine, SpatialInertia.zero())
+        return None
+
+    def tensor(self, mass: float) -> Array | None:
+        """(3, 3) about the solids' own centre of mass, along the link's axes, at another mass [kg m²]."""
+        if self.uniform is None:
+            return None
+        return np.asarray(self.uniform.moment_about_com * (mass / self.uniform.mass))
+
+    def box(self, axes: Array) -> tuple[Array, Array]:
+        """The least and largest coordinates (3,) of the corners along axes (3, 3), columns in the link's frame [m]."""
+        along = self.points @ axes
+        return along.min(axis=0), along.max(axis=0)
+
+
+@dataclass(eq=False)
+class ShapeReader:
+    """Reads the shapes of links, each mesh once."""
+
+    path: Path | None
+    """The robot's file, which meshes are looked for around; None for none."""
+    folders: Sequence[Path] = ()
+    """Other folders where they may be, by their names or by what follows the package's."""
+    meshes: bool = True
+    _known: dict[str, Array | None] = field(default_factory=dict)
+
+    def read(self, specs: Sequence[ShapeSpec]) -> LinkShapes:
+        """What can be read of them."""
+        found = [self._solid(spec) for spec in specs]
+        return LinkShapes(tuple(specs), tuple(solid for solid in found if solid is not None))
+
+    def _solid(self, spec: ShapeSpec) -> Solid | None:
+        if spec.kind == "mesh":
+            corners = self._corners(spec.file)
+            if corners is None:
+                return None
+            corners = corners * np.asarray(spec.sizes)
+            inertia = hull_solid(corners)
+        else:
+            made = _simple(spec.kind, spec.sizes)
+            if made is None:
+                return None
+            corners, inertia = made
+        points = corners @ spec.pose[:3, :3].T + spec.pose[:3, 3]
+        return Solid(spec, points, None if inertia is None else inertia.in_frame(spec.pose))
+
+    def _corners(self, name: str) -> Array | None:
+        """The corners (n, 3) of a mesh's hull in its own units; None where it is not there or cannot be read."""
+        if name not in self._known:
+            self._known[name] = self._read(name) if self.meshes else None
+        return self._known[name]
+
+    def _read(self, name: str) -> Array | None:
+        path = self._find(name)
+        try:
+            if path is None or path.suffix.lower() not in _MESHES or path.stat().st_size > _LARGEST:
+                return None
+            points = np.concatenate([part.vertices for part, _ in surface.read_mesh(path)])
+        except (TwistWrenchError, OSError):
+            return None
+        hull = convex_hull(points)
+        return points if hull is None else hull[0]
+
+    def _find(self, name: str) -> Path | None:
+        found = None if self.path is None else find_resource(name, self.path)
+        if found is not None:
+            return found
+        parts = [part for part in name.partition("://")[2].split("/") or [name] if part] or name.split("/")
+        if ".." in parts:
+            return None
+        for folder in self.folders:
+            for k in range(len(parts)):
+                place = folder.joinpath(*parts[k:])
+                if place.is_file():
+                    return place
+        return None
+
+
+def _simple(kind: str, sizes: tuple[float, ...]) -> tuple[Array, SpatialInertia] | None:
+    """Corners and the uniform solid at 1 kg/m³; None for what is not read, or has no volume."""
+    if not sizes or min(sizes) <= 0 or max(sizes) > 1e6:
+        return None
+    if kind == "box":
+        return surface.box(sizes).vertices, SpatialInertia.box(sizes, density=1.0)
+    if kind == "sphere":
+        return surface.sphere(sizes[0]).vertices, SpatialInertia.sphere(sizes[0], density=1.0)
+    if kind == "ellipsoid":
+        return surface.ellipsoid(sizes).vertices, SpatialInertia.ellipsoid(sizes, density=1.0)
+    if kind == "cylinder":
+        return surface.cylinder(*sizes).vertices, SpatialInertia.cylinder(*sizes, density=1.0)
+    if kind == "capsule":
+        return surface.cylinder(*sizes, round_ends=True).vertices, SpatialInertia.capsule(*sizes, density=1.0)
+    return None
+
+
+def hull_solid(corners: Array) -> SpatialInertia | None:
+    """The uniform convex hull of points (n, 3) at 1 kg/m³; None where it is flat."""
+    hull = convex_hull(corners)
+    if hull is None:
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # of no usual size: there is a check of its own
+            return SpatialInertia.mesh(hull, density=1.0)
+    except TwistWrenchError:
+        return None

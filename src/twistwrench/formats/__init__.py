@@ -1,0 +1,118 @@
+"""Reading robots: a file or text in, a checked model out. The format is told by content, not by file name."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from numpy.typing import ArrayLike
+
+from ..errors import ModelError, RobotFileError, ValueRangeError
+from ..model.model import Model
+from ..model.rounding import DEFAULT_SNAP
+from .element import MOST_BODIES, Element, parse
+from .mjcf import read_mjcf
+from .mjcf.includes import Folders
+from .sdf import read_sdf
+from .source import is_text, read_robot_text
+from .urdf import read_urdf
+
+__all__ = ["FORMATS", "format_of_file", "load_model"]
+
+FORMATS = {"urdf": "robot", "mjcf": "mujoco", "sdf": "sdf"}
+"""The formats that are read, each with the root element that tells it."""
+
+
+def load_model(
+    source: str | os.PathLike[str],
+    *,
+    format: str | None = None,  # noqa: A002  what it is called everywhere
+    floating_base: bool | None = None,
+    keep: str | None = None,
+    model: str | None = None,
+    include_paths: Sequence[str | os.PathLike[str]] = (),
+    max_bodies: int = MOST_BODIES,
+    lock: Mapping[str, ArrayLike] | None = None,
+    tip: str | None = None,
+    mimic: str = "follow",
+    inertia: str = "error",
+    snap: float = DEFAULT_SNAP,
+    gravity: ArrayLike | None = None,
+) -> Model:
+    """The model in a robot file, or in XML text; options as in :func:`twistwrench.load`.
+
+    Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` for what is no readable file, other
+    :class:`~twistwrench.ModelError` for what no robot can mean, each with the file's name and the line.
+
+    >>> load_model('<robot name="stone"><link name="stone"/></robot>').tip
+    'stone'
+    """
+    if format is not None and format not in FORMATS:
+        raise ValueRangeError(
+            f"format={format!r} is not allowed. Choose from: {', '.join(map(repr, FORMATS))}, or None."
+        )
+    if isinstance(max_bodies, bool) or not isinstance(max_bodies, int) or max_bodies < 1:
+        raise ValueRangeError(f"max_bodies={max_bodies!r} is not allowed: a whole number above zero.")
+    text, origin = read_robot_text(source)
+    home = None if is_text(source) else Path(source).parent
+    try:
+        root = parse(text, max_bodies=max_bodies)
+        found = _format_of(root)
+        _refuse_others(found, {"mjcf": ("keep", keep), "sdf": ("model", model)})
+        if format not in (None, found):
+            raise RobotFileError(
+                f"it is {found.upper()} (<{root.tag}>, {root.place}), and format={format!r} was asked for."
+            )
+        if found == "mjcf":
+            folders = Folders(home, [Path(folder) for folder in include_paths])
+            builder, floating = read_mjcf(
+                root, origin, folders, floating_base=floating_base, keep=keep, max_bodies=max_bodies
+            )
+        elif found == "sdf":
+            builder, floating = read_sdf(root, origin, floating_base=floating_base, model=model), False
+        else:
+            builder, floating = read_urdf(root, origin, snap), bool(floating_base)
+        return builder.build(
+            floating_base=floating, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity
+        )
+    except ModelError as error:
+        # What is wrong is known deep inside, and which file it is only here.
+        raise type(error)(f"{origin}: {error}") from None
+
+
+def format_of_file(path: Path) -> str:
+    """The format of a robot file, one of :data:`FORMATS`; raises as :func:`load_model`."""
+    return _format_of(parse(read_robot_text(path)[0]))
+
+
+def _refuse_others(found: str, options: Mapping[str, tuple[str, str | None]]) -> None:
+    """Options that choose a part of a file are of one format each."""
+    for own, (option, value) in options.items():
+        if value is not None and own != found:
+            raise ValueRangeError(f"{option}={value!r} is of {own.upper()} files, and this one is {found.upper()}.")
+
+
+def _format_of(root: Element) -> str:
+    found = next((name for name, tag in FORMATS.items() if root.tag == tag), None)
+    if root.tag == "mujocoinclude":
+        raise RobotFileError(
+            f"it is a part of a robot (<{root.tag}>, {root.place}). Load the MJCF file that includes it."
+        )
+    if found is None:
+        raise RobotFileError(
+            f"its root element is <{root.tag}> ({root.place}), expected <robot> (URDF), <mujoco> (MJCF) or <sdf>."
+        )
+    if found == "urdf":
+        _refuse_xacro(root)
+    return found
+
+
+def _refuse_xacro(root: Element) -> None:
+    for element in root.walk():
+        raw = next((f'{name}="{text}"' for name, text in element.attributes.items() if "${" in text), None)
+        if element.tag.startswith("xacro:") or raw:
+            raise RobotFileError(
+                f"{element} is unexpanded xacro{': ' + raw if raw else ''}. Run `xacro file.xacro > robot.urdf` first, "
+                "and load robot.urdf."
+            )

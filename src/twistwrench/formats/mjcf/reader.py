@@ -1,0 +1,219 @@
+"""From the elements of an MJCF file to the builder's links and joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...bodies.inertia import SpatialInertia
+from ...errors import RobotFileError, UnknownNameError
+from ...model.builder import ModelBuilder
+from ...model.description import Mimic
+from ...model.remark import Remark
+from ...typing import Array
+from ..element import Element
+from .actuators import Drives, drives_of
+from .bodies import WORLD, MjcfBody, survey, unused
+from .chain import chain
+from .defaults import Defaults
+from .equality import add_closures, constraints_of, mimics
+from .geoms import shape_of
+from .includes import Folders, expand
+from .inertial import inertias_of
+from .joints import MjcfJoint, joints_of, names_given, screw
+from .keyframes import add_configurations
+from .meshes import Meshes
+from .settings import Settings, disabled_by, fluid_of, gravity_of
+from .tendons import add_tendons
+
+SECTIONS = (
+    "compiler", "option", "size", "visual", "statistic", "default", "extension", "custom", "asset", "worldbody", "deformable",
+    "contact", "equality", "tendon", "actuator", "sensor", "keyframe", "include",
+)  # fmt: skip
+"""What MuJoCo reads below ``<mujoco>``."""
+
+
+def read_mjcf(
+    root: Element,
+    source: str = "",
+    folders: Folders | None = None,
+    *,
+    floating_base: bool | None = None,
+    keep: str | None = None,
+    max_bodies: int = 20_000,
+) -> tuple[ModelBuilder, bool]:
+    """A builder filled with the bodies and joints of a ``<mujoco>`` element, and whether its root link is to float besides.
+
+    ``floating_base`` None means as the file says; True keeps free joints, or lets the world's link float where there is none;
+    False holds the bodies of free joints where the file puts them. ``keep`` takes one body and all that it carries. Other files
+    are read from ``folders`` only.
+
+    Raises :class:`~twistwrench.RobotFileError` with element and line for what is not allowed and what is not read, and
+    :class:`~twistwrench.UnknownNameError` for a body to keep that is not there.
+    """
+    expand(root, folders or Folders(None), max_bodies)
+    return _Reader(root, source, folders or Folders(None), floating_base, keep).read()
+
+
+class _Reader:
+    """One file on its way into a builder."""
+
+    def __init__(
+        self, root: Element, source: str, folders: Folders, floating_base: bool | None, keep: str | None
+    ) -> None:
+        for section in root.children:
+            if section.tag not in SECTIONS:
+                raise RobotFileError(f"{section} is no section of an MJCF file. Known: {', '.join(SECTIONS)}.")
+        self.root = root
+        self.floating_base = floating_base
+        self.settings, self.defaults = Settings.of(root), Defaults(root)
+        self.builder = ModelBuilder(root.attributes.get("model", "").strip() or "robot", source)
+        self.builder.gravity = gravity_of(root)
+        self.bodies = survey(root, self.settings, self.defaults)
+        self.meshes = Meshes(root, self.settings, self.defaults, folders)
+        taken = names_given(self.bodies)
+        self.joints = [joints_of(body, self.settings, taken) for body in self.bodies]
+        self.names = taken
+        self.kept = _kept(self.bodies, keep)
+        self.disabled = disabled_by(root)
+        self.drives = Drives({}, {}, {}, [])
+
+    def read(self) -> tuple[ModelBuilder, bool]:
+        """The builder, and whether its root is to float."""
+        self._refuse_deformable()
+        by_name = self._by_name()
+        floats = [j for mine in self.joints for j in mine if j.kind == "floating"]
+        kept = {
+            j.name for k in self.kept for j in self.joints[k] if j.kind != "floating" or self.floating_base is not False
+        }
+        constraints = [] if "equality" in self.disabled else constraints_of(self.root, self.defaults)
+        follow, remarks = mimics(constraints, by_name, kept)
+        self.drives = drives_of(self.root, by_name, self.settings, self.defaults)
+        inertias = inertias_of(self.bodies, self.settings, self.meshes)
+        for text in (*inertias.remarks, *remarks, *self.drives.remarks):
+            self.builder.remark(text)
+        world = self.bodies[0]
+        self.builder.add_link(WORLD, SpatialInertia.zero(), shaped=bool(world.geoms))
+        poses = self._poses()
+        for k in self.kept:
+            self._add_body(k, inertias.each[k], poses, follow)
+        for k in (0, *self.kept):  # once all links are known, whose names come first
+            self._add_sites(self.bodies[k])
+        if "spring" not in self.disabled:
+            add_tendons(self.builder, self.root, by_name, kept, self.defaults)
+        add_closures(self.builder, constraints, self.bodies, poses, {0, *self.kept})
+        ordered = [(j, poses[k]) for k, mine in enumerate(self.joints) for j in mine]
+        add_configurations(self.builder, self.root, ordered, kept)
+        fluid = fluid_of(self.root)
+        if fluid is not None:
+            self.builder.remark(f"{fluid} fills the world with a fluid, whose forces are left out")
+        return self.builder, bool(self.floating_base) and not any(j.name in kept for j in floats)
+
+    def _refuse_deformable(self) -> None:
+        for section in self.root.all("deformable"):
+            for flex in section.all("flex"):
+                raise RobotFileError(f"{flex} is a deformable body, which is not read. Remove it, or use a rigid body.")
+
+    def _by_name(self) -> dict[str, MjcfJoint]:
+        found: dict[str, MjcfJoint] = {}
+        for mine in self.joints:
+            for joint in mine:
+                if joint.name in found:
+                    raise RobotFileError(
+                        f"{joint.element} has the name of {found[joint.name].element}. Each joint needs a name of its own."
+                    )
+                found[joint.name] = joint
+        return found
+
+    def _poses(self) -> list[Array]:
+        """Of all bodies in the world, joints at their reference."""
+        found = [np.eye(4)]
+        for body in self.bodies[1:]:
+            found.append(found[body.parent] @ body.T)
+        return found
+
+    def _add_body(
+        self,
+        k: int,
+        inertia: SpatialInertia,
+        poses: Sequence[Array],
+        follow: Mapping[str, Mimic],
+    ) -> None:
+        body, where = self.bodies[k], self.bodies[k].element.place
+        self.builder.add_link(body.name, inertia, where, shaped=bool(body.geoms))
+        if body.element.floats("gravcomp", (0.0,))[0]:
+            self.builder.remark(Remark(str(body.element), "is held against gravity (gravcomp), which is left out"))
+        for plugin in body.plugins:
+            self.builder.remark(Remark(str(plugin), "is a plugin, whose forces are left out"))
+        top = body.parent not in self.kept  # what stands in the world, or what is kept of more
+        parent = WORLD if top else self.bodies[body.parent].name
+        pending = poses[k] if top else body.T
+        joints = list(self.joints[k])
+        if joints and joints[0].kind == "floating" and self.floating_base is False:
+            joints = []
+        for step in chain(joints, parent, body.name, pending):
+            if step.child != body.name:
+                self.builder.add_link(step.child, hidden=True)
+            if step.joint is None:
+                name = unused(f"{body.name}.fixed", self.names)
+                self.builder.add_joint(name, "fixed", step.parent, step.child, placement=step.placement, where=where)
+            else:
+                self._add_joint(step.joint, step.parent, step.child, step.placement, follow)
+
+    def _add_joint(
+        self,
+        joint: MjcfJoint,
+        parent: str,
+        child: str,
+        placement: Array,
+        follow: Mapping[str, Mimic],
+    ) -> None:
+        who = (
+            str(joint.element)
+            if "name" in joint.element.attributes
+            else f"joint {joint.name!r} ({joint.element.place})"
+        )
+        for said in joint.remarks:
+            self.builder.remark(Remark(who, said))
+        options = dict(joint.options)
+        for what, more in (("armature", self.drives.armature), ("damping", self.drives.damping)):
+            options[what] = options.get(what, 0.0) + more.get(joint.name, 0.0)
+        if "damper" in self.disabled:
+            options["damping"] = 0.0
+        self.builder.add_joint(
+            joint.name,
+            joint.kind,
+            parent,
+            child,
+            placement=placement,
+            axis=screw(joint) if joint.single else (0.0, 0.0, 1.0),
+            effort=self.drives.efforts.get(joint.name),
+            mimic=follow.get(joint.name),
+            where=joint.element.place,
+            **options,
+        )
+        if joint.single and joint.stiffness and "spring" not in self.disabled:
+            self.builder.add_spring({joint.name: 1.0}, joint.stiffness, joint.rest, where=joint.element.place)
+
+    def _add_sites(self, body: MjcfBody) -> None:
+        for part in body.sites:
+            name = part.element.attributes.get("name", "").strip()
+            if name:
+                kind = part.element.attributes.get("type", "sphere").strip()
+                T, _ = shape_of(part.element, kind, self.settings)
+                self.builder.add_site(name, body.name, part.frame @ T, where=part.element.place)
+
+
+def _kept(bodies: Sequence[MjcfBody], keep: str | None) -> dict[int, None]:
+    """The numbers of the bodies to read in order, the world's apart."""
+    if keep is None:
+        return dict.fromkeys(range(1, len(bodies)))
+    numbers = {body.name: k for k, body in enumerate(bodies) if k}
+    if keep not in numbers:
+        raise UnknownNameError.of("body to keep", keep, numbers)
+    found = {numbers[keep]}
+    for k in range(numbers[keep] + 1, len(bodies)):
+        if bodies[k].parent in found:
+            found.add(k)
+    return dict.fromkeys(sorted(found))

@@ -1,0 +1,220 @@
+"""A model that Pinocchio holds, by its attributes: ``pinocchio`` is not imported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import ModelError
+from ..model.builder import ModelBuilder
+from ..model.description import Mimic
+from ..typing import Array
+
+UNIVERSE = "universe"
+_ENDLESS = 1e15
+_PREFIX = "JointModel"
+_WHOLE = {"FreeFlyer": "floating", "Spherical": "ball", "Planar": "planar"}
+"""Joints of several velocities that are one joint here too."""
+_ROWS = {"SphericalZYX": "revolute", "Translation": "prismatic", "Universal": "revolute"}
+"""Joints that are several of one degree here."""
+_SITES = ("OP_FRAME", "SENSOR")
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One joint of ours: a part of one of theirs, at a placement in the part before."""
+
+    kind: str
+    axis: Array | None
+    """(6,) angular part first, of joints of one degree."""
+    T: Array
+    nq: int
+    nv: int
+
+
+def read_pinocchio_model(model: Any) -> ModelBuilder:
+    """A builder filled with the joints, inertias and frames of a ``pinocchio.Model``.
+
+    Raises :class:`~twistwrench.ModelError` for what has not the attributes of one, and for joints that are none here.
+    """
+    try:
+        return _filled(model)
+    except AttributeError as problem:
+        raise ModelError(
+            f"this is no model of Pinocchio's: {type(model).__name__} has not what one has ({problem})."
+        ) from None
+
+
+def _filled(model: Any) -> ModelBuilder:
+    names = list(model.names)
+    builder = ModelBuilder(str(model.name) or "robot")
+    builder.gravity = np.array(model.gravity.linear, float).tolist()
+    links = _links(model)
+    builder.add_link(links[0], _inertia(model.inertias[0]))
+    for j in range(1, model.njoints):
+        _add_joint(builder, model, j, names, links)
+    _add_frames(builder, model, links)
+    configurations = getattr(model, "referenceConfigurations", ())
+    for item in configurations:
+        q = np.array(item.data(), float)
+        if q.shape == (model.nq,):
+            _add_configuration(builder, str(item.key()), q, model, names)
+    return builder
+
+
+def _links(model: Any) -> list[str]:
+    """What each joint carries: the first body whose frame is the joint's."""
+    found = [""] * model.njoints
+    for frame in model.frames:
+        j = int(frame.parentJoint)
+        if _type(frame) == "BODY" and not found[j] and np.array_equal(frame.placement.homogeneous, np.eye(4)):
+            found[j] = str(frame.name)
+    taken = {str(frame.name) for frame in model.frames if _type(frame) == "BODY"}
+    for j, name in enumerate(found):
+        if not name:
+            name = UNIVERSE if j == 0 else f"{model.names[j]}.body"
+            while name in taken:
+                name += "_"
+            found[j] = name
+            taken.add(name)
+    return found
+
+
+def _type(frame: Any) -> str:
+    return str(frame.type).rpartition(".")[2]
+
+
+def _inertia(inertia: Any) -> SpatialInertia:
+    return SpatialInertia.from_com(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
+
+
+def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], links: Sequence[str]) -> None:
+    joint, name = model.joints[j], names[j]
+    parent, T = links[int(model.parents[j])], np.array(model.jointPlacements[j].homogeneous)
+    mimic = _mimic(model, j, names)
+    steps = list(_steps(joint, name))
+    q_at, v_at = int(joint.idx_q), int(joint.idx_v)
+    for k, step in enumerate(steps):
+        child = links[j] if k == len(steps) - 1 else f"{links[j]}:{name}.{k}"
+        builder.add_link(child, _inertia(model.inertias[j]) if child == links[j] else None, hidden=child != links[j])
+        options: dict[str, Any] = {} if mimic else _numbers(model, q_at, v_at, step)
+        builder.add_joint(
+            name if len(steps) == 1 else f"{name}.{k}",
+            step.kind,
+            parent,
+            child,
+            placement=T @ step.T,
+            axis=(0.0, 0.0, 1.0) if step.axis is None else step.axis,
+            mimic=mimic,
+            **options,
+        )
+        parent, T = child, np.eye(4)
+        q_at, v_at = q_at + step.nq, v_at + step.nv
+
+
+def _mimic(model: Any, j: int, names: Sequence[str]) -> Mimic | None:
+    followers = list(getattr(model, "mimicking_joints", ()))
+    if j not in followers:
+        return None
+    own = model.joints[j].extract()
+    return names[int(model.mimicked_joints[followers.index(j)])], float(own.scaling), float(own.offset)
+
+
+def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
+    """Ours for one of theirs, told by its name and its motion subspace."""
+    said = str(joint.shortname()).removeprefix(_PREFIX)
+    T = np.eye(4) if T is None else T
+    if said in _WHOLE:
+        yield _Step(_WHOLE[said], None, T, int(joint.nq), int(joint.nv))
+    elif said == "Composite":
+        own = joint.extract() if hasattr(joint, "extract") else joint
+        for part, place in zip(own.joints, own.jointPlacements, strict=True):
+            yield from _steps(part, name, T @ np.array(place.homogeneous))
+            T = np.eye(4)
+    elif said == "Mimic":
+        own = joint.extract()
+        S = _subspace(joint, np.zeros(1)) / float(own.scaling)
+        yield _Step(*_of_axis(S[:, 0], endless=False), T, 0, 0)
+    elif said in _ROWS:
+        for column in _subspace(joint, np.zeros(int(joint.nq))).T:
+            yield _Step(*_of_axis(column, endless=False), T, 1, 1)
+            T = np.eye(4)
+    elif int(joint.nv) == 1:
+        endless = int(joint.nq) == 2
+        column = _subspace(joint, np.array([1.0, 0.0] if endless else [0.0]))[:, 0]
+        yield _Step(*_of_axis(column, endless=endless), T, int(joint.nq), 1)
+    else:
+        raise ModelError(f"joint {name!r} of Pinocchio's model is a {_PREFIX}{said}, which is not read.")
+
+
+def _subspace(joint: Any, q: Array) -> Array:
+    """S (6, nv), angular part first, at coordinates that may be those of a larger model."""
+    at = max(int(joint.idx_q), 0)
+    data = joint.createData()
+    joint.calc(data, np.concatenate([np.zeros(at), q]))
+    S = np.array(data.S, float).reshape(6, -1)
+    return np.concatenate([S[3:], S[:3]])
+
+
+def _of_axis(S: Array, *, endless: bool) -> tuple[str, Array]:
+    """The type of a joint of one degree, and its axis."""
+    w, v = S[:3], S[3:]
+    if not w.any():
+        return "prismatic", S
+    kind = "helical" if abs(float(w @ v)) > 0 else "continuous" if endless else "revolute"
+    return kind, S
+
+
+def _numbers(model: Any, q_at: int, v_at: int, step: _Step) -> dict[str, Any]:
+    """Limits, friction and armature of a joint."""
+    at = slice(v_at, v_at + step.nv)
+
+    def mean(field: str) -> float:
+        values = getattr(model, field, None)
+        return 0.0 if values is None else float(np.mean(np.array(values)[at]))
+
+    found: dict[str, Any] = {"damping": mean("damping"), "friction": mean("friction"), "armature": mean("armature")}
+    if step.nv > 1:
+        return found
+    for field, theirs in (("velocity", "velocityLimit"), ("effort", "effortLimit")):
+        value = float(getattr(model, theirs)[v_at])
+        if 0 < value < _ENDLESS:
+            found[field] = value
+    if step.nq == 1:
+        lower, upper = float(model.lowerPositionLimit[q_at]), float(model.upperPositionLimit[q_at])
+        found |= {"lower": lower} if lower > -_ENDLESS else {}
+        found |= {"upper": upper} if upper < _ENDLESS else {}
+    return found
+
+
+def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None:
+    for frame in model.frames:
+        link, name, T = links[int(frame.parentJoint)], str(frame.name), np.array(frame.placement.homogeneous)
+        if _type(frame) == "BODY" and name not in builder.link_names:
+            builder.add_link(name)
+            builder.add_joint(f"{name}.fixed", "fixed", link, name, placement=T)
+        elif _type(frame) in _SITES and f"site:{name}" not in builder.site_names and name not in builder.site_names:
+            builder.add_site(name, link, T)
+
+
+def _add_configuration(builder: ModelBuilder, label: str, q: Array, model: Any, names: Sequence[str]) -> None:
+    from ..joints import JOINT_TYPES
+
+    positions: dict[str, Array] = {}
+    for j in range(1, model.njoints):
+        at, steps = int(model.joints[j].idx_q), list(_steps(model.joints[j], names[j]))
+        for k, step in enumerate(steps):
+            mine = q[at : at + step.nq]
+            at += step.nq
+            if step.kind in ("ball", "floating"):
+                mine = JOINT_TYPES[step.kind]("", np.zeros((0, 6))).from_pinocchio(mine)
+            elif step.nq > step.nv:  # an angle as its cosine and sine
+                mine = np.append(mine[:-2], math.atan2(mine[-1], mine[-2]))
+            if step.nq:
+                positions[names[j] if len(steps) == 1 else f"{names[j]}.{k}"] = mine
+    builder.add_configuration(label, positions)

@@ -1,0 +1,141 @@
+"""Where robot text comes from: a file, or the text itself."""
+
+from __future__ import annotations
+
+import codecs
+import difflib
+import os
+import re
+from pathlib import Path
+
+from ..core.files import read_bytes, read_standard_input
+from ..core.foreign_errors import foreign_errors
+from ..errors import NotFoundError, RobotFileError
+
+MAX_BYTES = 64 * 2**20
+"""Larger files are refused; the largest robot descriptions in use are a few MiB."""
+
+_BUNDLED_ROBOTS = Path(__file__).parents[1] / "robots"
+_NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
+"""What Python calls encodings, and no XML file is in."""
+
+_DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
+
+
+def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
+    """The text of a robot description, and a name for it in messages: the path, or "the text given".
+
+    ``source`` is a path, or the XML text itself, told by its first non-blank character being "<". A path may lead to a pipe,
+    which can be read once.
+    Raises :class:`~twistwrench.NotFoundError`, naming similar files, or :class:`~twistwrench.RobotFileError`.
+    """
+    if is_text(source):
+        source = str(source)
+        _check_size(len(source), "the text given")
+        return source, "the text given"
+    if not isinstance(source, str | os.PathLike):
+        raise RobotFileError(
+            f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. Pass a str or a Path."
+        )
+    if isinstance(source, str) and (not source.strip() or "\n" in source):
+        beginning = f"it begins with {source.strip()[:20]!r}" if source.strip() else "it is empty"
+        raise RobotFileError(f"the text given is neither XML nor a path: {beginning}. XML text begins with '<'.")
+    path = Path(source)
+    return robot_file(path)[1], str(path)
+
+
+def robot_file(path: Path) -> tuple[bytes, str]:
+    """The bytes of a robot file and their text; raises as :func:`read_robot_text`."""
+    data = _bytes_of(path)
+    return data, _decoded(data, str(path))
+
+
+def is_text(source: object) -> bool:
+    """Whether this is the text of a description itself: its first non-blank character is "<"."""
+    return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
+
+
+def standard_input_text() -> str:
+    """The text of a robot description that comes by standard input. Raises :class:`~twistwrench.RobotFileError`."""
+    with foreign_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
+        text = _decoded(read_standard_input(MAX_BYTES), "standard input")
+    if not text.lstrip("\ufeff \t\r\n").startswith("<"):
+        beginning = f"it begins with {text.strip()[:20]!r}" if text.strip() else "it is empty"
+        raise RobotFileError(f"standard input is no XML: {beginning}. XML text begins with '<'.")
+    return text
+
+
+def _bytes_of(path: Path) -> bytes:
+    name = str(path)
+    clipped = name if len(name) <= 200 else name[:200] + "…"
+    # A name no file system takes (too long, a NUL in it) is most often text that was meant to be XML.
+    advice = "Pass a path, or XML text that begins with '<'."
+    with foreign_errors(lambda reason: RobotFileError(f"cannot read {clipped!r}: {reason}. {advice}")):
+        if path.is_dir():
+            raise RobotFileError(f"{clipped!r} is a folder. Pass the robot file in it{_offer(_robot_files(path))}.")
+        if not path.exists():
+            raise NotFoundError(f"no file {clipped!r}. {_similar(path)}{_bundled(path)}")
+        if path.is_file():
+            _check_size(path.stat().st_size, repr(name))
+        return read_bytes(path, MAX_BYTES)
+
+
+def _check_size(size: int, name: str) -> None:
+    if size > MAX_BYTES:
+        raise RobotFileError(
+            f"{name} has {size / 2**20:.0f} MiB; robot files of more than {MAX_BYTES // 2**20} MiB are refused. "
+            "Is it a mesh or a log? Pass the robot description."
+        )
+
+
+def _similar(path: Path) -> str:
+    folder = path.parent
+    if not folder.is_dir():
+        return f"Its folder {str(folder)!r} is not there either; check the path."
+    here = sorted(entry.name for entry in folder.iterdir())
+    near = difflib.get_close_matches(path.name, here, n=3, cutoff=0.5)
+    names = near or _robot_files(folder)
+    return f"In its folder{_offer(names)}." if names else f"There is no robot file in {str(folder)!r}; check the path."
+
+
+def _bundled(path: Path) -> str:
+    """A hint for the name of a bundled robot in place of a path."""
+    name = path.stem.lower()
+    if name.isidentifier() and (_BUNDLED_ROBOTS / f"{name}.urdf").is_file():
+        return f" A robot of that name is bundled: twistwrench.robots.{name}()."
+    # A word alone is a name rather than a path.
+    return f" Robots are found by name with twistwrench.find({path.name!r})." if str(path) == path.stem else ""
+
+
+def _robot_files(folder: Path) -> list[str]:
+    kinds = (".urdf", ".xml", ".sdf", ".xacro")
+    return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in kinds)
+
+
+def _offer(names: list[str]) -> str:
+    return f": {', '.join(names[:12])}{', …' if len(names) > 12 else ''}" if names else ""
+
+
+def _decoded(data: bytes, name: str) -> str:
+    """The text of the bytes: by their byte order mark, else as XML declares, else UTF-8."""
+    declared = _DECLARED_ENCODING.match(data.removeprefix(b"\xef\xbb\xbf"))
+    if data.startswith(b"\xef\xbb\xbf"):
+        encoding = "utf-8-sig"
+    elif data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encoding = "utf-16"
+    else:
+        encoding = declared[1].decode("ascii") if declared else "utf-8"
+    unknown = f"{name}: declares the encoding {encoding!r}, which is not known. Save the file as UTF-8."
+    with foreign_errors(lambda reason: RobotFileError(f"{name}: cannot be read as {encoding} text: {reason}.")):
+        try:
+            if codecs.lookup(encoding).name.replace("-", "_") in _NO_ENCODINGS:
+                raise RobotFileError(unknown)
+            return data.decode(encoding)
+        except UnicodeDecodeError as error:
+            line = data.count(b"\n", 0, error.start) + 1
+            raise RobotFileError(
+                f"{name}: line {line} has a byte that is not {encoding} text. Save the file as UTF-8, or declare its "
+                'encoding in the first line: <?xml version="1.0" encoding="latin-1"?>.'
+            ) from None
+        except LookupError:
+            raise RobotFileError(unknown) from None

@@ -1,0 +1,156 @@
+"""URDF, the robot description format of ROS: links and joints of a tree.
+
+https://wiki.ros.org/urdf/XML
+Looks, shapes, transmissions and simulator settings are passed over, and mesh files never opened.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import RobotFileError
+from ..lie import se3
+from ..model.builder import ModelBuilder
+from ..model.description import Mimic
+from ..model.rounding import DEFAULT_SNAP, snap_rotation
+from ..typing import Array
+from .element import Element
+
+_URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+"""The joint types of URDF."""
+ENDLESS = 1e15
+"""Limits beyond this mean that there is none: files write ±1e16, where the format wants a number."""
+
+PRODUCTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""The attributes of ``<inertia>``."""
+
+
+def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> ModelBuilder:
+    """A builder filled with the links and joints of a ``<robot>`` element; ``snap`` acts here on inertial frames.
+
+    Raises :class:`~twistwrench.RobotFileError` with element and line for what the format does not allow, and what
+    :class:`~twistwrench.model.builder.ModelBuilder` raises for what no robot can mean.
+    """
+    builder = ModelBuilder(robot.attributes.get("name", "").strip() or "robot", source)
+    for link in robot.all("link"):
+        add_link(builder, link, snap)
+    for joint in robot.all("joint"):
+        add_joint(builder, joint)
+    return builder
+
+
+def add_link(builder: ModelBuilder, link: Element, snap: float = DEFAULT_SNAP) -> None:
+    """Add one ``<link>``; raises as :func:`read_urdf`."""
+    shaped = bool(link.all("visual") or link.all("collision"))
+    builder.add_link(link.text("name"), _inertia(link, snap), where=f"line {link.line}", shaped=shaped)
+
+
+def _inertia(link: Element, snap: float) -> SpatialInertia | None:
+    inertial = link.child("inertial")
+    if inertial is None:
+        return None
+    mass = inertial.required("mass", '<mass value="1.0"/>').number("value")
+    tensor = inertial.required("inertia", '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>')
+    xx, xy, xz, yy, yz, zz = (tensor.number(name) for name in PRODUCTS)
+    R, com = origin_of(inertial)
+    R = snap_rotation(R, snap)
+    # The tensor is about the centre of mass, in the axes of the inertial frame: I in the link's axes is R I R'.
+    return SpatialInertia.from_com(mass, com, R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T)
+
+
+def origin_of(element: Element) -> tuple[Array, Array]:
+    """Rotation (3, 3) and position (3,) of an element's ``<origin>``, each of whose parts may be left out."""
+    origin = element.child("origin")
+    R, p = np.eye(3), np.zeros(3)
+    if origin is not None and "rpy" in origin.attributes:
+        R = rotation_of_rpy(origin.numbers("rpy", 3))
+    if origin is not None and "xyz" in origin.attributes:
+        p = origin.numbers("xyz", 3)
+    return R, p
+
+
+def rotation_of_rpy(rpy: Array) -> Array:
+    """Rz(yaw) Ry(pitch) Rx(roll) of angles (3,) about fixed axes; (3, 3). MR appendix B.2."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rpy_of_rotation(R: Array) -> Array:
+    """Roll, pitch and yaw (3,) of a rotation: the way back, to the last digits at any pitch, ±90° too, where yaw is 0."""
+    yaw = np.arctan2(R[1, 0], R[0, 0]) if R[1, 0] or R[0, 0] else 0.0
+    s, c = np.sin(yaw), np.cos(yaw)  # roll is what is left once the yaw is taken off
+    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return np.array([roll, np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0])), yaw])
+
+
+def add_joint(builder: ModelBuilder, joint: Element) -> None:
+    """Add one ``<joint>``; raises as :func:`read_urdf`."""
+    name, kind = joint.text("name"), joint.text("type")
+    if kind not in _URDF_TYPES:
+        raise RobotFileError(
+            f"{joint} has the unknown type {kind!r}. Allowed: {', '.join(_URDF_TYPES)}. A ball joint can be written as "
+            "three revolute joints with massless links between them."
+        )
+    parent = joint.required("parent", '<parent link="base"/>').text("link")
+    child = joint.required("child", '<child link="arm"/>').text("link")
+    moves = kind != "fixed"  # whatever else a fixed joint says has no meaning, and is not even read
+    axis = joint.child("axis") if moves and kind != "floating" else None
+    dynamics = joint.child("dynamics") if moves else None
+    limit = _limit(builder, joint, kind) if moves else _Limit()
+    builder.add_joint(
+        name,
+        kind,
+        parent,
+        child,
+        placement=se3.pose(*origin_of(joint)),
+        axis=(1.0, 0.0, 0.0) if axis is None else axis.numbers("xyz", 3),
+        lower=limit.lower,
+        upper=limit.upper,
+        velocity=limit.velocity,
+        effort=limit.effort,
+        damping=(dynamics.optional_number("damping") if dynamics else None) or 0.0,
+        friction=(dynamics.optional_number("friction") if dynamics else None) or 0.0,
+        mimic=_mimic(joint) if moves else None,
+        where=f"line {joint.line}",
+    )
+
+
+class _Limit(NamedTuple):
+    lower: float | None = None
+    upper: float | None = None
+    velocity: float | None = None
+    effort: float | None = None
+
+
+_SIDES = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "effort": 1.0}
+
+
+def _limit(builder: ModelBuilder, joint: Element, kind: str) -> _Limit:
+    limit = joint.child("limit")
+    bounded = kind in ("revolute", "prismatic")
+    if limit is None:
+        if bounded:
+            builder.remark(f"{joint} is {kind} and has no <limit>, so it is taken to be unlimited")
+        return _Limit()
+    found = _Limit(*(limit.optional_number(name) for name in _Limit._fields))
+    if bounded:  # the format's default for either bound is 0
+        found = found._replace(lower=found.lower or 0.0, upper=found.upper or 0.0)
+    none = {name: None for name in _Limit._fields if (getattr(found, name) or 0.0) * _SIDES[name] > ENDLESS}
+    return found._replace(**none)
+
+
+def _mimic(joint: Element) -> Mimic | None:
+    mimic = joint.child("mimic")
+    if mimic is None:
+        return None
+    multiplier = mimic.optional_number("multiplier")
+    return mimic.text("joint"), 1.0 if multiplier is None else multiplier, mimic.optional_number("offset") or 0.0

@@ -1,0 +1,18 @@
+"""Writers: a model as the text of a robot file, and what the format has no words for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from ...model.model import Model
+from .mjcf import write_mjcf
+from .sdf import write_sdf
+from .urdf import write_urdf
+from .written import Written
+
+__all__ = ["SUFFIXES", "WRITERS", "Written", "write_mjcf", "write_sdf", "write_urdf"]
+
+WRITERS: Mapping[str, Callable[[Model], Written]] = {"urdf": write_urdf, "mjcf": write_mjcf, "sdf": write_sdf}
+"""The formats that are written, each with its writer."""
+SUFFIXES: Mapping[str, str] = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".sdf": "sdf", ".world": "sdf"}
+"""What names of files say of the format."""

@@ -1,0 +1,255 @@
+"""From a model to the text of an SDF file."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...bodies.inertia import SpatialInertia
+from ...errors import ModelError
+from ...lie import se3
+from ...model.assembly import ROOT_JOINT
+from ...model.description import JointEntry
+from ...model.model import Model
+from ...model.outline import Outline, outline
+from ...model.remark import Remark
+from ...typing import Array
+from ..element import Element
+from ..urdf import rpy_of_rotation
+from ..xml_text import figures, new, xml_text
+from .written import Losses, Written, configurations_of, drive_of, screw_of, unused
+
+WORLD = "world"
+_USUAL = (0.0, 0.0, -9.81)
+_NONE = 1e16
+"""What stands for no limit."""
+
+
+def write_sdf(model: Model) -> Written:
+    """The SDF file of a model. Fixed links without mass become frames, for simulators refuse them as links.
+
+    >>> import twistwrench as tw
+    >>> write_sdf(tw.robots.panda().model).lost
+    ()
+    """
+    return _SdfWriter(outline(model)).write()
+
+
+class _SdfWriter:
+    """One model on its way into a file."""
+
+    def __init__(self, found: Outline) -> None:
+        self.found, self.losses = found, Losses()
+        self.root = new("sdf", version=_version(found))
+        self.model = Element("model", {"name": found.name}, 0, self.root)
+        moving = [joint.name for joint in found.joints if not joint.fixed]
+        self.names = {WORLD}
+        self.joints = {name: self._name("joint", name) for name in moving}  # first: motions go by the names of joints
+        still = not found.floating and found.root == WORLD
+        self.called = {name: WORLD if still and name == WORLD else self._name("link", name) for name in found.links}
+        self.carriers = {found.root: found.root}
+        """The link that each link is, or that it is a frame of."""
+
+    def write(self) -> Written:
+        """Links with their joints, depth first, then frames."""
+        found = self.found
+        world = self.root
+        if not np.array_equal(found.gravity, _USUAL):
+            world = new("world", self.root, name="world")
+            new("gravity", world, figures(found.gravity))
+        world.children.append(self.model)
+        self._begin()
+        for entry in found.joints:
+            self._add(entry)
+        for site in found.additions.sites.values():
+            if self.called[site.link] == WORLD and (beside := self._standing()) is not None:  # no frame is of the world
+                T = np.asarray(se3.inverse(beside.placement) @ site.pose)
+                self._frame(self._name("site", site.name), beside.child, T)
+            elif self.called[site.link] == WORLD:
+                self.losses.found.append(Remark(f"site {site.name!r}", "stands in the world, and is left out"))
+            else:
+                self._frame(self._name("site", site.name), site.link, site.pose)
+        self._note_others()
+        if "drake:rotor_inertia" in {element.tag for element in self.model.walk()}:
+            self.root.attributes["xmlns:drake"] = "http://drake.mit.edu"
+        return Written(xml_text(self.root), tuple(self.losses.found))
+
+    def _standing(self) -> JointEntry | None:
+        """The joint of a link that is fixed to the world."""
+        root = self.found.root
+        return next((joint for joint in self.found.joints if joint.fixed and joint.parent == root), None)
+
+    def _name(self, what: str, name: str) -> str:
+        """A name that nothing else has: links, joints and frames share theirs, and ``::`` is between models."""
+        found = unused(name.replace("::", "."), self.names)
+        self.names.add(found)
+        if found != name:
+            self.losses.found.append(
+                Remark(f"{what} {name!r}", f"is written as {found!r}: the format keeps its name for others")
+            )
+        return found
+
+    def _begin(self) -> None:
+        """The root link: the world itself, fixed to it, or free."""
+        found = self.found
+        if self.called[found.root] == WORLD:
+            if found.links[found.root].inertia.mass:
+                self.losses.say("the mass of what stands still is left out, where the base is the world itself")
+            return
+        self._link(found.root, None, np.eye(4))
+        if not found.floating:
+            self._joint(self._name("joint", f"{found.root}.fixed"), "fixed", WORLD, found.root)
+            return
+        drive = drive_of(found, ROOT_JOINT, self.losses)
+        if drive.damping or drive.friction or drive.armature:
+            self.losses.of_joint(ROOT_JOINT, "has damping, friction or armature, which the format cannot say")
+
+    def _add(self, entry: JointEntry) -> None:
+        found, kind = self.found, entry.joint.kind
+        carrier = self.carriers[entry.parent]
+        if entry.fixed and self.called[carrier] != WORLD and not found.links[entry.child].inertia.parameters.any():
+            self.carriers[entry.child] = carrier
+            self._frame(self.called[entry.child], entry.parent, entry.placement)
+            return
+        self.carriers[entry.child] = entry.child
+        if kind == "floating":
+            self._add_floating(entry)
+            return
+        if kind == "planar":
+            self._add_planar(entry)
+            return
+        self._link(entry.child, entry.parent, entry.placement)
+        name = self._name("joint", entry.name) if entry.fixed else self.joints[entry.name]
+        if kind == "fixed":
+            self._joint(name, kind, self.called[carrier], entry.child)
+        elif kind == "ball":
+            joint = self._joint(name, kind, self.called[carrier], entry.child)
+            self._drive(entry.name, joint, None)
+        else:
+            self._add_screw(name, entry, self.called[carrier])
+
+    def _add_floating(self, entry: JointEntry) -> None:
+        if self.called[entry.parent] != WORLD or not np.array_equal(entry.placement, np.eye(4)):
+            raise ModelError(
+                f"joint {entry.name!r} floats away from the world's origin, and SDF has no joint for that. Lock it."
+            )
+        self._link(entry.child, None, np.eye(4))
+        drive_of(self.found, entry.name, self.losses)
+        if entry.name != ROOT_JOINT:
+            self.losses.of_joint(entry.name, "floats, which the format says by no joint at all: its name is lost")
+
+    def _add_planar(self, entry: JointEntry) -> None:
+        w, e1, e2 = entry.joint.axes[0, :3], entry.joint.axes[1, 3:], entry.joint.axes[2, 3:]
+        parent, carrier, T = entry.parent, self.called[self.carriers[entry.parent]], entry.placement
+        for letter, kind, direction in (("x", "prismatic", e1), ("y", "prismatic", e2), ("theta", "continuous", w)):
+            child = entry.child
+            if letter != "theta":
+                child = f"{entry.child}:{entry.name}.{letter}"
+                self.called[child] = self._name("link", child)
+                self.carriers[child] = child
+            self._link(child, parent, T)
+            joint = self._joint(self._name("joint", f"{entry.name}.{letter}"), kind, carrier, child)
+            self._drive(entry.name, joint, self._axis(joint, direction))
+            parent, carrier, T = child, self.called[child], np.eye(4)
+        self.losses.of_joint(
+            entry.name,
+            "is planar; it is written as two sliding joints and a turning one, whose velocities are those of x, y, theta",
+        )
+
+    def _add_screw(self, name: str, entry: JointEntry, parent: str) -> None:
+        axis, limits = screw_of(entry), entry.limits
+        endless = not np.isfinite([limits.lower[0], limits.upper[0]]).any()
+        kind = "screw" if axis.pitch else "prismatic" if not axis.turns else "continuous" if endless else "revolute"
+        joint = self._joint(name, kind, parent, entry.child)
+        if axis.point.any():
+            new("pose", joint, figures([*axis.point, 0, 0, 0]))
+        if axis.pitch:
+            new("screw_thread_pitch", joint, figures(2 * math.pi * axis.pitch))
+        element = self._axis(joint, axis.direction)
+        if entry.mimic is not None:
+            leader, ratio, offset = entry.mimic
+            mimic = new("mimic", element, joint=self.joints[leader])
+            for what, value in (("multiplier", ratio), ("offset", offset), ("reference", 0.0)):
+                new(what, mimic, figures(value))
+        limit = new("limit", element)
+        new("lower", limit, figures(max(limits.lower[0], -_NONE)))
+        new("upper", limit, figures(min(limits.upper[0], _NONE)))
+        for what, value in (("effort", limits.effort[0]), ("velocity", limits.velocity[0])):
+            if np.isfinite(value):
+                new(what, limit, figures(value))
+        self._drive(entry.name, joint, element)
+
+    def _drive(self, name: str, joint: Element, axis: Element | None) -> None:
+        """Friction, springs and armature of a joint into its elements."""
+        drive = drive_of(self.found, name, self.losses)
+        said = {"damping": drive.damping, "friction": drive.friction}
+        for spring in self.found.additions.springs:
+            (first, weight), *others = spring.terms
+            if axis is not None and first == name and not others:
+                if "spring_stiffness" in said:
+                    self.losses.of_joint(name, "has a second spring, which is left out")
+                    continue
+                said |= {"spring_reference": spring.rest / weight, "spring_stiffness": spring.stiffness * weight**2}
+        if any(said.values()):
+            dynamics = new("dynamics", axis if axis is not None else self._axis(joint, np.array([0.0, 0.0, 1.0])))
+            for what, value in said.items():
+                if value:
+                    new(what, dynamics, figures(value))
+        if drive.armature and axis is not None:
+            new("drake:rotor_inertia", joint, figures(drive.armature))
+            self.losses.of_joint(
+                name, "has an armature, which is written as drake:rotor_inertia, an extension of Drake's"
+            )
+        elif drive.armature:
+            self.losses.of_joint(name, "has an armature, which the format cannot say")
+
+    def _joint(self, name: str, kind: str, parent: str, child: str) -> Element:
+        joint = new("joint", self.model, name=name, type=kind)
+        new("parent", joint, parent)
+        new("child", joint, self.called[child])
+        return joint
+
+    def _axis(self, joint: Element, direction: Array) -> Element:
+        axis = new("axis", joint)
+        new("xyz", axis, figures(direction))
+        return axis
+
+    def _link(self, name: str, parent: str | None, T: Array) -> None:
+        link = new("link", self.model, name=self.called[name])
+        self._pose(link, parent, T)
+        entry = self.found.links.get(name)
+        G = SpatialInertia.zero() if entry is None else entry.inertia
+        inertial, I = new("inertial", link), G.moment_about_com
+        if G.com.any():
+            new("pose", inertial, figures([*G.com, 0, 0, 0]))
+        new("mass", inertial, figures(G.mass))
+        tensor = new("inertia", inertial)  # what is left out would be 1 kg and 1 kg m²
+        for what, i, j in (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2)):
+            new(what, tensor, figures(I[i, j]))
+
+    def _frame(self, name: str, link: str, T: Array) -> None:
+        frame = new("frame", self.model, name=name, attached_to=self.called[link])
+        self._pose(frame, None, T)
+
+    def _pose(self, element: Element, parent: str | None, T: Array) -> None:
+        relative = {"relative_to": self.called[parent]} if parent and self.called[parent] != WORLD else {}
+        if relative or not np.array_equal(T, np.eye(4)):
+            new("pose", element, figures([*T[:3, 3], *rpy_of_rotation(T[:3, :3])]), **relative)
+
+    def _note_others(self) -> None:
+        more = self.found.additions
+        for spring in more.springs:
+            if len(spring.terms) > 1:
+                joints = ", ".join(repr(joint) for joint, _ in spring.terms)
+                self.losses.say(f"the spring of {joints} is left out: the format has none of several joints")
+        for what, names in (("configuration", configurations_of(self.found)), ("closure", more.closures)):
+            self.losses.found.extend(Remark(f"{what} {name!r}", "is left out: the format has none") for name in names)
+
+
+def _version(found: Outline) -> str:
+    """The first version of the format that has all that is needed."""
+    if any(joint.mimic is not None for joint in found.joints):
+        return "1.11"
+    screws = (joint for joint in found.joints if joint.joint.nv == 1)
+    return "1.10" if any(screw_of(joint).pitch for joint in screws) else "1.8"

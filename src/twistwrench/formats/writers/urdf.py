@@ -1,0 +1,188 @@
+"""From a model to the text of a URDF file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...bodies.inertia import SpatialInertia
+from ...model.description import JointEntry
+from ...model.limits import Limits
+from ...model.model import Model
+from ...model.outline import Outline, outline
+from ...model.remark import Remark
+from ...typing import Array
+from ..element import Element
+from ..urdf import rpy_of_rotation
+from ..xml_text import figures, new, xml_text
+from .written import Losses, Written, configurations_of, drive_of, moved, screw_of, unused
+
+_NONE = 1e16
+"""What stands for no limit where the format wants a number."""
+_USUAL = (0.0, 0.0, -9.81)
+
+
+def write_urdf(model: Model) -> Written:
+    """The URDF file of a model. Links keep their own inertias, and fixed joints stay.
+
+    >>> import twistwrench as tw
+    >>> write_urdf(tw.robots.panda().model).lost
+    ()
+    """
+    return _UrdfWriter(outline(model)).write()
+
+
+class _UrdfWriter:
+    """One model on its way into a file."""
+
+    def __init__(self, found: Outline) -> None:
+        self.found, self.losses = found, Losses()
+        self.robot = new("robot", name=found.name)
+        self.names = {*found.links}
+        self.joint_names = {joint.name for joint in found.joints}
+        self.parts: list[Element] = []
+        """Elements of joints, which come after those of links."""
+
+    def write(self) -> Written:
+        """Links in document order, then joints depth first."""
+        found = self.found
+        if found.floating:
+            self._link(unused("world", self.names), SpatialInertia.zero())
+        for link in found.links.values():
+            self._link(link.name, link.inertia)
+        if found.floating:
+            joint = self._joint("root_joint", "floating", self.robot.children[0].text("name"), found.root, np.eye(4))
+            self._losses_of(joint, "root_joint")
+        for entry in found.joints:
+            self._add(entry)
+        self._add_sites()
+        self._note_others()
+        self.robot.children.extend(self.parts)
+        return Written(xml_text(self.robot), tuple(self.losses.found))
+
+    def _link(self, name: str, inertia: SpatialInertia) -> None:
+        self.names.add(name)
+        link = new("link", self.robot, name=name)
+        if not inertia.parameters.any():
+            return
+        inertial = new("inertial", link)
+        I = inertia.moment_about_com
+        new("origin", inertial, xyz=figures(inertia.com), rpy="0 0 0")
+        new("mass", inertial, value=figures(inertia.mass))
+        products = {"ixx": I[0, 0], "ixy": I[0, 1], "ixz": I[0, 2], "iyy": I[1, 1], "iyz": I[1, 2], "izz": I[2, 2]}
+        new("inertia", inertial, **{name: figures(value) for name, value in products.items()})
+
+    def _joint(self, name: str, kind: str, parent: str, child: str, T: Array) -> Element:
+        joint = Element("joint", {"name": name, "type": kind}, 0, self.robot)
+        self.parts.append(joint)
+        new("parent", joint, link=parent)
+        new("child", joint, link=child)
+        if not np.array_equal(T, np.eye(4)):
+            new("origin", joint, xyz=figures(T[:3, 3]), rpy=figures(rpy_of_rotation(T[:3, :3])))
+        return joint
+
+    def _hidden(self, name: str) -> str:
+        """A new link without mass."""
+        name = unused(name, self.names)
+        self._link(name, SpatialInertia.zero())
+        return name
+
+    def _add(self, entry: JointEntry) -> None:
+        kind, name = entry.joint.kind, entry.name
+        if kind in ("fixed", "floating"):
+            joint = self._joint(name, kind, entry.parent, entry.child, entry.placement)
+            if kind == "floating":
+                self._losses_of(joint, name)
+        elif kind == "planar":
+            joint = self._joint(name, kind, entry.parent, entry.child, entry.placement)
+            new("axis", joint, xyz=figures(entry.joint.axes[0, :3]))
+            self._losses_of(joint, name)
+        elif kind == "ball":
+            self._add_ball(entry)
+        else:
+            self._add_screw(entry)
+
+    def _add_screw(self, entry: JointEntry) -> None:
+        axis = screw_of(entry)
+        child, T = entry.child, entry.placement
+        if axis.point.any():  # the format has axes through the child's origin
+            child, T = self._hidden(f"{entry.child}:{entry.name}"), T @ moved(axis.point)
+            beside = unused(f"{entry.name}.fixed", self.joint_names)
+            self.joint_names.add(beside)
+        middle = self._hidden(f"{entry.child}:{entry.name}:slide") if axis.pitch else child
+        low, high = (float(x[0]) for x in (entry.limits.lower, entry.limits.upper))
+        free = low == -np.inf and high == np.inf
+        kind = ("continuous" if free else "revolute") if axis.turns else "prismatic"
+        joint = self._joint(entry.name, kind, entry.parent, middle, T)
+        new("axis", joint, xyz=figures(axis.direction))
+        self._limit(joint, entry.limits)
+        self._losses_of(joint, entry.name)
+        if entry.mimic is not None:
+            self._mimic(joint, *entry.mimic)
+        if axis.pitch:
+            name = unused(f"{entry.name}.slide", self.joint_names)
+            self.joint_names.add(name)
+            slide = self._joint(name, "prismatic", middle, child, np.eye(4))
+            new("axis", slide, xyz=figures(axis.direction))
+            self._limit(slide, Limits(*(np.full(1, x) for x in (-np.inf, np.inf, np.inf, np.inf))))
+            self._mimic(slide, entry.name, axis.pitch, 0.0)
+            self.losses.of_joint(
+                entry.name, "is helical; it is written as a revolute joint and a prismatic one that mimics it"
+            )
+        if child != entry.child:
+            self._joint(beside, "fixed", child, entry.child, moved(-axis.point))
+
+    def _add_ball(self, entry: JointEntry) -> None:
+        parent, T = entry.parent, entry.placement
+        for k, letter in enumerate("xyz"):
+            name = unused(f"{entry.name}.{letter}", self.joint_names)
+            self.joint_names.add(name)
+            child = entry.child if k == 2 else self._hidden(f"{entry.child}:{name}")
+            joint = self._joint(name, "continuous", parent, child, T)
+            new("axis", joint, xyz=figures(np.eye(3)[k]))
+            if k == 0:
+                self._losses_of(joint, entry.name)
+            parent, T = child, np.eye(4)
+        self.losses.of_joint(entry.name, "is a ball joint; it is written as three revolute joints about x, y and z")
+
+    def _limit(self, joint: Element, limits: Limits) -> None:
+        values = {name: float(getattr(limits, name)[0]) for name in ("lower", "upper", "velocity", "effort")}
+        if joint.attributes["type"] == "continuous":
+            del values["lower"], values["upper"]
+            if not np.isfinite(list(values.values())).any():
+                return
+        new(
+            "limit",
+            joint,
+            **{name: figures(np.clip(x, -_NONE, _NONE)) for name, x in values.items()},
+        )
+
+    def _mimic(self, joint: Element, leader: str, ratio: float, offset: float) -> None:
+        new("mimic", joint, joint=leader, multiplier=figures(ratio), offset=figures(offset))
+
+    def _losses_of(self, element: Element, name: str) -> None:
+        """Damping and friction of a joint into its element; that it has an armature is noted."""
+        drive = drive_of(self.found, name, self.losses)
+        if drive.damping or drive.friction:
+            new("dynamics", element, damping=figures(drive.damping), friction=figures(drive.friction))
+        if drive.armature:
+            self.losses.of_joint(name, "has an armature, which the format cannot say")
+
+    def _add_sites(self) -> None:
+        for site in self.found.additions.sites.values():
+            name = self._hidden(site.name)
+            beside = unused(f"{name}.fixed", self.joint_names)
+            self.joint_names.add(beside)
+            self._joint(beside, "fixed", site.link, name, site.pose)
+            self.losses.found.append(Remark(f"site {site.name!r}", "is written as a fixed link without mass"))
+
+    def _note_others(self) -> None:
+        found, more = self.found, self.found.additions
+        for spring in more.springs:
+            joints = ", ".join(repr(joint) for joint, _ in spring.terms)
+            self.losses.say(f"the spring of {joints} is left out: the format has none")
+        if not np.array_equal(found.gravity, _USUAL):
+            self.losses.say(
+                f"gravity {found.gravity.tolist()} is left out, which is no part of the format: load with gravity=…"
+            )
+        for what, names in (("configuration", configurations_of(found)), ("closure", more.closures)):
+            self.losses.found.extend(Remark(f"{what} {name!r}", "is left out: the format has none") for name in names)

@@ -1,0 +1,145 @@
+"""What all writers share: the parts of a model as a file can have them, and the record of what it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...errors import ModelError
+from ...lie import se3, so3
+from ...model.assembly import ROOT_JOINT
+from ...model.description import JointEntry
+from ...model.friction import Friction
+from ...model.outline import Outline
+from ...model.remark import Remark
+from ...typing import Array
+from ..mjcf.keyframes import REFERENCE
+
+
+@dataclass(frozen=True)
+class Written:
+    """A robot file, and what of the robot is not in it."""
+
+    text: str
+    lost: tuple[str, ...]
+    """A sentence each; empty where reading the file gives the same robot."""
+
+
+@dataclass
+class Losses:
+    """What a format cannot say of one model, collected while it is written."""
+
+    found: list[str] = field(default_factory=list)
+
+    def of_joint(self, name: str, said: str) -> None:
+        """Something about a joint."""
+        self.found.append(Remark(f"joint {name!r}", said))
+
+    def say(self, text: str) -> None:
+        """Something about the robot."""
+        self.found.append(text)
+
+
+@dataclass(frozen=True)
+class Screw:
+    """A screw axis as files have it: a direction, a point that it goes through, and a pitch."""
+
+    direction: Array
+    point: Array
+    """(3,) in the child's frame, the nearest to its origin; zero of sliding joints."""
+    pitch: float
+    """m/rad."""
+    turns: bool
+
+
+def screw_of(joint: JointEntry) -> Screw:
+    """The axis of a joint of one degree in its child's frame.
+
+    Raises :class:`~twistwrench.ModelError` for one that is not of unit length, which no format can say.
+    """
+    w, v = joint.joint.axes[0, :3], joint.joint.axes[0, 3:]
+    turns = bool(w.any())
+    length = float(np.linalg.norm(w if turns else v))
+    if abs(length - 1.0) > 1e-12:
+        raise ModelError(
+            f"joint {joint.name!r} has a screw axis of length {length:g}, so that its coordinate is no angle and no way. Robot "
+            "files have axes of unit length."
+        )
+    if not turns:
+        return Screw(v, np.zeros(3), 0.0, False)
+    point = so3.cross(w, v)
+    point = np.where(np.abs(point) > 1e-15 * max(1.0, float(np.abs(v).max())), point, 0.0)
+    pitch = float(w @ v)
+    return Screw(w, point, pitch if abs(pitch) > 1e-15 else 0.0, True)
+
+
+def moved(point: Array) -> Array:
+    """The pose (4, 4) of a frame at a point."""
+    return se3.pose(np.eye(3), point)
+
+
+@dataclass(frozen=True)
+class AlongJoint:
+    """What acts along a joint, one number each, as files have it."""
+
+    damping: float
+    friction: float
+    armature: float
+
+
+def drive_of(found: Outline, joint: str, losses: Losses) -> AlongJoint:
+    """Damping, Coulomb friction and armature of a joint; what they leave out is noted."""
+    law = found.friction.get(joint)
+    if law is None:  # that of what follows another is with its leader
+        return AlongJoint(0.0, 0.0, 0.0)
+    laws = [law, *(found.friction[motor] for motor in (f"{joint}.motor",) if motor in found.friction)]
+    for one in laws:
+        _note_laws(joint, one, losses)
+    armature = found.armature[joint].copy()
+    for actuator in found.actuators:
+        if actuator.joint == joint and actuator.rotor is not None:
+            armature += actuator.ratio**2 * actuator.rotor.inertia
+            losses.of_joint(joint, "has a rotor, which is written as armature: what it does to other joints is lost")
+            if np.isfinite(actuator.stiffness):
+                losses.of_joint(joint, "has an elastic gear, which is written as a rigid one")
+    return AlongJoint(
+        _one(joint, "damping", np.sum([one.viscous for one in laws], axis=0), losses),
+        _one(joint, "friction", np.sum([one.coulomb for one in laws], axis=0), losses),
+        _one(joint, "armature", armature, losses),
+    )
+
+
+def _note_laws(joint: str, law: Friction, losses: Losses) -> None:
+    if (law.static > law.coulomb).any():
+        losses.of_joint(joint, "has static and Stribeck friction, of which the Coulomb friction alone is written")
+    if law.load.any():
+        losses.of_joint(joint, "has friction that grows with the load, which is left out")
+
+
+def _one(joint: str, what: str, values: Array, losses: Losses) -> float:
+    if np.ptp(values) > 0:
+        losses.of_joint(joint, f"has another {what} in each direction, of which the mean is written")
+    return float(np.mean(values))
+
+
+def configurations_of(found: Outline) -> dict[str, dict[str, Array]]:
+    """The named configurations, joint by joint; where nothing is moved, how a file has its bodies needs no name."""
+    neutral = {joint.name: joint.joint.neutral for joint in found.joints} | {ROOT_JOINT: np.r_[1.0, np.zeros(6)]}
+    given = {
+        name: {joint: np.asarray(q, float) for joint, q in positions.items()}
+        for name, positions in found.additions.configurations.items()
+    }
+    return {
+        name: positions
+        for name, positions in given.items()
+        if name != REFERENCE or any(not np.array_equal(q, neutral[joint]) for joint, q in positions.items())
+    }
+
+
+def unused(name: str, taken: Collection[str]) -> str:
+    """The name, with ``_`` appended until nothing else has it."""
+    while name in taken:
+        name += "_"
+    return name

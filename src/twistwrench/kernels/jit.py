@@ -1,0 +1,122 @@
+"""Machine code in this process: compiled by LLVM or taken from the cache, and the address of its loop."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import os
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import KernelError
+from ..program.program import Program
+from ..program.recurrence import Recurrence
+from ..targets.emitter_choice import modules
+from ..targets.llvm import LOOP
+from ..targets.processor import Machine, Precision, chosen
+from . import cache
+
+
+@dataclass(frozen=True)
+class Code:
+    """A function in memory; the code is freed with this object."""
+
+    address: int
+    keep: Any
+    size: int
+    """Bytes of object code."""
+    cached: bool
+    """Whether it came from the disk."""
+
+
+class _Jit:
+    """The one linker of this process, made at its first use; LLVM is not imported before."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self._linker: Any = None
+        self._numbers = itertools.count()
+        if hasattr(os, "register_at_fork"):  # no fork while another thread compiles: the child would find LLVM locked
+            release = self.lock.release
+            os.register_at_fork(before=self.lock.acquire, after_in_parent=release, after_in_child=release)
+
+    def target(self, machine: Machine) -> Any:
+        import llvmlite.binding as llvm
+
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        llvm.initialize_native_asmparser()
+        # The small code model lets constants be operands in memory; the default for JITs fetches each one's address.
+        return llvm.Target.from_triple(machine.triple).create_target_machine(
+            cpu=machine.cpu, features=machine.features, opt=2, reloc="pic", codemodel="small"
+        )
+
+    def link(self, objects: Sequence[bytes], symbol: str, machine: Machine) -> Any:
+        import llvmlite.binding as llvm
+
+        if self._linker is None:
+            self._linker = llvm.create_lljit_compiler(self.target(machine))
+        builder = llvm.JITLibraryBuilder().add_current_process().export_symbol(symbol)
+        for code in objects:
+            builder.add_object_img(code)
+        return builder.link(self._linker, f"twistwrench{next(self._numbers)}")
+
+
+_JIT = _Jit()
+LOCK = _JIT.lock
+"""Held while anything compiles."""
+
+
+def compiled(program: Program | Recurrence, precision: Precision, machine: Machine | None = None) -> Code:
+    """Code for ``program`` on the machine, or the chosen one, from the cache if it is there."""
+    machine = machine or chosen()
+    with _JIT.lock:
+        return _linked(lambda: modules(program, precision, machine), LOOP, machine)
+
+
+def assembled(text: str, symbol: str, machine: Machine) -> Code:
+    """Code of a module of LLVM assembly, from the cache if it is there; the address is that of ``symbol``."""
+    return _linked(lambda: [text], symbol, machine)
+
+
+def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -> Code:
+    """Code of several modules together. Each is made, compiled and kept by itself: their texts are long."""
+    with _JIT.lock:
+        try:
+            objects = [_object(text, machine) for text in texts()]
+            try:
+                loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=all(c for *_, c in objects))
+            except RuntimeError:  # cache entries that no longer link are as good as none
+                if not any(cached for *_, cached in objects):
+                    raise
+                objects = [_object(text, machine, afresh=True) for text in texts()]
+                loaded = _loaded([code for _, code, _ in objects], symbol, machine, cached=False)
+        except RuntimeError as problem:
+            raise KernelError(
+                f"LLVM refused a kernel ({problem}). Set TWISTWRENCH_JIT=0 to run on NumPy, and please report this."
+            ) from problem
+        for key, code, cached in objects:
+            if not cached:
+                cache.store(key, code)
+        return loaded
+
+
+def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
+    """The cache's key of a module, its object code, and whether that was in the cache."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    versions = f"{llvmlite.__version__} {llvm.llvm_version_info} {machine}"
+    key = hashlib.sha256(f"{versions}\n{text}".encode()).hexdigest()
+    code = None if afresh else cache.load(key)
+    if code is not None:
+        return key, code, True
+    module = llvm.parse_assembly(text, llvm.create_context())  # in the global context its constants would live for ever
+    return key, _JIT.target(machine).emit_object(module), False
+
+
+def _loaded(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
+    library = _JIT.link(objects, symbol, machine)
+    return Code(library[symbol], library, sum(map(len, objects)), cached)

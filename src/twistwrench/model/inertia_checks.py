@@ -1,0 +1,120 @@
+"""Judging inertias: whether the moving bodies of a model can exist, and what is done about those that cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..errors import InertiaError
+from ..typing import Array
+from .model import Body, Model
+from .remark import Remark
+
+_LISTED = 3
+"""Bodies that cannot exist that an error describes; a file with many has one cause most often."""
+INERTIA_POLICIES = ("error", "accept", "repair")
+"""What happens to a moving body that cannot exist: refused, kept as it is, or given the nearest inertia that can be."""
+
+
+def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
+    """Why no body has this inertia, in words with amounts. Rotational inertia without mass is judged by itself.
+
+    Files use it for rotors whose mass is counted elsewhere; a remark is made of it, never an error. ``size`` [kg m²] is
+    that of the moments it was made of, which rounding goes by.
+    """
+    if inertia.mass == 0 and inertia.parameters[4:].any():
+        return SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).defects()
+    return inertia.defects(size=size)
+
+
+def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model, list[str]]:
+    """Judge each moving body, fixed links fused, and remark on single links; ``link`` says how messages call a link.
+
+    Raises :class:`~twistwrench.InertiaError` under the policy ``error``, listing every body that cannot exist.
+    """
+    remarks: list[str] = []
+    refused: list[str] = []
+    bodies = list(model.bodies)
+    clear = _clear([body.inertia for body in bodies])
+    doubtful = [i for i, body in enumerate(bodies) if not clear[i]]
+    bad = {i: found for i in doubtful if (found := reasons(bodies[i].inertia, moved_moments(model, i)))}
+    for i, found in bad.items():
+        text = f"{_who(model, i, link)} cannot exist: {'; '.join(found)}"
+        if policy == "error":
+            refused.append(text)
+        elif policy == "accept":
+            remarks.append(f"{text}; accepted as it is")
+        else:
+            bodies[i], change = _repaired(bodies[i])
+            remarks.append(f"{text}; repaired, {change}")
+    if refused:
+        more = f" {len(refused) - _LISTED} more cannot exist either." if len(refused) > _LISTED else ""
+        raise InertiaError(
+            f"{'. '.join(refused[:_LISTED])}.{more} Correct the numbers, or load with inertia='repair' to take the nearest "
+            "valid ones, or with inertia='accept' to keep them."
+        )
+    remarks.extend(_on_links(model, set(bad), link))
+    return replace(model, bodies=tuple(bodies)), remarks
+
+
+def _clear(inertias: Sequence[SpatialInertia]) -> Array:
+    """Which of them a body can have beyond doubt, without a tolerance: all at once, as few are not. (n,) of bool."""
+    p = np.array([G.parameters for G in inertias]).reshape(-1, 10)
+    with np.errstate(all="ignore"):
+        m, h = p[:, 0], p[:, 1:4]
+        c = h / m[:, None]
+        I = p[:, [4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(-1, 3, 3)
+        I = I - (h * c).sum(axis=1)[:, None, None] * np.eye(3) + h[:, :, None] * c[:, None, :]
+        known = np.isfinite(I).all(axis=(1, 2)) & (m > 0)
+        low, middle, high = np.linalg.eigvalsh(np.where(known[:, None, None], I, 0.0)).T
+    return np.asarray(known & (low > 0) & (low + middle >= high))
+
+
+def moved_moments(model: Model, index: int) -> float:
+    """The moments [kg m²] that those of a fused body are sums and differences of: each link's, moved along its own levers."""
+    total = 0.0
+    for name, frame in model.frames.items():
+        if frame.body == index:
+            G, p = model.link_inertias[name], frame.pose[:3, 3]
+            total += abs(float(G.moment_about_origin.trace())) + float(G.mass * p @ p)
+    return total
+
+
+def _who(model: Model, index: int, link: Callable[[str], str]) -> str:
+    """The body by its links: those at fault where some are, else all that weigh anything."""
+    members = [n for n, f in model.frames.items() if f.body == index and model.link_inertias[n].parameters.any()]
+    guilty = [n for n in members if reasons(model.link_inertias[n])] or members
+    fused = f", with the {len(members)} links fused to one body," if len(members) > 1 else ""
+    return f"{' and '.join(map(link, guilty))}{fused} moved by joint {model.bodies[index].joint.name!r}"
+
+
+def _repaired(body: Body) -> tuple[Body, str]:
+    inertia = body.inertia
+    if inertia.mass == 0:  # only the rotational part is mended: without mass it has no centre to be about
+        stand_in = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).nearest_consistent()
+        near = SpatialInertia.from_com(0.0, np.zeros(3), stand_in.moment_about_com)
+    else:
+        near = inertia.nearest_consistent()
+    most = np.abs(near.parameters - inertia.parameters).max()
+    return replace(body, inertia=near), f"changing its moments by {most:.3g} kg m² at most"
+
+
+def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[str]:
+    """Remarks on links that are doubtful by themselves and do no harm."""
+    remarks: list[str] = []
+    clear = _clear(list(model.link_inertias.values()))
+    for (name, inertia), fine in zip(model.link_inertias.items(), clear.tolist(), strict=True):
+        body = model.frames[name].body
+        moments = inertia.parameters[4:]
+        if inertia.mass == 0 and moments.any():
+            remarks.append(Remark(link(name), "has rotational inertia but no mass"))
+        # Through the parallel-axis theorem a zero comes back as rounding of the moments about the origin.
+        elif inertia.mass and not fine and np.abs(inertia.moment_about_com).max() <= 1e-14 * np.abs(moments).max():
+            remarks.append(Remark(link(name), "has mass but zero inertia, as a point mass has"))
+        if body not in bad and not fine and (found := reasons(inertia)):
+            effect = "is fused into a body that can exist" if body >= 0 else "does not move"
+            remarks.append(Remark(link(name), f"cannot exist by itself ({'; '.join(found)}) but {effect}"))
+    return remarks

@@ -1,0 +1,241 @@
+"""Joining two robots, and cutting one out: edits of the links and joints that a model is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from ..errors import FrameError, ModelError, UnknownNameError
+from ..joints.fixed import Fixed
+from ..typing import Array
+from .actuator import Actuator
+from .assembly import ROOT_JOINT
+from .closure import OfferedClosure
+from .description import JointEntry, SiteEntry
+from .limits import Limits
+from .model import BASE, Model
+from .outline import Outline, assembled, outline
+
+_LISTED = 6
+_Value = TypeVar("_Value")
+
+
+def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: str) -> Model:
+    """The model with another one's base fixed to a frame, at a pose (4, 4) in it; ``prefix`` goes before the other's names.
+
+    Raises :class:`~twistwrench.UnknownNameError` and :class:`~twistwrench.FrameError` as :meth:`Model.frame`, and
+    :class:`~twistwrench.ModelError` where a name would stand for two things.
+    """
+    model.frame(frame)
+    at = model.tip if frame is None else frame
+    whole, part = outline(model, extra=False), _renamed(outline(other, extra=False), prefix)
+    link, T = str(at), pose
+    if link in whole.additions.sites:
+        site = whole.additions.sites[link]
+        link, T = site.link, np.asarray(site.pose @ pose)
+    _check_names(whole, part, prefix)
+    whole.links |= part.links
+    name = f"{part.root}.attached"
+    while name in {joint.name for joint in (*whole.joints, *part.joints)}:
+        name += "_"
+    whole.joints += [_fixed(name, link, part.root, T), *part.joints]
+    for field in ("friction", "armature"):
+        getattr(whole, field).update(
+            {k: v for k, v in getattr(part, field).items() if k != ROOT_JOINT or not part.floating}
+        )
+    whole.actuators += part.actuators
+    whole.payloads += part.payloads
+    mine, theirs = whole.additions, part.additions
+    mine.sites |= theirs.sites
+    mine.springs += theirs.springs
+    mine.closures |= theirs.closures
+    for label, positions in theirs.configurations.items():
+        ours = {joint: q for joint, q in positions.items() if joint != ROOT_JOINT or not part.floating}
+        mine.configurations[label] = mine.configurations.get(label, {}) | ours
+    found = assembled(whole)
+    return replace(found, defects=(*model.defects, *other.defects))
+
+
+def chain(model: Model, base: str | None, tip: str | None) -> Model:
+    """A part of the model, its base standing still: all that a link carries, or the joints between it and a tip alone.
+
+    What is fixed rigidly to the part belongs to it; gravity is as the new base feels it with every joint neutral.
+
+    Raises :class:`~twistwrench.UnknownNameError` for frames that are not there, :class:`~twistwrench.FrameError` for a tip that
+    the base does not carry, and :class:`~twistwrench.ModelError` where the part depends on joints outside it.
+    """
+    found = outline(model, extra=False)
+    root = found.root if base is None else base
+    if root not in found.links or found.links[root].hidden:
+        raise UnknownNameError.of("link", root, model.frames)
+    if tip is not None:
+        model.frame(tip)
+    kept = _below(found, root, None if tip is None else _link_of(found, tip), tip)
+    if base is not None:
+        found.gravity = _rotation(model, root).T @ found.gravity if root in model.frames else found.gravity
+        found.floating = False
+    part = _restricted(found, kept)
+    part.root = root
+    cut = assembled(part)
+    return replace(cut, tip=tip if tip in cut.all_frames else cut.tip, defects=model.defects)
+
+
+def _fixed(name: str, parent: str, child: str, T: Array) -> JointEntry:
+    none = np.zeros(0)
+    joint = Fixed(name, np.zeros((0, 6)))
+    return JointEntry(joint, parent, child, T, Limits(none, none, none, none), 0.0, 0.0, None, "")
+
+
+def _check_names(whole: Outline, part: Outline, prefix: str) -> None:
+    for what, ours, theirs in (
+        ("link", {*whole.links, *whole.additions.sites}, (*part.links, *part.additions.sites)),
+        ("joint", {joint.name for joint in whole.joints}, [joint.name for joint in part.joints]),
+        ("closure", whole.additions.closures, part.additions.closures),
+    ):
+        both = [name for name in theirs if name in ours]
+        if both:
+            listed = ", ".join(map(repr, both[:_LISTED])) + (
+                f" and {len(both) - _LISTED} more" if len(both) > _LISTED else ""
+            )
+            advice = (
+                "another prefix" if prefix else "a prefix for the names of the one attached, such as prefix='hand_'"
+            )
+            raise ModelError(f"both robots have a {what} called {listed}. Give {advice}.")
+
+
+def _renamed(part: Outline, prefix: str) -> Outline:
+    """The outline with a prefix before every name of it."""
+    if not prefix:
+        return part
+
+    def called(name: str) -> str:
+        return f"{prefix}{name}"
+
+    def keyed(mapping: Mapping[str, _Value]) -> dict[str, _Value]:
+        return {called(name): value for name, value in mapping.items()}
+
+    more = part.additions
+    sites: dict[str, SiteEntry] = {}
+    for site in more.sites.values():
+        name = f"site:{called(site.name.removeprefix('site:'))}" if site.name.startswith("site:") else called(site.name)
+        sites[name] = replace(site, name=name, link=called(site.link))
+    again = {site.name: name for site, name in zip(more.sites.values(), sites, strict=True)}
+
+    def frame(name: str) -> str:
+        return again.get(name, called(name))
+
+    return Outline(
+        name=part.name,
+        gravity=part.gravity,
+        snap=part.snap,
+        source=part.source,
+        root=called(part.root),
+        floating=part.floating,
+        links={called(link.name): replace(link, name=called(link.name)) for link in part.links.values()},
+        joints=[_renamed_joint(joint, prefix) for joint in part.joints],
+        whole=keyed(part.whole),
+        friction=keyed(part.friction),
+        armature=keyed(part.armature),
+        actuators=[_renamed_actuator(actuator, prefix) for actuator in part.actuators],
+        payloads=tuple((frame(name), G) for name, G in part.payloads),
+        additions=replace(
+            more,
+            sites=sites,
+            springs=[replace(s, terms=tuple((called(joint), w) for joint, w in s.terms)) for s in more.springs],
+            configurations={name: keyed(positions) for name, positions in more.configurations.items()},
+            closures={
+                called(name): OfferedClosure(frame(c.frame_a), frame(c.frame_b), c.rows)
+                for name, c in more.closures.items()
+            },
+        ),
+    )
+
+
+def _renamed_joint(entry: JointEntry, prefix: str) -> JointEntry:
+    mimic = entry.mimic if entry.mimic is None else (prefix + entry.mimic[0], *entry.mimic[1:])
+    joint = replace(entry.joint, name=prefix + entry.name)
+    return replace(entry, joint=joint, parent=prefix + entry.parent, child=prefix + entry.child, mimic=mimic)
+
+
+def _renamed_actuator(actuator: Actuator, prefix: str) -> Actuator:
+    rotor = actuator.rotor
+    if rotor is not None and rotor.link is not None:
+        rotor = replace(rotor, link=prefix + rotor.link)
+    return replace(actuator, joint=prefix + actuator.joint, rotor=rotor)
+
+
+def _link_of(found: Outline, frame: str) -> str:
+    return found.additions.sites[frame].link if frame in found.additions.sites else frame
+
+
+def _below(found: Outline, root: str, tip: str | None, said: str | None) -> set[str]:
+    """The links to keep: all that the root carries, or those on the way to a tip and what is fixed to them."""
+    carried = {joint.child: joint for joint in found.joints}
+    way = {root}
+    if tip is not None:
+        link = tip
+        while link != root:
+            if link not in carried:
+                raise FrameError(f"frame {said!r} is not carried by link {root!r}. Name a base before it.")
+            way.add(link)
+            link = carried[link].parent
+    kept = {root}
+    for joint in found.joints:  # parents come first
+        if joint.parent in kept and (tip is None or joint.child in way or joint.fixed):
+            kept.add(joint.child)
+    return kept
+
+
+def _rotation(model: Model, link: str) -> Array:
+    """Of a link in the base frame, with every joint neutral."""
+    q, frame = model.neutral, model.frames[link]
+    T, i = frame.pose, frame.body
+    while i != BASE:
+        body = model.bodies[i]
+        mine = q[body.q_index : body.q_index + body.joint.nq]
+        T = body.placement @ body.joint.pose(body.ratio * mine + body.offset if body.follows else mine) @ T
+        i = body.parent
+    return np.asarray(T[:3, :3], float)
+
+
+def _restricted(found: Outline, kept: set[str]) -> Outline:
+    """The outline with some links only, and all that concerns nothing else."""
+    joints = [joint for joint in found.joints if {joint.parent, joint.child} <= kept]
+    names = {joint.name for joint in joints} | ({ROOT_JOINT} if found.floating else set())
+    for joint in joints:
+        if joint.mimic is not None and joint.mimic[0] not in names:
+            raise ModelError(
+                f"joint {joint.name!r} follows {joint.mimic[0]!r}, which is not in that part of the robot. Load with "
+                "mimic='independent', or lock the leader first."
+            )
+    more = found.additions
+    sites = {name: site for name, site in more.sites.items() if site.link in kept}
+    frames = kept | set(sites)
+    actuators = [actuator for actuator in found.actuators if actuator.joint in names]
+    for actuator in actuators:
+        if actuator.rotor is not None and actuator.rotor.link not in (None, *frames):
+            raise ModelError(
+                f"the rotor of joint {actuator.joint!r} is on link {actuator.rotor.link!r}, which is not in that part of the "
+                "robot. Cut the part out first, and describe its actuators then."
+            )
+    return replace(
+        found,
+        links={name: link for name, link in found.links.items() if name in kept},
+        joints=joints,
+        actuators=actuators,
+        payloads=tuple((frame, G) for frame, G in found.payloads if frame in frames),
+        additions=replace(
+            more,
+            sites=sites,
+            springs=[s for s in more.springs if all(joint in names for joint, _ in s.terms)],
+            configurations={name: _of(positions, names) for name, positions in more.configurations.items()},
+            closures={name: c for name, c in more.closures.items() if {c.frame_a, c.frame_b} <= frames},
+        ),
+    )
+
+
+def _of(positions: Mapping[str, _Value], names: Iterable[str]) -> dict[str, _Value]:
+    return {joint: q for joint, q in positions.items() if joint in set(names)}

@@ -1,0 +1,76 @@
+"""Snapping: fixed rotations that are nearly permutations, or turn about one axis only, are taken to be exactly that."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..typing import Array
+
+DEFAULT_SNAP = 1e-9
+"""How near to 0 or ±1 an entry of a fixed rotation must be to be taken for it."""
+
+_ROUNDING = 4.5e-16, 1e-15
+"""A rotation whose R'R and R R' are this near to the identity is one to the last bit: sums of three products, each rounded.
+The first for what is let alone, the second for what was made orthonormal."""
+
+_PLAIN = (0.0, 1.0, -1.0)
+
+
+def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
+    """R (3, 3) with the entries within ``tolerance`` of 0 or ±1 set to it, made a rotation again; 0 changes nothing.
+
+    A robot file writes a right angle as 1.57079632679, and even the best float for π/2 has a cosine of 6e-17; exact
+    zeros and ones vanish from the compiled kernels, and these do not. An entry becomes ±1 only together with the zeros
+    beside it: cos(1e-5) is nearer to 1 than the tolerance, but a small angle is an angle. What is left of the rotation is
+    made orthonormal to the last bit, for the algorithms take a transpose for an inverse: a signed permutation, a turn
+    about one axis, or a rotation with one zero entry. Where small entries are zeros of no rotation, nothing is changed.
+    """
+    if tolerance == 0:
+        return R
+    if all(x in _PLAIN for x in R.ravel().tolist()):  # most of those in files
+        return np.asarray(R + 0.0)  # no minus zeros
+    zero = np.abs(R) <= tolerance
+    alone = ~zero & (zero.sum(0, keepdims=True) == 2) & (zero.sum(1, keepdims=True) == 2)
+    snapped = np.where(zero, 0.0, np.where(alone, np.sign(R), R))
+    if np.array_equal(snapped, R) or _is_rotation(snapped, _ROUNDING[0]):
+        return snapped
+    if alone.any():
+        i, j = np.argwhere(alone)[0]
+        rest = np.ix_([k for k in range(3) if k != i], [k for k in range(3) if k != j])
+        snapped[rest] = _nearest_of_two(snapped[rest])
+    elif zero.sum() == 1:
+        snapped = _with_one_zero(snapped, int(zero.any(axis=1).argmax()))
+    return snapped if _is_rotation(snapped, _ROUNDING[1]) else R
+
+
+def _is_rotation(R: Array, allowed: float) -> bool:
+    return all(bool(np.abs(product - np.eye(3)).max() <= allowed) for product in (R.T @ R, R @ R.T))
+
+
+def _nearest_of_two(B: Array) -> Array:
+    """The orthogonal matrix nearest to B (2, 2): a rotation or a reflection, as B is."""
+    (a, b), (c, d) = B
+    side = 1.0 if a * d - b * c > 0 else -1.0
+    x, y = a + side * d, c - side * b
+    x, y = x / np.hypot(x, y), y / np.hypot(x, y)
+    return np.array([[x, -side * y], [y, side * x]])
+
+
+def _with_one_zero(R: Array, i: int) -> Array:
+    """R orthonormal again by Gram and Schmidt, from row i, which has the zero; determinant 1."""
+    first, second = R[i] / np.linalg.norm(R[i]), R[(i + 1) % 3]
+    for _ in range(2):  # once more, for what rounding left
+        second = second - (first @ second) * first
+        second = second / np.linalg.norm(second)
+    found = np.empty((3, 3))
+    found[i], found[(i + 1) % 3], found[(i + 2) % 3] = first, second, np.cross(first, second)
+    return found
+
+
+def snap_pose(T: Array, tolerance: float = DEFAULT_SNAP) -> Array:
+    """T (4, 4) with its rotation snapped; the position is left as it is."""
+    if tolerance == 0:
+        return T
+    snapped = T.copy()
+    snapped[:3, :3] = snap_rotation(T[:3, :3], tolerance)
+    return snapped

@@ -1,0 +1,48 @@
+"""A pandas DataFrame as the motion file that it could have been read from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core import arguments
+from ..errors import ShapeError
+from ..typing import Array
+from .npz_file import NpzFile
+
+_NAME = "the DataFrame"
+
+
+def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
+    """Its index, where it is a time, and its columns of numbers; and a sentence on those that are none.
+
+    Raises ShapeError for what is no DataFrame.
+    """
+    if not all(hasattr(frame, name) for name in ("columns", "index", "items")) or isinstance(frame, type):
+        raise ShapeError(
+            f"Motion.from_dataframe: the frame is {arguments.shown(frame)}: give a pandas DataFrame with a column "
+            "for each joint."
+        )
+    found: dict[str, Array] = dict(_time(frame.index))
+    ignored = []
+    for name, column in frame.items():
+        try:
+            found[str(name)] = np.asarray(column, float)
+        except (TypeError, ValueError):
+            ignored.append(str(name))
+    table = np.column_stack(list(found.values())) if found else np.zeros((len(frame), 0))
+    said = (f"Columns that are no numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
+    return NpzFile(Path(_NAME), tuple(found), table, 8 * table.size), said
+
+
+def _time(index: Any) -> list[tuple[str, Array]]:
+    """The index by its name, dates and spans in seconds since the first; nothing where it only counts rows."""
+    values = np.asarray(index)
+    if values.dtype.kind in "mM":
+        return [("time [s]", (values - values[:1]) / np.timedelta64(1, "s"))]
+    counts = values.dtype.kind in "iu" and np.array_equal(values, np.arange(len(values)))
+    if values.ndim != 1 or values.dtype.kind not in "iuf" or (index.name is None and counts):
+        return []
+    return [("time" if index.name is None else str(index.name), values.astype(float))]

@@ -1,0 +1,586 @@
+"""Motion: states of a robot over time, wherever they come from, and what is asked of them.
+
+Logs, trajectories, simulations and rollouts give one; reports, pictures, the viewer, controllers and files take one.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.files import as_path
+from ..errors import MissingExtraError, ModelWarning, ShapeError, ValueRangeError
+from ..robot.robot_argument import require_robot
+from ..typing import Array
+from .bounds import Bounds, bounds_or_own
+from .column_names import time_column
+from .contradictions import Contradictions
+from .coordinates import Coordinates, joint_rates
+from .spline import FEWEST, between, continuous, spline_rates
+from .time_unit import time_doubt
+from .violations import LimitCheck, Violation
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from .motion_log import MotionLog
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion:
+    """States of one robot at increasing times.
+
+    Parameters
+    ----------
+    time
+        (n,) s, increasing.
+    q
+        (n, nq) coordinates.
+    dq, ddq
+        (n, nv) velocities and accelerations; None: derived from q by a quintic spline.
+    tau
+        (n, nv) torques that were measured or applied [N m or N]; None where they are not known.
+    robot
+        The robot whose states they are.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        For arrays of other shapes, times that do not increase, fewer than six samples without rates, and numbers that are
+        not finite. Times that seem to be milliseconds are a ModelWarning, and in ``notes``.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> t = np.linspace(0, 1, 101)
+    >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+    >>> motion.torques().shape, motion.at(0.5)[0].round(3).tolist()
+    ((101, 2), [0.25, -0.25])
+    """
+
+    time: Array
+    q: Array
+    dq: Array = None  # type: ignore[assignment]
+    ddq: Array = None  # type: ignore[assignment]
+    tau: Array | None = None
+    robot: Robot = None  # type: ignore[assignment]
+    notes: tuple[str, ...] = ()
+    """What was taken to be meant, and what contradicts itself, in what it was made from."""
+    in_seconds: bool = False
+    """Whether the times are known to be seconds: long steps of time are then not doubted."""
+
+    def __post_init__(self) -> None:
+        if self.robot is None:
+            raise ShapeError("Motion: robot= is missing: the robot whose states these are.")
+        require_robot(self.robot, "Motion")
+        model = self.robot.model
+        t = np.asarray(arguments.finite(self.time, "Motion: time"), float)
+        q = np.asarray(arguments.finite(self.q, "Motion: q", model.nq, names=self.robot.coordinate_names), float)
+        if t.ndim != 1 or not len(t) or q.shape != (len(t), model.nq):
+            raise ShapeError(f"Motion: time has shape {t.shape} and q {q.shape}; give (n,) and (n, {model.nq}).")
+        if bad := [b.joint.name for b in model.leaders if not b.joint.is_configuration(q[:, b.places[0]])]:
+            raise ValueRangeError(f"Motion: q has a quaternion of zeros at joint {bad[0]!r}, which is no rotation.")
+        if (np.diff(t) <= 0).any():
+            k = int(np.argmax(np.diff(t) <= 0))
+            raise ValueRangeError(
+                f"Motion: time does not increase from sample {k} ({t[k]:g} s) to the next ({t[k + 1]:g} s)."
+            )
+        given = {label: getattr(self, label) for label in ("dq", "ddq", "tau")}
+        rates = {
+            label: None
+            if x is None
+            else np.asarray(arguments.finite(x, f"Motion: {label}", model.nv, names=model.velocity_names), float)
+            for label, x in given.items()
+        }
+        for label, x in rates.items():
+            if x is not None and x.shape != (len(t), model.nv):
+                raise ShapeError(f"Motion: {label} has shape {x.shape}; give ({len(t)}, {model.nv}).")
+        doubt = (
+            "" if self.notes or self.in_seconds else time_doubt(self.coordinates, t, q, rates["dq"], self.robot.limits)
+        )
+        if doubt:
+            doubt = f"{doubt}. Give times in seconds, as time=1e-3 * milliseconds"
+            warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
+            object.__setattr__(self, "notes", (f"LOOK AGAIN: {doubt}",))
+        if rates["dq"] is None or rates["ddq"] is None:
+            derived = _derived(self.robot, t, q, rates["dq"])
+            rates["dq"] = derived[0] if rates["dq"] is None else rates["dq"]
+            rates["ddq"] = derived[1] if rates["ddq"] is None else rates["ddq"]
+        for label, x in {"time": t, "q": q, **rates}.items():
+            object.__setattr__(self, label, x)
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | Path,
+        robot: Robot,
+        *,
+        columns: Mapping[str, str] | None = None,
+        rate: float | None = None,
+        degrees: bool = False,
+    ) -> Motion:
+        """Read a CSV file, or an archive of ``simulate --npz``, as the command ``torques`` reads it.
+
+        Parameters
+        ----------
+        path : str or Path
+        robot : Robot, that moves
+        columns : {joint: column}, optional, and {"joint.vel": column}, ``.acc``, ``.torque``, where names do not say it
+        rate : float, optional, samples a second of a file without a column of time [Hz]
+        degrees : bool, angles are in degrees wherever the column does not name its unit
+
+        Returns
+        -------
+        motion : Motion
+
+        Raises
+        ------
+        NotFoundError, TrajectoryError
+            The file cannot be read. What contradicts itself is in ``notes``, after ``LOOK AGAIN``.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> ur5 = tw.robots.ur5()
+        >>> tw.Motion.from_file(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), ur5)
+        <Motion of 'ur5': 751 states, 0 to 6 s>
+        """
+        from .motion_log import MotionLog
+
+        require_robot(robot, "Motion")
+        return cls._of_log(MotionLog.open(path, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        frame: Any,
+        robot: Robot,
+        *,
+        columns: Mapping[str, str] | None = None,
+        rate: float | None = None,
+        degrees: bool = False,
+    ) -> Motion:
+        """Read a pandas DataFrame, whose columns are named as those of a file; what :meth:`to_pandas` gives comes back.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame, with the time as its index or as a column
+            Seconds, or dates and time spans as an index. An index that only counts rows is none.
+        robot : Robot, that moves
+        columns : {joint: column}, optional, as for :meth:`from_file`
+        rate : float, optional, samples a second where there is no time [Hz]
+        degrees : bool, angles are in degrees wherever the column does not name its unit
+
+        Returns
+        -------
+        motion : Motion
+
+        Raises
+        ------
+        ShapeError
+            ``frame`` is no DataFrame.
+        TrajectoryError, ValueRangeError
+            Columns and numbers make no motion.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> motion = tw.trajectories.move(arm, [0, 0], [1, 1], tw.trajectories.cubic(1.0)).sample(0.1)
+        >>> again = tw.Motion.from_dataframe(motion.to_pandas(), arm)
+        >>> bool((again.ddq == motion.ddq).all())
+        True
+        """
+        from .data_frame import data_frame_file
+        from .motion_log import MotionLog
+
+        require_robot(robot, "Motion")
+        file, ignored = data_frame_file(frame)
+        found = cls._of_log(MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
+        return replace(found, notes=(*found.notes, *ignored))
+
+    @classmethod
+    def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:
+        rows = log.motion(np.concatenate(list(log.tables())))
+        doubts = (*(f"LOOK AGAIN: {doubt}" for doubt in log.contradictions(robot.limits)), *log.hints(robot.limits))
+        given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
+        return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *doubts), in_seconds=True)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, rows: slice) -> Motion:
+        """Some of its states, ``motion[10:200]`` or ``motion[::10]``; times stay as they are. Raises ValueRangeError."""
+        if not isinstance(rows, slice):
+            raise ValueRangeError(
+                f"Motion: rows are chosen by a slice, motion[10:200], got {arguments.shown(rows)}. For the state at a time "
+                "take motion.at(t), for a span motion.between(t0, t1)."
+            )
+        try:
+            chosen = {name: getattr(self, name)[rows] for name in ("time", "q", "dq", "ddq")}
+        except (TypeError, ValueError) as problem:
+            raise ValueRangeError(f"Motion: {rows} chooses no rows: {problem}. Write motion[10:200].") from None
+        if not len(chosen["time"]):
+            raise ValueRangeError(f"Motion: {rows} leaves none of the {len(self)} states.")
+        return replace(self, **chosen, tau=None if self.tau is None else self.tau[rows])
+
+    def between(self, begin: float, end: float) -> Motion:
+        """Part of the motion: its states from one time to another, both included.
+
+        Parameters
+        ----------
+        begin, end : float, times [s]; times of states stay as they are
+
+        Returns
+        -------
+        motion : Motion
+
+        Raises
+        ------
+        ValueRangeError
+            There are too few states between.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> motion = tw.Motion(np.linspace(0, 1, 101), np.zeros((101, 2)), robot=tw.robots.planar_2r())
+        >>> motion.between(0.2, 0.5)
+        <Motion of 'planar_2r': 31 states, 0.2 to 0.5 s>
+        """
+        first, last = arguments.number(begin, "begin"), arguments.number(end, "end")
+        rows = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]).tolist())
+        if not rows.start < rows.stop:
+            raise ValueRangeError(
+                f"Motion: no state lies between {first:g} and {last:g} s; there are {len(self)} from {self.time[0]:g} to "
+                f"{self.time[-1]:g} s."
+            )
+        return self[rows]
+
+    def __repr__(self) -> str:
+        looks = "".join(f"; {note}" for note in self.notes if note.startswith("LOOK AGAIN"))
+        return f"<Motion of {self.robot.name!r}: {len(self)} states, {self.time[0]:g} to {self.time[-1]:g} s{looks}>"
+
+    @property
+    def duration(self) -> float:
+        """From the first state to the last [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @cached_property
+    def contradictions(self) -> tuple[str, ...]:
+        """Contradictions: a sentence for each thing by which the states contradict themselves.
+
+        Rates that are not the slope of what they belong to, jumps, angles that are far beyond the robot's limits, time
+        that seems to be in ms.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 4, 401)
+        >>> motion = tw.Motion(1000 * t, np.sin(np.outer(t, [1, 2])), robot=tw.robots.planar_2r())
+        >>> [said[:31] for said in motion.contradictions]
+        ['the usual step of time is 10 s,']
+        """
+        from .motion_log import LogRows
+
+        tally = Contradictions(self.coordinates, time_stated=False)
+        tally.add(LogRows(self.time, self.q, self.dq, self.ddq, self.tau))
+        return tally.sentences(self.robot.limits)
+
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Names and units of the entries of q, dq and tau."""
+        return Coordinates.of(self.robot.model)
+
+    # ── states between the samples ──
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """State of the motion at times; before and after, it rests at its ends.
+
+        Parameters
+        ----------
+        t : (...) array_like [s]
+
+        Returns
+        -------
+        q : (..., nq) array
+        dq : (..., nv) array [rad/s, m/s]
+        ddq : (..., nv) array [rad/s², m/s²]
+
+        Notes
+        -----
+        Between two samples q moves along the constant joint twists that lead from one to the other; rates are
+        interpolated linearly.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.at(0.5)[0].round(3).tolist()
+        [0.25, -0.25]
+        """
+        t = np.asarray(arguments.finite(t, "Motion.at: t"), float)
+        q, k, after, share = between(self.robot, self.time, self.q, t)
+        inside = ((t >= self.time[0]) & (t <= self.time[-1]))[..., None]
+        dq, ddq = (np.where(inside, (1 - share) * x[k] + share * x[after], 0.0) for x in (self.dq, self.ddq))
+        return q, dq, ddq
+
+    def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """As :meth:`at`: a motion is a reference for a controller."""
+        return self.at(t)
+
+    # ── what it asks of the robot ──
+
+    def torques(self, *, friction: bool = False) -> Array:
+        """Torques that the motion takes, by inverse dynamics.
+
+        Parameters
+        ----------
+        friction : bool, count the friction of the joints
+
+        Returns
+        -------
+        tau : (n, nv) array [N m, sliding joints: N]
+
+        Notes
+        -----
+        MR section 8.3.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.torques().shape
+        (101, 2)
+        """
+        return np.asarray(self.robot.inverse_dynamics(self.q, self.dq, self.ddq, friction=friction))
+
+    def terms(self, *, friction: bool = False) -> dict[str, Array]:
+        """Torques split into the terms of the equation of motion.
+
+        Parameters
+        ----------
+        friction : bool, count the friction of the joints
+
+        Returns
+        -------
+        terms : {name: (n, nv) array}, ``inertia``, ``coriolis``, ``gravity`` (with springs), and ``friction`` if asked
+            for
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> list(motion.terms())
+        ['inertia', 'coriolis', 'gravity']
+        """
+        robot = self.robot
+        gravity = robot.holding_torques(self.q)
+        coriolis = robot.coriolis_forces(self.q, self.dq)
+        tau = robot.inverse_dynamics(self.q, self.dq, self.ddq)
+        found = {"inertia": tau - coriolis - gravity, "coriolis": coriolis, "gravity": gravity}
+        return found | {"friction": robot.friction_forces(self.dq, load=tau)} if friction else found
+
+    def violations(self, bounds: Bounds | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
+        """Limits of position, velocity, acceleration and torque that the motion passes, worst first.
+
+        Parameters
+        ----------
+        bounds : Bounds, optional; None: the robot's own
+        friction : bool, count the friction of the joints
+
+        Returns
+        -------
+        found : tuple of Violation
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.violations()
+        ()
+        """
+        check = LimitCheck(self.robot.model, bounds_or_own(self.robot, bounds))
+        check.add(self.time, self.q, self.dq, self.ddq, self.torques(friction=friction))
+        return check.violations()
+
+    # ── files ──
+
+    def columns(self, *, degrees: bool = False) -> dict[str, Array]:
+        """Columns of the motion by the names that they have in files: the coordinate's, ``.vel``, ``.acc`` and ``.torque``.
+
+        Parameters
+        ----------
+        degrees : bool, angles in degrees
+
+        Returns
+        -------
+        columns : {name: (n,) array}, time first
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> list(motion.columns())[:3]
+        ['time', 'joint1', 'joint2']
+        """
+        names = self.coordinates
+        unit = np.degrees(1.0) if degrees else 1.0
+        q = self.q * np.where(names.angular, unit, 1.0)
+        turning = np.where(names.angular_velocity, unit, 1.0)
+        parts: Mapping[str, Array | None] = {".vel": self.dq * turning, ".acc": self.ddq * turning, ".torque": self.tau}
+        found = {time_column(names.names): self.time, **{name: q[:, k] for k, name in enumerate(names.names)}}
+        for suffix, values in parts.items():
+            if values is not None:
+                found |= {name + suffix: values[:, k] for k, name in enumerate(names.velocity_names)}
+        return found
+
+    def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
+        """Write a CSV file that ``twistwrench torques`` reads.
+
+        Parameters
+        ----------
+        path : str or Path
+        degrees : bool, angles in degrees
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        ValueRangeError
+            Nothing can be written.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     print(motion.to_csv(f"{folder}/motion.csv").read_text().split(",")[0])
+        time
+        """
+        from .table_file import TableFile
+
+        path, columns = as_path(path), self.columns(degrees=degrees)
+        with TableFile.writing(path, list(columns)) as file:
+            if file is not None:
+                file.write(np.column_stack(list(columns.values())))
+        return path
+
+    def to_pandas(self) -> Any:
+        """Data frame with the time [s] as its index and a column for each entry.
+
+        Returns
+        -------
+        frame : pandas.DataFrame
+
+        Raises
+        ------
+        MissingExtraError
+            There is no pandas.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.to_pandas().shape
+        (101, 6)
+        """
+        try:
+            import pandas  # type: ignore[import-untyped]
+        except ImportError:
+            raise MissingExtraError.of("pandas", "tables", "Making a DataFrame") from None
+        columns = self.columns()
+        return pandas.DataFrame(columns).set_index(next(iter(columns)))
+
+    def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
+        """Plot of velocities and torques as shares of their limits.
+
+        Parameters
+        ----------
+        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+        bounds : Bounds, optional; None: the robot's own
+        friction : bool, count the friction of the joints
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError
+            There is no matplotlib.
+        ValueRangeError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     motion.plot(f"{folder}/motion.svg").name
+        'motion.svg'
+        """
+        from ..plotting.joint_curves import plot_motion
+
+        return plot_motion(self, path, bounds, friction=friction)
+
+    def of(self, robot: Robot) -> Motion:
+        """The same states of another robot with the same coordinates, such as one that carries a payload.
+
+        Parameters
+        ----------
+        robot : Robot
+
+        Returns
+        -------
+        motion : Motion
+
+        Raises
+        ------
+        ValueRangeError
+            The robot has other coordinates.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> loaded = motion.of(motion.robot.with_payload(tw.SpatialInertia.from_com(1.0)))
+        >>> bool((abs(loaded.torques()) > abs(motion.torques())).all())
+        True
+        """
+        if require_robot(robot, "Motion.of").coordinate_names != self.robot.coordinate_names:
+            raise ValueRangeError(
+                f"the motion is of robot {self.robot.name!r}, whose coordinates are others than those of {robot.name!r}."
+            )
+        return replace(self, robot=robot)
+
+
+def _derived(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array, Array]:
+    """Velocities and accelerations (n, nv) by a quintic spline through q, or through the velocities where they are known."""
+    if len(t) < FEWEST:
+        raise ValueRangeError(
+            f"Motion: {len(t)} samples are too few to derive rates from; give dq and ddq, or {FEWEST} samples."
+        )
+    if dq is not None:
+        return dq, spline_rates(t, dq)[0]
+    q = continuous(robot.model, q)
+    return joint_rates(robot.model, q, *spline_rates(t, q))

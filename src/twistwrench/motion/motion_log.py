@@ -1,0 +1,363 @@
+"""A motion in a file, read in blocks: time, coordinates, and velocities, accelerations and torques where it has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.files import as_path
+from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
+from ..model.model import Limits, Model
+from ..typing import Array
+from .column_choice import absent_joints
+from .columns import Columns
+from .contradictions import Contradictions
+from .coordinates import Coordinates
+from .csv_file import CsvFile
+from .npz_file import NpzFile, is_archive
+from .repeats import Repeats
+from .row_block import Block
+
+_NO_ROTATION = 1e-6  # norm of a quaternion
+
+MotionFile = CsvFile | NpzFile
+
+
+@dataclass(frozen=True, eq=False)
+class LogRows:
+    """Consecutive samples of a motion, in SI units; ``dq``, ``ddq`` and ``tau`` are None where the file has none."""
+
+    time: Array
+    """(n,) s."""
+    q: Array
+    """(n, nq)."""
+    dq: Array | None
+    """(n, nv)."""
+    ddq: Array | None
+    """(n, nv)."""
+    tau: Array | None = None
+    """(n, nv) N m or N: what was logged, for comparison."""
+
+
+@dataclass(eq=False)
+class _Pass:
+    """What one pass over all rows found."""
+
+    repeats: Repeats | None = None
+    contradictions: Contradictions | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLog:
+    """Motion log: a file that has been opened once to read its header; the rows stay in the file."""
+
+    file: MotionFile
+    """The file."""
+    columns: Columns
+    """Which column is which."""
+    coordinates: Coordinates
+    """Names and units of the robot's coordinates."""
+    _last: _Pass = field(default_factory=_Pass)
+
+    @classmethod
+    def open(
+        cls,
+        path: str | Path | MotionFile,
+        model: Model,
+        *,
+        degrees: bool = False,
+        locked: Sequence[str] = (),
+        columns: Mapping[str, str] | None = None,
+        rate: float | None = None,
+    ) -> MotionLog:
+        r"""Read and check the header of a motion file, and see which column is which.
+
+        Parameters
+        ----------
+        path : str, Path or MotionFile
+            A CSV file (see :meth:`CsvFile.open <twistwrench.motion.csv_file.CsvFile.open>` for what is understood), or
+            an archive that ``simulate --npz`` wrote.
+        model : Model, of the robot that moves
+        degrees : bool, angles are in degrees wherever the column does not name its unit
+        locked : sequence of str, joints whose columns are ignored
+        columns : {name: column}, optional, which column is which, where its name does not say so
+            ``{"elbow": "pos3", "elbow.vel": "w3"}``; ``.acc``, ``.tau`` and ``time`` likewise.
+        rate : float, optional, rows a second of a file without a column of time [Hz]
+
+        Returns
+        -------
+        log : MotionLog
+
+        Raises
+        ------
+        NotFoundError, TrajectoryError, UnknownNameError, ValueRangeError
+            Naming the file, the line and what was found there.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import twistwrench as tw
+        >>> model = tw.robots.pendulum().model
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "log.csv")
+        ...     _ = path.write_text("encoder [deg]\n0\n90\n")
+        ...     log = MotionLog.open(path, model, columns={model.leaders[0].joint.name: "encoder"}, rate=100.0)
+        ...     motion = log.motion(np.concatenate(list(log.tables())))
+        >>> motion.time.tolist(), motion.q.round(6).tolist()
+        ([0.0, 0.01], [[0.0], [1.570796]])
+        """
+        if model.nv == 0:
+            raise ValueRangeError(
+                f"robot {model.name!r} has no joint that moves, so no motion fits. Lock fewer joints."
+            )
+        if rate is not None and not (math.isfinite(rate) and rate > 0):
+            raise ValueRangeError(f"rate {rate!r} is no number of rows a second. Give one above 0, such as 1000.")
+        file = open_motion_file(path) if isinstance(path, str | Path) else path
+        coordinates = Coordinates.of(model)
+        where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
+        options: dict[str, Any] = {"degrees": degrees, "locked": locked, "columns": columns, "rate": rate}
+        options["look"] = lambda column: next((b.table[:, 0] for b in file.blocks([column])), np.zeros(0))
+        return cls(file, Columns.of(file.header, coordinates, where, **options), coordinates)
+
+    @property
+    def path(self) -> Path:
+        """Of the file."""
+        return self.file.path
+
+    @property
+    def size(self) -> int:
+        """Of the file [bytes]."""
+        return self.file.size
+
+    def tables(self, progress: Callable[[int], None] | None = None) -> Iterator[Array]:
+        """Rows of the file in blocks: time in seconds, all else as it stands in the file.
+
+        Parameters
+        ----------
+        progress : callable, optional, told the bytes of each block
+
+        Returns
+        -------
+        blocks : iterator of (n, columns) arrays
+
+        Raises
+        ------
+        TrajectoryError
+            A value is no number or not finite, a row is not whole, or time runs back.
+
+        Notes
+        -----
+        One row of each time is given. What was found is in :attr:`notes` and :meth:`contradictions` afterwards.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> sum(len(table) for table in log.tables())
+        751
+        """
+        self._last.repeats = repeats = self._repeats()
+        self._last.contradictions = found = Contradictions(
+            self.coordinates,
+            time_stated=self.columns.time_stated,
+            angle=self.columns.angle,
+            angle_stated=self.columns.angle_stated,
+        )
+        last, rows = -math.inf, 0
+        for block in self.file.blocks(self.columns.used):
+            table = self._timed(block, rows, last)
+            if len(table):
+                last, rows = float(table[-1, 0]), rows + len(table)
+                table = repeats.add(table)
+                if len(table):
+                    found.add(self.motion(table))
+                    yield table
+            if progress:
+                progress(block.size)
+        final = repeats.rest()
+        if final is None:
+            line = self.file.header_line if isinstance(self.file, CsvFile) else 0
+            raise TrajectoryError(f"{self.path}: no rows after the header of line {line}. Give at least one.")
+        found.add(self.motion(final))
+        yield final
+
+    def excerpts(self, count: int, rows: int) -> list[Array]:
+        """Runs of consecutive rows spread evenly over the file, its ends included.
+
+        Parameters
+        ----------
+        count : int, up to so many runs
+        rows : int, about so many rows each; a short file comes whole, as one
+
+        Returns
+        -------
+        tables : list of (n, columns) arrays
+
+        Raises
+        ------
+        TrajectoryError
+            Values are no numbers, as in :meth:`tables`.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> len(log.excerpts(2, 10))
+        2
+        """
+        try:
+            blocks = self.file.excerpts(self.columns.used, count, rows)
+            if blocks is None:
+                return [np.concatenate(list(self.tables()))]
+            found = []
+            for block in blocks:
+                repeats = self._repeats()
+                begun = repeats.add(self._timed(block, 0, -math.inf))
+                rest = repeats.rest()
+                found.append(begun if rest is None else np.concatenate([begun, rest]))
+        except TwistWrenchError:
+            for _ in self.tables():  # fails at the same row, and knows its line
+                pass
+            raise
+        return [table for table in found if len(table)]
+
+    def motion(self, table: Array) -> LogRows:
+        """Columns of a table sorted into q, dq, ddq and torques, in SI units.
+
+        Parameters
+        ----------
+        table : (n, columns) array
+
+        Returns
+        -------
+        rows : LogRows
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> log.motion(next(log.tables())).q.shape[1]
+        6
+        """
+        return LogRows(table[:, 0].copy(), *(self.columns.take(table, part) for part in ("q", "dq", "ddq", "tau")))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each thing that was taken to be meant: of the header, and of the rows once they were read."""
+        columns, last = self.columns, self._last
+        said = list(columns.notes)
+        if columns.of_locked:
+            said.append(f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}.")
+        if columns.extra:
+            said.append(f"Columns that are no coordinate of this robot are ignored: {', '.join(columns.extra)}.")
+        said += last.repeats.notes() if last.repeats else []
+        if isinstance(self.file, CsvFile) and self.file.seems_cut:
+            said.append(
+                "The last line does not end, and its last number has fewer decimals than those above: the file seems to be cut "
+                "short there. Complete or remove the row."
+            )
+        return (*said, *(last.contradictions.notes() if last.contradictions else ()))
+
+    def contradictions(self, limits: Limits | None = None) -> tuple[str, ...]:
+        """Contradictions: a sentence for each thing by which the motion contradicts itself.
+
+        Parameters
+        ----------
+        limits : Limits, optional; those of velocity help to tell a jump from a fast motion
+
+        Returns
+        -------
+        sentences : tuple of str, after all rows of :meth:`tables` were read
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> blocks = list(log.tables())
+        >>> log.contradictions()
+        ()
+        """
+        found = self._last.contradictions
+        return () if found is None else found.sentences(limits)
+
+    def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
+        """Hints: a sentence for each thing that is odd, and may yet be meant.
+
+        Parameters
+        ----------
+        limits : Limits, optional; those of velocity help to tell a jump from a fast motion
+
+        Returns
+        -------
+        sentences : tuple of str, after all rows of :meth:`tables` were read
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> blocks = list(log.tables())
+        >>> log.hints()
+        ()
+        """
+        found = self._last.contradictions
+        return () if found is None else found.hints(limits)
+
+    def _repeats(self) -> Repeats:
+        angles = np.flatnonzero(self.coordinates.angular)
+        where = self.columns.places["q"]
+        turning = np.zeros(0, int) if where is None else where[angles]
+        return Repeats(0, turning, math.pi / self.columns.angle[angles], str(self.path))
+
+    def _timed(self, block: Block, rows: int, last: float) -> Array:
+        """The block with time in seconds first, which is checked not to run back from ``last``; ``rows`` were before it."""
+        if self.columns.counted:
+            time = (rows + np.arange(len(block.table))) * self.columns.seconds
+            table = np.concatenate([time[:, None], block.table], axis=1)
+        else:
+            table = block.table
+            if self.columns.seconds != 1.0:
+                table = table.copy()
+                table[:, 0] *= self.columns.seconds
+        before = np.r_[last, table[:-1, 0]][: len(table)]
+        if (back := table[:, 0] < before).any():
+            k = int(back.argmax())
+            raise TrajectoryError(
+                f"{self.path}: {block.place(k)}, column {self.columns.header[0]!r}: time {float(table[k, 0])!r} comes before "
+                f"{float(before[k])!r} of the row above. Sort the rows by time, and give one recording at a time."
+            )
+        for place in self.columns.quaternions:
+            none = np.linalg.norm(table[:, place], axis=1) < _NO_ROTATION
+            if none.any():
+                raise TrajectoryError(
+                    f"{self.path}: {block.place(int(none.argmax()))}, column {self.columns.header[place[0]]!r}: the "
+                    "quaternion is zero, which is no rotation. Write 1, 0, 0, 0 for none, or remove the row."
+                )
+        return table
+
+
+def open_motion_file(path: str | Path) -> MotionFile:
+    """The motion file at that path, of any robot: CSV, or an archive that ``simulate --npz`` wrote."""
+    return NpzFile.open(path) if is_archive(as_path(path)) else CsvFile.open(path)
+
+
+def moves_motors(path: str | Path | MotionFile) -> bool:
+    """Whether the file has columns for the motors of elastic joints; what is wrong with it is said when it is opened."""
+    try:
+        file = open_motion_file(path) if isinstance(path, str | Path) else path
+    except TwistWrenchError:
+        return False
+    return any(name.strip().endswith(".motor") for name in file.header)
+
+
+def joints_without_column(
+    path: str | Path | MotionFile, model: Model, columns: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
+    """The joints of a model that a motion file has no column for, by its header; ``columns`` as in :meth:`MotionLog.open`."""
+    file = open_motion_file(path) if isinstance(path, str | Path) else path
+    joints = [b.joint.name for b in model.leaders if b.joint.nv]
+    return absent_joints(file.header, Coordinates.of(model), joints, columns or {})

@@ -1,0 +1,378 @@
+"""Pictures of a motion: what each torque is made of, where power and energy go, and the phase plane of its joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..errors import UnknownNameError
+from ..motion.coordinates import Coordinates
+from ..typing import Array
+from ..viz.colours import share_colours
+from ..viz.drawn_motion import DrawnMotion
+from .style import (
+    AXIS,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    LINE,
+    ORANGE,
+    OVER,
+    PURPLE,
+    QUIET,
+    SKY,
+    SMALL,
+    VERMILION,
+    figure,
+    require_matplotlib,
+    save,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_TERMS = {
+    "inertia": ("inertia, M ddq", BLUE),
+    "coriolis": ("Coriolis and centrifugal", SKY),
+    "gravity": ("gravity", ORANGE),
+    "spring": ("springs", GREEN),
+    "payload": ("payload", VERMILION),
+    "wrench": ("wrenches on it", PURPLE),
+    "friction": ("friction", GREY),
+}
+_LINES = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE, GREY)
+_ZERO = 1e-9
+
+
+class Energies(NamedTuple):
+    """Where the energy of a motion comes from and goes, over its time; all but ``power`` are (n,) J, since its beginning."""
+
+    power: Array
+    """(n, nv) τ dq of each joint [W]."""
+    work: Array
+    """Of the joints."""
+    friction: Array
+    """Lost to it."""
+    wrenches: Array
+    """Work of the wrenches on the robot."""
+    springs: Array
+    """Stored in them; part of the potential energy."""
+    kinetic: Array
+    """As it is, not since the beginning."""
+    potential: Array
+    """As it is, not since the beginning."""
+
+
+def energies(motion: DrawnMotion) -> Energies:
+    """Work and energies of a motion: work - friction + wrenches is what kinetic and potential energy gain.
+
+    Parameters
+    ----------
+    motion : DrawnMotion
+
+    Returns
+    -------
+    energies : Energies
+
+    Notes
+    -----
+    Works are integrals by the trapezoidal rule over the samples kept.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> from twistwrench.viz import motion_of
+    >>> t = np.linspace(0, 1, 201)
+    >>> found = energies(motion_of(tw.robots.pendulum(), t, np.sin(t)[:, None]))
+    >>> gain = (found.kinetic + found.potential)[-1] - (found.kinetic + found.potential)[0]
+    >>> bool(abs(found.work[-1] - gain) < 1e-3)
+    True
+    """
+    robot, t, dq = motion.load.loaded, motion.time, motion.dq
+    terms = motion.load.terms(motion.states)
+    power = motion.torques * dq
+    friction, wrenches, springs = (
+        _work(t, sign * (terms[name] * dq).sum(axis=1))
+        for name, sign in (("friction", 1), ("wrench", -1), ("spring", 1))
+    )
+    kinetic, potential = np.asarray(robot.kinetic_energy(motion.q, dq)), np.asarray(robot.potential_energy(motion.q))
+    return Energies(power, _work(t, power.sum(axis=1)), friction, wrenches, springs, kinetic, potential)
+
+
+def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
+    """Plot of what the torque of each joint is made of, over time; the terms add up to τ.
+
+    Parameters
+    ----------
+    motion : DrawnMotion
+    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+    joints : sequence of str, those that are drawn; none: all
+
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such joint.
+    MissingExtraError
+        There is no matplotlib.
+    ValueRangeError
+        The file cannot be written.
+
+    Notes
+    -----
+    MR eq. 8.1, with payload, wrenches, springs and friction apart.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> from twistwrench.viz import motion_of
+    >>> t = np.linspace(0, 1, 21)
+    >>> motion = motion_of(tw.robots.planar_2r(), t, np.outer(np.sin(t), [1, 2]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_split(motion, f"{folder}/split.png").name
+    'split.png'
+    """
+    terms, units = motion.load.terms(motion.states), Coordinates.of(motion.load.loaded.model).torque_units
+    scale = float(np.abs(motion.torques).max(initial=0.0))
+    names = motion.load.loaded.model.velocity_names
+    seen: dict[str, Any] = {}
+
+    def draw(axis: Axes, k: int) -> None:
+        above, below = np.zeros(len(motion.time)), np.zeros(len(motion.time))
+        for name, values in terms.items():
+            x = values[:, k]
+            if np.abs(values).max(initial=0.0) <= _ZERO * scale:
+                continue
+            label, colour = _TERMS[name]
+            up, down = np.maximum(x, 0.0), np.minimum(x, 0.0)
+            seen[label] = axis.fill_between(motion.time, above, above + up, color=colour, alpha=0.85, linewidth=0)
+            axis.fill_between(motion.time, below, below + down, color=colour, alpha=0.85, linewidth=0)
+            above, below = above + up, below + down
+        (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=INK, linewidth=1.2)
+        axis.axhline(0, color=AXIS, linewidth=0.7)
+        axis.set_title(names[k], loc="left", fontweight="bold")
+        axis.set_title(f"peak {motion.peaks[k]:.3g} {units[k]}", loc="right", color=QUIET, fontsize=SMALL)
+        axis.set_ylabel("torque [N m]" if units[k] == "N m" else "force [N]", fontsize=SMALL)
+        axis.margins(x=0)
+
+    return _panels(motion, path, joints, "what each torque is made of", draw, seen, "time [s]")
+
+
+def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
+    """Plot of the power of each joint, and of work and energies over time.
+
+    Parameters
+    ----------
+    motion : DrawnMotion
+    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    UnknownNameError, MissingExtraError, ValueRangeError
+        As :func:`plot_split`.
+
+    Notes
+    -----
+    Work of the joints, less what friction takes and the wrenches' part, is what kinetic and potential energy gain.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> from twistwrench.viz import motion_of
+    >>> t = np.linspace(0, 1, 21)
+    >>> motion = motion_of(tw.robots.planar_2r(), t, np.outer(np.sin(t), [1, 2]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_power(motion, f"{folder}/power.svg").name
+    'power.svg'
+    """
+    robot, t, e = motion.load.loaded, motion.time, energies(motion)
+    power = e.power
+    with figure(8.6, 5.6, f"{_title(motion)} · power and energy", "Drawing (plot)") as drawn:
+        upper, lower = drawn.subplots(2, 1, sharex=True)
+        most = np.argsort(-np.abs(power).max(axis=0), kind="stable")[: len(_LINES)]
+        for k, colour in zip(np.sort(most), _LINES, strict=False):
+            upper.plot(t, power[:, k], color=colour, linewidth=1.0, label=robot.model.velocity_names[k])
+        upper.plot(t, power.sum(axis=1), color=INK, linewidth=1.5, label="all joints")
+        upper.axhline(0, color=AXIS, linewidth=0.7)
+        upper.set_ylabel("power [W]")
+        highest = float(power.sum(axis=1).max(initial=0.0))
+        upper.set_title("Power of the joints, τ dq", loc="left", fontweight="bold")
+        upper.set_title(f"most together {highest:.3g} W", loc="right", color=QUIET, fontsize=SMALL)
+        lower.fill_between(t, e.kinetic, color=SKY, alpha=0.5, linewidth=0, label="kinetic energy")
+        lower.plot(t, e.potential - e.potential[0], color=ORANGE, label="potential energy gained")
+        lower.plot(
+            t, e.kinetic + e.potential - e.kinetic[0] - e.potential[0], color=INK, linewidth=1.6, label="both gained"
+        )
+        lower.plot(t, e.work, color=VERMILION, linestyle=(0, (4, 2)), label="work of the joints")
+        for x, colour, label in (
+            (e.friction, GREY, "lost to friction"),
+            (e.springs, GREEN, "of it in springs"),
+            (e.wrenches, PURPLE, "work of the wrenches"),
+        ):
+            if np.abs(x).max(initial=0.0) > _ZERO * max(1.0, float(np.abs(e.work).max(initial=0.0))):
+                lower.plot(t, x, color=colour, label=label)
+        lower.axhline(0, color=AXIS, linewidth=0.7)
+        lower.set_ylabel("energy [J]")
+        lower.set_xlabel("time [s]")
+        lower.set_title("Work and energy since the beginning", loc="left", fontweight="bold")
+        for axis in (upper, lower):
+            axis.margins(x=0)
+            axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=SMALL)
+        return save(drawn, path)
+
+
+def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()) -> Path:
+    """Phase plot: velocity over position of each joint.
+
+    Parameters
+    ----------
+    motion : DrawnMotion
+    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+    joints : sequence of str, those that are drawn; none: all
+
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    UnknownNameError, MissingExtraError, ValueRangeError
+        As :func:`plot_split`.
+
+    Notes
+    -----
+    Coloured by the torque's share of its limit; limits of position and velocity are dashed where the motion comes near
+    them.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> from twistwrench.viz import motion_of
+    >>> t = np.linspace(0, 1, 21)
+    >>> motion = motion_of(tw.robots.planar_2r(), t, np.outer(np.sin(t), [1, 2]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_phase(motion, f"{folder}/phase.svg").name
+    'phase.svg'
+    """
+    require_matplotlib("Drawing (plot)")
+    from matplotlib.collections import LineCollection
+    from matplotlib.lines import Line2D
+
+    robot, coordinates = motion.load.loaded, Coordinates.of(motion.load.loaded.model)
+    limits = robot.limits
+    effort = np.where(limits.effort > 0, limits.effort, np.inf)
+    some = np.isfinite(effort)
+    shares = np.where(some, motion.torques / np.where(some, effort, 1.0), np.nan)
+    seen: dict[str, Any] = {
+        f"torque at {share:.0%} of its limit": Line2D([], [], color=tuple(share_colours(share)))
+        for share in (0.1, 0.5, 0.8, 1.0)
+    }
+
+    def draw(axis: Axes, k: int) -> None:
+        place = int(coordinates.position_of[k])
+        # Of planar and floating joints a velocity is no coordinate's rate; its own integral stands in.
+        x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
+        points = np.stack([x, motion.dq[:, k]], axis=1)
+        colours = share_colours(np.maximum(np.abs(shares[1:, k]), np.abs(shares[:-1, k])))
+        axis.add_collection(
+            LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), colors=colours, linewidths=1.3)
+        )
+        (seen["beginning"],) = axis.plot(*points[0], "o", color=INK, markersize=4, linestyle="none")
+        (seen["end"],) = axis.plot(*points[-1], "s", color=INK, markersize=4, markerfacecolor="white", linestyle="none")
+        low, high = points.min(axis=0), points.max(axis=0)
+        pad = np.maximum(0.12 * (high - low), 0.02)
+        dashed: dict[str, Any] = {"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))}
+        for bound in (limits.lower[k], limits.upper[k]) if place >= 0 else ():
+            if low[0] - 6 * pad[0] <= bound <= high[0] + 6 * pad[0]:
+                seen["limit"] = axis.axvline(bound, **dashed)
+                low[0], high[0] = min(low[0], bound), max(high[0], bound)
+        for bound in (-limits.velocity[k], limits.velocity[k]):
+            if low[1] - 6 * pad[1] <= bound <= high[1] + 6 * pad[1]:
+                seen["limit"] = axis.axhline(bound, **dashed)
+                low[1], high[1] = min(low[1], bound), max(high[1], bound)
+        axis.set_xlim(low[0] - pad[0], high[0] + pad[0])
+        axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
+        axis.axhline(0, color=AXIS, linewidth=0.6)
+        angular = bool(coordinates.angular_velocity[k])
+        axis.set_title(robot.model.velocity_names[k], loc="left", fontweight="bold")
+        most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
+        used = f"torque {most:.0%}" if some[k] else "no torque limit"
+        axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if most > 1 else QUIET)
+        axis.set_ylabel("rad/s" if angular else "m/s", fontsize=SMALL)
+        axis.set_xlabel("rad" if angular else "m", fontsize=SMALL)
+
+    return _panels(motion, path, joints, "velocity over position", draw, seen, "")
+
+
+PICTURES: dict[str, Callable[..., Path]] = {"split": plot_split, "power": plot_power, "phase": plot_phase}
+"""The pictures by the name the shell knows them by."""
+
+
+def _panels(
+    motion: DrawnMotion,
+    path: str | Path,
+    joints: Sequence[str],
+    what: str,
+    draw: Callable[[Axes, int], None],
+    seen: dict[str, Any],
+    below: str,
+) -> Path:
+    """A panel for each joint, and one legend of what was ``seen`` in any."""
+    chosen = _chosen(motion, joints)
+    columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(len(chosen), 4)
+    rows = math.ceil(len(chosen) / columns)
+    size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
+    with figure(*size, f"{_title(motion)} · {what}", "Drawing (plot)") as drawn:
+        axes = drawn.subplots(rows, columns, squeeze=False, sharex=bool(below)).ravel()
+        for k, axis in enumerate(axes):
+            if k < len(chosen):
+                draw(axis, chosen[k])
+            else:
+                axis.set_visible(False)
+            if below and k < len(chosen) <= k + columns:
+                axis.tick_params(labelbottom=True)
+                axis.set_xlabel(below, fontsize=SMALL)
+        drawn.legend(
+            list(seen.values()),
+            list(seen),
+            loc="outside lower left",
+            ncols=min(int(size[0] // 2), len(seen)),  # inches: the longest label takes two
+            frameon=False,
+            fontsize=SMALL,
+        )
+        return save(drawn, path)
+
+
+def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
+    """Which torques are those of the named joints; all of them if none is named."""
+    model = motion.load.loaded.model
+    if not joints:
+        return list(range(model.nv))
+    joints = (joints,) if isinstance(joints, str) else joints
+    places = {b.joint.name: range(b.v_index, b.v_index + b.joint.nv) for b in model.leaders}
+    for name in joints:
+        if name not in places:
+            raise UnknownNameError.of("joint", name, places)
+    return [k for name in joints for k in places[name]]
+
+
+def _title(motion: DrawnMotion) -> str:
+    carried = " + ".join(f"{p.mass:g} kg" for p in motion.load.payloads)
+    return f"{motion.load.bare.name}{f' · payload {carried}' if carried else ''}"
+
+
+def _work(t: Array, power: Array) -> Array:
+    """The integral from the first sample on, by the trapezoidal rule; (n,), (n,) → (n,)."""
+    return np.concatenate([[0.0], np.cumsum(np.diff(t) * (power[1:] + power[:-1]) / 2)])

@@ -1,0 +1,310 @@
+"""Statics as a picture: force polytope and ellipsoid, shares of the joints, and the payload map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import ValueRangeError
+from ..model.limits import TOLERANCE
+from ..statics.ellipsoid import WrenchEllipsoid, wrench_ellipsoid
+from ..statics.force_directions import weakest_direction
+from ..statics.payload import LargestPayload
+from ..statics.payload_map import SLICES, PayloadMap
+from ..statics.polytope import WrenchPolytope, wrench_polytope
+from ..typing import Array
+from .style import AXIS, INK, LINE, ORANGE, OVER, QUIET, SKY, SMALL, figure, save
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+_POLYTOPE = "polytope: each joint within its limit, gravity held first"
+_ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gravity"
+
+
+def plot_payload(
+    robot: Robot,
+    q: Array,
+    found: LargestPayload,
+    path: str | Path,
+    *,
+    frame: str | None = None,
+    where: str = "",
+    carried: str = "",
+    limits: ArrayLike | None = None,
+    chart: PayloadMap | None = None,
+) -> None:
+    """Plot of one pose with its largest payload, and of the payload map if there is one.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (nq,) array, configuration
+    found : LargestPayload, there
+    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+    frame : str, optional, a link of the robot; its tip if None
+    where : str, where the payload is, for the title; the frame if empty
+    carried : str, what is carried besides
+    limits : (nv,) array_like, optional, torque limits that stand in for the robot's own [N m, sliding joints: N]
+    chart : PayloadMap, optional
+
+    Raises
+    ------
+    MissingExtraError
+        There is no matplotlib.
+    ValueRangeError
+        The file cannot be written.
+
+    Notes
+    -----
+    Forces are the robot's on the world at zero moment, along the base's axes. The ellipsoid holds where all torques
+    together stay within their limits in norm, without gravity.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> ur5, q = tw.robots.ur5(), np.array([0.0, -1.2, 1.5, -0.3, 1.5, 0.0])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_payload(ur5, q, tw.statics.largest_payload(ur5, q), f"{folder}/payload.svg")
+    """
+    with figure(
+        10.5, 4.6 if chart is None else 9.2, _title(robot, found, where or frame or robot.tip, carried)
+    ) as drawn:
+        parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
+        left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
+        _draw_forces(left, robot, q, frame, limits)
+        _draw_shares(right.subplots(), found, carried)
+        if chart is not None:
+            _draw_map(parts[1], chart, np.asarray(robot.forward_kinematics(q, frame))[:3, 3])
+        save(drawn, path)
+
+
+def _title(robot: Robot, found: LargestPayload, where: str | None, carried: str) -> str:
+    mass = "any payload" if np.isinf(found.mass) else f"largest payload {found.mass:.4g} kg"
+    return f"{robot.name} · {mass if found.holds else 'no payload'} at {where}" + (
+        f", beside {carried}" if carried else ""
+    )
+
+
+def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: ArrayLike | None) -> None:
+    try:
+        polytope = wrench_polytope(robot, q, frame, limits=limits)
+        ellipsoid = wrench_ellipsoid(robot, q, frame, limits=_own(robot, limits))
+    except ValueRangeError as problem:
+        axis = part.subplots()
+        axis.set_axis_off()
+        axis.text(0.5, 0.5, str(problem), ha="center", va="center", wrap=True, color=QUIET)
+        return
+    flat = polytope.borne.shape[1]
+    if flat == 0:
+        axis = part.add_subplot(projection="3d", computed_zorder=False)
+        _draw_solid(axis, polytope, ellipsoid)
+    elif flat == 1:
+        axis = part.subplots()
+        _draw_section(axis, polytope, ellipsoid)
+    else:
+        axis = part.subplots()
+        axis.set_axis_off()
+        axis.text(0.5, 0.5, _flat_words(polytope), ha="center", color=QUIET)
+        return
+    weakest = weakest_direction(robot, q, frame=frame, limits=limits)
+    if weakest.magnitude > 0:
+        draw = _draw_weakest_in_space if flat == 0 else _draw_weakest_in_plane
+        limited = weakest.joint_names[int(weakest.joint)].removesuffix("_joint")
+        draw(
+            axis, polytope, weakest.magnitude * weakest.wrench[3:], f"weakest, {weakest.magnitude:.4g} N, by {limited}"
+        )
+    axis.set_title("Forces the robot can apply, at zero moment", loc="left", fontweight="bold")
+    place = (
+        {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}
+    )  # in space there is room beside the figure, in a plane none
+    axis.legend(loc="upper left", frameon=False, fontsize=SMALL, **place)
+
+
+def _flat_words(polytope: WrenchPolytope) -> str:
+    """What there is to say where at most one direction of force takes torque."""
+    if polytope.borne.shape[1] > 2:
+        return "The structure bears forces\nin every direction here."
+    along = np.linalg.svd(polytope.borne.T)[2][-1]
+    along = along if along[np.argmax(np.abs(along))] > 0 else -along
+    reach = polytope.vertices @ along
+    return (
+        "The structure bears forces in two directions here.\n"
+        f"Along the third, {_words(along)}: {reach.min():.4g} to {reach.max():.4g} N".replace("-", "−")
+    )
+
+
+def _own(robot: Robot, limits: ArrayLike | None) -> ArrayLike:
+    """The limits given, or the robot's own, so that the ellipsoid is one of shares."""
+    return robot.limits.effort if limits is None else limits
+
+
+def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    faces = Poly3DCollection(_faces(polytope), facecolor=SKY, edgecolor=LINE, linewidth=0.8, alpha=0.22, zorder=1)
+    faces.set_label(_POLYTOPE)
+    axis.add_collection3d(faces)
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
+    ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
+    shell = (ball * ellipsoid.semi_axes) @ ellipsoid.axes.T
+    axis.plot_wireframe(
+        shell[..., 0], shell[..., 1], shell[..., 2], color=ORANGE, linewidth=0.6, rstride=2, cstride=2, zorder=2,
+        label=_ELLIPSOID,
+    )  # fmt: skip
+    every = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
+    low, high = every.min(axis=0), every.max(axis=0)
+    middle, reach = (low + high) / 2, 0.5 * (high - low).max()
+    for k, letter in enumerate("xyz"):
+        getattr(axis, f"set_{letter}lim")(middle[k] - reach, middle[k] + reach)
+        getattr(axis, f"set_{letter}label")(f"f{letter} [N]", fontsize=SMALL, labelpad=7 if letter == "y" else 3)
+    axis.tick_params(labelsize=7, pad=1)
+    axis.tick_params(axis="z", pad=4)
+    axis.set_box_aspect((1, 1, 1))
+
+
+def _faces(polytope: WrenchPolytope) -> list[Array]:
+    """The polygons of a bounded polytope in three dimensions, corners in order."""
+    every = (_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True))
+    return [face for face in every if len(face) >= 3]
+
+
+def _face(polytope: WrenchPolytope, n: Array, b: float) -> Array:
+    """The corners (k, 3) in the plane n · x = b, in their order around it."""
+    on = polytope.vertices[np.abs(polytope.vertices @ n - b) <= 1e-6 * (1 + np.abs(b))]
+    if len(on) < 3:
+        return on
+    spokes = on - on.mean(axis=0)
+    first = spokes[0] / np.linalg.norm(spokes[0])
+    return on[np.argsort(np.arctan2(spokes @ np.cross(n, first), spokes @ first))]
+
+
+def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
+    """A planar robot's forces, in its plane."""
+    first, second = _plane(polytope)
+    corners = np.column_stack([polytope.vertices @ first, polytope.vertices @ second])
+    spokes = corners - corners.mean(axis=0)
+    ring = corners[np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))]
+    axis.fill(*ring.T, facecolor=SKY, edgecolor=LINE, alpha=0.35, label=_POLYTOPE)
+    turn = np.linspace(0, 2 * np.pi, 181)
+    round_ = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+    reach = ellipsoid.reach(round_)
+    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=ORANGE, label=_ELLIPSOID)
+    axis.set_aspect("equal", "datalim")
+    axis.margins(0.12)
+    axis.set_xlabel(f"force along {_words(first)} [N]")
+    axis.set_ylabel(f"force along {_words(second)} [N]")
+
+
+def _plane(polytope: WrenchPolytope) -> tuple[Array, Array]:
+    """Two unit vectors across the borne direction: the base axis nearest the plane first, upwards second."""
+    n = polytope.borne[:, 0]
+    flat = np.eye(3) - np.outer(n, n)
+    first = flat[0] if np.linalg.norm(flat[0]) > 0.5 else flat[1]
+    first = first / np.linalg.norm(first)
+    second = np.cross(n, first)
+    return first, second if second[np.argmax(np.abs(second))] > 0 else -second
+
+
+def _words(direction: Array) -> str:
+    k = int(np.argmax(np.abs(direction)))
+    if abs(direction[k]) > 1 - 1e-9:
+        return "xyz"[k]
+    return f"({', '.join(f'{x:.2f}' for x in direction)})"
+
+
+def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
+    """The force from no force to the nearest facet, which is shaded; a white rim lifts it off the ellipsoid's lines."""
+    from matplotlib.patheffects import Normal, Stroke
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    n = tip / np.linalg.norm(tip)
+    nearest = _face(polytope, n, float(n @ tip))
+    if len(nearest) >= 3:
+        shade = Poly3DCollection([nearest], facecolor=OVER, edgecolor=OVER, linewidth=1.2, alpha=0.25, zorder=3)
+        axis.add_collection3d(shade)
+    rim = [Stroke(linewidth=6, foreground="white"), Normal()]
+    axis.plot(*([0, x] for x in tip), color=OVER, linewidth=3, label=label, zorder=10, path_effects=rim)
+    for place, shape, size in (((0, 0, 0), "o", 6), (tip, "o", 9)):
+        axis.plot(
+            *([x] for x in place),
+            shape,
+            color=OVER if size > 6 else INK,
+            markersize=size,
+            markeredgecolor="white",
+            zorder=11,
+        )
+
+
+def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
+    """The force from no force to the nearest side, which is drawn thick."""
+    first, second = _plane(polytope)
+    n = tip / np.linalg.norm(tip)
+    on = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
+    axis.plot(on @ first, on @ second, color=OVER, linewidth=2.5, alpha=0.5, zorder=9)
+    axis.plot([0, tip @ first], [0, tip @ second], color=OVER, linewidth=3, label=label, zorder=10)
+    axis.plot(0, 0, "o", color=INK, markersize=5, markeredgecolor="white", zorder=11)
+    axis.plot(tip @ first, tip @ second, "o", color=OVER, markersize=8, markeredgecolor="white", zorder=11)
+
+
+def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
+    from matplotlib.patches import Patch
+
+    rows = np.arange(len(found.joint_names))
+    driven = np.where(found.limits > 0, found.limits, np.inf)  # a joint that can give nothing has no share to draw
+    alone, full = found.unloaded / driven, found.torques / driven
+    colours = [OVER if k == int(found.joint) or abs(full[k]) > 1 + TOLERANCE else SKY for k in rows]
+    axis.barh(rows, full, color=colours, height=0.62)
+    axis.barh(rows, alone, color=LINE, height=0.22)
+    axis.axvline(0, color=AXIS, linewidth=0.7)
+    reach = 1.15 * max(1.0, float(np.abs(full).max(initial=0)))
+    for side in (-1, 1):
+        axis.axvline(side, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.axvspan(side, 2 * side * reach, color=OVER, alpha=0.08, linewidth=0)
+    axis.set_xlim(-reach, reach)
+    axis.set_yticks(rows, [n.removesuffix("_joint") for n in found.joint_names])
+    axis.set_ylim(max(len(rows), 4) - 0.5, -0.5)
+    axis.set_xlabel("torque as a share of its limit")
+    axis.grid(visible=False, axis="y")
+    axis.set_title("Holding torques", loc="left", fontweight="bold")
+    meanings = {
+        "robot as it is" if carried else "robot alone": LINE,
+        "with the payload": SKY,
+        "at its limit or over": OVER,
+    }
+    patches = [Patch(color=colour, label=label) for label, colour in meanings.items()]
+    axis.legend(
+        handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=SMALL
+    )
+
+
+def _draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
+    from matplotlib.colors import LogNorm
+
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    place = (np.hypot(*tip[:2]), tip[2]) if chart.plane == "rz" else tuple(tip[list(SLICES[chart.plane][:2])])
+    finite = chart.best[np.isfinite(chart.best)]
+    high = max(
+        float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3
+    )  # a few postures hold a hundred times more
+    low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
+    shades = LogNorm(low, max(high, 1.01 * low))
+    titles = ("Payload map, best posture", "Payload map, worst posture")
+    for axis, values, title in zip(axes, (chart.best, chart.worst), titles, strict=True):
+        image = axis.pcolormesh(*chart.edges, np.maximum(values, low), norm=shades, cmap="viridis", rasterized=True)
+        axis.set_aspect("equal")
+        axis.grid(visible=False)
+        axis.set_title(title, loc="left", fontweight="bold")
+        names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
+        axis.set_xlabel(f"{names[0]} [m]")
+        axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
+        (cross,) = axis.plot(*place, "x", color=OVER, markeredgewidth=1.8, markersize=7, linestyle="none")
+    axes[0].set_ylabel(f"{names[1]} [m]")
+    figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=SMALL)
+    bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
+    ticks = [x for x in np.unique([float(f"{x:.1g}") for x in np.geomspace(low, high, 6)]) if low <= x <= high]
+    bar.set_ticks(ticks, labels=[f"{x:g}" for x in ticks], minor=False)
+    bar.minorticks_off()

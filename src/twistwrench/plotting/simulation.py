@@ -1,0 +1,135 @@
+"""A simulation as a picture: where the joints went, where the energy went, and what of it was lost on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from .style import (
+    AXIS,
+    BLUE,
+    GREEN,
+    GREY,
+    LINE,
+    ORANGE,
+    OVER,
+    PURPLE,
+    QUIET,
+    SKY,
+    SMALL,
+    VERMILION,
+    figure,
+    save,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..simulation.result import SimulationResult
+
+_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY)
+_WORKS = {"torques": GREEN, "friction": GREY, "wrenches": PURPLE, "contacts": VERMILION}
+_MOST = 14
+"""Curves of a panel, beyond which names no longer fit."""
+_PANELS = {"rad": "Angles [rad]", "m": "Positions [m]", "": "Orientations: quaternions", None: "Coordinates [rad, m]"}
+"""One for each unit; None where a file from before says none."""
+
+
+def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
+    """Plot of a simulation; see :meth:`SimulationResult.plot`.
+
+    Parameters
+    ----------
+    result : SimulationResult
+    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    MissingExtraError
+        There is no matplotlib.
+    ValueRangeError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, twistwrench as tw
+    >>> swing = tw.robots.pendulum().simulate([1.0], [0.0], duration=0.1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_simulation(swing, f"{folder}/swing.svg").name
+    'swing.svg'
+    """
+    end = f"{result.times[-1]:.6g} s" if result.completed else result.stopped
+    title = f"{result.robot} · {result.method} · {end if len(end) < 70 else end[:68] + '…'}"
+    panels = _panels(result)
+    heights = [2.6] * len(panels) + [2.6, 1.6]
+    with figure(9.0, 1.0 + 1.02 * sum(heights), title, "Drawing a simulation") as drawn:
+        *coordinates, energies, drift = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        for axis, (said, places) in zip(coordinates, panels.items(), strict=True):
+            _draw_coordinates(axis, result, said, places)
+        _draw_energies(energies, result)
+        _draw_drift(drift, result)
+        for axis in (*coordinates, energies, drift):
+            for event in result.events[:50]:
+                axis.axvline(event.time, color=QUIET, linewidth=0.8, linestyle=":")
+            axis.margins(x=0)
+        return save(drawn, path)
+
+
+def _panels(result: SimulationResult) -> dict[str, list[int]]:
+    """What each panel of coordinates is called, and which of them it shows."""
+    units = result.coordinate_units or (None,) * len(result.coordinate_names)
+    found = {said: [k for k, u in enumerate(units) if u == unit] for unit, said in _PANELS.items()}
+    return {said: places for said, places in found.items() if places}
+
+
+def _draw_coordinates(axis: Axes, result: SimulationResult, said: str, places: list[int]) -> None:
+    shown = places[:_MOST]
+    for n, (k, colour) in enumerate(zip(shown, _colours(len(shown)), strict=True)):
+        style = "--" if n % 2 and len(shown) > len(_COLOURS) else "-"
+        axis.plot(result.times, result.q[:, k], style, color=colour, label=result.coordinate_names[k])
+    more = f", the first {len(shown)} of {len(places)}" if len(shown) < len(places) else ""
+    axis.set_title(f"{said}{more}", loc="left")
+    _legend(axis)
+
+
+def _colours(n: int) -> list[Any]:
+    """That many colours, no two the same."""
+    if n <= len(_COLOURS):
+        return list(_COLOURS[:n])
+    from matplotlib import colormaps
+
+    return [colormaps["turbo"](0.03 + 0.94 * k / (n - 1)) for k in range(n)]
+
+
+def _draw_energies(axis: Axes, result: SimulationResult) -> None:
+    axis.plot(result.times, result.kinetic_energy, color=BLUE, label="kinetic")
+    axis.plot(result.times, result.potential_energy, color=ORANGE, label="potential")
+    axis.plot(result.times, result.energy, color=LINE, linewidth=2, label="both")
+    for name, work in result.work.items():
+        if np.any(work):
+            axis.plot(result.times, work, "--", color=_WORKS[name], label=f"work of {name}")
+    axis.axhline(0.0, color=AXIS, linewidth=0.8)
+    axis.set_title("Energies [J]", loc="left")
+    _legend(axis)
+
+
+def _draw_drift(axis: Axes, result: SimulationResult) -> None:
+    axis.plot(result.times, result.drift, color=OVER)
+    axis.axhline(0.0, color=AXIS, linewidth=0.8)
+    axis.set_title(
+        f"Drift [J]: gain of energy that no work accounts for; at most {result.relative_drift:.1e} of what moved",
+        loc="left",
+    )
+    axis.set_xlabel("time [s]")
+
+
+def _legend(axis: Axes) -> None:
+    cast("Any", axis).legend(
+        fontsize=SMALL, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2
+    )

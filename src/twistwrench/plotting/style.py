@@ -1,0 +1,139 @@
+"""The one look of all pictures, and the one way to write them. Matplotlib is imported only when one is drawn."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, cast
+
+from ..errors import MissingExtraError
+from ..outputs import picture_path, replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#8a8f98", "#555b63", "#222222", "#d5d9df"
+"""A curve, what is over a limit or in doubt, remarks, axes and zero lines, what is drawn over colours, and behind curves."""
+BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
+"""Okabe and Ito's colours, told apart by colour-blind readers too; the rest of them follow."""
+VERMILION, PURPLE, GREY, YELLOW = "#D55E00", "#CC79A7", "#999999", "#F0E442"
+SMALL = 8
+"""Points, of legends and remarks; titles and labels have their sizes from :data:`STYLE`."""
+STYLE = MappingProxyType(
+    {
+        "font.size": 9,
+        "axes.titlesize": 9.5,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.edgecolor": AXIS,
+        "axes.grid": True,
+        "grid.color": "#e6e8eb",
+        "grid.linewidth": 0.7,
+        "axes.axisbelow": True,
+        "figure.dpi": 150,
+        "text.parse_math": False,  # names of robots, joints and files may have dollars
+    }
+)
+"""Matplotlib's rcParams of every picture."""
+
+
+@contextlib.contextmanager
+def figure(width: float, height: float, title: str, purpose: str = "Drawing (--plot)") -> Iterator[Figure]:
+    """Empty figure of a size and title; what is drawn within the ``with`` block has the one style.
+
+    Parameters
+    ----------
+    width, height : float [inches]
+    title : str
+    purpose : str, begins the message where there is no matplotlib
+
+    Yields
+    ------
+    figure : Matplotlib's Figure, which belongs to no window and no pyplot
+
+    Raises
+    ------
+    MissingExtraError
+        There is no matplotlib.
+
+    Examples
+    --------
+    >>> with figure(4, 3, "a title") as drawn:
+    ...     axes = drawn.subplots()
+    >>> axes.figure is drawn
+    True
+    """
+    mpl = require_matplotlib(purpose)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(cast("Any", dict(STYLE))):
+        drawn = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(drawn)
+        drawn.suptitle(title, fontsize=12, fontweight="bold", x=0.012, ha="left")
+        yield drawn
+
+
+def save(drawn: Figure, path: str | Path) -> Path:
+    """Write a figure whole, or leave what is there alone.
+
+    Parameters
+    ----------
+    drawn : Matplotlib's Figure
+    path : str or Path; the suffix says the kind, .png if there is none
+
+    Returns
+    -------
+    path : Path of the file written
+
+    Raises
+    ------
+    ValueRangeError
+        The kind is other than .png, .pdf and .svg, or nothing can be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder, figure(4, 3, "a title") as drawn:
+    ...     save(drawn, f"{folder}/empty").suffix
+    '.png'
+    """
+    import matplotlib as mpl
+
+    target = Path(picture_path(path))
+    # Ticks and their labels are made only now, so the style has to be on once more.
+    with replacing(target) as scratch, mpl.rc_context(cast("Any", dict(STYLE))):
+        drawn.savefig(scratch, format=target.suffix[1:].lower())
+    return target
+
+
+def require_matplotlib(purpose: str = "Drawing (--plot)") -> Any:
+    """The matplotlib package.
+
+    Parameters
+    ----------
+    purpose : str, begins the message where it cannot be imported
+
+    Returns
+    -------
+    matplotlib : module
+
+    Raises
+    ------
+    MissingExtraError
+        It cannot be imported; the extra is named.
+
+    Examples
+    --------
+    >>> require_matplotlib().__name__
+    'matplotlib'
+    """
+    try:
+        import matplotlib as mpl
+        import matplotlib.backends.backend_agg
+        import matplotlib.figure
+    except ImportError:
+        raise MissingExtraError.of("matplotlib", "plot", purpose) from None
+    return mpl

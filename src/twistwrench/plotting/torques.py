@@ -1,0 +1,218 @@
+"""The torque report as a picture: every joint's torque within its limits, and what the worst joint's is made of."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from ..core.text import cause_label, spread
+from ..report.estimates import INTERVAL
+from ..report.torque_findings import ZERO, JointTorque, TorqueReport
+from ..typing import Array
+from .style import AXIS, BLUE, GREEN, GREY, LINE, ORANGE, OVER, PALE, PURPLE, QUIET, SKY, SMALL, VERMILION, figure, save
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_COLOURS = {
+    "inertia": BLUE,
+    "coriolis": SKY,
+    "gravity": ORANGE,
+    "spring": GREEN,
+    "payload": VERMILION,
+    "friction": GREY,
+    "wrench": PURPLE,
+}
+_SEEN = 0.02
+"""Share of the curve's range from which an interval shows."""
+_SHOWN_FROM = 0.3  # limits are drawn to scale from this share on; below, they would flatten the curve
+
+
+def plot_report(report: TorqueReport, path: str | Path) -> None:
+    """Plot of a torque report: torques over time, and what they are made of.
+
+    Parameters
+    ----------
+    report : TorqueReport
+    path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+
+    Raises
+    ------
+    MissingExtraError
+        There is no matplotlib.
+    ValueRangeError
+        The file cannot be written.
+    """
+    count = len(report.joints)
+    columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(count, 4)
+    rows = max(1, math.ceil(count / columns))
+    height = 1.95 * rows + 0.3
+    width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
+    with figure(width, height + 3.4, report_title(report), "Drawing the report (--plot)") as drawn:
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
+        if report.noisy:
+            _draw_key(upper, report)
+        axes = upper.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+        for k, axis in enumerate(axes):
+            if k < count:
+                _draw_joint(axis, report, k, last=k + columns >= count)
+            else:
+                axis.set_visible(False)
+        if report.worst is not None:
+            _draw_split(lower.subplots(), report, report.worst)
+        save(drawn, path)
+
+
+def report_title(report: TorqueReport) -> str:
+    """Title of a torque report: robot, motion, and what it carries, in one line.
+
+    Parameters
+    ----------
+    report : TorqueReport
+
+    Returns
+    -------
+    text : str
+    """
+    carried = " + ".join(f"{p.mass:g} kg" for p in report.load.payloads)
+    parts = [report.robot, Path(report.trajectory).stem]
+    parts += [f"payload {carried}"] if carried else []
+    parts += [f"wrench on {', '.join(report.load.wrenches)}"] if report.load.wrenches else []
+    parts += [] if report.load.friction else ["without friction"]
+    return " · ".join(parts)
+
+
+def _broken(time: Array, threshold: float, *curves: Array) -> list[Array]:
+    """The time and curves over it with a nan in every step longer than ``threshold``, where lines then break."""
+    if len(time) < 3 or not math.isfinite(threshold):
+        return [time, *curves]
+    steps = np.diff(time)
+    usual = float(np.median(steps))  # of bins of several rows, that many times the step of time
+    at = np.flatnonzero(steps > max(threshold, usual + threshold if usual > threshold / 2 else 0.0, 1.5 * usual)) + 1
+    return [np.insert(time, at, time[at - 1]), *(np.insert(x, at, np.nan) for x in curves)]
+
+
+def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None:
+    joint = report.joints[k]
+    colour = OVER if joint.share > 1 else LINE
+    axis.axhline(0, color=QUIET, linewidth=0.6)
+    if report.derived is not None:  # pale, and cut off where it would flatten the answer
+        _draw_band(axis, report, report.derived.envelope, k, PALE, 1)
+    time, least, greatest = _draw_band(axis, report, report.envelope, k, LINE, 3)
+    if report.band is not None:
+        time, low, high = _broken(report.band[0], report.gaps.threshold, *(x[:, k] for x in report.band[1:]))
+        axis.fill_between(time, low, high, color=SKY, alpha=0.35, linewidth=0, zorder=2)
+    half = INTERVAL * report.reach(joint) if report.noisy else 0.0
+    if half > _SEEN * float(np.nanmax(greatest) - np.nanmin(least)):
+        axis.errorbar(joint.time, joint.peak, yerr=half, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
+    bottom, top = min(float(np.nanmin(least)), joint.peak - half), max(float(np.nanmax(greatest)), joint.peak + half)
+    _frame_limits(axis, joint, bottom, top)
+    axis.plot(
+        joint.time,
+        0.0 if report.is_zero(joint.peak) else joint.peak,
+        "o",
+        color=colour,
+        markersize=4.5,
+        markeredgecolor="white",
+        zorder=5,
+    )
+    late, up = joint.time > 0.6 * report.end + 0.4 * report.begin, joint.peak >= 0
+    axis.annotate(
+        report.label(joint.peak),
+        (joint.time, joint.peak),
+        xytext=(-5 if late else 5, 4 if up else -4),
+        textcoords="offset points",
+        ha="right" if late else "left",
+        va="bottom" if up else "top",
+        color=colour,
+        fontsize=SMALL,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
+    )
+    axis.set_title(joint.joint, loc="left", fontweight="bold")
+    limit = f"{100 * joint.share:.0f} % of {joint.limit:.4g} {joint.unit}" if math.isfinite(joint.limit) else joint.unit
+    axis.set_title(limit, loc="right", color=OVER if joint.share > 1 else QUIET, fontsize=SMALL)
+    axis.set_ylabel(joint.unit, color=QUIET, fontsize=SMALL)
+    axis.margins(x=0)
+    if last:
+        axis.tick_params(labelbottom=True)
+        axis.set_xlabel("time [s]", color=QUIET, fontsize=SMALL)
+
+
+def _draw_key(figure_: Any, report: TorqueReport) -> None:
+    """What the curves of a noisy log are."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    key: list[Any] = [
+        Line2D([], [], color=LINE, label="less noise"),
+        Patch(color=SKY, alpha=0.35, linewidth=0, label="95 % of single torques"),
+        Line2D([], [], color=LINE, marker="|", markersize=8, linestyle="none", label="95 % interval of the peak"),
+    ]
+    key += [Patch(color=PALE, label="raw")] if report.derived is not None else []
+    figure_.legend(handles=key, loc="outside upper right", ncols=4, frameon=False, fontsize=SMALL)
+
+
+def _draw_band(
+    axis: Axes, report: TorqueReport, envelope: tuple[Array, Array, Array], k: int, colour: str, order: float
+) -> tuple[Array, Array, Array]:
+    """A joint's torque, from the least to the greatest of each bin of rows; what was drawn."""
+    size = ZERO * report.scale
+    edges = (np.where(np.abs(x[:, k]) <= size, 0.0, x[:, k]) for x in envelope[1:])
+    time, least, greatest = _broken(envelope[0], report.gaps.threshold, *edges)
+    axis.fill_between(time, least, greatest, color=colour, linewidth=0, zorder=order)
+    for edge in (least, greatest):  # a band of no width shows as a line
+        axis.plot(time, edge, color=colour, linewidth=1.0, zorder=order)
+    return time, least, greatest
+
+
+def _frame_limits(axis: Axes, joint: JointTorque, low: float, high: float) -> None:
+    """Choose the range of torques shown: the curve with room for its label, and the limit on sides that near it."""
+    span = max(high, 0.0) - min(low, 0.0) or 1.0
+    bottom, top = min(low, 0.0) - 0.2 * span, max(high, 0.0) + 0.2 * span
+    for side, extreme in ((-1, -low), (1, high)):
+        if not math.isfinite(joint.limit) or extreme < _SHOWN_FROM * joint.limit:
+            continue
+        bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
+        axis.axhline(side * joint.limit, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=OVER, alpha=0.08, linewidth=0)
+    axis.set_ylim(bottom, top)
+
+
+def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
+    joint, states = report.joints[k], report.around
+    terms = {name: values[:, k] for name, values in report.load.terms(states).items()}
+    time, *parts = _broken(states.time, report.gaps.threshold, *terms.values())
+    terms = dict(zip(terms, parts, strict=True))
+    above, below = np.zeros(len(time)), np.zeros(len(time))
+    lowest = highest = 0.0
+    for name, values in terms.items():
+        if np.nanmax(np.abs(values), initial=0.0) <= ZERO * report.scale:
+            continue
+        up, down = np.maximum(values, 0.0), np.minimum(values, 0.0)
+        style: dict[str, Any] = {"color": _COLOURS[name], "alpha": 0.85, "linewidth": 0}
+        axis.fill_between(time, above, above + up, label=cause_label(name), **style)
+        axis.fill_between(time, below, below + down, **style)
+        above, below = above + up, below + down
+        lowest, highest = float(np.nanmin(below)), float(np.nanmax(above))
+    axis.plot(time, np.sum(list(terms.values()), axis=0), color="black", linewidth=1.3, label="total")
+    axis.axhline(0, color=AXIS, linewidth=0.7)
+    axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
+    _frame_limits(axis, joint, lowest, highest)
+    whole = len(states) == report.rows
+    part = "" if whole else f" around its peak, t = {time[0]:.4g} to {time[-1]:.4g} s"
+    some = not report.is_zero(joint.largest)
+    axis.set_title(
+        f"{joint.joint}: {'what its torque is made of' if some else 'no torque to give'}{part}",
+        loc="left",
+        fontweight="bold",
+    )
+    doubt = f" ± {spread(report.reach(joint))}" if report.noisy else ""
+    peak = f"peak {report.label(joint.peak)}{doubt} {joint.unit} at {joint.time:.3f} s"
+    axis.set_title(peak, loc="right", color=QUIET, fontsize=SMALL)
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel("force [N]" if joint.unit == "N" else "torque [N m]")
+    axis.margins(x=0)
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)

@@ -1,0 +1,189 @@
+"""The verdict on a motion's torques, from what was found and from how sure that is."""
+
+from __future__ import annotations
+
+import math
+
+from ..core.text import cause_label, number, spread
+from ..model.massless import massless_links
+from ..verdict import Verdict
+from .estimates import INTERVAL
+from .torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
+
+_KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
+"""What the limits that may be passed are about."""
+_ERROR = 0.025
+"""Chance that noise alone makes some joint pass for over its limit, or hides that some is."""
+_SURE = 5.0
+"""Standard deviations by which no one of some million samples is off."""
+_HALF = 0.5
+"""Share of a peak from which half its 95 % interval, or the noise taken off it, is too much to be sure of it."""
+_COUNTS, _SMALL = 0.5, 0.02
+"""Share of a joint's limit, or of the largest torque where there is none, from which that matters."""
+_MOST_LISTED = 4
+
+
+def verdict_of(report: TorqueReport) -> Verdict:
+    """The verdict of a report.
+
+    A limit is passed for certain where the excess is more than noise explains, the choice of the largest value, and of the
+    worst joint, counted in. What noise explains, and what it could hide, is unsure.
+    """
+    over: list[tuple[Excess, str]] = []
+    unsure: list[str] = []
+    _judge_torques(report, over, unsure)
+    _judge_motion(report, over, unsure)
+    stated = _grouped(over)
+    stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
+    small = {use.joint for use in report.motors if use.too_small}
+    if report.derived is not None:
+        spared = [use.joint for use in report.derived.motors if use.too_small and use.joint not in small]
+        if spared:
+            unsure.append(f"noise explains why the motor of {_listed(spared)} seems too small")
+    if massless := massless_links(report.load.loaded.model):
+        unsure.append(
+            f"{_listed(massless)} {'have' if len(massless) > 1 else 'has'} no mass, so "
+            f"{'their' if len(massless) > 1 else 'its'} weight is missing from the torques"
+        )
+    if report.strays:
+        unsure.append("samples were flattened that are no noise")
+    contradicted = [m.words for m in report.measured if m.contradicts]
+    doubted = [m.words for m in report.measured if m.disagrees and not m.contradicts]
+    against = "the file's own torque column disagrees with the torques computed"
+    look_again = [*report.contradictions, *([f"{against}: {_several(contradicted)}"] if contradicted else [])]
+    if doubted:
+        unsure.append(f"{against}: {_several(doubted)}")
+    return Verdict.of(look_again=look_again, over=stated, unsure=unsure)
+
+
+def confidence(joints: int) -> float:
+    """Standard deviations within which the peaks of that many joints lie, all together; () → ()."""
+    from scipy.special import ndtri
+
+    return float(ndtri(1.0 - _ERROR / max(1, joints)))
+
+
+def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure: list[str]) -> None:
+    limited = [j for j in report.joints if math.isfinite(j.limit)]
+    factor = confidence(len(limited))
+    excesses = {e.joint: e for e in report.excesses if e.kind == "effort"}
+    derived = () if report.derived is None else report.derived.excesses
+    seemed = {e.joint for e in derived if e.kind == "effort"} | set(excesses)
+    explained, wide = [], []
+    for j in sorted(limited, key=lambda j: -j.share):
+        reach, size = factor * report.reach(j), abs(j.peak)
+        excess = excesses.get(j.joint)
+        if excess is not None and size - reach > j.limit:
+            over.append((excess, _torque_in_words(report, j)))
+        elif size + reach > j.limit and (reach > 0 or excess is not None):
+            end = " at an end of the log" if report.at_an_end(j) else ""
+            unsure.append(
+                f"noise leaves open whether {j.joint} is over its limit{end}: {number(j.peak)} ± "
+                f"{spread(report.reach(j))} {j.unit}, limit {j.limit:.4g}"
+            )
+        elif j.joint in seemed:
+            explained.append(j)
+        elif _is_wide(report, j):
+            wide.append(j)
+    if explained:
+        worst = sorted(explained, key=lambda j: -abs(j.raw or 0.0) / j.limit)
+        shown = [f"{_in_words(report, j)}, limit {j.limit:.4g}" for j in worst]
+        what = "samples that are no noise, or noise, explain" if report.strays else "noise explains"
+        unsure.append(
+            f"{what} why the limit of {len(explained)} joint{'s' if len(explained) > 1 else ''} is passed: "
+            f"{_several(shown)}"
+        )
+    wide += [j for j in report.joints if not math.isfinite(j.limit) and _is_wide(report, j)]
+    if wide:
+        unsure.append(
+            f"noise is too much of the peak to say how large it is: {_several([_in_words(report, j) for j in wide])}"
+        )
+
+
+def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
+    """Whether noise makes the peak, or its interval is as wide, where that is no small part of what bounds it."""
+    if j.estimate is None:
+        return False
+    half, raw = INTERVAL * report.reach(j), abs(j.raw if j.raw is not None else j.largest)
+    largest = max(abs(x.peak) for x in report.joints if x.unit == j.unit)
+    counts = _COUNTS * j.limit if math.isfinite(j.limit) else _SMALL * largest
+    wide = half > _HALF * abs(j.peak) or raw - abs(j.peak) > _HALF * raw
+    return wide and max(abs(j.peak) + half, raw) > counts
+
+
+def _in_words(report: TorqueReport, j: JointTorque) -> str:
+    """The peak as it is known, and as it was derived."""
+    raw = f", {number(j.raw)} as derived" if j.raw is not None else ""
+    own = next((m for m in report.measured if m.joint == j.joint and m.differs), None)
+    measured = "" if own is None else f", {number(own.peak)} in the file's own torque column"
+    return f"{j.joint} {number(j.peak)} ± {spread(report.reach(j))} {j.unit}{raw}{measured}"
+
+
+def _torque_in_words(report: TorqueReport, j: JointTorque) -> str:
+    reach = report.reach(j)
+    doubt = f" ± {spread(reach)}" if reach > NEGLIGIBLE * report.reference(j) else ""
+    return (
+        f"{j.joint} at t = {j.time:.3f} s takes {number(j.peak)}{doubt} {j.unit}, limit {j.limit:.4g} "
+        f"({100 * j.share:.0f} %){because(j)}"
+    )
+
+
+def because(joint: JointTorque) -> str:
+    """What the joint's peak is mostly made of."""
+    cause, share = joint.main_cause
+    return f", mostly {cause_label(cause)} ({100 * share:.0f} %)"
+
+
+def _judge_motion(report: TorqueReport, over: list[tuple[Excess, str]], unsure: list[str]) -> None:
+    """Limits of position and velocity."""
+    doubtful: dict[str, list[str]] = {}
+    found = {(e.joint, e.kind): e for e in report.excesses if e.kind != "effort"}
+    derived = () if report.derived is None else report.derived.excesses
+    smoothed_away = [e for e in derived if e.kind == "velocity" and (e.joint, e.kind) not in found]
+    for e in [*found.values(), *smoothed_away]:
+        if e in smoothed_away or _is_noise(report, e):
+            doubtful.setdefault(_KINDS[e.kind], []).append(e.joint)
+        else:
+            over.append((e, f"{e.joint} at t = {e.time:.3f} s passes its {_KINDS[e.kind]} limit"))
+    for kind, joints in doubtful.items():
+        unsure.append(f"noise explains why the {kind} limit of {_listed(joints)} is passed")
+
+
+def _is_noise(report: TorqueReport, e: Excess) -> bool:
+    d = report.differentiation
+    places = d.model.velocity_names
+    k = places.index(e.joint)
+    if e.kind == "velocity":
+        estimate = report.joints[k].estimate
+        if estimate is None or not d.derives_velocities:
+            return False
+        return abs(estimate.speed) - _SURE * estimate.speed_sigma <= e.limit
+    if not (d.derives and d.derives_velocities):
+        return False  # the positions were not looked at
+    body = next(b for b in d.model.leaders if b.v_index <= k < b.v_index + b.joint.nv)
+    return abs(e.value - e.limit) <= _SURE * float(d.errors.at_rest[body.q_index])
+
+
+def _grouped(over: list[tuple[Excess, str]]) -> list[str]:
+    """The worst in full, and the others by name."""
+    if not over:
+        return []
+    first, text = over[0]
+    others: dict[str, list[str]] = {}
+    for e, _ in over[1:]:
+        kinds = others.setdefault(e.joint, [])
+        if _KINDS[e.kind] not in kinds and (e.joint, _KINDS[e.kind]) != (first.joint, _KINDS[first.kind]):
+            kinds.append(_KINDS[e.kind])
+    rest = [f"{joint} ({', '.join(kinds)})" for joint, kinds in others.items() if kinds]
+    return [text, *([f"also {_listed(rest)}"] if rest else [])]
+
+
+def _several(texts: list[str]) -> str:
+    more = len(texts) - _MOST_LISTED
+    return "; ".join(texts[:_MOST_LISTED]) + (f"; and {more} more" if more > 0 else "")
+
+
+def _listed(names: list[str] | tuple[str, ...]) -> str:
+    shown = list(names[:_MOST_LISTED])
+    more = len(names) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")

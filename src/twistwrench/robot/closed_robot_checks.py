@@ -1,0 +1,305 @@
+"""Closing loops: where they close, whether rows are constraints of their own, and whether a state keeps to them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..algorithms.constraint_forces import UNBALANCED
+from ..algorithms.constraints import Closure, Constraint, row_names
+from ..algorithms.operational_space import ROWS
+from ..algorithms.weighted_svd import through, usual_sizes
+from ..core import arguments
+from ..errors import ConstraintError, ConstraintWarning, UnknownNameError
+from ..model.model import BASE
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from .closed_robot import ClosedRobot
+    from .robot import Robot
+
+
+REDUNDANT = ("error", "accept")
+STARTS = 32
+"""How many configurations the search for closed ones begins at: of common mechanisms one in a few leads there."""
+FOUND = 1e-10
+"""rad, and part of the robot's length: far below this the row of A at a configuration is that of a closed one."""
+OPEN, ASTRAY = 1e-2, 0.1
+"""How far open loops may be, rad and part of their span, and which part of a rate may break the constraints, for the dynamics
+to be asked for. The stages of an integrator's step are a little off both: gaps grow with the step's square, rates with the
+step."""
+STILL = 1e-3
+"""rad/s, and part of the robot's length per s (and per s): joints this slow are at rest. Where a motion turns round, the stages
+of an integrator's step add up to velocities as small as their errors, of which any part may break the constraints."""
+FADED = 1e-2
+"""Rows that see this part of what they usually see of a motion are near a singular configuration, where rounding and an
+integrator's errors are all that is left of them."""
+SHORTEST = 1e-4
+"""Part of the robot's length: beside levers shorter than it, positions of single precision are rounded to more than loops may
+be open."""
+LONGEST = 1.0
+"""m: loops of larger robots are closed as well as those of this size."""
+ROUNDED = 4e-3
+"""Part of a robot's whole length, however large: 1e-12 of this is 18 units in the last place of its positions, and no loop is
+closed to less."""
+NEAR = 0.5
+"""rad and m: what has to move further for its loops to close is no longer near."""
+
+
+def named(model: Model, frame: str | None) -> str:
+    """The frame's name, the tip's for None; errors as those of :meth:`Model.frame`."""
+    if frame is None:
+        model.frame(None)
+        return str(model.tip)
+    return frame
+
+
+def with_gaps(constraints: tuple[Constraint, ...]) -> list[bool]:
+    """Which rows of A are those of closures, which have a position."""
+    return [isinstance(c, Closure) for c in constraints for _ in c.rows]
+
+
+def kept(constraints: tuple[Constraint, ...], independent: tuple[int, ...]) -> tuple[Constraint, ...]:
+    """The constraints with the rows of A of those numbers alone, without constraints that keep none."""
+    some, first = [], 0
+    for c in constraints:
+        rows = tuple(row for n, row in enumerate(c.rows) if first + n in independent)
+        first += len(c.rows)
+        if rows:
+            some.append(replace(c, rows=rows))
+    return tuple(some)
+
+
+def row_sizes(closed: ClosedRobot, new: Constraint) -> tuple[Array, Array]:
+    """How large rows of A usually are, through the mass matrix, and their spans, those of one more constraint appended."""
+    sizes, rows = _six_sizes(closed.robot, new), list(new.rows)
+    length = robot_length(closed.robot.model)
+    spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], SHORTEST * length, LONGEST)], 3)
+    return np.concatenate([closed.sizes, sizes[rows]]), np.concatenate([closed.spans, spans[rows]])
+
+
+def robot_length(model: Model) -> float:
+    """m, :data:`LONGEST` at most: how far its links may be from its base, what gaps are small beside."""
+    return min(_whole_length(model), LONGEST)
+
+
+def _whole_length(model: Model) -> float:
+    """m: the sum of the levers along the longest chain, with what joints may slide; what positions are rounded by."""
+    reach: list[float] = []
+    for body in model.bodies:
+        sliding = body.joint.axes[:, 3:].any(axis=1)
+        most = 0.0
+        if sliding.any():
+            k = body.v_index
+            way = [max(abs(model.limits.lower[k + n]), abs(model.limits.upper[k + n])) for n in np.flatnonzero(sliding)]
+            most = float(sum(x if np.isfinite(x) else LONGEST for x in way))
+        before = 0.0 if body.parent == BASE else reach[body.parent]
+        reach.append(before + float(np.linalg.norm(body.placement[:3, 3])) + abs(body.ratio) * most)
+    frames = [
+        (0.0 if f.body == BASE else reach[f.body]) + float(np.linalg.norm(f.pose[:3, 3])) for f in model.frames.values()
+    ]
+    return max([*reach, *frames], default=0.0) or LONGEST
+
+
+def _gap_length(model: Model) -> float:
+    """m: what a gap of one is."""
+    return max(robot_length(model), ROUNDED * _whole_length(model))
+
+
+def gap_units(closed: ClosedRobot) -> Array:
+    """What a gap of one is, of each row that has a position: 1 rad, or the robot's length in m, or what rounding allows."""
+    turning = np.array([k < 3 for c in closed.constraints if isinstance(c, Closure) for k in c.rows], bool)
+    return np.where(turning, 1.0, _gap_length(closed.robot.model))
+
+
+def _all_rows(constraint: Constraint) -> Constraint:
+    return replace(constraint, rows=tuple(range(6)))
+
+
+def _six_sizes(robot: Robot, constraint: Constraint) -> Array:
+    robot.engine.require_invertible()
+    some = robot.random_configuration(0, 8)
+    J = np.stack([robot.reference("constraint_jacobian", q, constraints=(_all_rows(constraint),)) for q in some])
+    return usual_sizes(J, robot.mass_matrix(some))
+
+
+def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
+    """Some configurations with the loops closed, found from random ones or from around ``near``; (n, nq)."""
+    rng, robot = np.random.default_rng(0), closed.robot
+    if near is None:
+        starts = np.concatenate([robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
+    else:
+        spread = np.repeat([0.0, 0.01, 0.1, 0.3], STARTS // 4)[:, None]
+        starts = robot.add(
+            arguments.one(near, "near", robot.nq, names=robot.coordinate_names),
+            spread * rng.standard_normal((STARTS, robot.nv)),
+        )
+    q, left = closed.settled(starts, 0.01 * FOUND)
+    if not (left <= FOUND).any():
+        raise ConstraintError(
+            f"no configuration found at which {closed.constraints[-1].name!r} closes: from {STARTS} starts the nearest "
+            f"leaves a gap of {left.min():.3g} ({_in_units(closed)}). Check pose and rows, or give near=q, one near it."
+        )
+    return np.asarray(q[left <= FOUND])
+
+
+def require_angle(closed: ClosedRobot, q: Array) -> None:
+    """Raise where one turning row is held alone and the rest turns too: then its rate is the rate of no angle."""
+    new, robot = closed.constraints[-1], closed.robot
+    turning = [k for k in new.rows if k < 3]
+    if not isinstance(new, Closure) or len(turning) != 1:
+        return
+    J = robot.kernel("constraint_jacobian", constraints=(_all_rows(new),))(q)
+    others = np.delete(through(J, robot.mass_matrix(q))[:, :3], turning[0], axis=1)
+    if np.abs(others).max() > 1e-9 * _six_sizes(robot, new)[0]:
+        raise ConstraintError(
+            f"{new.name}: {ROWS[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
+            "so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with constrain."
+        )
+
+
+def refuse_redundant(closed: ClosedRobot) -> None:
+    """Raise a ConstraintError that names the rows that depend on others, and an independent choice."""
+    new = closed.constraints[-1]
+    first = len(closed.sizes) - len(new.rows)
+    keep = " ".join(ROWS[new.rows[k - first]] for k in closed.independent if k >= first)
+    advice = f"Independent ones are rows={keep!r}: close with these" if keep else "It adds nothing: leave it out"
+    raise ConstraintError(
+        f"of the {len(new.rows)} rows of {new.name!r} {len(keep.split())} are independent constraints; the others never move, "
+        f"or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', which "
+        "takes the λ of least norm."
+    )
+
+
+def _in_units(closed: ClosedRobot) -> str:
+    length = _gap_length(closed.robot.model)
+    return "rad or m" if length == 1.0 else f"rad, or part of {length:.3g} m"
+
+
+def require_found(closed: ClosedRobot, left: Array, tolerance: float, batch: tuple[int, ...]) -> None:
+    """Raise a ConstraintError that names the start that leaves the widest gap of ``left`` (n,), where that is too wide."""
+    if not (left > tolerance).any():
+        return
+    worst = int(left.argmax())
+    raise ConstraintError(
+        f"no configuration with closed loops found from here: a gap of {left[worst]:.3g} ({_in_units(closed)}) is left"
+        f"{_place(worst, batch)}, allowed {tolerance:g}. Start nearer to one, or allow more: consistent(q, tolerance=…)."
+    )
+
+
+def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
+    """Warn of the joint that went furthest from q to ``found`` (..., nq), if that is further than ``within``."""
+    moved = np.abs(robot.subtract(found, q))
+    if not (moved > within).any():
+        return
+    *row, k = np.unravel_index(int(moved.argmax()), moved.shape)
+    (joint,) = joints(robot, np.arange(robot.nv) == k)
+    warnings.warn(
+        f"the closed configuration found is not near: joint {joint!r} moved by {moved.max():.3g} (rad or m)"
+        f"{_in_words(row)}, and {within:g} is called near. robot.subtract(found, q) is how far each one went; start nearer to "
+        "the configuration meant, or allow more: consistent(q, within=…).",
+        ConstraintWarning,
+        stacklevel=4,
+    )
+
+
+def warn_of_singular(rank: Array, usual: int) -> None:
+    """Warn of states that hold the constraints by fewer directions than usual."""
+    if (lost := rank < usual).any():
+        warnings.warn(
+            f"singular configuration: {lost.sum()} of these states hold the constraints by {rank.min()} "
+            f"directions, not {usual}; λ is the one of least norm.",
+            ConstraintWarning,
+            stacklevel=5,
+        )
+
+
+def _place(flat: int, batch: tuple[int, ...]) -> str:
+    return _in_words(np.unravel_index(flat, batch)) if batch else ""
+
+
+def _in_words(row: Iterable[Any]) -> str:
+    numbers = ", ".join(map(str, row))
+    return f" (row {numbers} of the batch)" if numbers else ""
+
+
+def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = None) -> None:
+    """Raise a ConstraintError that says by how much a state breaks the constraints, where that is too much."""
+    mine = with_gaps(closed.constraints)
+    gap, allowed = np.abs(closed.gaps(q)), OPEN * closed.spans[mine]
+    if not (gap <= allowed).all():
+        *row, k = np.unravel_index(int((gap / allowed).argmax()), gap.shape)
+        name = [name for name, has in zip(row_names(closed.constraints), mine, strict=True) if has][k]
+        raise ConstraintError(
+            f"q leaves loops open by {gap[(*row, k)]:.3g} (rad or m) in {name!r}{_in_words(row)}, allowed {allowed[k]:.3g}: "
+            "begin with closed.consistent(q)."
+        )
+    A = closed.constraint_jacobian(q)
+    _require_rate(closed, q, "dq", A, dq, np.zeros(1), "closed.project_velocity(q, dq)")
+    if ddq is not None:
+        bias = closed.constraint_bias(q, dq)
+        _require_rate(closed, q, "ddq", A, ddq, bias, "closed.project_acceleration(q, dq, ddq)")
+
+
+def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, b: Array, remedy: str) -> None:
+    rate = (np.abs((A @ v[..., None])[..., 0] + b) / closed.sizes).max(axis=-1, initial=0.0)
+    terms = (np.abs(A) @ (np.abs(v) + STILL * _rate_units(closed))[..., None])[..., 0] + np.abs(b)
+    usual = (terms / closed.sizes).max(axis=-1, initial=0.0)
+    if (rate <= ASTRAY * usual).all():
+        return
+    # Seen through the mass matrix a row of its usual size is 1; so this is what rows usually see of such a motion.
+    seen = np.sqrt(np.maximum((v * (closed.robot.mass_matrix(q) @ v[..., None])[..., 0]).sum(axis=-1), 0.0))
+    usual = np.maximum(usual, FADED * seen)
+    if (rate <= ASTRAY * usual).all():
+        return
+    part = np.divide(rate, usual, out=np.zeros_like(rate), where=usual > 0)
+    worst = int(part.argmax())
+    raise ConstraintError(
+        f"{name} breaks the constraints by {part.flat[worst]:.3g} of its size{_place(worst, part.shape)}, "
+        f"allowed {ASTRAY:g}. Take the nearest that meets them: {remedy}."
+    )
+
+
+def _rate_units(closed: ClosedRobot) -> Array:
+    """What a rate of one is, of each velocity: 1 rad/s, or the robot's length per second."""
+    axes = np.concatenate([np.zeros((0, 6)), *(body.joint.axes for body in closed.robot.model.leaders)])
+    return np.where(axes[:, :3].any(axis=1), 1.0, robot_length(closed.robot.model))
+
+
+def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> None:
+    """Raise where torques ``left`` (..., n) at joints without motors are no rounding beside M q̈ + h = f (..., nv)."""
+    rest = np.abs(left).max(axis=-1, initial=0.0)
+    allowed = UNBALANCED * np.abs(f).max(axis=-1, initial=0.0)
+    if (rest <= allowed).all():
+        return
+    worst = int((rest - allowed).argmax())
+    idle, moving = (", ".join(joints(closed.robot, which)) for which in (~driven, driven))
+    raise ConstraintError(
+        f"joints {idle} have no motor, and no torques at {moving or 'no joint'} make this motion: "
+        f"{rest.flat[worst]:.3g} N m or N is left over{_place(worst, rest.shape)}. Degrees of freedom: "
+        f"{closed.nv - len(closed.independent)}; name as many joints that move them."
+    )
+
+
+def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:
+    """Which velocities belong to the joints named (None: all); (nv,)."""
+    leaders = {b.joint.name: b for b in robot.model.leaders}
+    names = list(leaders) if actuated is None else [actuated] if isinstance(actuated, str) else list(actuated)
+    found = np.zeros(robot.nv, bool)
+    for name in names:
+        if name not in leaders:
+            raise UnknownNameError.of("joint", name, leaders)
+        found[leaders[name].v_index : leaders[name].v_index + leaders[name].joint.nv] = True
+    return found
+
+
+def joints(robot: Robot, which: Array) -> list[str]:
+    """The joints of the velocities that ``which`` (nv,) is true for."""
+    names = [b.joint.name for b in robot.model.leaders for _ in range(b.joint.nv)]
+    return list(dict.fromkeys(name for name, yes in zip(names, which, strict=True) if yes))

@@ -1,0 +1,315 @@
+"""Why a joint needs its torque: τ split by term, and by the link, rotor or payload that causes it.
+
+Torques are linear in the inertial parameters, τ = Y(q, dq, ddq) π, so each body's own part of each term is Y's columns for
+it times its own parameters: nothing is estimated, and the parts add up to τ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import ShapeError, UnknownNameError
+from ..model.actuation import counted
+from ..model.model import BASE, Model
+from ..typing import Array
+
+MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
+"""M ddq; the terms with dq_i², the terms with dq_i dq_j; g."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Explanation:
+    """Joint torques τ split by term and by cause; what is no body's (friction, springs, wrenches) is both."""
+
+    terms: tuple[str, ...]
+    """Names of the terms: inertia, centripetal, Coriolis, gravity, and those that no body causes."""
+    causes: tuple[str, ...]
+    """Names of the causes: links, rotors, payloads, and the terms that no body causes."""
+    joints: tuple[str, ...]
+    """A name for each entry of τ."""
+    units: tuple[str, ...]
+    """Of each joint: N m, or N where it slides."""
+    parts: Array
+    """(..., terms, causes, nv)."""
+
+    @property
+    def torque(self) -> Array:
+        """τ, the sum of all parts; (..., nv), N m (sliding joints: N)."""
+        return np.asarray(self.parts.sum(axis=(-3, -2)))
+
+    @property
+    def by_term(self) -> Array:
+        """Torques by term, all causes together; (..., terms, nv), N m (sliding joints: N)."""
+        return np.asarray(self.parts.sum(axis=-2))
+
+    @property
+    def by_cause(self) -> Array:
+        """Torques by cause, all terms together; (..., causes, nv), N m (sliding joints: N)."""
+        return np.asarray(self.parts.sum(axis=-3))
+
+    def of(self, cause: str, term: str | None = None) -> Array:
+        """Torque that one cause takes at each joint.
+
+        Parameters
+        ----------
+        cause : str, one of ``causes``
+        term : str, optional, one of ``terms``; None: all together
+
+        Returns
+        -------
+        tau : (..., nv) array [N m, sliding joints: N]
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such cause or term.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
+        >>> why.of("link2", "gravity").round(2).tolist()
+        [19.62, 9.81]
+        """
+        for kind, name, choices in (("cause", cause, self.causes), ("term", term, self.terms)):
+            if name is not None and name not in choices:
+                raise UnknownNameError.of(kind, name, choices)
+        mine = self.parts[..., self.causes.index(cause), :]
+        return np.asarray(mine.sum(axis=-2) if term is None else mine[..., self.terms.index(term), :])
+
+    def and_also(self, name: str, tau: Array) -> Explanation:
+        """The same with further torques that no body causes, as a term and a cause of their own.
+
+        Parameters
+        ----------
+        name : str, of the term and the cause; in brackets if a body has it
+        tau : (..., nv) array [N m, sliding joints: N]
+
+        Returns
+        -------
+        explanation : Explanation
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
+        >>> why.and_also("cable", np.array([1.0, 0.0])).of("cable").tolist()
+        [1.0, 0.0]
+        """
+        name = f"({name})" if name in self.causes else name
+        parts = np.pad(self.parts, [(0, 0)] * (self.parts.ndim - 3) + [(0, 1), (0, 1), (0, 0)])
+        parts[..., -1, -1, :] = tau
+        return replace(self, terms=(*self.terms, name), causes=(*self.causes, name), parts=parts)
+
+    def rows(self, joint: str | None = None) -> list[list[str]]:
+        """Cells of :meth:`table`, heads first; causes of no torque are left out.
+
+        Parameters
+        ----------
+        joint : str, optional, the joint whose terms are shown; None: all joints
+
+        Returns
+        -------
+        rows : list of rows of str
+
+        Raises
+        ------
+        ShapeError
+            The states are a batch.
+        UnknownNameError
+            There is no such joint.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
+        >>> why.rows()[0]
+        ['caused by', 'joint1 [N m]', 'joint2 [N m]']
+        """
+        parts, heads = self._columns(joint)
+        least = 1e-12 * max(float(np.abs(self.torque).max(initial=0.0)), 1.0)
+        shown = [
+            [cause, *_cells(row, least)]
+            for cause, row in zip(self.causes, parts, strict=True)
+            if np.abs(row).max(initial=0.0) > least
+        ]
+        return [["caused by", *heads], *shown, ["together", *_cells(parts.sum(axis=0), least)]]
+
+    def table(self, joint: str | None = None) -> str:
+        """Table as plain text: causes down, joints across; for one joint, causes down and terms across.
+
+        Parameters
+        ----------
+        joint : str, optional, the joint whose terms are shown; None: all joints
+
+        Returns
+        -------
+        text : str, of one state
+
+        Raises
+        ------
+        ShapeError
+            The states are a batch.
+        UnknownNameError
+            There is no such joint.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
+        >>> print(why.table("joint1"))
+        caused by  inertia  centripetal  Coriolis  gravity  together [N m]
+        link1            ·            ·         ·     9.81            9.81
+        link2            ·            ·         ·    19.62           19.62
+        together         ·            ·         ·    29.43           29.43
+        """
+        rows = self.rows(joint)
+        first, *wide = (max(map(len, column)) for column in zip(*rows, strict=True))
+        lines = [[row[0].ljust(first), *(x.rjust(n) for x, n in zip(row[1:], wide, strict=True))] for row in rows]
+        return "\n".join("  ".join(line).rstrip() for line in lines)
+
+    def _columns(self, joint: str | None) -> tuple[Array, list[str]]:
+        """The table's numbers (causes, columns), and what stands above them."""
+        if self.parts.ndim != 3:
+            raise ShapeError(
+                f"this explains a batch of states of shape {self.parts.shape[:-3]}; a table or a picture is of one. "
+                "Explain that state alone, or look at .parts."
+            )
+        if joint is None:
+            return self.by_cause, [f"{name} [{unit}]" for name, unit in zip(self.joints, self.units, strict=True)]
+        if joint not in self.joints:
+            raise UnknownNameError.of("joint", joint, self.joints)
+        k = self.joints.index(joint)
+        rows = self.parts[:, :, k].T
+        whole = np.concatenate([rows, rows.sum(axis=1, keepdims=True)], axis=1)
+        return whole, [*self.terms, f"together [{self.units[k]}]"]
+
+    def __repr__(self) -> str:
+        batch = f" of states {self.parts.shape[:-3]}" if self.parts.ndim > 3 else ""
+        return f"<Explanation{batch}: {', '.join(self.terms)} of {', '.join(self.causes)}>"
+
+    def __str__(self) -> str:
+        if self.parts.ndim != 3:
+            return f"<Explanation of states {self.parts.shape[:-3]}: {', '.join(self.terms)}>"
+        return self.table()
+
+    def plot(self, path: str | Path) -> Path:
+        """Bar chart: a bar per joint, stacked by cause.
+
+        Parameters
+        ----------
+        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError
+            There is no matplotlib.
+        ShapeError
+            The states are a batch.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> why = tw.robots.planar_2r().explain([0, 0], [0, 1], [0, 0])
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     why.plot(f"{folder}/why.svg").name
+        'why.svg'
+        """
+        self._columns(None)
+        from ..plotting.explanation import plot_explanation
+
+        return plot_explanation(self, path)
+
+
+def _cells(row: Array, least: float) -> list[str]:
+    return ["·" if abs(x) <= least else f"{x:.4g}" for x in row.tolist()]
+
+
+def explained(
+    model: Model,
+    regressor: Callable[[Array, Array, Array], Array],
+    state: tuple[Array, Array, Array],
+    apart: Mapping[str, Array],
+) -> Explanation:
+    """Split the torques at ``state``; ``apart`` are those that no inertia causes, (..., nv) by name."""
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *apart.values())))
+    bodies = _causes(model)
+    columns = np.array(list(bodies.values())).reshape(len(bodies), 10 * len(model.bodies))
+
+    def torques(q: Array, dq: Array, ddq: Array) -> Array:
+        return np.swapaxes(regressor(q, dq, ddq) @ columns.T, -1, -2)  # (..., causes, nv)
+
+    parts = _motion_parts(torques, *(np.broadcast_to(x, (*batch, x.shape[-1])) for x in state))
+    units = tuple("N m" if S[:3].any() else "N" for b in model.leaders for S in b.joint.axes)
+    why = Explanation(MOTION_TERMS, tuple(bodies), model.velocity_names, units, parts)
+    for name, tau in apart.items():
+        why = why.and_also(name, tau)
+    return why
+
+
+def _motion_parts(torques: Callable[..., Array], q: Array, dq: Array, ddq: Array) -> Array:
+    """The motion terms, from a function of the state that is linear in each body's parameters; (..., 4, causes, nv).
+
+    Velocity products are a quadratic form in dq: its squares are what each velocity makes by itself.
+    """
+    still = np.zeros_like(dq)
+    gravity = torques(q, still, still)
+    inertia = torques(q, still, ddq) - gravity
+    velocity = torques(q, dq, still) - gravity
+    squares = np.zeros_like(gravity)
+    for e in np.eye(dq.shape[-1]):
+        squares += torques(q, dq * e, still) - gravity
+    return np.stack([inertia, squares, velocity - squares, gravity], axis=-3)
+
+
+def _causes(model: Model) -> dict[str, Array]:
+    """What has inertia, by name, with its parameters in the columns of the body it rides on; (10 nbodies,)."""
+    causes: dict[str, Array] = {}
+
+    def count(name: str, body: int, parameters: Array) -> None:
+        if body != BASE and parameters.any():
+            columns = causes.setdefault(name, np.zeros(10 * len(model.bodies)))
+            columns[10 * body : 10 * body + 10] += parameters
+
+    carried = _by_frame(model.payloads)
+    for name, frame in model.all_frames.items():
+        mine = model.link_inertias.get(name)  # sites have none
+        own = np.zeros(10) if mine is None else mine.parameters - carried.get(name, np.zeros(10))
+        own = np.where(np.abs(own) <= 1e-15 * np.abs(carried.get(name, own)), 0.0, own)
+        count(name, frame.body, _moved(own, frame.pose))
+        count(f"payload at {name}", frame.body, _moved(carried.get(name, np.zeros(10)), frame.pose))
+    for i, body in enumerate(model.bodies):
+        if not body.joint.moves_body:
+            count(body.link, i, body.inertia.parameters)
+            if counted(model, body):  # then the link has it too, and is credited with it above
+                count(body.link, body.parent, -_moved(body.inertia.parameters, body.placement))
+    found = sum(causes.values(), start=np.zeros(10 * len(model.bodies)))
+    for i, body in enumerate(model.bodies):  # what was repaired on loading, or fused out of rotors
+        rest = body.inertia.parameters - found[10 * i : 10 * i + 10]
+        if np.abs(rest).max() > 1e-12 * max(1e-300, float(np.abs(body.inertia.parameters).max())):
+            count(f"{body.link} (other)", i, rest)
+    return causes
+
+
+def _by_frame(payloads: Sequence[tuple[str, Any]]) -> dict[str, Array]:
+    carried: dict[str, Array] = {}
+    for frame, inertia in payloads:
+        carried[frame] = carried.get(frame, np.zeros(10)) + inertia.parameters
+    return carried
+
+
+def _moved(parameters: Array, T: Array) -> Array:
+    """Ten parameters in frame {b}, seen from {a}; linear, so that differences may be moved too."""
+    from ..bodies.inertia import SpatialInertia
+
+    return SpatialInertia.from_parameters(parameters).in_frame(T).parameters

@@ -1,0 +1,286 @@
+"""Robots from files, from the book's screw lists, and from Denavit-Hartenberg tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal, TypedDict
+
+from numpy.typing import ArrayLike
+
+from ..core.gravity import GRAVITY
+from ..model.rounding import DEFAULT_SNAP
+from .robot import Robot
+
+Mimic = Literal["follow", "independent"]
+Inertia = Literal["error", "accept", "repair"]
+
+
+class LoadOptions(TypedDict, total=False):
+    """Options of :func:`load`, as a dictionary with the same names and meanings."""
+
+    format: str | None
+    floating_base: bool | None
+    keep: str | None
+    model: str | None
+    include_paths: Sequence[str | Path]
+    max_bodies: int
+    lock: Mapping[str, ArrayLike] | None
+    tip: str | None
+    mimic: Mimic
+    inertia: Inertia
+    snap: float
+    gravity: ArrayLike | None
+
+
+def load(
+    source: str | Path,
+    *,
+    format: str | None = None,  # noqa: A002  what it is called everywhere
+    floating_base: bool | None = None,
+    keep: str | None = None,
+    model: str | None = None,
+    include_paths: Sequence[str | Path] = (),
+    max_bodies: int = 20_000,
+    lock: Mapping[str, ArrayLike] | None = None,
+    tip: str | None = None,
+    mimic: Mimic = "follow",
+    inertia: Inertia = "error",
+    snap: float = DEFAULT_SNAP,
+    gravity: ArrayLike | None = None,
+) -> Robot:
+    """Load a robot from a URDF, MJCF or SDF file, or from XML text (first non-blank character ``<``).
+
+    Parameters
+    ----------
+    source : str or Path, file or XML text
+    format : "urdf", "mjcf" or "sdf", optional; None: the root element tells
+    floating_base : bool, optional; None: as the file says (models of URDF and SDF stand, free joints of MJCF float). True
+        lets the root link float where nothing does, False holds free joints of MJCF where the file puts them
+    keep : str, optional, read one body of an MJCF scene and all that it carries
+    model : str, optional, read one model of an SDF world
+    include_paths : folders, besides that of the file, from which included files and meshes may be read
+    max_bodies : int, more bodies are refused
+    lock : {joint: position}, optional, joints that are fixed [rad, m]
+    tip : str, optional, the frame meant when none is named
+    mimic : "follow" or "independent", whether mimic joints fold into their leaders or are joints like any other
+    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
+    snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
+    gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what the file says, else (0, 0, -9.81)
+
+    Returns
+    -------
+    robot : Robot
+
+    Raises
+    ------
+    NotFoundError
+        There is no such file.
+    RobotFileError
+        The file is no robot file, or an entry of it cannot be read.
+    ModelError
+        What it says makes no robot.
+    InertiaError
+        A moving body cannot exist; link, condition and amount are named.
+    UnknownNameError
+        ``lock`` or ``tip`` names nothing of the robot.
+
+    Warns
+    -----
+    ModelWarning
+        The file says something doubtful; also in :attr:`Robot.defects`.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> robot = tw.load(tw.robots.path_of("ur5"))
+    >>> robot.nv, robot.tip
+    (6, 'tool0')
+    """
+    from ..formats import load_model
+
+    return Robot(
+        load_model(
+            source,
+            format=format,
+            floating_base=floating_base,
+            keep=keep,
+            model=model,
+            include_paths=include_paths,
+            max_bodies=max_bodies,
+            lock=lock,
+            tip=tip,
+            mimic=mimic,
+            inertia=inertia,
+            snap=snap,
+            gravity=gravity,
+        )
+    )
+
+
+def from_screws(
+    M: ArrayLike | None,
+    Slist: ArrayLike,
+    Mlist: Sequence[ArrayLike] | ArrayLike,
+    Glist: Sequence[ArrayLike] | ArrayLike,
+    *,
+    joint_names: Sequence[str] | None = None,
+    name: str = "screws",
+    gravity: ArrayLike = GRAVITY,
+    non_unit_screws: bool = False,
+    inertia: Inertia = "error",
+) -> Robot:
+    """Robot from screw axes: the book's lists M, Slist, Mlist, Glist of a serial chain.
+
+    Parameters
+    ----------
+    M : (4, 4) array_like or None, home pose of the tip; checked against the product of ``Mlist``, None takes that
+        product
+    Slist : (6, n) array_like, space screw axes as columns, at the home configuration
+    Mlist : n + 1 poses (4, 4), of each link frame in the one before
+    Glist : n spatial inertias (6, 6), each in its link frame
+    joint_names : sequence of n str, optional
+    name : str, the robot's
+    gravity : (3,) array_like, in the base frame [m/s²]
+    non_unit_screws : bool, accept screws that are not of unit length as they are, lengths kept
+    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
+
+    Returns
+    -------
+    robot : Robot
+
+    Raises
+    ------
+    ShapeError
+        A list is of another size.
+    ValueRangeError
+        A screw is not of unit length, or ``M`` is not the product of ``Mlist``.
+    InertiaError
+        A body cannot exist.
+
+    Notes
+    -----
+    MR section 8.3. A screw whose turning part is not of unit length (or, sliding only, whose sliding part) is an error,
+    because its joint coordinate is no angle; the book's own three-link example has one.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> ur5 = tw.robots.ur5()
+    >>> s = ur5.screws
+    >>> back = tw.from_screws(s.M, s.Slist, s.Mlist, s.Glist)
+    >>> q = ur5.random_configuration(1)
+    >>> bool(np.allclose(back.gravity_forces(q), ur5.gravity_forces(q)))
+    True
+    """
+    from ..formats import screw_lists
+
+    return Robot(
+        screw_lists.from_screws(
+            M,
+            Slist,
+            Mlist,
+            Glist,
+            joint_names=joint_names,
+            name=name,
+            gravity=gravity,
+            non_unit_screws=non_unit_screws,
+            inertia=inertia,
+        )
+    )
+
+
+def from_dh(
+    table: Mapping[str, ArrayLike] | Sequence[Mapping[str, float]] | ArrayLike,
+    *,
+    convention: Literal["standard", "modified"] = "standard",
+    columns: Sequence[str] | None = None,
+    joint_types: str | Sequence[str] = "revolute",
+    masses: ArrayLike | None = None,
+    coms: ArrayLike | None = None,
+    moments_about_com: ArrayLike | None = None,
+    tool: ArrayLike | None = None,
+    joint_names: Sequence[str] | None = None,
+    name: str = "dh",
+    gravity: ArrayLike = GRAVITY,
+    inertia: Inertia = "error",
+) -> Robot:
+    """Robot from Denavit–Hartenberg parameters: a serial chain of n joints.
+
+    Parameters
+    ----------
+    table : {column: (n,)}, n such rows, or (n, 4) array_like with ``columns`` [m, rad]
+        ``{"theta": …, "d": …, "a": …, "alpha": …}``, a column that is zero left out.
+    convention : "standard" or "modified", as in the notes
+    columns : sequence of str, optional, order of the columns of an array, as ``("theta", "d", "a", "alpha")``
+        Always needed with an array: no two books share an order.
+    joint_types : str or n of them, ``"revolute"`` or ``"prismatic"``; one name is for all joints
+    masses : (n,) array_like, optional [kg]
+    coms : (n, 3) array_like, optional, in link frame {i} [m]
+    moments_about_com : (n, 3, 3) array_like, optional, about the centre of mass along the axes of {i} [kg m²]
+    tool : (4, 4) array_like, optional, pose in {n}
+    joint_names : sequence of n str, optional
+    name : str, the robot's
+    gravity : (3,) array_like, in the base frame [m/s²]
+    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
+
+    Returns
+    -------
+    robot : Robot
+        Frames are ``link0`` … ``linkn``, and ``tool`` if given; the last is the tip.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError, UnknownNameError
+        The table cannot be read, or a convention or a joint type is none of these.
+    InertiaError
+        A body cannot exist (``inertia="accept"`` or ``"repair"``).
+
+    Warns
+    -----
+    ModelWarning
+        An angle is beyond 2π, which will be degrees.
+
+    Notes
+    -----
+    Row i is the pose of link frame {i} in {i-1}:
+
+    - ``convention="standard"``: Rot_z(theta_i) Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i). Frame {i} sits at the far end of
+      link i; joint i turns about z of {i-1}. (Corke, Siciliano, Spong.)
+    - ``convention="modified"``: Rot_x(alpha) Trans_x(a) Rot_z(theta_i) Trans_z(d_i), where row i holds alpha and a *before* the
+      joint, alpha_{i-1} and a_{i-1}. Frame {i} sits on joint i and turns about its own z. (Craig; Modern Robotics, appendix C.)
+
+    The coordinate of a joint adds to its table entry: q_i to theta_i of a ``"revolute"`` joint, to d_i of a
+    ``"prismatic"`` one, so the table's entry is the offset. Masses, centres of mass and moments that are left out are
+    zero. In the standard convention the moving bodies are ``axis1`` … ``axisn``, frames on the joints' axes, z along
+    them, that the links are fixed to: joint wrenches are in these.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm = tw.from_dh({"a": [1.0, 1.0]}, masses=[1, 1])                       # the planar 2R arm
+    >>> np.round(arm.forward_kinematics([0, np.pi / 2])[:3, 3], 12).tolist()
+    [1.0, 1.0, 0.0]
+    >>> scara = {"theta": [0, 0, 0, 0], "d": [0.4, 0, 0, 0], "a": [0, 0.3, 0.25, 0], "alpha": [0, 0, np.pi, 0]}
+    >>> types = ["revolute", "revolute", "prismatic", "revolute"]
+    >>> tw.from_dh(scara, convention="modified", joint_types=types).nv
+    4
+    """
+    from ..formats import dh
+
+    return Robot(
+        dh.from_dh(
+            table,
+            convention=convention,
+            columns=columns,
+            joint_types=joint_types,
+            masses=masses,
+            coms=coms,
+            moments_about_com=moments_about_com,
+            tool=tool,
+            joint_names=joint_names,
+            name=name,
+            gravity=gravity,
+            inertia=inertia,
+        )
+    )

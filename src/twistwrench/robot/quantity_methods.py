@@ -1,0 +1,1256 @@
+"""One method for each quantity, written out once: for arrays of NumPy's, and for arrays in the memory of a GPU.
+
+Shapes in docstrings are those of one state; any leading batch shape goes, and batch shapes broadcast as NumPy's do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Generic, Literal, TypeVar
+
+from ..errors import UnknownNameError
+from ..screws.wrench import Wrench
+from .wrench_arguments import unlabelled
+
+In = TypeVar("In")
+Out = TypeVar("Out")
+Kind = Literal["body", "space", "world_aligned"]
+Rows = str | Iterable[int | str] | None
+"""Rows of a twist, by name, ``"vx vz"``, or number, 0 to 5; None is all six."""
+Wrenches = Mapping[str, Any]
+"""``{frame: (..., 6)}``, each (m, f) in the axes of its frame."""
+
+
+class QuantityMethods(Generic[In, Out]):
+    """The quantities of a robot as methods: kinematics, dynamics, statics, energies and their derivatives.
+
+    ``In`` is what they take as an array, ``Out`` what they give. Shapes are those of one state; any leading batch shape
+    goes, and batch shapes broadcast as NumPy's do.
+    """
+
+    _call: Callable[..., Any]
+    """(name, *arrays, out=, **options), results."""
+    _with_wrenches: Callable[..., Any]
+    """(name, arrays, wrenches by the robot, wrenches on the robot, out, **options), results."""
+
+    # ── configurations ──
+
+    def add(self, q: In, dv: In, *, out: Any = None) -> Out:
+        """Configuration plus joint twists, q ⊕ dv: each joint moves along its constant twist for unit time.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dv : (nv,) array_like, joint twists times unit time [rad, m]
+            Planar, ball and floating joints may turn by up to 32768 rad.
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        q : (nq,) array, configuration
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.floating_box().add([1, 0, 0, 0, 0, 0, 0], [0, 0, 0, 1, 2, 3]).tolist()
+        [1.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
+        """
+        return self._call("add", q, dv, out=out)
+
+    def subtract(self, q1: In, q0: In, *, out: Any = None) -> Out:
+        """Difference of configurations, q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1.
+
+        Parameters
+        ----------
+        q1, q0 : (nq,) array_like, configurations
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        dv : (nv,) array, joint twists times unit time [rad, m], turning the short way
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.floating_box().subtract([1, 0, 0, 0, 1, 2, 3], [1, 0, 0, 0, 0, 0, 0]).tolist()
+        [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
+        """
+        return self._call("subtract", q1, q0, out=out)
+
+    # ── kinematics ──
+
+    def forward_kinematics(self, q: In, frame: str | None = None, *, out: Any = None) -> Out:
+        """Forward kinematics: T_s,frame, the pose of a frame in the base frame {s}.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        frame : str, optional, a link of the robot; its tip if None
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        T : (4, 4) array, homogeneous transform [m]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Notes
+        -----
+        MR section 4.1.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> np.round(arm.forward_kinematics([0, np.pi / 2])[:3, 3], 12).tolist()
+        [1.0, 0.0, 1.0]
+        """
+        return self._call("forward_kinematics", q, frame=frame, out=out)
+
+    def link_poses(self, q: In, *, out: Any = None) -> Out:
+        """Forward kinematics of all links at once: T_s,link, each in the base frame {s}.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        T : (nlinks, 4, 4) array, homogeneous transforms [m], in the order of :attr:`link_names`
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.link_poses([0, 0]).shape == (len(arm.link_names), 4, 4)
+        True
+        """
+        return self._call("link_poses", q, out=out)
+
+    def jacobian(self, q: In, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Out:
+        """Geometric Jacobian J of a frame, with V = J dq its twist (omega, v).
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned"
+            ``"body"``: the twist in the frame itself; ``"space"``: at the base origin, with the base's axes;
+            ``"world_aligned"``: at the frame's origin, with the base's axes.
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        J : (6, nv) array, angular rows first [rad, m per unit of q]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Notes
+        -----
+        MR eq. 5.11 (space), 5.18 (body).
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.jacobian([0, 0]).round(12)[[2, 4]].tolist()
+        [[1.0, 1.0], [2.0, 1.0]]
+        """
+        return self._call("jacobian", q, frame=frame, kind=kind, out=out)
+
+    def jacobian_rate(self, q: In, dq: In, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Out:
+        """Time derivative dJ/dt of the Jacobian, as in dV/dt = J ddq + (dJ/dt) dq.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        dJ : (6, nv) array, d/dt of :meth:`jacobian`, angular rows first
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.jacobian_rate([0, np.pi / 2], [0, 1]).round(12)[4].tolist()
+        [-1.0, 0.0]
+        """
+        return self._call("jacobian_rate", q, dq, frame=frame, kind=kind, out=out)
+
+    def frame_velocity(self, q: In, dq: In, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Out:
+        """Velocity of a frame: its twist (omega, v) = J dq.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        V : (6,) array, twist [rad/s, m/s], in the axes and about the point that ``kind`` says
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.frame_velocity([0, 0], [0, 1], kind="world_aligned").round(12).tolist()
+        [0.0, -1.0, 0.0, 0.0, 0.0, 1.0]
+        """
+        return self._call("frame_velocity", q, dq, frame=frame, kind=kind, out=out)
+
+    def frame_acceleration(
+        self,
+        q: In,
+        dq: In,
+        ddq: In,
+        frame: str | None = None,
+        kind: Kind = "body",
+        *,
+        out: Any = None,
+    ) -> Out:
+        """Acceleration of a frame: the rate dV/dt of its twist, gravity not included.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        dV : (6,) array, d/dt of :meth:`frame_velocity` [rad/s², m/s²]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Notes
+        -----
+        The rate of a twist's six numbers: the acceleration of a body's point has ω × v beside it, unless ``kind`` is
+        ``"world_aligned"``.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.frame_acceleration([0, 0], [1, 0], [0, 0], kind="world_aligned").round(12)[3].item()
+        -2.0
+        """
+        return self._call("frame_acceleration", q, dq, ddq, frame=frame, kind=kind, out=out)
+
+    # ── dynamics ──
+
+    def inverse_dynamics(
+        self,
+        q: In,
+        dq: In,
+        ddq: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+        out: Any = None,
+    ) -> Out:
+        """Inverse dynamics: joint torques τ = M q̈ + h + Σ J'F_by - Σ J'F_on of a motion.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        friction : bool, add the torque that overcomes the joints' friction
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        tau : (nv,) array, joint torques [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        Newton-Euler recursion, MR eq. 8.54.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> robot = tw.robots.planar_2r()
+        >>> np.round(robot.inverse_dynamics([0, 0], [0, 0], [0, 0]), 2).tolist()
+        [29.43, 9.81]
+        """
+        how = {"friction": True} if friction else {}
+        given = q, dq, ddq
+        return self._with_wrenches("inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
+
+    def forward_dynamics(
+        self,
+        q: In,
+        dq: In,
+        tau: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        friction: bool = False,
+        out: Any = None,
+    ) -> Out:
+        """Forward dynamics: joint accelerations q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on) under torques.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        friction : bool, take what the joints' friction costs off τ first; a joint at rest is taken to slide freely
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        ddq : (nv,) array, joint accelerations [rad/s², m/s²]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        MR section 8.5.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.forward_dynamics([0, 0], [0, 0], [30.43, 9.81]).round(12).tolist()
+        [1.0, -2.0]
+        """
+        how = {"friction": True} if friction else {}
+        given = q, dq, tau
+        return self._with_wrenches("forward_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
+
+    def mass_matrix(self, q: In, *, out: Any = None) -> Out:
+        """Mass matrix M (joint-space inertia), symmetric and full.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        M : (nv, nv) array [kg m², sliding joints: kg]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        MR eq. 8.57.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.mass_matrix([0, np.pi / 2]).round(12).tolist()
+        [[3.0, 1.0], [1.0, 1.0]]
+        """
+        return self._call("mass_matrix", q, out=out)
+
+    def bias_forces(self, q: In, dq: In, *, out: Any = None) -> Out:
+        """Bias forces h = c + g: what remains of the joint torques τ at q̈ = 0.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        h : (nv,) array [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        MR section 8.1.2.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.bias_forces([0, 0], [0, 0]).round(2).tolist()
+        [29.43, 9.81]
+        """
+        return self._call("bias_forces", q, dq, out=out)
+
+    def coriolis_forces(self, q: In, dq: In, *, out: Any = None) -> Out:
+        """Coriolis and centripetal torques c, the velocity-product terms.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        c : (nv,) array [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        MR section 8.1.2.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.coriolis_forces([0, np.pi / 2], [0, 1]).round(12).tolist()
+        [-1.0, 0.0]
+        """
+        return self._call("coriolis_forces", q, dq, out=out)
+
+    def coriolis_matrix(self, q: In, dq: In, *, out: Any = None) -> Out:
+        """Coriolis matrix C, with C dq = c and dM/dt - 2C skew-symmetric.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        C : (nv, nv) array [N m s, sliding joints: N s]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        On one-degree joints it is the one of the Christoffel symbols. MR section 8.1.2.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.coriolis_matrix([0, np.pi / 2], [0, 1]).round(12).tolist()
+        [[-1.0, -1.0], [0.0, 0.0]]
+        """
+        return self._call("coriolis_matrix", q, dq, out=out)
+
+    def christoffel(self, q: In, *, out: Any = None) -> Out:
+        """Christoffel symbols of the first kind Γ_ijk of the mass matrix: c_i = Σ Γ_ijk dq_j dq_k.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        gamma : (nv, nv, nv) array [kg m², sliding joints: kg; per rad or m]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        ValueRangeError
+            The robot has planar, ball or floating joints, whose rates are not derivatives of coordinates.
+
+        Notes
+        -----
+        MR eq. 8.12.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.christoffel([0, np.pi / 2])[0].round(12).tolist()
+        [[0.0, -1.0], [-1.0, -1.0]]
+        """
+        return self._call("christoffel", q, out=out)
+
+    def gravity_forces(self, q: In, *, out: Any = None) -> Out:
+        """Gravity torques g, which hold the robot at rest against gravity.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        g : (nv,) array [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        MR section 8.1.2.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.gravity_forces([0, 0]).round(2).tolist()
+        [29.43, 9.81]
+        """
+        return self._call("gravity_forces", q, out=out)
+
+    def friction_forces(self, dq: In, *, load: In | None = None, out: Any = None) -> Out:
+        """Joint friction: the torques that overcome it at the velocities dq.
+
+        Parameters
+        ----------
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        load : (nv,) array_like, optional, torques the joints carry, for friction that grows with them
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        tau : (nv,) array, joint torques [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        MR section 8.9.4. At rest friction may be anything up to the static one, and the law gives 0.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> rough = arm.with_actuators({"actuators": {"joint1": {"friction": {"viscous": "0.5 N m s/rad"}}}})
+        >>> rough.friction_forces([2.0, 2.0]).tolist()
+        [1.0, 0.0]
+        """
+        if load is None:
+            return self._call("friction_forces", dq, out=out)
+        return self._call("friction_under_load", dq, load, out=out)
+
+    def regressor(self, q: In, dq: In, ddq: In, *, out: Any = None) -> Out:
+        """Regressor Y of the inertial parameters: τ = Y π, π being :attr:`parameters`.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        Y : (nv, 10 nbodies) array, ten columns for each moving body
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        The equation of motion is linear in π, MR section 8.2. Springs and friction are apart.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> Y = arm.regressor([0, 0], [0, 0], [0, 0])
+        >>> np.round(Y @ arm.parameters, 2).tolist()
+        [29.43, 9.81]
+        """
+        return self._call("regressor", q, dq, ddq, out=out)
+
+    def drive_torques(
+        self,
+        q: In,
+        dq: In,
+        ddq: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Out, Out]:
+        """Torques in the drives, as felt at the joints: what the gears carry, and what the rotors take before them.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : pair of arrays, optional, takes the results
+
+        Returns
+        -------
+        gear : (nv,) array, torques through the gears [N m, sliding joints: N]
+        rotor : (nv,) array, torques that turn the rotors [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        They add up to τ. Divided by the ratio they are the book's τ_gear / G and the rotor's own part of τ_motor. MR
+        section 8.9.3.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> drives = {"actuators": {"joint1": {"ratio": 100, "rotor": {"inertia": "200 g cm^2", "extra": True}}}}
+        >>> gear, rotor = arm.with_actuators(drives).drive_torques([0, 0], [0, 0], [1, 0])
+        >>> rotor.round(9).tolist()
+        [0.2, 0.0]
+        """
+        carried, rotor = self._with_wrenches("drive_torques", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
+        return carried, rotor
+
+    # ── derivatives ──
+
+    def inverse_dynamics_derivatives(
+        self,
+        q: In,
+        dq: In,
+        ddq: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Out, Out]:
+        """Derivatives of inverse dynamics, ∂τ/∂q and ∂τ/∂dq; ∂τ/∂ddq is M.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : pair of arrays, optional, takes the results
+
+        Returns
+        -------
+        tau_by_q : (nv, nv) array, ∂τ/∂q, columns along :meth:`add`
+        tau_by_dq : (nv, nv) array, ∂τ/∂dq
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        Wrenches keep their numbers in their frames, which move along. Friction is left out.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> by_q, by_dq = tw.robots.planar_2r().inverse_dynamics_derivatives([np.pi / 2, 0], [0, 0], [0, 0])
+        >>> np.round(by_q, 2).tolist()
+        [[-29.43, -9.81], [-9.81, -9.81]]
+        """
+        by_q, by_dq = self._with_wrenches(
+            "inverse_dynamics_derivatives", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out
+        )
+        return by_q, by_dq
+
+    def forward_dynamics_derivatives(
+        self,
+        q: In,
+        dq: In,
+        tau: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Out, Out, Out]:
+        """Derivatives of forward dynamics, ∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : triple of arrays, optional, takes the results
+
+        Returns
+        -------
+        ddq_by_q : (nv, nv) array, ∂ddq/∂q, columns along :meth:`add`
+        ddq_by_dq : (nv, nv) array, ∂ddq/∂dq
+        ddq_by_tau : (nv, nv) array, M⁻¹
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        Wrenches keep their numbers in their frames, which move along. Friction is left out.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> by_q, by_dq, inverse = arm.forward_dynamics_derivatives([0, 0], [0, 0], [0, 0])
+        >>> (inverse @ arm.mass_matrix([0, 0])).round(12).tolist()
+        [[1.0, 0.0], [0.0, 1.0]]
+        """
+        by_q, by_dq, inverse = self._with_wrenches(
+            "forward_dynamics_derivatives", (q, dq, tau), wrench_by_robot, wrench_on_robot, out
+        )
+        return by_q, by_dq, inverse
+
+    def inverse_dynamics_gradient(
+        self,
+        q: In,
+        dq: In,
+        ddq: In,
+        weights: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Out, Out, Out]:
+        """Gradient of a weighted sum of torques, ∂(w·τ)/∂(q, dq, ddq), by reverse mode.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        weights : (nv,) array_like, w
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : triple of arrays, optional, takes the results
+
+        Returns
+        -------
+        by_q : (nv,) array, ∂(w·τ)/∂q along :meth:`add`
+        by_dq : (nv,) array, ∂(w·τ)/∂dq
+        by_ddq : (nv,) array, ∂(w·τ)/∂ddq, which is M w
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        At a few times the cost of τ.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> by_q, by_dq, by_ddq = tw.robots.planar_2r().inverse_dynamics_gradient([np.pi / 2, 0], [0, 0], [0, 0], [1, 1])
+        >>> by_q.round(2).tolist()
+        [-39.24, -19.62]
+        """
+        how = {"by": ("q", "dq", "ddq"), "form": "weighted"}
+        given = (q, dq, ddq, weights)
+        by_q, by_dq, by_ddq = self._with_wrenches(
+            "inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how
+        )
+        return by_q, by_dq, by_ddq
+
+    def inverse_dynamics_hessian_product(
+        self,
+        q: In,
+        dq: In,
+        ddq: In,
+        weights: In,
+        along_q: In,
+        along_dq: In,
+        along_ddq: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> tuple[Out, Out, Out]:
+        """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        weights : (nv,) array_like, w
+        along_q, along_dq, along_ddq : (nv,) array_like, the direction's parts
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : triple of arrays, optional, takes the results
+
+        Returns
+        -------
+        by_q, by_dq, by_ddq : (nv,) array, parts of the product
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        That is the Hessian at 0 of (u, a, b) ↦ w·τ(q ⊕ u, dq + a, ddq + b), ⊕ being :meth:`add`: symmetric on every
+        robot.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, still = tw.robots.planar_2r(), [0, 0]
+        >>> curved = arm.inverse_dynamics_hessian_product(still, still, still, [1, 0], [1, 0], still, still)
+        >>> curved[0].round(2).tolist()
+        [-29.43, -9.81]
+        """
+        how = {"by": ("q", "dq", "ddq"), "form": "hessian_along"}
+        given = (q, dq, ddq, weights, along_q, along_dq, along_ddq)
+        by_q, by_dq, by_ddq = self._with_wrenches(
+            "inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how
+        )
+        return by_q, by_dq, by_ddq
+
+    def jacobian_derivative(self, q: In, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Out:
+        """Derivative of the Jacobian by the configuration, ∂J/∂q; its product with dq is dJ/dt.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        J_by_q : (6, nv, nv) array, of :meth:`jacobian`, last axis along :meth:`add`
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> dJ = arm.jacobian_derivative([0, 1]) @ [1, 2]
+        >>> np.allclose(dJ, arm.jacobian_rate([0, 1], [1, 2]))
+        True
+        """
+        return self._call("jacobian_derivative", q, frame=frame, kind=kind, out=out)
+
+    def mass_matrix_derivative(self, q: In, *, out: Any = None) -> Out:
+        """Derivative of the mass matrix by the configuration, ∂M/∂q; its product with dq is dM/dt.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        M_by_q : (nv, nv, nv) array, last axis along :meth:`add`
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> tw.robots.planar_2r().mass_matrix_derivative([0, np.pi / 2])[:, :, 1].round(2).tolist()
+        [[-2.0, -1.0], [-1.0, 0.0]]
+        """
+        return self._call("mass_matrix", q, by="q", out=out)
+
+    # ── statics ──
+
+    def wrench_torques(self, q: In, wrench_by_robot: In | Wrench, frame: str | None = None, *, out: Any = None) -> Out:
+        """Joint torques of one wrench alone, τ = J_b' F (Jacobian transpose).
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        wrench_by_robot : (6,) array_like or Wrench, (m, f) the robot applies at the frame, in its axes [N m, N]
+            A labelled wrench brings its own frame.
+        frame : str, optional, a link of the robot; its tip if None
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        tau : (nv,) array, joint torques [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip; or the label of the wrench says another frame.
+
+        Notes
+        -----
+        MR eq. 5.26.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.wrench_torques([0, 0], [0, 0, 0, 0, 0, 10.0]).round(12).tolist()
+        [0.0, 0.0]
+        """
+        if isinstance(wrench_by_robot, Wrench):
+            frame = wrench_by_robot.frame if frame is None else frame
+            F: Any = unlabelled(wrench_by_robot, frame)
+        else:
+            F = wrench_by_robot
+        return self._call("wrench_torques", q, F, frame=frame, out=out)
+
+    def holding_torques(
+        self,
+        q: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> Out:
+        """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with what springs take.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        tau : (nv,) array, joint torques [N m, sliding joints: N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Notes
+        -----
+        MR section 5.2.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.holding_torques([0, 0], wrench_on_robot={arm.tip: [0, 0, 0, 0, 0, 9.81]}).round(2).tolist()
+        [29.43, 9.81]
+        """
+        return self._with_wrenches("holding_torques", (q,), wrench_by_robot, wrench_on_robot, out)
+
+    def joint_wrenches(
+        self,
+        q: In,
+        dq: In,
+        ddq: In,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+        out: Any = None,
+    ) -> Out:
+        """Wrenches across the joints (bearing loads): what each moving body receives across its joint.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of :attr:`body_names`
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            A wrench is at no frame of the robot.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.joint_wrenches([0, 0], [0, 0], [0, 0]).shape
+        (2, 6)
+        """
+        return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out)
+
+    # ── energies, momentum, centre of mass ──
+
+    def kinetic_energy(self, q: In, dq: In, *, out: Any = None) -> Any:
+        """Kinetic energy of the moving bodies, ½ dq' M dq.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        K : () [J]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        MR section 8.1.2.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> round(float(arm.kinetic_energy([0, 0], [0, 1])), 12)
+        0.5
+        """
+        return self._call("kinetic_energy", q, dq, out=out)
+
+    def potential_energy(self, q: In, *, out: Any = None) -> Any:
+        """Potential energy of the moving bodies under gravity, zero with their centre of mass at the base origin.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        P : () [J]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> round(float(arm.potential_energy([-np.pi / 2, 0])), 12)
+        -29.43
+        """
+        return self._call("potential_energy", q, out=out)
+
+    def momentum(self, q: In, dq: In, frame: str = "base", *, out: Any = None) -> Out:
+        """Spatial momentum (angular, linear) of the moving bodies, at the base origin or centroidal.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        frame : "base", at the base origin; or "com", about the centre of mass, axes of the base (centroidal momentum)
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        P : (6,) array, in the axes of the base frame [N m s, N s]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            ``frame`` is neither.
+        ValueRangeError
+            No moving body has mass, and ``frame`` is "com".
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.momentum([0, 0], [1, 0]).round(12).tolist()
+        [0.0, -5.0, 0.0, 0.0, 0.0, 3.0]
+        """
+        if frame not in ("base", "com"):
+            raise UnknownNameError.of("momentum frame", frame, ("base", "com"))
+        return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq, out=out)
+
+    def center_of_mass(self, q: In, *, out: Any = None) -> Out:
+        """Centre of mass of the moving bodies in the base frame.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        com : (3,) array [m]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        ValueRangeError
+            No moving body has mass.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.center_of_mass([0, 0]).round(12).tolist()
+        [1.5, 0.0, 0.0]
+        """
+        return self._call("center_of_mass", q, out=out)
+
+    def com_jacobian(self, q: In, *, out: Any = None) -> Out:
+        """Jacobian of the centre of mass: d(center_of_mass)/dt = J dq.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        out : array, optional, takes the result
+
+        Returns
+        -------
+        J : (3, nv) array, in the axes of the base frame [m per unit of q]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        ValueRangeError
+            No moving body has mass.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.com_jacobian([0, 0]).round(12)[2].tolist()
+        [1.5, 0.5]
+        """
+        return self._call("com_jacobian", q, out=out)

@@ -1,0 +1,657 @@
+"""Robot: a model with an engine of compiled kernels. What it is, its configurations, its edits, its kernels.
+
+Every method takes any leading batch shape and broadcasts, as NumPy does. Shapes in docstrings are those of one state.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Unpack
+from weakref import WeakMethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..algorithms.regressor import PARAMETER_NAMES
+from ..bodies.inertia import SpatialInertia
+from ..core import arguments
+from ..errors import ShapeError, ValueRangeError
+from ..model import configuration, edit
+from ..model.actuator import Actuator
+from ..model.closure import OfferedClosure
+from ..model.limits import Limits
+from ..model.model import Model
+from ..model.variable_parameters import matching, nominal
+from ..program.program import Program
+from ..typing import Array
+from .actuation_methods import ActuationMethods
+from .engine import Engine
+from .file_methods import FileMethods
+from .quantity_methods import QuantityMethods
+from .quantity_options import KernelOptions
+from .robot_argument import require_robot
+from .shortcuts import Shortcuts
+from .task_space_methods import TaskSpaceMethods
+
+
+class Robot(QuantityMethods[ArrayLike, Array], TaskSpaceMethods, ActuationMethods, FileMethods, Shortcuts):
+    """A robot: kinematics, dynamics, statics and control of one tree of joints, compiled when first asked for.
+
+    Immutable: every edit returns a new one. Made by :func:`twistwrench.load`, :func:`~twistwrench.from_screws`,
+    :func:`~twistwrench.from_dh`, or from a model that a :class:`~twistwrench.model.builder.ModelBuilder` built. Every
+    method takes any leading batch shape and broadcasts, as NumPy does; shapes are those of one state.
+
+    Parameters
+    ----------
+    model : Model
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> np.round(arm.mass_matrix([0.0, np.pi / 2]), 12).tolist()
+    [[3.0, 1.0], [1.0, 1.0]]
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.engine = Engine(model, WeakMethod(self._put_in_front))  # a robot that nobody holds is freed at once
+        self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
+
+    def __repr__(self) -> str:
+        tip = "no single tip" if self.tip is None else f"tip {self.tip!r}"
+        return f"<Robot {self.name!r}: {len(self.model.bodies)} moving bodies, nq = {self.nq}, nv = {self.nv}, {tip}>"
+
+    def __getstate__(self) -> Model:
+        return self.model
+
+    def __setstate__(self, model: Model) -> None:
+        self.__init__(model)  # type: ignore[misc]
+
+    def _put_in_front(self, name: str, kernel: Any) -> None:
+        """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before."""
+        method = getattr(Robot, name, None)
+        if method is not None and getattr(type(self), name) is method and name not in vars(self):
+            from ..kernels.fast_call import make_call
+
+            direct = make_call(kernel, method.__get__(self), name)
+            if direct is not None:
+                vars(self)[name] = direct
+
+    # ── what it is ──
+
+    @property
+    def name(self) -> str:
+        """The robot's name in its file."""
+        return self.model.name
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates nq, the entries of a configuration q."""
+        return self.model.nq
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities nv, the entries of dq: the degrees of freedom of the tree."""
+        return self.model.nv
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints that have coordinates, in the order of q."""
+        return self.model.joint_names
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """A name for each entry of q: the joint's, with a suffix where it has several."""
+        return self.model.coordinate_names
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """The moving bodies, each by the link its joint carries, in the order of :meth:`joint_wrenches`."""
+        return tuple(body.link for body in self.model.bodies)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Every link of the file, in document order."""
+        return tuple(self.model.frames)
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Every frame a method can be asked about: the links, then the sites of the file."""
+        return tuple(self.model.all_frames)
+
+    @property
+    def tip(self) -> str | None:
+        """The frame meant when none is named; None when the robot has no single tip."""
+        return self.model.tip
+
+    @property
+    def defects(self) -> tuple[str, ...]:
+        """What the robot's file says that is doubtful."""
+        return self.model.defects
+
+    @property
+    def limits(self) -> Limits:
+        """Joint limits, (nv,) each, inf where none is given."""
+        return self.model.limits
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity in the base frame, (3,) m/s²."""
+        return self.model.gravity
+
+    @property
+    def actuators(self) -> Mapping[str, Actuator]:
+        """What drives the joints, by the joint whose coordinate it moves; see :meth:`with_actuators`."""
+        return self.model.actuators
+
+    @property
+    def armature(self) -> Array:
+        """The inertia of the drives that each velocity feels, (nv,) kg m² or kg: on the diagonal of M, in nothing else."""
+        return self.model.armature
+
+    @property
+    def configurations(self) -> Mapping[str, Array]:
+        """Configurations that the file names, such as the keyframes of MJCF; (nq,) each."""
+        return self.model.configurations
+
+    @property
+    def closures(self) -> Mapping[str, OfferedClosure]:
+        """Loops that the file closes, by name. The robot is the open tree; :meth:`close` closes them one by one."""
+        return self.model.closures
+
+    @property
+    def parameters(self) -> Array:
+        """Inertial parameters π, ten of each moving body, fixed links fused; (10 nbodies,) [kg, kg m, kg m²]. MR 8.2."""
+        return np.concatenate([np.zeros(0), *(body.inertia.parameters for body in self.model.bodies)])
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
+        return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
+
+    @property
+    def neutral(self) -> Array:
+        """Neutral configuration: every joint at zero, inside its limits or not; (nq,), rad or m."""
+        return self.model.neutral
+
+    @property
+    def screws(self) -> Any:
+        """The book's M, Slist, Blist, Mlist, Glist, link frames as in the file; serial chains only."""
+        from ..formats.screw_lists import screw_lists
+
+        return screw_lists(self.model)
+
+    def screws_at_com(self) -> Any:
+        """The book's lists with link frames at the centres of mass along principal axes: the diagonal G.
+
+        Returns
+        -------
+        lists : named tuple of M, Slist, Blist, Mlist, Glist, as :attr:`screws`
+
+        Raises
+        ------
+        ModelError
+            The robot is no serial chain of one-degree joints.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> G = np.asarray(tw.robots.ur5().screws_at_com().Glist)
+        >>> G.shape, bool(np.allclose(G, G * np.eye(6)))
+        ((6, 6, 6), True)
+        """
+        from ..formats.screw_lists import screw_lists
+
+        return screw_lists(self.model, at_com=True)
+
+    # ── configurations ──
+
+    def coordinates(self, **joints: ArrayLike) -> Array:
+        """Configuration from joint names, the other joints neutral.
+
+        Parameters
+        ----------
+        **joints : joint=position [rad, m], as many numbers as the joint has coordinates
+
+        Returns
+        -------
+        q : (nq,) array
+
+        Raises
+        ------
+        UnknownNameError
+            The robot has no such joint.
+        ShapeError
+            A joint has another number of coordinates.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
+        [0.0, 0.5]
+        """
+        return configuration.from_names(self.model, joints)
+
+    def random_configuration(
+        self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()
+    ) -> Array:
+        """Random configuration inside the joint limits; unbounded joints within ±π or ±1 m.
+
+        Parameters
+        ----------
+        rng : numpy Generator or seed, optional
+        size : int or tuple of int, batch shape
+
+        Returns
+        -------
+        q : (*size, nq) array
+
+        Raises
+        ------
+        ValueRangeError
+            ``rng`` is no seed, or ``size`` no number of samples.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().random_configuration(rng=0, size=(2, 3)).shape
+        (2, 3, 6)
+        """
+        try:
+            shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
+            generator = np.random.default_rng(rng)
+        except (TypeError, ValueError):
+            raise ValueRangeError(
+                f"rng={rng!r}, size={size!r}: give a seed or a numpy Generator, and whole numbers of samples."
+            ) from None
+        if any(n < 0 for n in shape):
+            raise ValueRangeError(f"size={size!r} has a negative number of samples.")
+        return configuration.random_configuration(self.model, generator, shape)
+
+    # ── edits ──
+
+    def with_payload(self, payload: SpatialInertia, frame: str | None = None) -> Robot:
+        """The robot with a payload: a body fixed to one of its frames.
+
+        Parameters
+        ----------
+        payload : SpatialInertia, in the axes of the frame and about its origin
+        frame : str, optional, a link of the robot; its tip if None
+
+        Returns
+        -------
+        robot : Robot
+
+        Raises
+        ------
+        ShapeError
+            ``payload`` is no SpatialInertia.
+        InertiaError
+            Such a body cannot exist.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> ur5 = tw.robots.ur5()
+        >>> loaded = ur5.with_payload(tw.SpatialInertia.from_com(5.0, (0, 0, 0.1)), frame="tool0")
+        >>> bool(abs(loaded.gravity_forces(ur5.neutral)[1]) > abs(ur5.gravity_forces(ur5.neutral)[1]))
+        True
+        """
+        if not isinstance(payload, SpatialInertia):
+            raise ShapeError(
+                f"a payload is a SpatialInertia, got {payload!r}: for a point mass, tw.SpatialInertia.from_com(mass, com)."
+            )
+        return Robot(edit.with_payload(self.model, payload, frame))
+
+    def with_gravity(self, gravity: ArrayLike) -> Robot:
+        """The robot under another gravity.
+
+        Parameters
+        ----------
+        gravity : (3,) array_like, in the base frame [m/s²]
+
+        Returns
+        -------
+        robot : Robot
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``gravity`` is no three finite numbers.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.with_gravity([0, 0, -1.62]).gravity_forces([0, 0]).round(2).tolist()
+        [4.86, 1.62]
+        """
+        return Robot(edit.with_gravity(self.model, gravity))
+
+    def with_actuators(self, source: str | Path | Mapping[str, Any], *, stiff: bool = False) -> Robot:
+        """The robot with motors, gears, rotors, elastic joints and friction laws.
+
+        Parameters
+        ----------
+        source : str, Path or mapping, a YAML file, its text, or what it says; docs/actuation.md shows the file
+        stiff : bool, take elastic gears to be rigid, so that no motor has a coordinate of its own, and warn of it
+
+        Returns
+        -------
+        robot : Robot
+
+        Raises
+        ------
+        NotFoundError, ModelError, UnknownNameError
+            There is no such file, or an entry, which is named, is invalid.
+
+        Warns
+        -----
+        ModelWarning
+            Elastic gears are taken to be rigid.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> drives = {"actuators": {"joint1": {"ratio": 100, "rotor": {"inertia": "200 g cm^2", "extra": True}}}}
+        >>> arm = tw.robots.planar_2r()
+        >>> float((arm.with_actuators(drives).mass_matrix([0, 0]) - arm.mass_matrix([0, 0]))[0, 0].round(9))
+        0.2
+        """
+        from ..formats.actuator_file import add_actuators
+
+        return Robot(add_actuators(self.model, source, stiff=stiff))
+
+    def with_armature(self, joints: Mapping[str, ArrayLike]) -> Robot:
+        """The robot with other armature (reflected inertia of the drives) at the joints named.
+
+        Parameters
+        ----------
+        joints : {joint: armature} [kg m², sliding joints: kg]; joints with several velocities take one number, or one each
+
+        Returns
+        -------
+        robot : Robot
+
+        Raises
+        ------
+        UnknownNameError
+            The robot has no such joint.
+        ShapeError, ValueRangeError
+            ``joints`` is no mapping, or a value is no inertia.
+
+        Notes
+        -----
+        A rotor of inertia J behind a gear of ratio G has the armature G² J. It is part of every torque, energy and
+        acceleration, and has no weight and no gyroscopic effect; a rotor described to :meth:`with_actuators` has those too.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r().with_armature({"joint2": 0.5})
+        >>> arm.armature.tolist(), float(arm.mass_matrix([0, 0])[1, 1].round(9))
+        ([0.0, 0.5], 1.5)
+        """
+        if not isinstance(joints, Mapping):
+            raise ShapeError(f"with_armature takes a dict {{joint: kg m² or kg}}, got {joints!r}.")
+        return Robot(edit.with_armature(self.model, joints))
+
+    def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
+        """The robot with some joints fixed at given coordinates.
+
+        Parameters
+        ----------
+        joints : {joint: position} [rad, m], as many numbers as the joint has coordinates
+
+        Returns
+        -------
+        robot : Robot, without these joints
+
+        Raises
+        ------
+        ShapeError
+            ``joints`` is no mapping, or a joint has another number of coordinates.
+        UnknownNameError
+            The robot has no such joint.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.planar_3r().lock({"joint2": 0.5}).joint_names
+        ('joint1', 'joint3')
+        """
+        if not isinstance(joints, Mapping):
+            raise ShapeError(f"lock takes a dict {{joint: position}}, got {joints!r}.")
+        return Robot(edit.lock(self.model, joints))
+
+    def attach(
+        self, other: Robot, frame: str | None = None, pose: ArrayLike | None = None, *, prefix: str = ""
+    ) -> Robot:
+        """The robot with another one fixed to a frame of it, such as a gripper on an arm.
+
+        Parameters
+        ----------
+        other : Robot, whose base is fixed; of a floating base the joint that lets it float goes
+        frame : str, optional, where; the robot's tip if None
+        pose : (4, 4) array_like, optional, of the other's base in that frame; None: the identity
+        prefix : str, put before the names of the other's links, joints and sites
+
+        Returns
+        -------
+        robot : Robot
+            Its coordinates are depth first, as those of a file: the other's after what the frame's body carries already.
+
+        Raises
+        ------
+        ModelError
+            Both have a link or a joint of one name; a prefix keeps them apart.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+        ShapeError, ValueRangeError
+            ``pose`` is no pose.
+
+        Notes
+        -----
+        Gravity is this robot's. Configurations of one name become one; where one robot has none of a name, it is neutral.
+        The result is written to a file as any robot is.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> both = tw.robots.ur5().attach(tw.robots.planar_2r(), "tool0", prefix="hand_")
+        >>> both.joint_names[-3:]
+        ('wrist_3_joint', 'hand_joint1', 'hand_joint2')
+        """
+        from ..model import joining
+
+        T = np.eye(4) if pose is None else arguments.pose(pose, "attach: pose")
+        return Robot(joining.attach(self.model, require_robot(other, "attach").model, frame, T, prefix))
+
+    def chain(self, base: str | None = None, tip: str | None = None) -> Robot:
+        """A part of the robot by itself: what a link carries, or the chain of joints between it and a tip.
+
+        Parameters
+        ----------
+        base : str, optional, the link that stands still then, and whose frame is the base frame; None: the robot's own base
+        tip : str, optional, frame; None: everything that the base carries
+
+        Returns
+        -------
+        robot : Robot
+            Of the links fixed to the base those that it carries belong to the part, and of those fixed to the chain all.
+
+        Raises
+        ------
+        UnknownNameError
+            The robot has no such link or frame.
+        FrameError
+            The base does not carry the tip.
+        ModelError
+            A joint of the part follows one outside, or a rotor of it is on a link outside.
+
+        Notes
+        -----
+        Gravity is as the base feels it with every joint of the robot neutral. To keep what branches off, lock its joints
+        first: :meth:`lock`.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().chain("forearm_link").joint_names
+        ('wrist_1_joint', 'wrist_2_joint', 'wrist_3_joint')
+        >>> tw.robots.quadruped().chain("trunk", "FL_foot").nv
+        3
+        """
+        from ..model import joining
+
+        return Robot(joining.chain(self.model, base, tip))
+
+    # ── kernels ──
+
+    def kernel(self, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
+        """Compiled kernel of one quantity, or of several at once: a ``numpy.ufunc`` with the robot's own sizes.
+
+        Parameters
+        ----------
+        *names : str, quantities
+        **options : by quantity; an option goes to those that take it
+            ``frame=``, ``kind=``, ``rows=``: as for the methods.
+            ``wrenches=(frame, …)``: further inputs, one wrench each, applied by the robot, or by the world at those of
+            ``on_robot=(frame, …)``.
+            ``friction=True``: of inverse and forward dynamics.
+            ``gravity="input"``: a further input, (3,) m/s² in the base frame, in place of the robot's own.
+            ``parameters=(pattern, …)``: the last input, a number for each of ``robot.varying(*patterns)``, so that
+            every sample may have its own masses, inertias, lengths, friction.
+            ``constraints=``: those of a closed robot.
+            ``by="q"``: the derivative of any quantity by that input, or by several, along :meth:`add` on q; ``form``,
+            ``mode`` and ``values`` are those of :func:`twistwrench.differentiate`.
+
+        Returns
+        -------
+        kernel : ufunc, with a signature such as ``(7),(7)->(7,7)``
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such quantity, frame, joint or parameter.
+        KernelError
+            An option does not apply.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        Of several quantities, inputs of one name are one input, and what the quantities share is computed once.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().kernel("inverse_dynamics").signature
+        '(6),(6),(6)->(6)'
+        >>> tw.robots.ur5().kernel("mass_matrix", "bias_forces").signature
+        '(6),(6)->(6,6),(6)'
+        """
+        return self.engine.kernel(names, options)
+
+    def varying(self, *patterns: str) -> dict[str, float]:
+        """Parameters that a kernel takes as inputs (masses, inertias, lengths, friction), with the robot's own numbers.
+
+        Parameters
+        ----------
+        *patterns : str, names with wildcards such as ``"*.mass"``; none: all
+
+        Returns
+        -------
+        parameters : {name: float}, in a kernel's order [SI units]
+
+        Raises
+        ------
+        UnknownNameError
+            A pattern means no parameter.
+
+        Notes
+        -----
+        Names are ``<link>.mass``, ``.com_x`` …, ``.Ixx`` … (about the centre of mass), ``<joint>.x`` … (its place in
+        the body that carries it), ``<joint>.viscous`` and the other laws of friction. A massless link's mass is a
+        payload.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> ur5 = tw.robots.ur5()
+        >>> ur5.varying("*.viscous", "tool0.mass")["tool0.mass"]
+        0.0
+        >>> holding = ur5.kernel("gravity_forces", parameters=("tool0.mass",))
+        >>> payloads = np.array([[0.0], [5.0]])
+        >>> holding([0, -1, 1, 0, 0, 0], payloads)[:, 1].round(2).tolist()
+        [-39.18, -69.68]
+        """
+        known = nominal(self.model)
+        return {name: known[name] for name in matching(self.model, patterns or ("*",))}
+
+    def program(self, *names: str, **options: Unpack[KernelOptions]) -> Program:
+        """Straight-line program behind a kernel, for counting its operations.
+
+        Parameters
+        ----------
+        *names : str, quantities
+        **options : as for :meth:`kernel`
+
+        Returns
+        -------
+        program : Program
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such quantity, frame, joint or parameter.
+        KernelError
+            An option does not apply.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.program("inverse_dynamics").signature
+        '(2),(2),(2)->(2)'
+        """
+        return self.engine.program(names, options)
+
+    def reference(self, name: str, *arrays: ArrayLike, **options: Unpack[KernelOptions]) -> Any:
+        """Reference value of a quantity: the algorithm itself on floats, one state at a time, nothing compiled.
+
+        Parameters
+        ----------
+        name : str, a quantity
+        *arrays : its inputs, of one state
+        **options : as for :meth:`kernel`
+
+        Returns
+        -------
+        result : array, or tuple of arrays where the quantity has several outputs; symbols of symbols, in a function
+            that is traced
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such quantity, frame, joint or parameter.
+        ShapeError
+            An input is of another size.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.reference("gravity_forces", [0, 0]).round(2).tolist()
+        [29.43, 9.81]
+        """
+        return self.engine.reference(name, arrays, options)

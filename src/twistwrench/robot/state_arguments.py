@@ -1,0 +1,95 @@
+"""The arrays that a quantity of a robot is asked with: brought into NumPy's arrays, and the error where they do not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.labelled_arrays import is_table
+from ..errors import ShapeError
+from ..model.model import Model
+from ..typing import Array
+from . import quantity_programs
+from .derivative_options import is_symbolic
+from .quantities import QUANTITIES
+from .quantity_options import checked_options
+
+
+def names_of(model: Model, label: str) -> tuple[str, ...]:
+    """The names of the last axis of an input, by which a table is read; none where it has none."""
+    if label in ("q", "q0", "q1"):
+        return model.coordinate_names
+    return () if label in ("wrench", "gravity", "parameters") else model.velocity_names
+
+
+def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
+    """Names and shapes of what the kernel of a quantity takes."""
+    wanted = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
+    return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
+
+
+def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
+    """The arrays of a quantity as NumPy's, or Dask's, tables in the robot's order."""
+    labels, found = QUANTITIES[name].inputs, []
+    for k, array in enumerate(arrays):
+        label, names = labels[k] if k < len(labels) else f"input {k + 1}", None
+        if is_table(array):
+            wanted = inputs_of(model, name, options)
+            label = wanted[k][0] if k < len(wanted) else label
+            names = names_of(model, label)
+        found.append(arguments.brought(array, f"{name}: {label}", names or ()))
+    return tuple(found)
+
+
+def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
+    """Arrays of states by their labels, float64 or float32; tables in the robot's order, Dask arrays lazy."""
+    return numbers(name, {label: names_of(model, label) for label in arrays}, **arrays)
+
+
+def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
+    """Arrays of float64, or of float32 where that is what was given; tables by ``names``, Dask arrays lazy."""
+    found = []
+    for label, given in arrays.items():
+        array = arguments.brought(given, f"{name}: {label}", names.get(label, ()))
+        if not np.can_cast(array.dtype, float):
+            raise _not_real(name, label, array)
+        found.append(array if array.dtype == np.float32 else array.astype(float))
+    return found
+
+
+def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> ShapeError | None:
+    """A shape error that names the argument, or None where types and shapes fit."""
+    batches = []
+    for (label, core), a in zip(inputs_of(model, name, options), arrays, strict=False):
+        if not np.can_cast(a.dtype, float):
+            return _not_real(name, label, a)
+        if a.ndim < 1 or a.shape[-1:] != core:
+            names = model.coordinate_names if label == "q" else model.joint_names
+            which = f" (one per entry of {', '.join(names)})" if label != "wrench" and core[0] <= 12 else ""
+            what = "(m, f), angular part first" if label == "wrench" else f"{core[0]} in the last axis{which}"
+            return ShapeError(f"{name}: {label} has shape {a.shape}, but robot {model.name!r} wants {what}.")
+        batches.append((label, a.shape[:-1]))
+    try:
+        np.broadcast_shapes(*(b for _, b in batches))
+    except ValueError:
+        listed = ", ".join(f"{label} {shape}" for label, shape in batches)
+        return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
+    return None
+
+
+def _not_real(name: str, label: str, given: Any) -> ShapeError:
+    """The error for numbers that are neither float32 nor float64, nor exactly one of them."""
+    dtype = given.dtype
+    if dtype.kind == "f":
+        what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
+        return ShapeError(f"{name}: {label} {what}np.asarray({label}, float).")
+    hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype.kind == "O" else ""
+    if is_symbolic((given,)):
+        hint = f" Symbols go through the methods of robot.kernel's quantities; {name} takes numbers only."
+    return ShapeError(
+        f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}"
+    )

@@ -1,0 +1,226 @@
+"""Task-space inertia and bias, at singular configurations too. Modern Robotics section 8.6."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..algorithms.operational_space import ROWS, row_numbers
+from ..algorithms.weighted_svd import Reach, doubtful, independent_rows, usual_sizes
+from ..core import arguments, lazy
+from ..errors import ModelWarning
+from ..typing import Array
+from .quantity_methods import Kind, Rows
+from .state_arguments import brought
+
+if TYPE_CHECKING:
+    from .robot import Robot
+
+
+class TaskSpaceMethods:
+    """The methods of a robot that see its dynamics from a frame."""
+
+    @lazy.by_blocks(lambda _, given: [(len(row_numbers(given.get("rows"))),) * 2])
+    def task_inertia(
+        self: Any, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
+    ) -> Array:
+        """Task-space (operational-space) inertia Λ of F = Λ dV + η on the chosen rows of J: (J M⁻¹ J')⁻¹.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        rows : str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six
+
+        Returns
+        -------
+        Lambda : (r, r) array [kg m², kg m, kg]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+        SingularMassMatrixError
+            As for :meth:`forward_dynamics`.
+
+        Warns
+        -----
+        ModelWarning
+            Rows are lost at every configuration, as a planar arm's are without ``rows``; once for a robot and its rows.
+
+        Notes
+        -----
+        MR section 8.6. Where J loses rank, Λ is the pseudo-inverse, which acts on the directions that remain:
+        :meth:`lost_directions` are the others. A 0 on its diagonal does not mean light: no motion along that row is
+        possible, so no inertia is defined.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.task_inertia([0, np.pi / 2], kind="world_aligned", rows="vx vz").round(12).tolist()
+        [[1.0, 0.0], [0.0, 2.0]]
+        """
+        return _by_kernel(self, "task_inertia", (q,), frame, kind, rows)
+
+    @lazy.by_blocks(lambda _, given: [(len(row_numbers(given.get("rows"))),)])
+    def task_bias(
+        self: Any, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
+    ) -> Array:
+        """Task-space bias η of F = Λ dV + η on the chosen rows of J: Λ (J M⁻¹ h - (dJ/dt) dq).
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        rows : str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six
+
+        Returns
+        -------
+        eta : (r,) array [N m, N]
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        MR section 8.6. What happens where J loses rank: as for :meth:`task_inertia`.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> arm.task_bias([0, 1], [0, 0], kind="world_aligned", rows="vx vz").round(2).tolist()
+        [6.3, 19.62]
+        """
+        return _by_kernel(self, "task_bias", (q, dq), frame, kind, rows)
+
+    def lost_directions(
+        self: Any, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
+    ) -> Array:
+        """Lost directions of a singular configuration: those of the chosen rows in which the frame cannot be moved.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        frame : str, optional, a link of the robot; its tip if None
+        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
+        rows : str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six
+
+        Returns
+        -------
+        F : (lost, r) array, orthonormal rows with F'J = 0
+
+        Raises
+        ------
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Notes
+        -----
+        Wrenches along them are borne without torques, and Λ is zero on them. A batch has as many rows for each
+        configuration as the one that has lost most; those of the others are zero after their own.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
+        [[1.0, 0.0]]
+        """
+        q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
+        chosen = list(row_numbers(rows))
+        sizes = _usual_ways(self, frame, kind)[2][chosen]
+        return Reach.of(self.jacobian(q, frame, kind)[..., chosen, :], self.mass_matrix(q), sizes).lost
+
+
+def _by_kernel(
+    robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
+) -> Array:
+    """Λ or η by the kernel; where its pivots are near zero, once more by singular values."""
+    chosen = row_numbers(rows)
+    arrays = brought(robot.model, name, arrays, {})
+    if robot.nv == 0:
+        robot.jacobian(arrays[0], frame, kind)  # for the door's sake
+        batch = np.broadcast_shapes(*(np.shape(a)[:-1] for a in arrays))
+        return np.zeros((*batch, len(chosen), len(chosen))[: len(batch) + 3 - len(arrays)])
+    with np.errstate(all="ignore"):
+        found, pivots = robot.engine.call(name, *arrays, frame=frame, kind=kind, rows=chosen)
+    sizes = _usual_ways(robot, frame, kind)[2][list(chosen)]
+    known = np.ones(pivots.shape[:-1], bool)
+    for array in arrays:
+        known = known & np.isfinite(array).all(axis=-1)
+    found[~known] = np.nan  # and not what an elimination of NaN leaves
+    again = doubtful(pivots, sizes) & known
+    if again.any():
+        _warn_of_lost_rows(robot, frame, kind, chosen)
+        q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)
+        J, M = robot.jacobian(q, frame, kind)[:, chosen], robot.mass_matrix(q)
+        Lambda = Reach.of(J, M, sizes).pseudoinverse
+        if dq:
+            free = np.linalg.solve(M, robot.bias_forces(q, dq[0])[..., None])  # M⁻¹ h
+            dJ_dq = robot.jacobian_rate(q, dq[0], frame, kind)[:, chosen] @ dq[0][..., None]
+            found[again] = (Lambda @ (J @ free - dJ_dq))[..., 0]
+        else:
+            found[again] = Lambda
+    return np.asarray(found)
+
+
+def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
+    """J (8, 6, nv) and M (8, nv, nv) at some configurations, and how large the rows of J usually are through M; (6,)."""
+
+    def found() -> tuple[Array, Array, Array]:
+        robot.engine.require_invertible()
+        some = robot.random_configuration(0, 8)
+        J = np.stack([robot.reference("jacobian", q, frame=frame, kind=kind) for q in some])
+        M = np.stack([robot.reference("mass_matrix", q) for q in some])
+        return J, M, usual_sizes(J, M)
+
+    ways: tuple[Array, Array, Array] = robot.engine.kept(("usual ways", frame, kind), found)
+    return ways
+
+
+def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
+    """Warn, the first time, of rows that are lost at every configuration."""
+    told = robot.engine.kept(("lost rows told", frame, kind, chosen), list)
+    if told:
+        return
+    told.append(True)
+    order = sorted(chosen, key=lambda row: (row < 3, row))  # moving before turning, as one would choose
+    J, M, sizes = _usual_ways(robot, frame, kind)
+    kept = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
+    if len(kept) < len(chosen):
+        still = [k for k in chosen if not independent_rows(J[:, [k]], M, sizes[[k]])]
+        follow = [k for k in chosen if k not in kept and k not in still]
+        keep, stay, go = (" ".join(ROWS[k] for k in chosen if k in some) for some in (kept, still, follow))
+        lost = " and ".join([f"{stay} never move"] * bool(stay) + [f"the others determine {go}"] * bool(go))
+        advice = f"choose independent ones, rows={keep!r}" if keep else "this frame does not move along any of them"
+        warnings.warn(
+            f"robot {robot.name!r}: of the {len(chosen)} rows of {frame or robot.tip!r} ({kind!r}) only {len(kept)} can move "
+            f"independently at any configuration: {lost}. Λ is 0 where no motion is possible, and no inertia is defined "
+            f"there; {advice}.",
+            ModelWarning,
+            stacklevel=5,
+        )

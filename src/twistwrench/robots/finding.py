@@ -1,0 +1,214 @@
+"""Robots by name: the bundled ones, those of ``example-robot-data``, and those that ``robot_descriptions`` has fetched."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from ..errors import MissingExtraError, NotFoundError, UnknownNameError
+from . import names, path_of
+
+__all__ = ["FoundRobot", "find", "known_robots", "plain_name"]
+
+_EXAMPLES = "cmeel.prefix/share/example-robot-data/robots"
+_ENDINGS = (".urdf", ".sdf")
+_COMMON = ("_simple_description", "_description", "_data")
+"""What folders of robots end with beside the robot's name."""
+_FETCHED = "robot_descriptions"
+_PATHS = ("URDF_PATH", "MJCF_PATH")
+
+
+@dataclass(frozen=True)
+class FoundRobot:
+    """A robot file that has a name."""
+
+    name: str
+    source: str
+    """The package it is from: ``twistwrench``, ``example-robot-data``, ``robot_descriptions``."""
+    path: Path
+
+
+def find(name: str, *, download: bool = False) -> Path:
+    """File of a robot by its name: bundled, of ``example-robot-data``, or fetched before by ``robot_descriptions``.
+
+    Parameters
+    ----------
+    name : str, in small or capital letters, such as ``"talos"``, ``"anymal_b"``, ``"panda_mj"``
+    download : bool, let ``robot_descriptions`` fetch what is not there; else nothing is ever fetched
+
+    Returns
+    -------
+    path : Path, for :func:`twistwrench.load`
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such robot; near names are suggested.
+    MissingExtraError
+        ``download=True``, and ``robot_descriptions`` is not installed.
+    NotFoundError
+        ``download=True``, and it could not be fetched.
+
+    Notes
+    -----
+    The packages are looked into where they are installed, in this order, and not imported: that one has a robot's name does not
+    mean that a file of another one is the same. ``twistwrench robots`` lists the names.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> tw.find("UR5") == tw.robots.path_of("ur5")
+    True
+    """
+    wanted = plain_name(name) if isinstance(name, str) else ""
+    if wanted in names():  # without a look at other packages
+        return path_of(wanted)
+    known = known_robots()
+    if wanted in known:
+        return known[wanted].path
+    if download:
+        return _downloaded(wanted, name)
+    raise UnknownNameError.of("robot", name, known)
+
+
+def known_robots() -> dict[str, FoundRobot]:
+    """Every robot that :func:`twistwrench.find` knows without fetching anything, by name; of one name, the first source's."""
+    found: dict[str, FoundRobot] = {}
+    for robot in (*_bundled(), *_examples(), *_fetched()):
+        found.setdefault(robot.name, robot)
+    return found
+
+
+def plain_name(name: str) -> str:
+    """As names are compared: small letters, ``_`` for blanks and dashes."""
+    return name.strip().lower().replace("-", "_").replace(" ", "_")
+
+
+def _bundled() -> Iterator[FoundRobot]:
+    return (FoundRobot(name, "twistwrench", path_of(name)) for name in names())
+
+
+def _examples() -> Iterator[FoundRobot]:
+    """Files by their names; folders by theirs, where one file is clearly meant."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    source = "example-robot-data"
+    try:
+        folder = Path(str(distribution(source).locate_file(_EXAMPLES)))
+    except PackageNotFoundError:
+        return
+    by_folder: dict[str, dict[str, Path]] = {}
+    for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
+        if path.suffix in _ENDINGS:
+            by_folder.setdefault(_folder_name(path.relative_to(folder).parts[0]), {}).setdefault(
+                plain_name(path.stem), path
+            )
+    stems = [stem for files in by_folder.values() for stem in files]
+    for about, files in by_folder.items():
+        for stem, path in files.items():
+            if stems.count(stem) == 1:
+                yield FoundRobot(stem, source, path)
+                yield FoundRobot(stem.removesuffix("_robot"), source, path)
+            else:
+                yield FoundRobot(about if about.startswith(stem) else f"{about}_{stem}", source, path)
+        meant = [stem for stem in files if stem == about] or list(files)
+        if len(meant) == 1 or all(stem.startswith(f"{about}_") for stem in meant):
+            yield FoundRobot(about, source, files[min(meant, key=lambda stem: (len(stem), stem))])
+
+
+def _folder_name(folder: str) -> str:
+    name = plain_name(folder)
+    ending = next((ending for ending in _COMMON if name.endswith(ending)), "")
+    return name.removesuffix(ending)
+
+
+def _fetched() -> Iterator[FoundRobot]:
+    """What is in the cache of ``robot_descriptions``, whose modules would clone a repository on import."""
+    spec = find_spec(_FETCHED)
+    if spec is None or not spec.submodule_search_locations:
+        return
+    package = Path(next(iter(spec.submodule_search_locations)))
+    cache = Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or "~/.cache/robot_descriptions").expanduser()
+    if not cache.is_dir():
+        return
+    places = {name: cache / place for name, place in _repositories(package / "_repositories.py").items()}
+    for module in sorted(package.glob("*_description.py")):
+        path = _path_said(module, places)
+        if path is not None and path.is_file():
+            yield FoundRobot(plain_name(module.stem.removesuffix("_description")), _FETCHED, path)
+
+
+def _repositories(file: Path) -> dict[str, str]:
+    """The folder of each repository in the cache, as the package's table says."""
+    found = {}
+    for node in ast.walk(_parsed(file)):
+        if isinstance(node, ast.Dict):
+            for key, value in zip(node.keys, node.values, strict=True):
+                if isinstance(key, ast.Constant) and isinstance(value, ast.Call):
+                    said = {k.arg: k.value.value for k in value.keywords if isinstance(k.value, ast.Constant)}
+                    if "cache_path" in said:
+                        found[str(key.value)] = str(said["cache_path"])
+    return found
+
+
+def _path_said(module: Path, places: Mapping[str, Path]) -> Path | None:
+    """The robot file that a description names, by the few expressions that descriptions are made of."""
+    known: dict[str, Path] = {}
+    for node in _parsed(module).body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign):
+            continue
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        value = _value(node.value, known, places)
+        if value is not None:
+            known |= {target.id: value for target in targets if isinstance(target, ast.Name)}
+    return next((known[name] for name in _PATHS if name in known), None)
+
+
+def _value(node: ast.expr | None, known: Mapping[str, Path], places: Mapping[str, Path]) -> Path | None:
+    if isinstance(node, ast.Name):
+        return known.get(node.id)
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return Path(node.value)
+    if not isinstance(node, ast.Call) or not node.args:
+        return None
+    called = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+    if called.endswith("clone_to_cache"):
+        first = node.args[0]
+        return places.get(str(first.value)) if isinstance(first, ast.Constant) else None
+    parts = [_value(part, known, places) for part in node.args]
+    if called != "join" or any(part is None for part in parts):
+        return None
+    return Path(*(part for part in parts if part is not None))
+
+
+def _parsed(file: Path) -> ast.Module:
+    try:
+        return ast.parse(file.read_text(encoding="utf-8"))
+    except (OSError, SyntaxError, ValueError):  # a package of another make
+        return ast.Module([], [])
+
+
+def _downloaded(wanted: str, name: object) -> Path:
+    if find_spec(_FETCHED) is None:
+        raise MissingExtraError(
+            f"no robot named {name!r} is on this machine, and fetching one needs {_FETCHED!r}: pip install {_FETCHED}."
+        )
+    descriptions = importlib.import_module(_FETCHED).DESCRIPTIONS
+    known = {plain_name(key.removesuffix("_description")): key for key in descriptions}
+    if wanted not in known:
+        raise UnknownNameError.of(f"robot of {_FETCHED}", name, known)
+    try:
+        module = importlib.import_module(f"{_FETCHED}.{known[wanted]}")
+    except Exception as problem:
+        raise NotFoundError(f"{_FETCHED} could not fetch {name!r}: {' '.join(str(problem).split())[:300]}.") from None
+    path = next((getattr(module, one) for one in _PATHS if hasattr(module, one)), None)
+    if path is None:
+        raise NotFoundError(
+            f"{_FETCHED} has {name!r} as xacro only, which is never evaluated here. Expand it, and load the URDF file."
+        )
+    return Path(path)

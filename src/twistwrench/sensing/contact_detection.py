@@ -1,0 +1,352 @@
+"""Where a wrench comes from, if from one point; and how large one must be to be no noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..errors import ShapeError, ValueRangeError
+from ..lie import so3
+from ..typing import Array
+from .noise import checked_noise, six_noises
+
+
+def stray_couple(F: ArrayLike) -> Array:
+    """The moment about the line of action (...,) [N m] of wrenches F (..., 6).
+
+    A point contact without grip has none: what it is more than noise denies that there is one point.
+    """
+    m, f, size = _halves(F)
+    return np.asarray((m * f).sum(-1) / size)
+
+
+def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array:
+    """Contact point on a plane: where a force alone acts if it is on it.
+
+    Parameters
+    ----------
+    F : (..., 6) array_like, wrench (m, f) on the load [N m, N]
+    point : (..., 3) array_like, in the frame of F [m]
+    normal : (..., 3) array_like, of the plane through ``point``
+
+    Returns
+    -------
+    contact : (..., 3) array [m], NaN where there is no force, or it acts along the plane
+
+    Notes
+    -----
+    All in one frame.
+
+    Examples
+    --------
+    >>> contact_on_plane([0.2, 0, 0, 0, 0, 2], point=[0, 0, 0.3], normal=[0, 0, 1]).tolist()  # 2 N upwards at y = 0.1
+    [0.0, 0.1, 0.3]
+    """
+    start, along = _line(F)
+    n = arguments.real(normal, "normal", 3)
+    slope = (along * n).sum(-1)
+    slope = np.where(np.abs(slope) < 1e-12 * np.linalg.norm(n, axis=-1), np.nan, slope)
+    return np.asarray(start + (((arguments.real(point, "point", 3) - start) * n).sum(-1) / slope)[..., None] * along)
+
+
+def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
+    """Contact point on a sphere: where forces on the load push into a ball of it.
+
+    Parameters
+    ----------
+    F : (..., 6) array_like, wrench (m, f) on the load [N m, N]
+    centre : (..., 3) array_like, in the frame of F [m]
+    radius : float [m]
+
+    Returns
+    -------
+    contact : (..., 3) array [m], NaN where the lines of the forces miss it
+
+    Examples
+    --------
+    >>> contact_on_sphere([0, 0, 0, 0, 0, -2], centre=[0, 0, 0], radius=0.1)[2].item()
+    0.1
+    """
+    (start, along), radius = _line(F), arguments.positive(radius, "radius", "m")
+    offset = start - arguments.real(centre, "centre", 3)
+    middle = (offset * along).sum(-1)
+    square = middle**2 - (offset * offset).sum(-1) + radius**2
+    first = -middle - np.sqrt(np.where(square < 0, np.nan, square))  # where the line enters: there it pushes inwards
+    return np.asarray(start + first[..., None] * along)
+
+
+def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
+    """Contact point estimate: the point of the line of action of F that is nearest to a point.
+
+    Parameters
+    ----------
+    F : (..., 6) array_like, wrench (m, f) on the load [N m, N]
+    point : (..., 3) array_like, in the frame of F [m]
+
+    Returns
+    -------
+    contact : (..., 3) array [m]
+
+    Examples
+    --------
+    >>> contact_nearest([0, 0, 6, 0, 3, 0], [0, 1, 0]).tolist()
+    [2.0, 1.0, 0.0]
+    """
+    start, along = _line(F)
+    return np.asarray(start + ((arguments.real(point, "point", 3) - start) * along).sum(-1, keepdims=True) * along)
+
+
+def _line(F: ArrayLike) -> tuple[Array, Array]:
+    """The point nearest to the origin and the direction (..., 3) of lines of action; NaN where there is no force.
+
+    :func:`twistwrench.screws.axis.line_of_action` for streams: a row of zeros is no error here.
+    """
+    m, f, size = _halves(F)
+    return so3.cross(f, m) / size[..., None] ** 2, f / size[..., None]
+
+
+def _halves(F: ArrayLike) -> tuple[Array, Array, Array]:
+    F = arguments.real(F, "F", 6)
+    size = np.linalg.norm(F[..., 3:], axis=-1)
+    return F[..., :3], F[..., 3:], np.where(size == 0, np.nan, size)
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionThreshold:
+    """Contact detection threshold: a reading is a contact when its distance from the noise's middle passes a limit."""
+
+    middle: Array
+    """(6,) mean of compensated readings without contact."""
+    covariance: Array
+    """(6, 6) of one of them, or (n, 6, 6) of each of n in order."""
+    limit: float
+    """The squared Mahalanobis distance from which a reading is called a contact."""
+    false_alarms: float
+    """Share of readings without contact that pass it."""
+    axes: slice = field(default_factory=lambda: slice(0, 6))
+    """Which of the six are looked at: ``slice(3, 6)`` for forces alone."""
+    freedom: Array | None = None
+    """(6,) degrees of freedom of the variances where they are estimates; None where they are known."""
+
+    @classmethod
+    def of_axes(cls, sigma: ArrayLike, false_alarms: float = 1e-6, *, axes: slice = slice(0, 6)) -> CollisionThreshold:
+        """Threshold from six known standard deviations: a χ² test.
+
+        Parameters
+        ----------
+        sigma : (6,) array_like, mx, my, mz [N m], fx, fy, fz [N]
+        false_alarms : float, share of readings without contact that pass
+        axes : slice, which of the six are looked at; ``slice(3, 6)`` for the forces
+
+        Returns
+        -------
+        threshold : CollisionThreshold
+
+        Raises
+        ------
+        ValueRangeError
+            ``sigma`` is not six standard deviations, or ``false_alarms`` is not between 0 and 1.
+
+        Examples
+        --------
+        >>> round(CollisionThreshold.of_axes([0.01, 0.01, 0.01, 0.3, 0.3, 0.3]).limit, 3)
+        38.258
+        """
+        return cls.predictive(np.diag(six_noises(sigma) ** 2), None, false_alarms, axes=axes)
+
+    @classmethod
+    def predictive(
+        cls, covariance: ArrayLike, freedom: ArrayLike | None, false_alarms: float, *, axes: slice = slice(0, 6)
+    ) -> CollisionThreshold:
+        """Threshold from the covariance S of what a fit leaves of new readings, estimated with few degrees of freedom.
+
+        Parameters
+        ----------
+        covariance : (6, 6) or (n, 6, 6) array_like, S
+        freedom : (6,) array_like or None, degrees of freedom of the variances; None where they are known
+        false_alarms : float, share of readings without contact that pass
+        axes : slice, which of the six are looked at; ``slice(3, 6)`` for the forces
+
+        Returns
+        -------
+        threshold : CollisionThreshold
+
+        Raises
+        ------
+        ValueRangeError
+            ``false_alarms`` is not between 0 and 1.
+
+        Notes
+        -----
+        With S = L L' and u = L⁻¹ r, each u_c has Student's distribution of ν_c degrees of freedom. Its normal score z_c
+        = Φ⁻¹(T_ν(u_c)) is normal, so the sum of the squares is χ² with as many degrees as there are axes.
+
+        Examples
+        --------
+        >>> round(CollisionThreshold.predictive(np.eye(6), None, 1e-3).limit, 3)
+        22.458
+        """
+        from scipy import special
+
+        _check_rate(false_alarms)
+        if not isinstance(axes, slice):
+            raise ValueRangeError(
+                f"axes is {arguments.shown(axes)}: give a slice of the six, such as slice(3, 6) for forces."
+            )
+        limit = float(special.chdtri(len(range(6)[axes]), false_alarms))
+        S = arguments.real(covariance, "covariance", 6, 6)
+        nu = None if freedom is None else arguments.real(freedom, "freedom", 6)
+        return cls(np.zeros(6), S, limit, false_alarms, axes, nu)
+
+    @classmethod
+    def of_noise(
+        cls, noise: tuple[float, float], false_alarms: float = 1e-6, *, axes: slice = slice(0, 6)
+    ) -> CollisionThreshold:
+        """Threshold from known standard deviations of moments and forces, independent and normal: a χ² test of the six.
+
+        Parameters
+        ----------
+        noise : (moment [N m], force [N]), standard deviations
+        false_alarms : float, share of readings without contact that pass
+        axes : slice, which of the six are looked at
+            ``slice(3, 6)``, the forces, where a load's inertia is unknown and spoils the moments.
+
+        Returns
+        -------
+        threshold : CollisionThreshold
+
+        Raises
+        ------
+        ValueRangeError
+            A number is invalid.
+
+        Examples
+        --------
+        >>> threshold = CollisionThreshold.of_noise((0.01, 0.3))
+        >>> threshold.per_axis.round(3).tolist()
+        [0.062, 0.062, 0.062, 1.856, 1.856, 1.856]
+        """
+        return cls.of_axes(np.repeat(checked_noise(noise), 3), false_alarms, axes=axes)
+
+    @classmethod
+    def of_residuals(cls, residuals: ArrayLike, false_alarms: float = 1e-6) -> CollisionThreshold:
+        """Threshold from compensated readings without contact: Hotelling's test, which minds that n is finite.
+
+        Parameters
+        ----------
+        residuals : (n, 6) array_like, n > 6 [N m, N]
+        false_alarms : float, share of readings without contact that pass
+
+        Returns
+        -------
+        threshold : CollisionThreshold
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            There are too few readings, or they are not independent in their axes.
+
+        Notes
+        -----
+        Source: Hotelling, "The generalization of Student's ratio", Ann. Math. Stat. 2, 1931.
+
+        Examples
+        --------
+        >>> readings = np.random.default_rng(0).normal(size=(100, 6))
+        >>> CollisionThreshold.of_residuals(readings).covariance.shape
+        (6, 6)
+        """
+        from scipy import special
+
+        _check_rate(false_alarms)
+        r = arguments.real(residuals, "residuals")
+        if r.ndim != 2 or r.shape[1] != 6:
+            raise ShapeError(f"residuals have shape {r.shape}, expected (n, 6).")
+        n = len(r)
+        if n < 8 or not np.isfinite(r).all():
+            raise ValueRangeError(
+                f"{n} residuals say too little of the noise. Give at least 8 finite readings at rest."
+            )
+        spread = np.cov(r.T)
+        scale = np.sqrt(np.diag(spread))
+        if not (scale > 0).all() or np.linalg.matrix_rank(spread / np.outer(scale, scale), tol=1e-9) < 6:
+            dead = [name for name, s in zip(("mx", "my", "mz", "fx", "fy", "fz"), scale, strict=True) if s == 0]
+            why = f"{', '.join(dead)} never changes" if dead else "some axes always change together"
+            raise ValueRangeError(
+                f"these residuals are no noise of six axes: {why}. Check the sensor's wiring, or use of_noise."
+            )
+        factor = 6 * (n + 1) * (n - 1) / (n * (n - 6))
+        limit = factor * float(special.fdtri(6, n - 6, 1 - false_alarms))
+        return cls(r.mean(axis=0), spread, limit, false_alarms)
+
+    def __call__(self, compensated: ArrayLike) -> Array:
+        """Whether each compensated reading (..., 6) is a contact; one that is no number counts as one, to be safe."""
+        return ~np.asarray(self.distance(compensated) <= self.limit)
+
+    def distance(self, compensated: ArrayLike) -> Array:
+        """Squared Mahalanobis distance of compensated readings from the noise's middle.
+
+        Parameters
+        ----------
+        compensated : (..., 6) array_like [N m, N]
+
+        Returns
+        -------
+        distance : (...) array
+
+        Raises
+        ------
+        ShapeError
+            The readings are of another size.
+
+        Examples
+        --------
+        >>> float(CollisionThreshold.of_noise((0.1, 1.0)).distance([0, 0, 0, 3, 0, 0]).round(9))
+        9.0
+        """
+        given = arguments.real(compensated, "compensated readings", 6)
+        r = (given - self.middle)[..., self.axes]
+        u = np.linalg.solve(np.linalg.cholesky(self._S), r[..., None])[..., 0]
+        if self.freedom is not None:
+            u = _normal_scores(u, self.freedom[self.axes])
+        return np.asarray((u * u).sum(-1))
+
+    @property
+    def _S(self) -> Array:
+        return self.covariance[..., self.axes, self.axes]
+
+    @property
+    def per_axis(self) -> Array:
+        """The smallest moments [N m] and forces [N] (6,) that pass, each acting along its axis alone; inf if not looked at.
+
+        Where readings have covariances of their own, those of the middle one.
+        """
+        from scipy import special
+
+        S = self._S if self._S.ndim == 2 else self._S[len(self._S) // 2]
+        times: Any = math.sqrt(self.limit)
+        if self.freedom is not None:
+            known = self.freedom[self.axes]
+            times = np.where(np.isinf(known), times, -special.stdtrit(np.minimum(known, 1e9), special.ndtr(-times)))
+        least = np.full(6, math.inf)
+        least[self.axes] = times / np.sqrt(np.diag(np.linalg.inv(S)))
+        return least
+
+
+def _normal_scores(u: Array, freedom: Array) -> Array:
+    """|z| of normal numbers as rare as u (..., k) of Student's distributions."""
+    from scipy import special
+
+    return np.asarray(-special.ndtri(special.stdtr(np.minimum(freedom, 1e9), -np.abs(u))))
+
+
+def _check_rate(false_alarms: float) -> None:
+    if not 0 < arguments.number(false_alarms, "false_alarms") < 1:
+        raise ValueRangeError(
+            f"a false-alarm rate of {false_alarms!r} is not between 0 and 1. Give 1e-6 for one in a million."
+        )

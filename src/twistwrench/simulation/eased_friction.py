@@ -1,0 +1,71 @@
+"""Dry friction eased off at low speeds, for methods that need forces without corners: how low, and what that leaves out."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..algorithms.friction import eased, torque_past_eased_friction
+from ..model.model import Model
+from ..program.trace import trace
+from ..robot.engine import compiled
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+CREEP = 1e-3
+"""rad/s or m/s, the least speed below which dry friction is eased off."""
+
+
+def creep_speeds(M: Array, dry: Array, h: float) -> Array:
+    """The speeds below which dry friction is eased off, (..., nv): no less than what it takes off a joint in a step h.
+
+    ``M`` are mass matrices (..., nv, nv), ``dry`` the most that dry friction takes (..., nv).
+    """
+    light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
+    return np.asarray(np.maximum(CREEP, h * dry * light))
+
+
+class EasedFriction:
+    """The laws of friction of a robot's joints, made continuous at rest.
+
+    The dry part is multiplied by tanh(|dq| / creep): a joint that would stick creeps, at up to a few times that speed, and
+    steps need not be as short as the time in which friction stops a joint.
+    """
+
+    def __init__(self, robot: Robot, creep: Array) -> None:
+        self.creep, self.dry = creep, rubs_dry(robot.model)
+        self._kernel = robot.engine.kept("eased friction", lambda: _eased(robot))
+
+    def left(self, dq: Array, tau: Array) -> Array:
+        """What friction leaves of the torques tau, (nv)."""
+        return np.asarray(self._kernel(dq, tau, eased(dq, self.creep)))
+
+
+def _eased(robot: Robot) -> Any:
+    def left(dq: Array, tau: Array, share: Array) -> tuple[Array]:
+        return (torque_past_eased_friction(robot.model, dq, tau, share),)
+
+    program = trace(left, [(name, (robot.nv,)) for name in ("dq", "tau", "share")], ["left"])
+    return compiled(program, "eased friction", f"What eased friction of {robot.name} leaves of torques, compiled.")
+
+
+def rubs_dry(model: Model) -> Array:
+    """Whether each joint has dry friction, (nv,)."""
+    return np.asarray((model.friction.static > 0) | (model.friction.coulomb > 0) | (model.friction.load > 0))
+
+
+def easing_remark(model: Model, creep: Array) -> str | None:
+    """What the easing does to a motion, in words; None without dry friction."""
+    dry = rubs_dry(model)
+    if not dry.any():
+        return None
+    most = np.where(dry, creep, 0.0).reshape(-1, len(dry)).max(axis=0)
+    worst = int(np.argmax(most))
+    return (
+        f"dry friction is eased off at low speeds: joints that it would hold creep, at up to about {most[worst]:.2g} rad/s or "
+        f"m/s (most of all {model.velocity_names[worst]!r}), and one that moves as slowly keeps three quarters of its "
+        "friction; semi-implicit steps ease nothing"
+    )

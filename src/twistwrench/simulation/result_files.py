@@ -1,0 +1,203 @@
+"""Simulations in files: CSV, which is a motion that other commands read, and NumPy's npz. Both give every bit back."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from ..core.csv_writer import CsvWriter, meant_text
+from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes
+from ..core.foreign_errors import foreign_errors
+from ..errors import NotFoundError, TrajectoryError
+from ..motion.column_names import time_column
+from ..outputs import replacing
+from ..typing import Array
+from .events import Happening
+from .forces import WORKS
+from .result import SimulationResult
+
+_MARK = "twistwrench simulation 1"
+_ARRAYS = ("times", "q", "dq", "ddq", "tau", "kinetic_energy", "potential_energy", "momentum")
+_SAID = {
+    "robot": str,
+    "coordinate_names": list,
+    "velocity_names": list,
+    "stopped": str,
+    "completed": bool,
+    "method": str,
+    "dt": float,
+    "steps": int,
+    "rejected": int,
+    "evaluations": int,
+    "remarks": list,
+    "relative_error": float,
+    "coordinate_units": list,
+}
+"""What is said in words, and of which kind it is; lists are of text. Events stand beside it."""
+_ADDED: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
+"""What files from before lack: nothing is known of it."""
+_MOMENTUM = tuple(f"momentum.{x}" for x in ("mx", "my", "mz", "fx", "fy", "fz"))
+
+
+def write_csv(result: SimulationResult, path: str | Path) -> Path:
+    """Comments with what is said in words, a header, and a row for each state."""
+    columns = [
+        result.times,
+        result.q,
+        result.dq,
+        result.ddq,
+        result.tau,
+        result.kinetic_energy,
+        result.potential_energy,
+    ]
+    columns += [*(result.work[w] for w in WORKS), result.momentum]
+    path = as_path(path)
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        file.write(f"# {_MARK}\n# {_said(result)}\n".encode())
+        writer = CsvWriter(file)
+        writer.row(_header(result.coordinate_names, result.velocity_names))
+        writer.numbers(np.column_stack(columns))
+    return path
+
+
+def _header(coordinates: Sequence[str], v: Sequence[str]) -> list[str]:
+    header = [
+        time_column(coordinates),
+        *coordinates,
+        *(f"{n}.vel" for n in v),
+        *(f"{n}.acc" for n in v),
+        *(f"{n}.torque" for n in v),
+    ]
+    return [*header, "kinetic_energy", "potential_energy", *(f"work.{w}" for w in WORKS), *_MOMENTUM]
+
+
+def write_npz(result: SimulationResult, path: str | Path) -> Path:
+    """One array each, and the words as JSON in a further one."""
+    arrays = {name: getattr(result, name) for name in _ARRAYS} | {f"work_{w}": result.work[w] for w in WORKS}
+    path = as_path(path)
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        np.savez_compressed(file, format=np.array(_MARK), said=np.array(_said(result)), **arrays)
+    return path
+
+
+def read(path: str | Path) -> SimulationResult:
+    """What one of the two wrote; NotFoundError and TrajectoryError for anything else."""
+    path = as_path(path)
+    advice = "Give a .npz or .csv that SimulationResult wrote, whole."
+    try:
+        with foreign_errors(lambda reason: TrajectoryError(f"cannot be read as a simulation: {reason}. {advice}")):
+            return _read(path)
+    except TrajectoryError as problem:
+        raise TrajectoryError(f"{path}: {problem}") from None
+
+
+def _read(path: Path) -> SimulationResult:
+    try:
+        data = read_bytes(path, MOST_BYTES if is_stream(path) else sys.maxsize)
+    except FileNotFoundError:
+        raise NotFoundError(
+            f"no file of a simulation {str(path)!r}. Give a .npz or .csv that a simulation wrote."
+        ) from None
+    return _read_npz(data) if data[:2] == b"PK" else _read_csv(data)
+
+
+def _read_npz(data: bytes) -> SimulationResult:
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        if "format" not in archive or str(archive["format"]) != _MARK:
+            raise TrajectoryError("an archive of NumPy, but not of a simulation.")
+        arrays = {name: archive[name] for name in _ARRAYS}
+        work = {w: archive[f"work_{w}"] for w in WORKS}
+        return _result(_words(json.loads(str(archive["said"]))), arrays, work)
+
+
+def _read_csv(data: bytes) -> SimulationResult:
+    lines = io.StringIO(data.decode().replace("\r\n", "\n"))
+    if lines.readline().strip() != f"# {_MARK}":
+        raise TrajectoryError(
+            f"does not begin with '# {_MARK}', so it is not the file of a simulation. A motion of another kind is "
+            "what twistwrench torques reads."
+        )
+    words = _words(json.loads(lines.readline()[1:]))
+    coordinates, velocities = words["coordinate_names"], words["velocity_names"]
+    if [meant_text(cell) for cell in next(csv.reader(lines), [])] != _header(coordinates, velocities):
+        raise TrajectoryError("columns other than those that were written. Write it again, whole.")
+    rows = lines.readlines()
+    if not rows or not rows[-1].endswith("\n"):
+        raise TrajectoryError("the file is cut short. Write it again, whole.")
+    table = np.loadtxt(rows, delimiter=",", comments=None, ndmin=2)
+    nq, nv = len(coordinates), len(velocities)
+    sizes = [1, nq, nv, nv, nv, 1, 1, *([1] * len(WORKS)), 6]
+    if table.shape[1] != sum(sizes):
+        raise TrajectoryError(f"rows of {table.shape[1]} numbers, {sum(sizes)} wanted.")
+    parts = [part.copy() for part in np.split(table, np.cumsum(sizes)[:-1], axis=1)]
+    times, q, dq, ddq, tau, kinetic, potential, *work, momentum = parts
+    arrays = dict(zip(_ARRAYS, (times[:, 0], q, dq, ddq, tau, kinetic[:, 0], potential[:, 0], momentum), strict=True))
+    return _result(words, arrays, {w: x[:, 0] for w, x in zip(WORKS, work, strict=True)})
+
+
+def _said(result: SimulationResult) -> str:
+    events = [{"name": e.name, "time": e.time, "q": e.q.tolist(), "dq": e.dq.tolist()} for e in result.events]
+    words = {name: getattr(result, name) for name in _SAID}
+    return json.dumps({**words, "error_estimate": result.error_estimate.tolist(), "events": events})
+
+
+def _words(said: Any) -> dict[str, Any]:
+    """What the file says in words, each of the kind that was written."""
+    if not isinstance(said, dict):
+        raise _other_kind("what it says in words")
+    said = {**_ADDED, **said}
+    for name, kind in _SAID.items():
+        if not _is_of(said.get(name), kind):
+            raise _other_kind(repr(name))
+    if not isinstance(said.get("events"), list):
+        raise _other_kind("'events'")
+    words: dict[str, Any] = {n: tuple(said[n]) if kind is list else said[n] for n, kind in _SAID.items()}
+    nq, nv = len(words["coordinate_names"]), len(words["velocity_names"])
+    if len(words["coordinate_units"]) not in (0, nq):
+        raise _other_kind("'coordinate_units'")
+    off = _numbers("'error_estimate'", said.get("error_estimate", [math.nan] * nv), (nv,))
+    return {**words, "error_estimate": off, "events": tuple(_happening(event, nq, nv) for event in said["events"])}
+
+
+def _is_of(value: object, kind: type) -> bool:
+    if kind is float:
+        return isinstance(value, float | int) and not isinstance(value, bool)
+    if kind is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, kind) and (kind is not list or all(isinstance(part, str) for part in cast("Any", value)))
+
+
+def _happening(event: Any, nq: int, nv: int) -> Happening:
+    if not isinstance(event, dict) or not isinstance(event.get("name"), str):
+        raise _other_kind("an event")
+    time, q, dq = (_numbers(f"an event's {x}", event.get(x), n) for x, n in (("time", ()), ("q", (nq,)), ("dq", (nv,))))
+    return Happening(event["name"], float(time), q, dq)
+
+
+def _numbers(what: str, x: Any, shape: tuple[int, ...]) -> Array:
+    found = np.asarray(x)
+    if found.dtype.kind not in "iuf" or found.shape != shape:
+        raise _other_kind(what)
+    return found.astype(float)
+
+
+def _other_kind(what: str) -> TrajectoryError:
+    return TrajectoryError(f"the file of a simulation has {what} of another kind or size. Write it again, whole.")
+
+
+def _result(words: Mapping[str, Any], arrays: Mapping[str, Array], work: Mapping[str, Array]) -> SimulationResult:
+    n, nq, nv = np.size(arrays["times"]), len(words["coordinate_names"]), len(words["velocity_names"])
+    widths: dict[str, tuple[int, ...]] = {"q": (nq,), "dq": (nv,), "ddq": (nv,), "tau": (nv,), "momentum": (6,)}
+    if not n:
+        raise TrajectoryError("the file of a simulation has no state.")
+    found = {name: _numbers(repr(name), x, (n, *widths.get(name, ()))) for name, x in arrays.items()}
+    done = {name: _numbers(f"the work of {name}", x, (n,)) for name, x in work.items()}
+    return SimulationResult(**{**words, **found}, work=done)

@@ -1,0 +1,98 @@
+"""What a simulation is given, at its door: numbers, and functions of (t, q, dq) that are held to their shape at every call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+from ..core import arguments
+from ..core.arguments import positive, whole
+from ..errors import SimulationError, ValueRangeError
+from ..typing import Array
+
+Function = Callable[[float, Array, Array], Any]
+"""Of the time [s], q (nq) and dq (nv)."""
+
+__all__ = ["Function", "Law", "positive", "require_arguments", "require_three", "whole"]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A function (t, q, dq) whose results are finite arrays of one shape; anything else is a SimulationError that says when."""
+
+    function: Function
+    what: str
+    shape: tuple[int, ...]
+    meaning: str = ""
+    varies: bool = True
+    """Whether it is the caller's function, and not a constant."""
+
+    @classmethod
+    def of(cls, function: Function, what: str, shape: tuple[int, ...], meaning: str = "") -> Law:
+        """The function, once it takes three arguments."""
+        require_three(function, what)
+        return cls(function, what, shape, meaning)
+
+    def __call__(self, t: float, q: Array, dq: Array) -> Array:
+        """What the function gives."""
+        try:
+            # A function may keep what it is given, or change it; a table that it gives would be read by position.
+            found = arguments.plain(self.function(t, q.copy(), dq.copy()), self.what)
+        except Exception as problem:
+            kind = type(problem).__name__
+            raise SimulationError(f"{self.what} failed at t = {t:.9g} s with {kind}: {problem}") from problem
+        if found.dtype.kind not in "biuf":
+            raise SimulationError(
+                f"{self.what} gave {found.tolist()!r} at t = {t:.9g} s, expected real numbers of shape "
+                f"{self.shape}{self.meaning}."
+            )
+        if found.shape != self.shape:
+            raise SimulationError(
+                f"{self.what} gave an array of shape {found.shape} at t = {t:.9g} s, expected {self.shape}{self.meaning}."
+            )
+        if not self.shape and found.dtype.kind == "b":
+            raise SimulationError(
+                f"{self.what} gave {bool(found)} at t = {t:.9g} s, and takes a number whose sign changes where it happens: "
+                "q[0] - 0.5, not q[0] > 0.5."
+            )
+        if not np.isfinite(found).all():
+            where = "" if not self.shape else f" at place {int(np.flatnonzero(~np.isfinite(found))[0])}"
+            raise SimulationError(f"{self.what} gave {found} at t = {t:.9g} s, not finite{where}.")
+        return found.astype(float)
+
+    def values(self, t: Array, q: Array, dq: Array) -> Array:
+        """What the function gives at times (m,) and states (m, nq), (m, nv), held to their shape together."""
+        rows = list(zip(t.tolist(), q, dq, strict=True))
+        try:
+            found = np.array([self.function(*row) for row in rows], float)
+        except Exception:  # said with its time below
+            found = np.zeros(0)
+        if found.shape == (len(rows), *self.shape) and np.isfinite(found).all():
+            return found
+        return np.array([self(*row) for row in rows])
+
+
+def require_three(function: Any, what: str) -> None:
+    """Refuse what is no function of (t, q, dq)."""
+    require_arguments(function, what, ("the time [s]", "q (nq)", "dq (nv)"), "t, q, dq")
+
+
+def require_arguments(function: Any, what: str, taken: Sequence[str], names: str = "share") -> None:
+    """Refuse what is no function of so many arguments, which are ``taken`` in words. Raises ValueRangeError."""
+    if not callable(function) or isinstance(function, type):
+        raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of ({names}).")
+    try:
+        signed = signature(function)
+    except (TypeError, ValueError):  # some of C say nothing
+        return
+    try:
+        signed.bind(*[None] * len(taken))
+    except TypeError as problem:
+        listed = " and ".join(filter(None, [", ".join(taken[:-1]), taken[-1]]))
+        raise ValueRangeError(
+            f"{what} is a function of {signed}, and is called with {listed}: {problem}. Write lambda {names}: …"
+        ) from None

@@ -1,0 +1,127 @@
+"""How much the joints can give, and how far a load can grow before one of them gives all it has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..errors import ShapeError, ValueRangeError
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+_NO_LEVER = 1e-12
+"""Levers shorter than this [m], or this share of the longest, are round-off: a joint at such a one feels no load."""
+
+
+def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
+    """The largest torque of each joint, (nv,) N m or N: ``limits`` if given, else the robot's own.
+
+    Nothing drives a floating joint, so its entries are zero. Joints without a limit have inf. At rest an elastic joint
+    carries what its motor gives, so the motor's limit is the joint's. Raises
+    :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint has one.
+
+    >>> import twistwrench as tw
+    >>> effort_limits(tw.robots.ur5()).tolist()
+    [150.0, 150.0, 150.0, 28.0, 28.0, 28.0]
+    """
+    names = robot.model.velocity_names
+    try:
+        effort = arguments.one(
+            robot.limits.effort if limits is None else limits, "limits", robot.nv, names=names
+        ).copy()
+    except ShapeError as problem:
+        listed = f"{', '.join(names[:12])}{', …' if len(names) > 12 else ''}"
+        raise ShapeError(
+            f"{problem} Robot {robot.name!r} wants the largest torque or force of each of {listed}."
+        ) from None
+    free = floating_entries(robot)
+    effort[free] = 0.0
+    for joint, motor in _elastic(robot):
+        effort[joint] = min(effort[joint], effort[motor])
+    if np.isnan(effort).any() or (effort < 0).any():
+        k = int(np.argmax(~(effort >= 0)))
+        raise ValueRangeError(f"the limit of {names[k]!r} is {effort[k]:g}. Give a torque or force of at least zero.")
+    if robot.nv and not free.all() and np.isinf(effort[~free]).all():
+        raise ValueRangeError(
+            f"robot {robot.name!r} gives no effort limits, so nothing bounds what it can hold. "
+            f"Pass limits= with {robot.nv} numbers [N m or N], one for each of {', '.join(names[:12])}."
+        )
+    return effort
+
+
+def _elastic(robot: Robot) -> Iterator[tuple[int, int]]:
+    """(joint, motor), by their places in τ, of every elastic joint."""
+    at = {body.joint.name: body.v_index for body in robot.model.leaders}
+    return ((at[a.joint], at[name]) for name, a in robot.actuators.items() if name != a.joint and a.joint in at)
+
+
+def floating_entries(robot: Robot) -> Array:
+    """Which entries of τ belong to floating joints; (nv,) of bool."""
+    return np.array([not b.joint.driven for b in robot.model.leaders for _ in range(b.joint.nv)], bool)
+
+
+def span(values: Array) -> str:
+    """The least and the greatest of many numbers, and how many are unknown."""
+    known = values[~np.isnan(values)]
+    some = f"{known.min():.4g} to {known.max():.4g}" if known.size else "none known"
+    unknown = values.size - known.size
+    return some + (f"; {unknown} unknown, as q is not a number there" if unknown else "")
+
+
+def require_fixed_base(robot: Robot, what: str) -> None:
+    """Raise ValueRangeError for a robot on a floating base, or without joints: it holds nothing by its own torques."""
+    if robot.nv == 0:
+        raise ValueRangeError(
+            f"{what} of {robot.name!r} has no answer: it has no joint that moves. Lock fewer of them."
+        )
+    if floating_entries(robot).any():
+        raise ValueRangeError(
+            f"{what} of {robot.name!r} needs a fixed base: nothing drives a floating one. "
+            "Load it with its base fixed, or ask statics.robot_equilibrium what its contacts can bear."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """How far a load can grow: the interval of s in which start + s · step stays within the limits."""
+
+    least: Array
+    """(...): the smallest s; above ``most`` where there is none."""
+    most: Array
+    """(...): the largest s, inf where no joint feels the load."""
+    per_joint: Array
+    """(..., nv): the largest s as far as each joint alone is concerned."""
+    joint: Array
+    """(...) of int: the joint that bounds ``most``; -1 if none."""
+    side: Array
+    """(...) of ±1: whether that joint is then at its upper or lower limit; 0 if none."""
+
+
+def growth(start: Array, step: Array, limits: Array) -> Growth:
+    """All s with abs(start + s · step) ≤ limits, in closed form; (..., nv), (..., nv), (nv) → (...).
+
+    Joint by joint, s lies between (∓L - sign(a) τ₀) / abs(a), with a the step and τ₀ the start.
+
+    >>> g = growth(np.array([1.0, 0.0]), np.array([2.0, -1.0]), np.array([5.0, 1.5]))
+    >>> float(g.most), int(g.joint), int(g.side)
+    (1.5, 1, -1)
+    """
+    start, step = np.broadcast_arrays(start, step)
+    size = np.abs(step)
+    felt = size > _NO_LEVER * np.maximum(1.0, size.max(axis=-1, initial=0.0, keepdims=True))
+    lever = np.where(felt, size, 1.0)
+    within = np.abs(start) <= limits
+    most = np.where(felt, (limits - np.sign(step) * start) / lever, np.where(within, np.inf, -np.inf))
+    least = np.where(felt, (-limits - np.sign(step) * start) / lever, np.where(within, -np.inf, np.inf))
+    joint = np.argmin(most, axis=-1)
+    bound = np.take_along_axis(most, joint[..., None], axis=-1)[..., 0]
+    side = np.take_along_axis(np.where(step > 0, 1, -1), joint[..., None], axis=-1)[..., 0]
+    free = ~np.isfinite(bound)
+    return Growth(least.max(axis=-1), bound, most, np.where(free, -1, joint), np.where(free, 0, side))

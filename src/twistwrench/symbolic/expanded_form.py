@@ -1,0 +1,231 @@
+"""Lagrange's equations written out: positions, velocities, energies, and their derivatives as sums of products.
+
+Nothing of the recursions is used: positions come from the joints' placements and axes, velocities are their derivatives,
+K = Σ ½ m v'v + ½ ω'I ω, and everything after that is differentiation. Modern Robotics section 8.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..model.model import BASE, Model
+from ..typing import Array
+from .generalized_coordinates import Coordinate, Variable
+from .screw_kinematics import joint_motion, numbers_of
+from .symbols import Entry, ModelEntries
+from .trig_sum import Ring, TrigSum
+
+_DUST = 1e-14
+"""Share of the largest coefficient of an energy under which a term is round-off of terms that cancelled."""
+
+
+@dataclass(frozen=True, eq=False)
+class SymbolicMotion:
+    """Places of the centres of mass in the base frame, their velocities, and angular velocities in body axes; (3,) each."""
+
+    positions: tuple[Array, ...]
+    velocities: tuple[Array, ...]
+    turning: tuple[Array, ...]
+
+    def products(self, moments: Any) -> int:
+        """How many products of two terms the kinetic energy takes."""
+        count = 0
+        for v, w, I in zip(self.velocities, self.turning, moments, strict=True):
+            count += sum(len(x) ** 2 for x in v)
+            count += sum(len(w[a]) * len(w[b]) for a in range(3) for b in range(3) if I[a][b])
+        return count
+
+
+class RingArithmetic:
+    """Kinematics over sums of products."""
+
+    def __init__(self, ring: Ring, coordinates: tuple[Coordinate, ...]) -> None:
+        self.ring, self.coordinates = ring, coordinates
+        self._places = {name: k for k, name in enumerate(ring.angles)}
+
+    def number(self, entry: Entry) -> TrigSum:
+        """A number of the model, or its symbol."""
+        if entry.parameter is None:
+            return self.ring.number(entry.value)
+        return entry.sign * self.ring.symbol(entry.parameter.name)
+
+    def coordinate(self, k: int) -> TrigSum:
+        """The k-th coordinate itself."""
+        return self.ring.symbol(self.coordinates[k].name)
+
+    def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[TrigSum, TrigSum]:
+        """Of ``rate`` times the k-th coordinate plus ``offset``."""
+        f: list[Any] = [0] * len(self._places)
+        exact = Fraction(rate)  # a float is a fraction, so sums of multiples stay exact
+        f[self._places[self.coordinates[k].name]] = int(exact) if exact.denominator == 1 else exact
+        c, s = self.ring.wave("cos", f), self.ring.wave("sin", f)
+        if not offset:
+            return c, s
+        co, so = (round(x) if abs(x - round(x)) < 1e-15 else x for x in (np.cos(offset), np.sin(offset)))
+        return c * co - s * so, s * co + c * so
+
+
+def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
+    """The ring of a robot: its parameters, coordinates and rates."""
+    names = [p.name for p in entries.parameters]
+    names += [name for c in coordinates for name in (c.name, c.rate, c.acceleration)]
+    return Ring(names, [c.name for c in coordinates if c.angle])
+
+
+def motion_of(
+    model: Model,
+    entries: ModelEntries,
+    coordinates: tuple[Coordinate, ...],
+    ring: Ring,
+    largest_position: int,
+    largest_rotation: int,
+) -> SymbolicMotion | None:
+    """Positions and velocities of all bodies; None once an entry of one has more terms than allowed."""
+    arithmetic = RingArithmetic(ring, coordinates)
+    poses: list[tuple[Array, Array]] = []
+    positions, velocities, turning = [], [], []
+    for body, mine in zip(model.bodies, entries.bodies, strict=True):
+        R, p = joint_motion(arithmetic, body, mine)
+        if body.parent != BASE:
+            R_p, p_p = poses[body.parent]
+            R, p = R_p @ R, p_p + R_p @ p
+        poses.append((R, p))
+        place = p + R @ numbers_of(arithmetic, mine.com)
+        if _terms(place, ring) > largest_position or _terms(R.flat, ring) > largest_rotation:
+            return None
+        R = np.array([[ring.number(0.0) + x for x in row] for row in R], object)
+        spin = [ring.number(0.0)] * 3
+        if not body.joint.moves_body:  # turns in a frame that does not
+            rate = ring.symbol(coordinates[body.v_index].rate)
+            spin = [float(x) * arithmetic.number(mine.ratio) * rate for x in body.joint.axes[0, :3]]
+        dR = np.array([[_rate(x, coordinates, ring) for x in row] for row in R], object)
+        W = R.T @ dR if any(len(x) for x in dR.flat) else dR  # [ω_b] = R'Ṙ, MR eq. 3.33
+        positions.append(np.array([ring.number(0.0) + x for x in place], object))
+        velocities.append(np.array([_rate(x, coordinates, ring) for x in positions[-1]], object))
+        slopes = zip((W[2, 1], W[0, 2], W[1, 0]), spin, strict=True)
+        turning.append(np.array([(x + s).without_dust(_DUST) for x, s in slopes], object))
+    return SymbolicMotion(tuple(positions), tuple(velocities), tuple(turning))
+
+
+def _terms(entries: Iterable[Any], ring: Ring) -> int:
+    return max(len(ring.number(0.0) + x) for x in entries)
+
+
+def _rate(x: TrigSum, coordinates: tuple[Coordinate, ...], ring: Ring) -> TrigSum:
+    total = ring.number(0.0)
+    for c in coordinates:
+        total = total + x.diff(c.name) * ring.symbol(c.rate)
+    return total
+
+
+def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigSum]:
+    """½ k (Σ weight · coordinate - rest)² of each spring."""
+    places = {body.joint.name: body.v_index for body in model.leaders}
+    found = []
+    for spring, k in zip(model.springs, entries.springs, strict=True):
+        stretch = arithmetic.ring.number(-spring.rest)
+        for joint, weight in spring.terms:
+            stretch = stretch + arithmetic.coordinate(places[joint]) * weight
+        found.append(arithmetic.number(k) * stretch * stretch * 0.5)
+    return found
+
+
+def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigSum]:
+    """½ J q̇² of each drive that has an inertia of its own."""
+    found = []
+    for k, J in enumerate(entries.armature):
+        if J.value:
+            rate = arithmetic.ring.symbol(arithmetic.coordinates[k].rate)
+            found.append(arithmetic.number(J) * rate * rate * 0.5)
+    return found
+
+
+def energies(
+    entries: ModelEntries, motion: SymbolicMotion, arithmetic: RingArithmetic
+) -> tuple[list[TrigSum], list[TrigSum]]:
+    """K and P of every body; the formulas of MR section 8.1.2."""
+    gravity = numbers_of(arithmetic, entries.gravity)
+    kinetic, potential = [], []
+    for mine, p, v, w in zip(entries.bodies, motion.positions, motion.velocities, motion.turning, strict=True):
+        m, I = arithmetic.number(mine.mass), numbers_of(arithmetic, mine.inertia)
+        K = (m * (v @ v) + w @ (I @ w)) * 0.5
+        kinetic.append(K.without_dust(_DUST))
+        potential.append((-1.0 * m * (gravity @ p)).without_dust(_DUST))
+    return kinetic, potential
+
+
+def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) -> Array:
+    """(n, n) integers: row j is the sum of joint angles that turns body j where the axes before it are parallel."""
+    places = {name: k for k, name in enumerate(ring.angles)}
+    sums = np.eye(len(places), dtype=int)
+    for body in model.bodies:
+        if body.follows or body.joint.nv > 1 or not coordinates[body.v_index].angle or body.parent == BASE:
+            continue
+        before = model.bodies[body.parent]
+        if before.follows or before.joint.nv > 1 or not before.joint.axes[0, :3].any():
+            continue
+        along = float((body.placement[:3, :3] @ body.joint.axes[0, :3]) @ before.joint.axes[0, :3])
+        if abs(abs(along) - 1.0) < 1e-12:
+            j, i = places[coordinates[body.v_index].name], places[coordinates[before.v_index].name]
+            sums[j] = sums[j] + (1 if along > 0 else -1) * sums[i]
+    return sums
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Everything that follows from K and P by differentiation."""
+
+    ring: Ring
+    coordinates: tuple[Coordinate | Variable, ...]
+    kinetic: TrigSum
+    potential: TrigSum
+
+    @property
+    def zero(self) -> TrigSum:
+        """Nothing."""
+        return self.ring.number(0)
+
+    @cached_property
+    def by_motion(self) -> dict[int, TrigSum]:
+        """The coefficients of L by products of rates."""
+        return (self.kinetic - self.potential).split([c.rate for c in self.coordinates])
+
+    @cached_property
+    def mass_matrix(self) -> Array:
+        """M_ij = ∂²L/∂q̇_i∂q̇_j."""
+        n = len(self.coordinates)
+        M = np.empty((n, n), object)
+        L = self.kinetic - self.potential
+        for i, c in enumerate(self.coordinates):
+            momentum = L.diff(c.rate)
+            for j, other in enumerate(self.coordinates):
+                M[i, j] = momentum.diff(other.rate)
+        return M
+
+    @cached_property
+    def christoffel(self) -> Array:
+        """Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j - ∂M_jk/∂q_i); MR section 8.1.2."""
+        n = len(self.coordinates)
+
+        def entry(i: int, j: int) -> TrigSum:
+            return self.mass_matrix[i, j]
+
+        dM = np.empty((n, n, n), object)
+        for i, j, k in np.ndindex(n, n, n):
+            dM[i, j, k] = entry(i, j).diff(self.coordinates[k].name) if i <= j else dM[j, i, k]
+        gamma = np.empty((n, n, n), object)
+        for i, j, k in np.ndindex(n, n, n):
+            gamma[i, j, k] = 0.5 * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i]) if j <= k else gamma[i, k, j]
+        return gamma
+
+    @cached_property
+    def gravity_forces(self) -> Array:
+        """g_i = ∂P/∂q_i; with energies that rates do not enter, of L too."""
+        still: TrigSum = self.by_motion.get(0, self.zero)
+        return np.array([-still.diff(c.name) for c in self.coordinates], object)

@@ -1,0 +1,352 @@
+"""Sums of products as a person writes them: squares and products of sines where they are shorter, masses pulled out.
+
+Each coefficient of symbols is written in the shortest of a few forms: as sums of angles, cos(θ_1 + θ_2); or as products of
+sines and cosines, of single joint angles or of the angles along a chain of parallel axes, cos²(θ_2), cos θ_2 cos(θ_2 + θ_3).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ..typing import Array
+from .decimals import shortest
+from .trig_sum import Basis, Ring, TrigSum
+
+Waves = tuple[tuple[Basis, int], ...]
+"""A product of powers of sines and cosines."""
+Row = tuple[Any, int, Waves]
+"""Coefficient, monomial, sines and cosines."""
+Term = tuple[Any, int]
+"""Coefficient and monomial."""
+
+_LONGEST = 40  # terms beyond which a coefficient has no short form to look for
+_MOST_FACTORED, _MOST_NAMES = 28, 7  # terms and symbols of the square of a sum of seven
+
+
+class EquationWriter:
+    """Makes SymPy expressions of the sums of one ring. ``expressions`` gives what a symbol of the ring stands for."""
+
+    def __init__(
+        self,
+        ring: Ring,
+        sums: Array | None = None,
+        *,
+        masses: Iterable[str] = (),
+        expressions: Mapping[str, Any] | None = None,
+    ) -> None:
+        import sympy
+
+        self._sympy = sympy
+        self.ring = ring
+        given = expressions or {}
+        self.symbols = {name: given.get(name, sympy.Symbol(name)) for name in ring.symbols}
+        n = len(ring.angles)
+        self._families = [np.eye(n, dtype=int)]
+        if sums is not None and (sums != self._families[0]).any():
+            self._families.append(sums)
+        self._masses = frozenset(masses)
+        self._waves: dict[Basis, Any] = {}
+        self._forms: dict[Any, dict[Waves, Any]] = {}
+        self._products: dict[frozenset[Term], Any] = {}
+
+    # ── expressions ──
+
+    def by_mass(self, total: TrigSum) -> Any:
+        """Masses pulled out: m_2 (L_1² + 2 L_1 L_2 cos θ_2 + L_2²)."""
+        return self._grouped(total, self._mass_part)
+
+    def by_angle(self, total: TrigSum) -> Any:
+        """What multiplies the same sines and cosines together: (m_1 + m_2) L_1 g cos θ_1."""
+        groups: dict[Waves, list[Row]] = defaultdict(list)
+        for row in self._rows(total):
+            groups[row[2]].append(row)
+        parts: list[Any] = []
+        for waves, rows in groups.items():
+            common = self._common([m for _, m, _ in rows])
+            share = _content([c for c, _, _ in rows])
+            inner = self._bracket([(c / share, m - common) for c, m, _ in rows])
+            parts.append(self._product(share, common, waves, inner))
+        return self._sympy.Add(*parts)
+
+    def _bracket(self, terms: list[Term]) -> Any:
+        """A sum without sines and cosines: as squares and products, else each mass once."""
+        if (whole := self._factored(terms)) is not None:
+            return whole
+        groups: dict[int, list[Term]] = defaultdict(list)
+        for c, m in terms:
+            groups[self._mass_part(m)].append((c, m))
+        parts: list[Any] = []
+        for mass, members in groups.items():
+            if not mass or len(members) == 1 or len(groups) == 1:
+                parts.extend(self._product(c, m, ()) for c, m in members)
+                continue
+            common, share = self._common([m for _, m in members]), _content([c for c, _ in members])
+            rest = [(c / share, m - common) for c, m in members]
+            inner = self._factored(rest)
+            if inner is None:
+                inner = self._sympy.Add(*(self._product(c, m, ()) for c, m in rest))
+            parts.append(self._product(share, common, (), inner))
+        return self._sympy.Add(*parts)
+
+    def _factored(self, terms: list[Term]) -> Any:
+        """A polynomial as squares and products, None where it has none: (L_2 + x_3)² of three terms or more."""
+        if not 3 <= len(terms) <= _MOST_FACTORED or not all(float(64 * c).is_integer() for c, _ in terms):
+            return None
+        key = frozenset(terms)
+        if key not in self._products:
+            self._products[key] = self._factors(terms)
+        return self._products[key]
+
+    def _factors(self, terms: list[Term]) -> Any:
+        powers = [self.ring.exponents(m) for _, m in terms]
+        names = sorted(set().union(*powers))
+        if len(names) > _MOST_NAMES or max(sum(p.values()) for p in powers) < 2:
+            return None
+        Symbol, QQ = self._sympy.Symbol, self._sympy.QQ
+        exponents = [tuple(p.get(name, 0) for name in names) for p in powers]
+        coefficients = {e: self._sympy.Rational(Fraction(c)) for e, (c, _) in zip(exponents, terms, strict=True)}
+        whole = self._sympy.Poly.from_dict(coefficients, *map(Symbol, names), domain=QQ)
+        content, factors = whole.factor_list()
+        if sum(k for _, k in factors) < 2:
+            return None
+        made = [self._expression(f, names) ** k for f, k in factors]
+        return self._sympy.Mul(content, *(x for f in made for x in self._sympy.Mul.make_args(f)))
+
+    def _expression(self, polynomial: Any, names: list[str]) -> Any:
+        symbols = [self.symbols[name] for name in names]
+        terms = ((c, zip(symbols, powers, strict=True)) for powers, c in polynomial.terms())
+        return self._sympy.Add(*(self._sympy.Mul(c, *(s**k for s, k in pairs)) for c, pairs in terms))
+
+    def by_motion(self, total: TrigSum, motions: list[str], write: Callable[[TrigSum], Any]) -> Any:
+        """Sorted by products of rates and accelerations; those whose coefficients are proportional stand together."""
+        groups: list[tuple[TrigSum, list[tuple[Any, int]]]] = []
+        for motion, coefficient in sorted(total.split(motions).items(), reverse=False):
+            for first, members in groups:
+                if motion and members[0][1] and (ratio := _ratio(coefficient, first)) is not None:
+                    members.append((ratio, motion))
+                    break
+            else:
+                groups.append((coefficient, [(1, motion)]))
+        parts: list[Any] = []
+        for coefficient, members in groups:
+            if not members[0][1]:
+                parts.append(write(coefficient))
+                continue
+            ratios = [abs(r) for r, _ in members]
+            scale = min(ratios) * (1 if sum(1 for r, _ in members if r > 0) * 2 >= len(members) else -1)
+            inner = self._sympy.Add(*(as_number(r / scale) * self._power(motion) for r, motion in members))
+            sign = -1 if all(scale * c < 0 for c in coefficient.terms.values()) else 1
+            parts.append(self._times(write(coefficient * (sign * scale)), inner, sign))
+        return self._sympy.Add(*parts)
+
+    def _times(self, one: Any, other: Any, sign: int) -> Any:
+        return self._sympy.Mul(sign, *self._sympy.Mul.make_args(one), *self._sympy.Mul.make_args(other))
+
+    def _grouped(self, total: TrigSum, key: Callable[[int], int]) -> Any:
+        groups: dict[int, list[Row]] = defaultdict(list)
+        for row in self._rows(total):
+            groups[key(row[1])].append(row)
+        parts: list[Any] = []
+        for common, rows in groups.items():
+            if not common or len(rows) == 1:
+                parts.extend(self._product(*row) for row in rows)
+                continue
+            share = _content([c for c, _, _ in rows])
+            inner = self._by_waves([(c / share, m - common, waves) for c, m, waves in rows])
+            parts.append(self._product(share, common, (), inner))
+        return self._sympy.Add(*parts)
+
+    def _by_waves(self, rows: list[Row]) -> Any:
+        """A sum whose parts with the same sines and cosines are squares and products where they can be, common sums once."""
+        groups: dict[Waves, list[Row]] = defaultdict(list)
+        for row in rows:
+            groups[row[2]].append(row)
+        parts: list[Any] = []
+        for waves, members in groups.items():
+            terms = [(c, m) for c, m, _ in members]
+            if (whole := self._factored(terms)) is not None:
+                parts.append(self._product(1, 0, waves, whole))
+                continue
+            for some in self._apart(terms):
+                if (part := self._factored(some)) is not None:
+                    parts.append(self._product(1, 0, waves, part))
+                else:
+                    parts.extend(self._product(c, m, waves) for c, m in some)
+        args = [list(self._sympy.Mul.make_args(part)) for part in parts]
+        shared = [f for f in args[0] if f.is_Add and all(f in mine for mine in args[1:])]
+        rest = self._sympy.Add(*(self._sympy.Mul(*(f for f in mine if f not in shared)) for mine in args))
+        return self._sympy.Mul(*shared, *self._sympy.Mul.make_args(rest))
+
+    def _apart(self, terms: list[Term]) -> list[list[Term]]:
+        """Groups of terms that share no symbol: r² beside (L + x)²."""
+        groups: list[tuple[set[str], list[Term]]] = []
+        for term in terms:
+            names, mine = set(self.ring.exponents(term[1])), [term]
+            for group in [g for g in groups if g[0] & names]:
+                groups.remove(group)
+                names |= group[0]
+                mine = group[1] + mine
+            groups.append((names, mine))
+        return [mine for _, mine in groups]
+
+    def _product(self, coefficient: Any, monomial: int, waves: Waves, inner: Any = 1) -> Any:
+        factors = [as_number(coefficient), self._power(monomial), inner]
+        factors += [self._wave(basis) ** power for basis, power in waves]
+        return self._sympy.Mul(*(x for f in factors for x in self._sympy.Mul.make_args(self._sympy.sympify(f))))
+
+    def _power(self, monomial: int) -> Any:
+        return self._sympy.Mul(*(self.symbols[name] ** power for name, power in self.ring.exponents(monomial).items()))
+
+    def _wave(self, basis: Basis) -> Any:
+        if basis not in self._waves:
+            kind, f = basis
+            angles = (self.symbols[name] for name in self.ring.angles)
+            argument = self._sympy.Add(*(as_number(x) * angle for x, angle in zip(f, angles, strict=True)))
+            self._waves[basis] = getattr(self._sympy, kind)(argument, evaluate=False)
+        return self._waves[basis]
+
+    def _mass_part(self, monomial: int) -> int:
+        return self.ring.monomial({n: k for n, k in self.ring.exponents(monomial).items() if n in self._masses})
+
+    def _common(self, monomials: list[int]) -> int:
+        powers = [self.ring.exponents(m) for m in monomials]
+        shared = set(powers[0]).intersection(*powers)
+        return self.ring.monomial({name: min(p[name] for p in powers) for name in shared})
+
+    # ── the shortest form ──
+
+    def _rows(self, total: TrigSum) -> list[Row]:
+        by_monomial: dict[int, dict[Basis, Any]] = defaultdict(dict)
+        for (monomial, base), value in total.terms.items():
+            by_monomial[monomial][self.ring.bases[base]] = value
+        return [(c, m, waves) for m, terms in by_monomial.items() for waves, c in self._shortest(terms).items()]
+
+    def _shortest(self, terms: dict[Basis, Any]) -> dict[Waves, Any]:
+        plain: dict[Waves, Any] = {_waves_of({basis: 1}): c for basis, c in terms.items()}
+        if len(terms) > _LONGEST or (len(terms) == 1 and all(abs(x) <= 1 for x in next(iter(terms))[1])):
+            return plain
+        if any(not isinstance(x, int) for _, f in terms for x in f):
+            return plain
+        key = tuple(sorted(terms.items()))
+        if key not in self._forms:
+            candidates = [plain]
+            for sums in self._families:
+                candidates.extend(_products(terms, sums))
+            self._forms[key] = min(candidates, key=_length)
+        return self._forms[key]
+
+
+def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
+    """Terms; doubled angles; halves; factors. The first that differs decides."""
+    doubled = sum(1 for waves in form for (_, f), _ in waves if any(abs(x) > 1 for x in f))
+    halves = sum(1 for c in form.values() if float(2 * c).is_integer() and not float(c).is_integer())
+    return len(form), doubled, halves, sum(power for waves in form for _, power in waves)
+
+
+def _waves_of(powers: Mapping[Basis, int]) -> Waves:
+    return tuple(sorted((basis, power) for basis, power in powers.items() if power and any(basis[1])))
+
+
+def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]]:
+    """The sum as polynomials in the cosines and sines of the angles that are the rows of ``sums``, squares reduced."""
+    inverse = np.rint(np.linalg.inv(sums)).astype(int)
+    n = len(sums)
+    whole: dict[tuple[tuple[int, int], ...], Any] = defaultdict(int)
+    for (kind, f), value in terms.items():
+        g = np.array(f, int) @ inverse
+        if np.abs(g).max(initial=0) > 4:
+            return
+        for powers, (real, imaginary) in _expansion(tuple(map(int, g))).items():
+            part = real if kind == "cos" else imaginary
+            if part:
+                whole[powers] += part * value
+    involved = [j for j in range(n) if any(p[j][0] or p[j][1] for p in whole)]
+    if len(involved) > 4:
+        return
+    for keep in product((0, 1), repeat=len(involved)):  # of the squares, leave cosines (0) or sines (1)
+        form = dict(whole)
+        for j, kept in zip(involved, keep, strict=True):
+            form = _reduced(form, j, kept)
+        yield {
+            _waves_of(
+                {(("cos", "sin")[s], tuple(int(x) for x in sums[j])): p[j][s] for j in involved for s in (0, 1)}
+            ): c
+            for p, c in _without_dust(form).items()
+        }
+
+
+def _expansion(g: tuple[int, ...]) -> dict[tuple[tuple[int, int], ...], tuple[int, int]]:
+    """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| as powers (of cos, of sin) → (real, imaginary) coefficient."""
+    total: dict[tuple[tuple[int, int], ...], complex] = {((0, 0),) * len(g): 1}
+    for j, power in enumerate(g):
+        for _ in range(abs(power)):
+            grown: dict[tuple[tuple[int, int], ...], complex] = defaultdict(complex)
+            for p, c in total.items():
+                (a, b) = p[j]
+                grown[*p[:j], (a + 1, b), *p[j + 1 :]] += c
+                grown[*p[:j], (a, b + 1), *p[j + 1 :]] += c * (1j if power > 0 else -1j)
+            total = grown
+    return {p: (round(c.real), round(c.imag)) for p, c in total.items()}
+
+
+def _reduced(form: Mapping[Any, Any], j: int, kept: int) -> dict[Any, Any]:
+    """sin² = 1 - cos² (kept 0) or cos² = 1 - sin² (kept 1) of angle j, until none is left."""
+    todo, done = dict(form), defaultdict[Any, Any](int)
+    while todo:
+        p, c = todo.popitem()
+        if p[j][1 - kept] < 2:
+            done[p] += c
+            continue
+        low, high = list(p[j]), list(p[j])
+        low[1 - kept] -= 2
+        high[1 - kept] -= 2
+        high[kept] += 2
+        for powers, sign in ((low, 1), (high, -1)):
+            q = (*p[:j], tuple(powers), *p[j + 1 :])
+            todo[q] = todo.get(q, 0) + sign * c
+    return dict(done)
+
+
+def _without_dust(form: Mapping[Any, Any]) -> dict[Any, Any]:
+    least = 1e-14 * max((abs(c) for c in form.values()), default=0)
+    return {p: c for p, c in form.items() if abs(c) > least}
+
+
+def _ratio(one: TrigSum, other: TrigSum) -> Any:
+    """one / other where that is a number, else None."""
+    if one.terms.keys() != other.terms.keys() or not one.terms:
+        return None
+    ratios = [one.terms[key] / other.terms[key] for key in one.terms]
+    return ratios[0] if all(abs(r - ratios[0]) <= 1e-12 * abs(ratios[0]) for r in ratios) else None
+
+
+def _content(coefficients: list[Any]) -> Any:
+    """The largest simple number that divides all coefficients, with the sign of most; 1 where they are measured."""
+    if all(abs(c) == abs(coefficients[0]) for c in coefficients):
+        return -abs(coefficients[0]) if all(c < 0 for c in coefficients) else abs(coefficients[0])
+    fractions = [Fraction(c).limit_denominator(1 << 20) for c in coefficients]
+    if any(Fraction(c) != f or f.denominator > 64 for c, f in zip(coefficients, fractions, strict=True)):
+        return 1
+    denominator = int(np.lcm.reduce([f.denominator for f in fractions]))
+    numerator = int(np.gcd.reduce([int(f * denominator) for f in fractions]))
+    sign = -1 if all(f < 0 for f in fractions) else 1
+    share = Fraction(sign * numerator, denominator)
+    return share if isinstance(coefficients[0], Fraction) else float(share)
+
+
+def as_number(value: Any) -> Any:
+    """A SymPy number: rational where the value is a simple fraction exactly, else the float."""
+    import sympy
+
+    if isinstance(value, Fraction):
+        return sympy.Rational(value.numerator, value.denominator)
+    if isinstance(value, float) and not (64 * value).is_integer():
+        return sympy.Float(shortest(value))
+    exact = Fraction(value)
+    return sympy.Rational(exact.numerator, exact.denominator)

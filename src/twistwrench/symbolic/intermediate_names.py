@@ -1,0 +1,339 @@
+"""Lagrange's equations with names for intermediate results, where written out they would fill pages.
+
+Cosines and sines; rotations between links; velocities of centres of mass and links per unit of each rate, from which K;
+the direction of gravity and the height in each link, from which P; their derivatives by the chain rule. Every line uses
+names of lines before it. Modern Robotics sections 8.1 and 5.1.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..joints.chart import exact
+from ..model.model import BASE, Model
+from ..typing import Array
+from .equation_assembly import entry_name, steps_of, term_lines
+from .equations import Label, Step
+from .generalized_coordinates import Coordinate
+from .screw_kinematics import chart_waves, joint_motion, numbers_of
+from .symbols import BodyEntries, Entry, ModelEntries
+
+_AXES = "xyz"
+
+
+def _number(value: float) -> Any:
+    """A SymPy number: whole ones exact, so that 0 and ±1 leave nothing behind."""
+    import sympy
+
+    return sympy.sympify(exact(value))
+
+
+class _Names:
+    """Definitions in order, and the derivatives of what they define."""
+
+    def __init__(self, coordinates: tuple[Coordinate, ...], entries: ModelEntries) -> None:
+        import sympy
+
+        self._sympy = sympy
+        self.q = [sympy.Symbol(c.name) for c in coordinates]
+        self.definitions: list[tuple[Any, Any]] = []
+        self.groups: list[tuple[str, str, int]] = []
+        self._taken = {s.name for s in self.q} | {p.name for p in entries.parameters}
+        self._expr: dict[Any, Any] = {}
+        self._slopes: dict[tuple[Any, int], Any] = {}
+        self._waves: dict[tuple[int, float, float], tuple[Any, Any]] = {}
+
+    def group(self, name: str, remark: str) -> None:
+        """What is defined from here on belongs to this step."""
+        self.groups.append((name, remark, len(self.definitions)))
+
+    def name(self, name: str, expr: Any) -> Any:
+        """The expression itself where it is a number or at most a product of a number and a symbol; else a new name."""
+        expr = self._sympy.sympify(expr)
+        core = expr.as_coeff_Mul()[1]
+        if core.is_Symbol or not expr.free_symbols:
+            return expr
+        while name in self._taken:
+            name += "_"
+        self._taken.add(name)
+        symbol = self._sympy.Symbol(name)
+        self.definitions.append((symbol, expr))
+        self._expr[symbol] = expr
+        return symbol
+
+    def names(self, pattern: str, vector: Array) -> Array:
+        """Names for the entries of a vector: x, y, z appended."""
+        return np.array([self.name(f"{pattern}{_AXES[k]}", x) for k, x in enumerate(vector)], object)
+
+    def slope(self, expr: Any, k: int) -> Any:
+        """d(expr)/dq_k, through the definitions; derivatives of names get names."""
+        total = self._sympy.Integer(0)
+        for symbol in sorted(expr.free_symbols, key=str):
+            inner = self._symbol_slope(symbol, k)
+            if inner != 0:
+                total = total + expr.diff(symbol) * inner
+        return total
+
+    def _symbol_slope(self, symbol: Any, k: int) -> Any:
+        if symbol == self.q[k]:
+            return self._sympy.Integer(1)
+        if symbol not in self._expr:
+            return self._sympy.Integer(0)
+        if (symbol, k) not in self._slopes:
+            self._slopes[symbol, k] = self.name(f"d{symbol.name}_q{k + 1}", self.slope(self._expr[symbol], k))
+        return self._slopes[symbol, k]
+
+    # ── the arithmetic of kinematics ──
+
+    def number(self, entry: Entry) -> Any:
+        """A number of the model, or its symbol."""
+        if entry.parameter is None:
+            return _number(entry.value)
+        return entry.sign * self._sympy.Symbol(entry.parameter.name)
+
+    def coordinate(self, k: int) -> Any:
+        """The k-th coordinate itself."""
+        return self.q[k]
+
+    def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
+        """Names for the cosine and sine; those of a coordinate itself are c_k and s_k."""
+        key = (k, rate, offset)
+        if key not in self._waves:
+            again = sum(1 for other in self._waves if other[0] == k)
+            index = f"{self.q[k].name.partition('_')[2]}{'_' + str(again + 1) if again else ''}"
+            argument = _number(rate) * self.q[k] + _number(offset)
+            letter = "" if self.q[k].name.startswith("theta") else self.q[k].name.partition("_")[0]
+            self._waves[key] = (
+                self.name(f"c{letter}_{index}", self._sympy.cos(argument)),
+                self.name(f"s{letter}_{index}", self._sympy.sin(argument)),
+            )
+            c, s = self._waves[key]
+            if c in self._expr:  # their derivatives are each other, not sines and cosines anew
+                self._slopes[c, k], self._slopes[s, k] = -_number(rate) * s, _number(rate) * c
+        return self._waves[key]
+
+
+def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> dict[str, Any]:
+    """The fields of :class:`~twistwrench.symbolic.derivation.Derivation`."""
+    import sympy
+
+    names = _Names(coordinates, entries)
+    n = len(coordinates)
+    names.group("sines", "cosines and sines of the coordinates")
+    raw = [joint_motion(names, body, mine) for body, mine in zip(model.bodies, entries.bodies, strict=True)]
+    motions = _motions(names, [b.tag for b in entries.bodies], raw)
+    velocities = _velocities(names, model, entries, motions)
+    heights = _heights(names, model, entries, motions)
+    names.group("mass_matrix", "M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links: K = ½ q̇'M q̇")
+    M = _mass_matrix(names, entries, velocities, n)
+    names.group("potential_energy", "the sum of −m (gravity · p), and what springs store")
+    lifted = (names.number(b.mass) * y for b, y in zip(entries.bodies, heights, strict=True))
+    P = names.name("P", _springs(names, model, entries) + sympy.Add(*lifted))
+    names.group(
+        "slopes_of_energies", "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
+    )
+    dM = [[[names.slope(M[min(i, j)][max(i, j)], k) for k in range(n)] for j in range(n)] for i in range(n)]
+    dM = _tied(names, dM, n)
+    g = sympy.ImmutableMatrix([names.slope(P, k) for k in range(n)])
+    return {**_equations(names, coordinates, M, dM, g, P), "definitions": tuple(names.definitions), "form": "named"}
+
+
+def _motions(names: _Names, tags: list[str], raw: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+    names.group("placements", "R_i and t_i: rotation and place of each link in the one before it")
+    found = []
+    for i, (R, p) in zip(tags, raw, strict=True):
+        rows = [[names.name(f"R_{i}_{_AXES[a]}{_AXES[b]}", R[a, b]) for b in range(3)] for a in range(3)]
+        found.append((np.array(rows, object), names.names(f"t_{i}_", p)))
+    return found
+
+
+def _velocities(
+    names: _Names, model: Model, entries: ModelEntries, motions: Any
+) -> list[dict[int, tuple[Array, Array]]]:
+    """Of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in the body's axes."""
+    names.group(
+        "velocities",
+        "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes",
+    )
+    origins: list[dict[int, tuple[Array, Array]]] = []
+    centres: list[dict[int, tuple[Array, Array]]] = []
+    for i, (body, mine) in enumerate(zip(model.bodies, entries.bodies, strict=True)):
+        R, p = motions[i]
+        columns: dict[int, tuple[Array, Array]] = {}
+        if body.parent != BASE:
+            for j, (w, u) in origins[body.parent].items():
+                columns[j] = (R.T @ w, R.T @ (u + _cross(w, p)))
+        for k in range(body.v_index, body.v_index + body.joint.nv):
+            own = _own(names, R, k, body, mine)
+            old = columns.get(k)  # a follower moves with its leader's rate too
+            columns[k] = own if old is None else (old[0] + own[0], old[1] + own[1])
+        named = {
+            j: (names.names(f"w_{mine.tag}_{j + 1}", w), names.names(f"u_{mine.tag}_{j + 1}", u))
+            for j, (w, u) in columns.items()
+        }
+        com = numbers_of(names, mine.com)
+        origins.append(named)
+        massless = not mine.mass.value
+        centres.append(
+            {
+                j: (w, w * 0 if massless else names.names(f"v_{mine.tag}_{j + 1}", u + _cross(w, com)))
+                for j, (w, u) in named.items()
+            }
+        )
+    return centres
+
+
+def _own(names: _Names, R: Array, k: int, body: Any, mine: BodyEntries) -> tuple[Array, Array]:
+    """The joint's own part: ω and the origin's v in the child's axes, per unit of the rate of coordinate k."""
+    joint, number = body.joint, k - body.v_index
+    if joint.nv > 1:
+        R0 = body.placement[:3, :3]
+        return joint.chart_column(number, lambda step: R.T @ exact(R0 @ step), chart_waves(names, body))
+    ratio = exact(body.ratio) if joint.moves_body else names.number(mine.ratio)
+    w = ratio * exact(joint.axes[0, :3])
+    if not joint.axes[0, :3].any():
+        return w, exact(body.ratio) * exact(joint.axes[0, 3:])
+    return w, -_cross(w, numbers_of(names, mine.point)) + w * names.number(mine.pitch)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], object)
+
+
+def _heights(names: _Names, model: Model, entries: ModelEntries, motions: Any) -> list[Any]:
+    """- gravity · (place of the centre of mass) of each body: n_i is -gravity in its axes, eta_i that of its origin."""
+    names.group(
+        "heights",
+        "n_i: minus gravity in the axes of link i; eta_i, zeta_i: that times the place of its origin and centre of mass",
+    )
+    up = -numbers_of(names, entries.gravity)
+    directions: list[Array] = []
+    origins: list[Any] = []
+    centres = []
+    for i, (body, mine) in enumerate(zip(model.bodies, entries.bodies, strict=True)):
+        R, p = motions[i]
+        n, y = (up, 0) if body.parent == BASE else (directions[body.parent], origins[body.parent])
+        directions.append(names.names(f"n_{mine.tag}_", R.T @ n))
+        origins.append(names.name(f"eta_{mine.tag}", y + n @ p))
+        centres.append(names.name(f"zeta_{mine.tag}", origins[-1] + directions[-1] @ numbers_of(names, mine.com)))
+    return centres
+
+
+def _springs(names: _Names, model: Model, entries: ModelEntries) -> Any:
+    """½ k (Σ weight · coordinate - rest)², summed."""
+    import sympy
+
+    places = {body.joint.name: body.v_index for body in model.leaders}
+    total = sympy.Integer(0)
+    for spring, k in zip(model.springs, entries.springs, strict=True):
+        ends = (_number(weight) * names.q[places[joint]] for joint, weight in spring.terms)
+        stretch = sympy.Add(*ends) - _number(spring.rest)
+        total += sympy.Rational(1, 2) * names.number(k) * stretch**2
+    return total
+
+
+def _mass_matrix(names: _Names, entries: ModelEntries, velocities: Any, n: int) -> list[list[Any]]:
+    import sympy
+
+    M = [[sympy.Integer(0)] * n for _ in range(n)]
+    for j in range(n):
+        for k in range(j, n):
+            total = sympy.Integer(0)
+            for mine, columns in zip(entries.bodies, velocities, strict=True):
+                if j in columns and k in columns:
+                    (w, v), (x, u) = columns[j], columns[k]
+                    total += names.number(mine.mass) * (v @ u) + w @ (numbers_of(names, mine.inertia) @ x)
+            if j == k:
+                total += names.number(entries.armature[j])
+            M[j][k] = M[k][j] = names.name(entry_name("M", j, k), total)
+    return M
+
+
+def _tied(names: _Names, dM: Any, n: int) -> Any:
+    """Derivatives of entries of M as short names, where they are not already."""
+    return [
+        [
+            [
+                names.name(f"d{entry_name('M', min(i, j), max(i, j))}_q{k + 1}", dM[i][j][k]) if i <= j else dM[j][i][k]
+                for k in range(n)
+            ]
+            for j in range(n)
+        ]
+        for i in range(n)
+    ]
+
+
+def _equations(names: _Names, coordinates: Any, M: Any, dM: Any, g: Any, P: Any) -> dict[str, Any]:
+    import sympy
+
+    n = len(coordinates)
+    dq = [sympy.Symbol(c.rate) for c in coordinates]
+    ddq = [sympy.Symbol(c.acceleration) for c in coordinates]
+    half = sympy.Rational(1, 2)
+
+    def total(terms: Any) -> Any:
+        return sympy.Add(*terms)
+
+    gamma = [[[half * (dM[i][j][k] + dM[i][k][j] - dM[j][k][i]) for k in range(n)] for j in range(n)] for i in range(n)]
+    names.group("christoffel", "Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j − ∂M_jk/∂q_i), those that are not zero, j ≤ k")
+    for i in range(n):
+        for j in range(n):
+            for k in range(j, n):
+                gamma[i][j][k] = gamma[i][k][j] = names.name(entry_name("Gamma", i, j, k), gamma[i][j][k])
+    C = sympy.ImmutableMatrix(n, n, lambda i, j: total(gamma[i][j][k] * dq[k] for k in range(n)))
+    c = sympy.ImmutableMatrix(
+        [
+            total(gamma[i][j][k] * dq[j] * dq[k] * (1 if j == k else 2) for j in range(n) for k in range(j, n))
+            for i in range(n)
+        ]
+    )
+    names.group("gravity_forces", "g = ∂P/∂q, what is left at rest")
+    g = sympy.ImmutableMatrix([names.name(entry_name("g", i), x) for i, x in enumerate(g)])
+    tau = sympy.ImmutableMatrix([total(M[i][j] * ddq[j] for j in range(n)) + c[i] + g[i] for i in range(n)])
+    matrix = sympy.ImmutableMatrix(M)
+    symbols = sympy.ImmutableDenseNDimArray(gamma)
+    L = (
+        total(half * M[i][i] * dq[i] ** 2 for i in range(n))
+        + total(M[i][j] * dq[i] * dq[j] for i in range(n) for j in range(i + 1, n))
+        - P
+    )
+    momenta = [total(M[i][j] * dq[j] for j in range(n)) for i in range(n)]
+    rates = [
+        total(M[i][j] * ddq[j] + total(dM[i][j][k] * dq[k] for k in range(n)) * dq[j] for j in range(n))
+        for i in range(n)
+    ]
+    slopes = [
+        total(dM[j][k][i] * dq[j] * dq[k] * (half if j == k else 1) for j in range(n) for k in range(j, n)) - g[i]
+        for i in range(n)
+    ]
+    lines = term_lines(matrix, symbols, C, g)
+    lines = {key: lines[key] for key in ("centripetal", "coriolis", "coriolis_matrix")}
+    lines |= {
+        "momenta": [(Label("L", c.rate), x) for c, x in zip(coordinates, momenta, strict=True)],
+        "momentum_rates": [(Label("L", c.rate, rate=True), x) for c, x in zip(coordinates, rates, strict=True)],
+        "slopes": [(Label("L", c.name), x) for c, x in zip(coordinates, slopes, strict=True)],
+        "equations": [(Label(entry_name("tau", i)), tau[i]) for i in range(n)],
+    }
+    first = Step("lagrangian", "K less P", ((Label("L"), L),))
+    return {
+        "lagrangian": L,
+        "mass_matrix": matrix,
+        "christoffel": symbols,
+        "coriolis_matrix": C,
+        "coriolis_forces": c,
+        "gravity_forces": g,
+        "tau": tau,
+        "steps": (*_defined(names), first, *steps_of(lines)),
+    }
+
+
+def _defined(names: _Names) -> list[Step]:
+    """The definitions as steps."""
+    ends = [start for _, _, start in names.groups[1:]] + [len(names.definitions)]
+    return [
+        Step(name, remark, tuple((Label(symbol.name), expr) for symbol, expr in names.definitions[start:end]))
+        for (name, remark, start), end in zip(names.groups, ends, strict=True)
+        if end > start
+    ]

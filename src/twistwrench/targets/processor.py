@@ -1,0 +1,139 @@
+"""The processor code is made for: its name, its features, the width of its vectors, and whether it fuses.
+
+That is the processor at hand, or a lesser one named by ``TWISTWRENCH_CPU``, for one code on all machines of a cluster.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+from dataclasses import dataclass
+from functools import cache
+
+from ..errors import ValueRangeError
+
+VARIABLE = "TWISTWRENCH_CPU"
+
+
+@dataclass(frozen=True)
+class Precision:
+    """A floating-point type: LLVM's name for it, its size, and the letters NumPy uses."""
+
+    llvm: str
+    bytes: int
+    char: str
+    mantissa: int
+    """Stored bits of the significand."""
+
+    @property
+    def bits(self) -> int:
+        """Size in bits."""
+        return 8 * self.bytes
+
+    def rounded(self, value: float) -> float:
+        """The nearest number; infinity for what is beyond the largest, as NumPy rounds it."""
+        try:
+            return float(struct.unpack(self.char, struct.pack(self.char, value))[0])
+        except OverflowError:
+            return math.copysign(math.inf, value)
+
+    def pattern(self, value: float) -> int:
+        """The bits of the nearest number as a signed integer; those of positive numbers order like the numbers."""
+        return int.from_bytes(struct.pack(f"<{self.char}", self.rounded(value)), "little", signed=True)
+
+
+DOUBLE = Precision("double", 8, "d", 52)
+SINGLE = Precision("float", 4, "f", 23)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the compiler is told about a processor."""
+
+    triple: str
+    cpu: str
+    features: str
+    vector_bits: int
+    fused: bool = True
+    """Whether it multiplies and adds with one rounding. Where not, code rounds twice: emulating it takes hundreds of cycles."""
+
+    def lanes(self, precision: Precision) -> int:
+        """Samples computed side by side."""
+        return self.vector_bits // precision.bits
+
+
+X86_LEVELS = {
+    "x86-64": ("sse2",),
+    "x86-64-v2": ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3"),
+    "x86-64-v3": ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"),
+    "x86-64-v4": ("avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"),
+}
+"""The levels of the x86-64 psABI, by LLVM's names: what each adds to the one before."""
+
+
+@cache
+def host() -> Machine:
+    """The processor this process runs on."""
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features()
+    present = frozenset(name for name, there in features.items() if there)
+    return _machine(llvm.get_process_triple(), llvm.get_host_cpu_name(), features.flatten(), present)
+
+
+def choices() -> dict[str, Machine]:
+    """What ``TWISTWRENCH_CPU`` may name here: processors whose code this one runs, the host first."""
+    triple = host().triple
+    found = {"host": host()}
+    if _is_x86(triple):
+        present: frozenset[str] = frozenset()
+        for name, added in X86_LEVELS.items():
+            present |= {*added}
+            if not _lacking(name):
+                found[name] = _machine(triple, name, "", present)
+    elif triple.startswith(("aarch64", "arm64")):
+        found["armv8-a"] = _machine(triple, "generic", "", frozenset())
+    return found
+
+
+def chosen() -> Machine:
+    """The processor that code is made for: the host, or what ``TWISTWRENCH_CPU`` names.
+
+    Raises ValueRangeError for a name that means nothing, or a processor whose code this one cannot run.
+    """
+    name = os.environ.get(VARIABLE, "").strip().lower() or "host"
+    if name == "host":
+        return host()
+    allowed = choices()
+    if name not in allowed:
+        lacking = _lacking(name) if name in X86_LEVELS and _is_x86(host().triple) else []
+        why = f" {name} wants {', '.join(lacking)}." if lacking else ""
+        raise ValueRangeError(
+            f"{VARIABLE}: {os.environ[VARIABLE]!r} names no processor whose code this one ({host().cpu}) runs.{why}"
+            f" Allowed here: {', '.join(allowed)}."
+        )
+    return allowed[name]
+
+
+def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> Machine:
+    """The widest vectors those features have; SSE2, NEON or their equal is in every 64-bit processor LLVM serves."""
+    if {"avx512f", "avx512dq"} <= present:
+        wide = ",".join(filter(None, [features, "-prefer-256-bit"]))
+        return Machine(triple, cpu, wide, 512)
+    fused = not _is_x86(triple) or bool({"fma", "fma4"} & present)
+    return Machine(triple, cpu, features, 256 if "avx" in present else 128, fused)
+
+
+def _is_x86(triple: str) -> bool:
+    return triple.startswith(("x86_64", "amd64", "i386", "i486", "i586", "i686"))
+
+
+def _lacking(level: str) -> list[str]:
+    """The features of an x86-64 level, and of those below it, that the host has not."""
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features()
+    names = list(X86_LEVELS)
+    wanted = [f for name in names[: names.index(level) + 1] for f in X86_LEVELS[name]]
+    return [f for f in wanted if not features.get(f)]

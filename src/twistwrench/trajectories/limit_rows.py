@@ -1,0 +1,220 @@
+"""A robot's limits along a path, as rows that bound the acceleration and the squared rate of the path's parameter.
+
+With x = ds² and u = dds every limit is |a(s) u + b(s) x + d(s) √x + c(s)| ≤ L or x ≤ cap(s). For torques, by MR eq. 9.34,
+a = M q', b = M q'' + c(q, q'), c = g; friction adds d and a constant. For accelerations a = q', b = q''.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import PathError, ValueRangeError
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from .limit_checks import Bounds
+    from .paths import JointPath
+
+_FLAT = 1e-11
+"""A row whose a is this part of the largest bounds x alone: what is left is round-off."""
+_NUDGE = 1e-13
+"""How far into a piece its ends are moved, where the sides of an end differ."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Row of limits: a torque, acceleration or velocity that is limited."""
+
+    kind: str
+    """``torque``, ``acceleration`` or ``velocity``."""
+    joint: int
+    """Number of the entry of dq."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows at some places (m,) of the path."""
+
+    a: Array
+    """(m, k)."""
+    b: Array
+    c: Array
+    d: Array
+    cap: Array
+    """(m, l): x may be no more, by each of the caps; inf where one says nothing."""
+
+    def values(self, u: Array, x: Array) -> Array:
+        """a u + b x + d √x + c; (..., m), (..., m) → (..., m, k)."""
+        u, x = u[..., None], x[..., None]
+        return self.a * u + self.b * x + self.c + self.d * np.sqrt(np.maximum(x, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Cap:
+    """The largest x at some places: where the limits leave one acceleration only, or where a velocity is at its limit."""
+
+    x: Array
+    """(m,), inf where nothing bounds it."""
+    velocity: Array
+    """(m,): by velocities alone."""
+    torque: Array
+    """(m,): by torques and accelerations alone."""
+
+
+class PathRows:
+    """The rows of one robot, one path, one set of limits, evaluated wherever they are asked for."""
+
+    def __init__(self, robot: Robot, path: JointPath, bounds: Bounds, *, friction: bool = False) -> None:
+        self.robot, self.path, self.friction = robot, path, friction
+        self.bounds = bounds
+        law = robot.model.friction
+        if friction and (np.any(law.load) or np.any(law.static != law.coulomb)):
+            raise ValueRangeError(
+                f"friction of {robot.name!r} depends on the load or sticks (static, Stribeck), and the fastest timing takes "
+                "viscous and Coulomb friction only. Leave friction out and lower the effort limits by what it takes."
+            )
+        self.torque = np.flatnonzero(np.isfinite(bounds.effort))
+        self.accelerated = np.flatnonzero(np.isfinite(bounds.acceleration))
+        self.fast = np.flatnonzero(np.isfinite(bounds.velocity))
+        self.rows = [Row("torque", int(j)) for j in self.torque]
+        self.rows += [Row("acceleration", int(j)) for j in self.accelerated]
+        self.L = np.concatenate([bounds.effort[self.torque], bounds.acceleration[self.accelerated]])
+        self.flat = np.zeros(len(self.rows), bool)
+        size = np.abs(self.at(self.grid).a)
+        self.flat = size.max(axis=0, initial=0.0) <= _FLAT * size.max(initial=0.0)
+        self.caps = [Row("velocity", int(j)) for j in self.fast]
+        self.caps += [row for row, flat in zip(self.rows, self.flat, strict=True) if flat]
+
+    @cached_property
+    def grid(self) -> Array:
+        """Places from 0 to 1, close enough together to see every change of sign; knots of the path included."""
+        return np.unique(np.concatenate([np.linspace(0.0, 1.0, 401), self.path.knots]))
+
+    def at(self, s: Array, low: float = 0.0, high: float = 1.0) -> Rows:
+        """The rows at s (m,), those of the ends of a piece [low, high] from inside it."""
+        nudge = _NUDGE * max(1.0, high)
+        s = np.clip(s, low + min(nudge, 0.1 * (high - low)), high - min(nudge, 0.1 * (high - low)))
+        q, q1, q2 = self.path(s)
+        zero = np.zeros_like(q1)
+        parts = (np.concatenate([q, q, q]), np.concatenate([zero, zero, q1]), np.concatenate([zero, q1, q2]))
+        g, Mq, h = np.split(self.robot.inverse_dynamics(*parts), 3)
+        a, b, c, d = Mq - g, h - g, g, zero
+        if self.friction:
+            law = self.robot.model.friction
+            c, d = c + law.coulomb * np.sign(q1), law.viscous * q1
+        j, k = self.torque, self.accelerated
+        still = np.zeros((len(s), len(k)))
+        a, b = np.concatenate([a[:, j], q1[:, k]], axis=1), np.concatenate([b[:, j], q2[:, k]], axis=1)
+        c, d = np.concatenate([c[:, j], still], axis=1), np.concatenate([d[:, j], still], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            caps = [(self.bounds.velocity[self.fast] / np.abs(q1[:, self.fast])) ** 2]
+            if (f := self.flat).any():
+                a = np.where(f, 0.0, a)
+                lift = np.where(b[:, f] > 0, self.L[f] - c[:, f], self.L[f] + c[:, f]) / np.abs(b[:, f])
+                caps.append(np.where(b[:, f] == 0, np.inf, lift))
+        return Rows(a, b, c, d, np.concatenate(caps, axis=1))
+
+    @cached_property
+    def breaks(self) -> Array:
+        """Where pieces end: knots, and the zeros of each a and, with friction, of each q'; from 0 to 1."""
+        places = [np.array([0.0, 1.0]), self.path.knots]
+        rows = self.at(self.grid)
+        places += [self._zeros(rows.a[:, k], lambda s, k=k: self.at(s).a[:, k]) for k in np.flatnonzero(~self.flat)]
+        if self.friction:
+            q1 = self.path(self.grid)[1]
+            places += [self._zeros(q1[:, j], lambda s, j=j: self.path(s)[1][:, j]) for j in range(q1.shape[1])]
+        found = np.unique(np.concatenate(places))
+        keep = np.concatenate([[True], np.diff(found) > 1e-11])
+        keep[-1] = True
+        return found[keep]
+
+    def _zeros(self, values: Array, f: Any) -> Array:
+        """Where f changes sign between the places of the grid, by bisection of all at once."""
+        scale = np.abs(values).max(initial=0.0)
+        sign = np.sign(np.where(np.abs(values) <= 1e-13 * scale, 0.0, values))
+        exact = self.grid[(sign == 0) & (scale > 0)] if np.count_nonzero(sign == 0) < 20 else np.zeros(0)
+        k = np.flatnonzero(sign[:-1] * sign[1:] < 0)
+        low, high, left = self.grid[k], self.grid[k + 1], sign[k]
+        if not len(k):
+            return exact
+        for _ in range(52):
+            middle = 0.5 * (low + high)
+            same = np.sign(f(middle)) == left
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        return np.concatenate([exact, 0.5 * (low + high)])
+
+    def cap(self, s: Array) -> Cap:
+        """The largest x at s (m,), from both sides where they differ. MR figure 9.11: the velocity limit curve."""
+        sides = [np.clip(s + side, 0.0, 1.0) for side in (-1e-12, 1e-12)]
+        below, above = (self.cap_of(self.at(x)) for x in sides)
+        return Cap(*(np.minimum(getattr(below, f), getattr(above, f)) for f in ("x", "velocity", "torque")))
+
+    def cap_of(self, rows: Rows) -> Cap:
+        """The same at places whose rows are known."""
+        v = rows.cap[:, : len(self.fast)].min(axis=1, initial=np.inf)
+        start = rows.cap.min(axis=1, initial=np.inf)
+        tau = self._meeting(rows, np.minimum(rows.cap[:, len(self.fast) :].min(axis=1, initial=np.inf), _HUGE))
+        return Cap(np.minimum(start, tau), v, tau)
+
+    def _meeting(self, rows: Rows, x: Array) -> Array:
+        """The largest x ≤ the given at which α ≤ β: Newton on the concave β - α from the right, exact after few steps."""
+        most, below, above = x, np.zeros_like(x), x.copy()
+        for _ in range(200):
+            low, high, slope_low, slope_high = self.accelerations(rows, x)
+            gap, slope = high - low, slope_high - slope_low
+            done = (x >= most) & (gap >= 0)
+            below, above = np.where(gap >= 0, x, below), np.where(gap < 0, x, above)
+            with np.errstate(all="ignore"):
+                new = x - np.where(slope < 0, gap / slope, np.nan)  # viscous friction bends the lines: then halves
+            new = np.where((new >= below) & (new <= above), new, 0.5 * (below + above))
+            before, x = x, np.where(done, x, new)
+            if (np.abs(x - before) <= 1e-15 * x).all():
+                break
+        return np.where(x >= 0.999 * _HUGE, np.inf, x)
+
+    def accelerations(self, rows: Rows, x: Array) -> tuple[Array, Array, Array, Array]:
+        """α and β, the least and the largest u at x (m,), and their slopes by x; (m,) each."""
+        f = ~self.flat
+        a, b, d = rows.a[:, f], rows.b[:, f], rows.d[:, f]
+        root = np.sqrt(np.maximum(x, 1e-300))[:, None]
+        v = b * x[:, None] + d * root + rows.c[:, f]
+        slope = -(b + 0.5 * d / root)
+        size = np.where(a == 0, np.nan, np.abs(a))
+        sign = np.sign(a)
+        with np.errstate(all="ignore"):
+            high = np.where(np.isnan(size), np.inf, (self.L[f] - sign * v) / size)
+            low = np.where(np.isnan(size), -np.inf, (-self.L[f] - sign * v) / size)
+            rate = np.where(np.isnan(size), 0.0, sign * slope / size)
+        if not f.any():
+            return np.full(len(x), -np.inf), np.full(len(x), np.inf), np.zeros(len(x)), np.zeros(len(x))
+        i, j = low.argmax(axis=1)[:, None], high.argmin(axis=1)[:, None]
+        pick = [np.take_along_axis(y, n, axis=1)[:, 0] for y, n in ((low, i), (high, j), (rate, i), (rate, j))]
+        return pick[0], pick[1], pick[2], pick[3]
+
+    def require_standing(self) -> None:
+        """Raise PathError where the robot cannot stand still on the path: then it may be unable to follow it at all."""
+        s = np.unique(
+            np.concatenate([self.grid, np.clip(self.breaks + 1e-12, 0, 1), np.clip(self.breaks - 1e-12, 0, 1)])
+        )
+        c = np.abs(self.at(s).c)
+        share = np.divide(c, self.L, out=np.zeros_like(c), where=self.L > 0)
+        share[(self.L == 0) & (c > 0)] = np.inf
+        if share.size and share.max() >= 1 - 1e-6:
+            i, k = np.unravel_index(int(share.argmax()), share.shape)
+            first = s[(share >= 1 - 1e-6).any(axis=1)][0]
+            name = self.robot.model.velocity_names[self.rows[k].joint]
+            raise PathError(
+                f"the robot cannot hold itself on this path: at s = {s[i]:.4g} {name!r} needs {c[i, k]:.4g} of "
+                f"{self.L[k]:.4g} to stand still{' against friction' if self.friction else ''}"
+                f"{f' (too much from s = {first:.4g})' if first < s[i] else ''}. Take load off, "
+                "another path, or a stronger joint.",
+                reached=float(first),
+            )
+
+
+_HUGE = 1e12

@@ -1,0 +1,91 @@
+"""Colours and marks that all views share: how near a torque is to its limit, and where its arrow stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..lie import se3, so3
+from ..typing import Array
+from .skeleton import turned_z
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..robot import Robot
+    from .scene import Scene
+
+SHARES = (
+    (0.0, (0.20, 0.55, 0.80)),
+    (0.5, (0.30, 0.72, 0.60)),
+    (0.8, (0.93, 0.72, 0.13)),
+    (1.0, (0.84, 0.37, 0.0)),
+    (1.001, (0.75, 0.12, 0.16)),
+)
+"""(share of the limit, colour): told apart by colour-blind readers too, and with a step where the limit is passed."""
+COLOURS: MappingProxyType[str, Any] = MappingProxyType(
+    {
+        "unlimited": (0.45, 0.52, 0.62),
+        "com": (0.10, 0.12, 0.16),
+        "wrench": (0.62, 0.30, 0.55),
+        "ellipsoid": (0.90, 0.60, 0.0),
+        "polytope": (0.16, 0.50, 0.85),
+        "path": (0.12, 0.31, 0.47),
+        "axes": ((0.82, 0.18, 0.20), (0.10, 0.60, 0.27), (0.12, 0.35, 0.80)),
+        "lines": ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#1f4e79", "#999999"),
+    }
+)
+_POSES = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """Where the arrow of a joint's torque stands: its axis is z of a pose in the body's frame."""
+
+    torque: int
+    """Which of the torques."""
+    body: int
+    pose: Array
+    turns: bool
+    """About the axis, as opposed to along it."""
+
+
+def torque_marks(model: Model) -> list[Mark]:
+    """One for each one-degree joint that has a coordinate of its own and moves a link."""
+    number = {id(b): k for k, b in enumerate(model.bodies)}
+    found = []
+    for b in model.leaders:
+        if b.joint.nv != 1 or not b.joint.moves_body:
+            continue
+        w, v = b.joint.axes[0, :3], b.joint.axes[0, 3:]
+        turns = bool(w.any())
+        point = so3.cross(w, v) / (w @ w) if turns else np.zeros(3)
+        found.append(Mark(b.v_index, number[id(b)], se3.pose(turned_z(w if turns else v), point), turns))
+    return found
+
+
+def share_colours(shares: ArrayLike) -> Array:
+    """Red, green, blue (..., 3) of shares (...) of a limit; NaN, where there is none, is grey."""
+    x = np.abs(np.asarray(shares, float))
+    at, colours = np.array([s for s, _ in SHARES]), np.array([c for _, c in SHARES])
+    found = np.stack([np.interp(x, at, colours[:, k]) for k in range(3)], axis=-1)
+    return np.where(np.isnan(x)[..., None], COLOURS["unlimited"], found)
+
+
+def force_scale(robot: Robot, scene: Scene) -> float:
+    """Metres drawn for a newton, so that the tip's force ellipsoid is about an eighth of the robot; 0 where there is none.
+
+    There is none without a tip, without limits, where the base floats, and where every pose leaves forces without end.
+    """
+    from ..statics.ellipsoid import wrench_ellipsoid
+
+    model = robot.model
+    floats = any(not b.joint.driven for b in model.bodies)
+    if model.tip is None or floats or not np.isfinite(robot.limits.effort).any() or (robot.limits.effort <= 0).any():
+        return 0.0
+    found = wrench_ellipsoid(robot, robot.random_configuration(0, _POSES), limits=robot.limits.effort).semi_axes
+    typical = float(np.median(found[:, 1]))
+    return 0.13 * scene.size / typical if np.isfinite(found).all() and typical > 0 else 0.0

@@ -1,0 +1,255 @@
+"""A motion to be shown: as many of its states as a picture can tell apart, with their torques, and the limits it passes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..errors import ShapeError, ValueRangeError
+from ..motion.bounds import bounds_of
+from ..motion.column_extremes import Extreme
+from ..motion.complete_states import States
+from ..motion.coordinates import joint_rates
+from ..motion.differentiation import Differentiation
+from ..motion.motion import Motion
+from ..motion.spline import FEWEST, between, continuous, spline_rates
+from ..motion.violations import LimitCheck, Violation
+from ..report.loaded_robot import LoadedRobot
+from ..typing import Array
+from ..verdict import Verdict, Word
+from .thinning import Thinned
+
+if TYPE_CHECKING:
+    from ..motion.motion_log import MotionLog
+    from ..robot import Robot
+
+_MOST = 4000
+"""Evenly spaced states kept of a long motion; those at peaks may be three times as many."""
+_CHUNK = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMotion:
+    """Motion to be drawn: states of a robot over time.
+
+    Of a motion of very many, evenly spaced ones and those at which a curve peaks.
+    """
+
+    load: LoadedRobot
+    """The robot with what it carries."""
+    time: Array
+    """(n,) s, increasing."""
+    q: Array
+    """Configurations (n, nq)."""
+    dq: Array
+    """Velocities (n, nv), rad/s or m/s."""
+    ddq: Array
+    """Accelerations (n, nv), rad/s² or m/s²."""
+    torques: Array
+    """(n, nv), everything included that ``load`` says; N m or N."""
+    peaks: Array
+    """(nv,) the largest magnitude of each torque over every row."""
+    rows: int
+    """Of the whole motion."""
+    warnings: tuple[str, ...]
+    """A sentence for each limit that is passed, and for what in the input contradicts itself."""
+    still: Array
+    """(n, nv) bool: the velocity is derived and within its own uncertainty; friction that needs its sign is left out."""
+    verdict: Verdict = field(default_factory=lambda: Verdict(Word.OK))
+    """LOOK AGAIN where the input contradicts itself. Limits that are passed are only warned of: here nothing is judged."""
+
+    @property
+    def states(self) -> States:
+        """The same as the functions of :class:`~twistwrench.report.loaded_robot.LoadedRobot` take it."""
+        none = np.zeros((len(self.time), 0))
+        return States(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
+
+    def require(self, robot: Robot) -> None:
+        """Check that this is a motion of that robot, whatever it carries.
+
+        Parameters
+        ----------
+        robot : Robot
+
+        Raises
+        ------
+        ValueRangeError
+            It is of another.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> t = np.linspace(0, 1, 21)
+        >>> motion_of(tw.robots.pendulum(), t, t[:, None] ** 2).require(tw.robots.pendulum())
+        """
+        own = self.load.bare
+        if own.coordinate_names != robot.coordinate_names:
+            raise ValueRangeError(
+                f"the motion is of robot {own.name!r}, and the one to be shown is {robot.name!r}. Make it with "
+                "motion_of(robot, …)."
+            )
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Configuration and torques at a time, between two samples on the straight way from one to the other.
+
+        Parameters
+        ----------
+        time : float [s]
+
+        Returns
+        -------
+        q : (nq,) array
+        torques : (nv,) array [N m, sliding joints: N]
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> t = np.linspace(0, 1, 21)
+        >>> q, torques = motion_of(tw.robots.pendulum(), t, t[:, None] ** 2).at(0.5)
+        >>> q.round(3).tolist()
+        [0.25]
+        """
+        q, k, after, share = between(self.load.loaded, self.time, self.q, np.asarray(time))
+        return q, self.torques[k] + share * (self.torques[after] - self.torques[k])
+
+
+def motion_of(
+    robot: Robot, time: Any, q: ArrayLike | None = None, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
+) -> DrawnMotion:
+    """Motion to be shown: from a :class:`twistwrench.Motion`, or a result that has one, or from arrays.
+
+    Parameters
+    ----------
+    robot : Robot
+    time : (n,) array_like [s], or a Motion, or a result with one
+    q : (n, nq) array_like, configurations
+    dq : (n, nv) array_like, optional, velocities [rad/s, m/s]; derived by a spline where left out
+    ddq : (n, nv) array_like, optional, accelerations [rad/s², m/s²], likewise
+
+    Returns
+    -------
+    motion : DrawnMotion, whose torques include joint friction, as the command ``torques`` does
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        Arrays do not fit each other, or time does not increase.
+
+    Notes
+    -----
+    Fewer samples than six are taken to be at rest, and a warning says so where they are not.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> t = np.linspace(0, 1, 21)
+    >>> motion = motion_of(tw.robots.pendulum(), t, np.sin(t)[:, None])
+    >>> motion.torques.shape, motion.rows
+    ((21, 1), 21)
+    """
+    doubts: tuple[str, ...] = ()
+    if q is None:
+        taken = getattr(time, "motion", time)
+        if not isinstance(taken, Motion):
+            raise ShapeError(
+                "motion_of: q is missing: give time and q, a twistwrench.Motion, or a result that has one."
+            )
+        time, q, dq, ddq = taken.time, taken.q, taken.dq, taken.ddq
+        doubts = taken.contradictions
+    model = robot.model
+    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq, names=robot.coordinate_names)
+    if t.ndim != 1 or q.shape != (len(t), model.nq) or not len(t):
+        raise ShapeError(f"a motion has time (n,) and q (n, {model.nq}), got {t.shape} and {q.shape}.")
+    if (np.diff(t) <= 0).any():
+        k = int(np.argmax(np.diff(t) <= 0))
+        raise ValueRangeError(f"time does not increase from sample {k} ({t[k]:g} s) to the next ({t[k + 1]:g} s).")
+    given = {"dq": dq, "ddq": ddq}
+    rates = {
+        n: None if x is None else arguments.finite(x, n, model.nv, names=model.velocity_names) for n, x in given.items()
+    }
+    for name, x in rates.items():
+        if x is not None and x.shape != (len(t), model.nv):
+            raise ShapeError(f"{name} has shape {x.shape}, expected ({len(t)}, {model.nv}).")
+    zero = np.zeros((len(t), model.nv))
+    derived = (zero, zero)
+    if len(t) >= FEWEST and (dq is None or ddq is None):
+        q = continuous(model, q)
+        derived = joint_rates(model, q, *spline_rates(t, q))
+        if dq is not None:
+            derived = derived[0], spline_rates(t, np.asarray(rates["dq"]))[0]
+    moves = len(t) < FEWEST and (dq is None or ddq is None) and bool((q != q[0]).any())
+    dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
+    states = States(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
+    motion = _gathered(LoadedRobot(robot), iter([states]))
+    motion = replace(motion, warnings=(*(f"{Word.LOOK_AGAIN}: {said}" for said in doubts), *motion.warnings))
+    if not moves:
+        return motion
+    said = (
+        f"{len(t)} samples are too few to derive rates from, so torques are those at rest: give {FEWEST}, or dq and ddq"
+    )
+    return replace(motion, warnings=(*motion.warnings, said))
+
+
+def read_motion(
+    load: LoadedRobot,
+    trajectory: MotionLog,
+    progress: Callable[[int], None] | None = None,
+    *,
+    smoothing: bool = False,
+) -> DrawnMotion:
+    """Motion in a file, as the command ``torques`` reads it.
+
+    Parameters
+    ----------
+    load : LoadedRobot
+    trajectory : MotionLog, the file
+    progress : callable, optional, told how many rows are done
+    smoothing : bool, fits its strength to the noise found before anything is derived
+
+    Returns
+    -------
+    motion : DrawnMotion
+
+    Raises
+    ------
+    TrajectoryError
+        The file cannot be used as it is.
+    """
+    differentiation = Differentiation.plan(trajectory, load.bare.model, smoothing=smoothing)
+    motion = _gathered(load, differentiation.states(_CHUNK, progress))
+    doubts = [*load.contradictions, *trajectory.contradictions(load.bare.limits)]
+    verdict = Verdict.of(look_again=doubts)
+    told = (*(f"{verdict.word}: {said}" for said in doubts), *trajectory.hints(load.bare.limits))
+    return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict)
+
+
+def _gathered(load: LoadedRobot, every: Iterator[States]) -> DrawnMotion:
+    """One pass in bounded memory; torques, velocities and power keep the peaks of every row."""
+    nq, nv = load.bare.nq, load.bare.nv
+    kept = Thinned(4 * _MOST, slice(1, 2 + 2 * nv))
+    peaks = Extreme(nv)
+    check = LimitCheck(load.bare.model, bounds_of(load.bare))
+    for s in every:
+        torques = load.torques(s)
+        peaks.add(s.time, np.abs(torques))
+        check.add(s.time, s.logged, s.dq, tau=torques)
+        power = (torques * s.dq).sum(axis=1)
+        kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.still]))
+    time, _, torques, dq, q, ddq, still = np.split(kept.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
+    said = tuple(_sentence(v) for v in check.violations())
+    return DrawnMotion(load, time[:, 0], q, dq, ddq, torques, peaks.value.copy(), kept.count, said, still.astype(bool))
+
+
+_WORDS = {"velocity": "velocity limit", "torque": "torque limit"}
+
+
+def _sentence(v: Violation) -> str:
+    """What a limit is passed by, and when."""
+    words = _WORDS.get(v.kind) or ("upper limit" if v.value > v.limit else "lower limit")
+    by = f"{v.by:.3g}" + (f" ({100 * v.by / abs(v.limit):.3g} %)" if v.limit else "")
+    return f"{v.joint} passes its {words} by {by} at t = {v.time:.3f} s"

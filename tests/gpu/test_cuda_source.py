@@ -1,0 +1,316 @@
+"""CUDA source: what NVIDIA's compilers say of it, and what the same text gives as C++ beside the kernels of the processor.
+
+Compiling it for a GPU needs ``nvcc`` on the path, or NVRTC; running it as C++ needs ``c++``.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.kernels import nvrtc
+from twistwrench.robot.quantities import QUANTITIES
+from twistwrench.targets.cuda_text import OPTIONS, SHARED, CudaFunction
+
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wdouble-promotion", "-Werror"]
+COMPILERS = [name for name in ("g++", "clang++") if shutil.which(name)] or ["c++"]
+DTYPES = {"double": np.float64, "float": np.float32}
+EPS = {"double": 2.0**-52, "float": 2.0**-23}
+
+as_cpp = pytest.mark.skipif(not shutil.which("c++"), reason="no C++ compiler: c++ is not on the path")
+
+
+def build(source, folder, compiler="c++", flags=("-O0",)):
+    """The function of a kernel's name: all its blocks on the processor."""
+    file = folder / "kernel.cpp"
+    file.write_text(source)
+    library = folder / "kernel.so"
+    command = [compiler, "-std=c++17", "-ffp-contract=off", *flags, "-shared", "-fPIC", file, "-o", library, "-lm"]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    return getattr(ctypes.CDLL(str(library)), "kernel")  # noqa: B009
+
+
+def run(code, program, arrays, steps=None):
+    """Outputs of a kernel for arrays of N rows; NaN where nothing was written. An array of one row serves all."""
+    count = max(len(a) for a in arrays)
+    dtype = arrays[0].dtype
+    outputs = [np.full((count + 1, *port.shape), np.nan, dtype) for port in program.outputs]
+    arguments: list[object] = [ctypes.c_longlong(count)]
+    for k, (a, port) in enumerate(zip(arrays, program.inputs, strict=True)):
+        step = steps[k] if steps else 0 if len(a) == 1 < count else port.size
+        arguments += [ctypes.c_void_p(a.ctypes.data), ctypes.c_longlong(step)]
+    code(*arguments, *(ctypes.c_void_p(o.ctypes.data) for o in outputs))
+    for o in outputs:
+        assert np.isnan(o[count]).all(), "written beyond the last sample"
+    return [o[:count] for o in outputs]
+
+
+def states(robot, program, count, seed=1):
+    """Random inputs, numbers that float32 has, an array of ``count`` rows each."""
+    rng = np.random.default_rng(seed)
+    made = [
+        robot.random_configuration(rng, count) if p.name == "q" else rng.standard_normal((count, *p.shape))
+        for p in program.inputs
+    ]
+    return [a.astype(np.float32) for a in made]
+
+
+def assert_same(found, kernel, given, precision):
+    """Row by row. Sines differ in the last place, so two results may be apart as far as rounding reaches at that state: that of
+    single precision is its distance from double, by the kernels of the processor, and where it happens to be small the
+    distance that is usual; that of double is as much smaller as its numbers are finer. Thirty-two such roundings.
+    """
+    single, double, same = (
+        x if isinstance(x, tuple) else (x,)
+        for x in (kernel(*(a.astype(t) for a in given)) for t in (np.float32, float, DTYPES[precision]))
+    )
+    for f, s, d, k in zip(found, single, double, same, strict=True):
+        f, s, d, k = (np.asarray(x, float).reshape(len(f), -1) for x in (f, s, d, k))
+        size = np.abs(d).max(axis=1)
+        apart = np.abs(s - d).max(axis=1) / size
+        rounding = np.maximum(apart, max(np.median(apart), EPS["float"])) * EPS[precision] / EPS["float"]
+        worst = (np.abs(f - k).max(axis=1) / size / rounding).max()
+        assert worst <= 32
+
+
+CASES = [
+    ("panda", "inverse_dynamics", {}),
+    ("panda", "forward_dynamics", {}),
+    ("panda", "mass_matrix", {}),
+    ("panda", "forward_dynamics_derivatives", {}),
+    ("ur5", "inverse_dynamics", {"wrenches": ("tool0",), "gravity": "input"}),
+    ("ur5", "jacobian", {"frame": "wrist_3_link", "kind": "space"}),
+    ("ur5", "inverse_dynamics_derivatives", {}),
+    ("quadruped", "inverse_dynamics", {}),
+    ("quadruped", "mass_matrix", {}),
+    ("quadruped", "forward_dynamics", {}),
+    ("cart_pole", "kinetic_energy", {}),
+]
+
+
+@as_cpp
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(("name", "quantity", "options"), CASES, ids=[f"{n}-{q}" for n, q, _ in CASES])
+def test_the_same_text_as_cpp_gives_what_the_kernels_give(name, quantity, options, precision, bundled, tmp_path):
+    robot = bundled(name)
+    program, kernel = robot.program(quantity, **options), robot.kernel(quantity, **options)
+    code = build(CudaFunction("kernel", program, precision).source, tmp_path)
+    for count in (1, 127, 128, 1000):
+        given = states(robot, program, count)
+        found = run(code, program, [a.astype(DTYPES[precision]) for a in given])
+        assert_same(found, kernel, given, precision)
+
+
+@as_cpp
+@pytest.mark.parametrize("name", ["quadruped", "floating_box"])
+def test_whatever_room_there_is_the_numbers_are_the_same(name, bundled, tmp_path):
+    """Smaller blocks, equal elements kept once, arrays that stay out of shared memory: all give the same bits."""
+    robot = bundled(name)
+    program = robot.program("mass_matrix")
+    given = [a.astype(float) for a in states(robot, program, 133)]
+    found = []
+    for shared in (10**9, *ROOMS):
+        folder = tmp_path / str(shared)
+        folder.mkdir()
+        found.append(run(build(CudaFunction("kernel", program, "double", shared).source, folder), program, given)[0])
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+    assert_same(found[:1], robot.kernel("mass_matrix"), given, "double")
+
+
+ROOMS = (SHARED, 45_000, 20_000, 5_000, 300)
+
+
+def test_the_ways_through_shared_memory_all_occur(bundled):
+    """What the test above is about: else it would compare one way with itself."""
+    program = bundled("quadruped").program("mass_matrix")
+    ways = {s: CudaFunction("k", program, "double", s) for s in (10**9, *ROOMS)}
+    assert next(f.threads for f in ways.values()) == 128
+    assert ways[SHARED].threads < 128 and all(t.staged for t in ways[SHARED].tiles)
+    assert any(
+        t.table is not None for s in (SHARED, 20_000, 12_000) for t in CudaFunction("k", program, "double", s).tiles
+    )
+    assert [t.staged for t in ways[5_000].tiles] == [True, False]
+    assert not any(t.staged for t in ways[300].tiles)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("name", ["planar_2r", "ur5", "panda", "quadruped", "floating_box"])
+def test_tiles_fit_and_their_rows_meet_no_bank_twice(name, precision, bundled):
+    """32 banks: rows an odd number of elements apart begin in 32 different ones."""
+    robot = bundled(name)
+    for quantity in ("inverse_dynamics", "mass_matrix", "forward_dynamics_derivatives"):
+        function = CudaFunction("k", robot.program(quantity), precision)
+        size = 4 if precision == "float" else 8
+        staged = [tile for tile in function.tiles if tile.staged]
+        declared = re.search(r"SHARED \w+ tile\[(\d+)\]", function.source)
+        assert int(declared[1]) * size <= SHARED
+        assert int(declared[1]) == function.threads * sum(tile.pitch for tile in staged)
+        assert all(math.gcd(tile.pitch, 32) == 1 and tile.pitch >= len(tile.kept) for tile in staged)
+        assert function.threads % 32 == 0
+
+
+@pytest.mark.parametrize("shared", [SHARED, 20_000, 300])
+def test_threads_meet_between_any_two_steps_that_share_memory(shared, bundled):
+    """As C++ the threads of a step run one after another, so that a barrier too few would not show in its numbers."""
+    function = CudaFunction("kernel", bundled("quadruped").program("mass_matrix"), "double", shared)
+    steps = function.source.split("void __launch_bounds__")[1].split("EACH_THREAD(t)")[1:]
+    assert len(steps) == 1 + any(t.staged for t in function.tiles[:1]) + any(t.staged for t in function.tiles[1:])
+    assert all("TOGETHER;" in step for step in steps[:-1]) and "TOGETHER;" not in steps[-1]
+
+
+@as_cpp
+def test_an_input_may_serve_all_samples_or_be_columns_of_a_wider_array(bundled, tmp_path):
+    robot = bundled("panda")
+    program, kernel = robot.program("inverse_dynamics"), robot.kernel("inverse_dynamics")
+    code = build(CudaFunction("kernel", program).source, tmp_path)
+    q, dq, ddq = (a.astype(float) for a in states(robot, program, 300))
+    for some in ([q, dq[:1], ddq], [q[:1], dq, ddq[:1]], [q, dq, np.zeros((1, 7))]):
+        (found,) = run(code, program, [np.ascontiguousarray(a) for a in some])
+        whole = [np.ascontiguousarray(np.broadcast_to(a, (300, 7))) for a in some]
+        np.testing.assert_array_equal(found, run(code, program, whole)[0])
+    state = np.concatenate([q, dq], axis=1)
+    (found,) = run(code, program, [state, state[:, 7:], ddq], steps=[14, 14, 7])
+    np.testing.assert_array_equal(found, run(code, program, [q, dq, ddq])[0])
+    np.testing.assert_allclose(found, kernel(q, dq, ddq), rtol=1e-10, atol=1e-10)
+
+
+@as_cpp
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_without_sines_results_have_the_bits_of_the_kernels(precision, bundled, tmp_path):
+    """The same products are fused, and no others: a floating box has no joint that turns by an angle."""
+    robot = bundled("floating_box")
+    for quantity in ("inverse_dynamics", "forward_dynamics", "momentum", "jacobian_rate"):
+        program, kernel = robot.program(quantity), robot.kernel(quantity)
+        assert not {"sin", "cos", "exp"} & set(program.counts())
+        (tmp_path / quantity).mkdir()
+        code = build(CudaFunction("kernel", program, precision).source, tmp_path / quantity)
+        given = [a.astype(DTYPES[precision]) for a in states(robot, program, 200)]
+        np.testing.assert_array_equal(run(code, program, given)[0], kernel(*given), err_msg=quantity)
+
+
+@pytest.mark.parametrize(
+    ("compiler", "name", "precision"),
+    list(zip(COMPILERS, ("floating_box", "planar_2r"), ("float", "double"), strict=False)),
+)
+def test_every_quantity_compiles_as_cpp_without_a_warning(compiler, name, precision, bundled, tmp_path):
+    if not shutil.which(compiler):
+        pytest.skip("no C++ compiler: c++ is not on the path")
+    robot = bundled(name)
+    for quantity, row in QUANTITIES.items():
+        options = {"rows": "vx vz"} if "rows" in row.options else {}
+        if "constraints" in row.options or (quantity == "christoffel" and robot.nq != robot.nv):
+            continue
+        source = tmp_path / f"{quantity}.cpp"
+        source.write_text(robot.cuda.source(quantity, precision, **options))
+        assert source.read_text().isascii()
+    command = [compiler, "-std=c++17", *WARNINGS, "-fsyntax-only", *map(str, sorted(tmp_path.glob("*.cpp")))]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+
+
+FOR_A_GPU = [
+    ("panda", "inverse_dynamics", "float", SHARED),
+    ("panda", "mass_matrix", "double", 20_000),
+    ("ur5", "forward_dynamics_derivatives", "double", SHARED),
+    ("quadruped", "mass_matrix", "float", 300),
+    ("floating_box", "jacobian", "float", SHARED),
+]
+
+
+@pytest.mark.skipif(not shutil.which("nvcc"), reason="no CUDA compiler: nvcc is not on the path")
+@pytest.mark.parametrize(("name", "quantity", "precision", "shared"), FOR_A_GPU)
+def test_nvcc_compiles_it_without_a_warning(name, quantity, precision, shared, bundled, tmp_path):
+    source = tmp_path / "kernel.cu"
+    source.write_text(CudaFunction("kernel", bundled(name).program(quantity), precision, shared).source)
+    command = ["nvcc", *OPTIONS, "-arch=sm_90", "-Werror", "all-warnings", "-ptx", source, "-o", tmp_path / "k.ptx"]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    ptx = (tmp_path / "k.ptx").read_text()
+    assert ptx.count("bar.sync") == source.read_text().count("TOGETHER;") and "%tid.x" in ptx and "%ctaid.x" in ptx
+    assert_good_assembly(ptx, bundled(name).program(quantity), precision)
+
+
+def assert_good_assembly(ptx, program, precision):
+    """The kernel is there; what is fused is what the program fuses, besides what is within the library's sine and cosine."""
+    assert ".visible .entry kernel(" in ptx
+    counts = program.counts()
+    fused = sum(counts.get(op, 0) for op in ("fma", "fms", "fnma", "fnms"))
+    found = len(re.findall(rf"\bfma\.rn\.{'f32' if precision == 'float' else 'f64'}\b", ptx))
+    assert found >= fused and (found == fused or counts.get("sin", 0) + counts.get("cos", 0) + counts.get("div", 0))
+    if precision == "float":  # no number of double precision outside the reduction of large angles
+        assert len(re.findall(r"\b(add|sub|fma)\S*\.f64\b", ptx)) == 0
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_nvrtc_compiles_it(precision, bundled):
+    try:
+        compiler = nvrtc.compiler()
+    except tw.MissingExtraError:
+        pytest.skip("NVRTC is not installed: pip install 'twistwrench[cuda]'")
+    function = CudaFunction("kernel", bundled("panda").program("inverse_dynamics"), precision)
+    known = compiler.capabilities
+    code = compiler.compile(function.source, "kernel", OPTIONS, divmod(known[-1], 10))
+    assert code[:4] == b"\x7fELF" and b"kernel" in code
+    beyond = compiler.compile(function.source, "kernel", OPTIONS, (99, 0))
+    assert f".target sm_{known[-1]}".encode() in beyond  # assembly, for the driver to compile
+    with pytest.raises(tw.KernelError, match=r"no code for a GPU of compute capability 1\.0"):
+        compiler.compile(function.source, "kernel", OPTIONS, (1, 0))
+    with pytest.raises(tw.KernelError, match=r"refused the kernel broken(?s:.*)error(?s:.*)nonsense"):
+        compiler.compile("nonsense", "broken", OPTIONS, divmod(known[-1], 10))
+
+
+# ── robot.cuda.source ──
+
+
+def test_source_needs_no_gpu_and_says_what_it_is(bundled):
+    text = bundled("panda").cuda.source("inverse_dynamics", precision="float")
+    assert text == bundled("panda").cuda.source("inverse_dynamics", "float")
+    assert "inverse_dynamics of the robot panda as a CUDA kernel, numbers of type float" in text
+    assert "panda_inverse_dynamics(\n    long long samples,\n    const float *q, long long q_step," in text
+    assert "double" not in text.split("*/", 1)[1]
+    assert "panda_jacobian_panda_hand_tcp_space" in bundled("panda").cuda.source(
+        "jacobian", frame="panda_hand_tcp", kind="space"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "error", "words"),
+    [
+        (("inverse_dynamic",), {}, tw.UnknownNameError, ["inverse_dynamics"]),
+        (("mass_matrix", "half"), {}, tw.UnknownNameError, ["half", "double, float"]),
+        (("mass_matrix",), {"frame": "tool0"}, tw.KernelError, ["takes no option 'frame'"]),
+        (("jacobian",), {"frame": "tool9"}, tw.UnknownNameError, ["tool9", "tool0"]),
+        (("constraint_jacobian",), {}, tw.KernelError, ["constraints="]),
+    ],
+)
+def test_what_has_no_kernel_is_refused(arguments, options, error, words, bundled):
+    with pytest.raises(error) as caught:
+        bundled("ur5").cuda.source(*arguments, **options)
+    assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_robots_without_a_program_are_refused(bundled):
+    arm = bundled("planar_2r")
+    with pytest.raises(tw.KernelError, match="no joint that moves"):
+        arm.lock({"joint1": 0.0, "joint2": 0.0}).cuda.source("mass_matrix")
+    heavy = arm.with_payload(tw.SpatialInertia.from_com(1e39))
+    with pytest.raises(tw.KernelError, match="no finite float"):
+        heavy.cuda.source("mass_matrix", "float")
+    massless = '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="continuous"><parent link="b"/><child link="c"/></joint></robot>'
+    with pytest.raises(tw.SingularMassMatrixError):
+        tw.load(massless).cuda.kernel("forward_dynamics")
+
+
+def test_programs_that_are_too_long_are_refused(bundled, monkeypatch):
+    monkeypatch.setattr("twistwrench.kernels.cuda_kernel.LARGEST", 500)
+    with pytest.raises(tw.KernelError, match=r"inverse_dynamics takes 5\d\d instructions, more than the 500"):
+        tw.robots.panda().cuda.kernel("inverse_dynamics")

@@ -1,0 +1,236 @@
+"""The rules that keep one place for each thing: what is asked of the source itself."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import tomllib
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+import twistwrench as tw
+from twistwrench.joints import JOINT_TYPES
+from twistwrench.robot.quantities import QUANTITIES
+from twistwrench.robot.quantity_methods import QuantityMethods
+
+SOURCE = Path(tw.__file__).parent
+FILES = sorted(SOURCE.rglob("*.py"))
+
+
+def named(path):
+    return path.relative_to(SOURCE).as_posix()
+
+
+def trees():
+    return ((named(path), ast.parse(path.read_text(encoding="utf-8"))) for path in FILES)
+
+
+def lines_of_sections(tree):
+    """How many lines the sections of docstrings take, Parameters and those after it."""
+    count = 0
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            doc = (ast.get_docstring(node) or "").splitlines()
+            starts = [k for k, line in enumerate(doc) if k and len(line) > 3 and line == "-" * len(doc[k - 1])]
+            count += len(doc) - starts[0] + 2 if starts else 0
+    return count
+
+
+def test_files_are_short():
+    """No more than 400 lines, the sections of docstrings (Parameters, Returns, …) counted apart."""
+    long = {}
+    for path in FILES:
+        text = path.read_text(encoding="utf-8")
+        count = len(text.splitlines())
+        if count > 400:
+            count -= lines_of_sections(ast.parse(text))
+        if count > 400:
+            long[named(path)] = count
+    assert not long
+
+
+def test_nothing_reaches_inside_a_robot():
+    """What is built on robots asks ``robot.engine``; only the rooms of the robot itself know its private names."""
+    reach = re.compile(r"\brobot\._[a-z]")
+    assert not [
+        f"{named(path)}: {line.strip()}"
+        for path in FILES
+        if not named(path).startswith("robot/")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if reach.search(line)
+    ]
+
+
+def test_joint_types_are_named_in_one_room():
+    """Elsewhere a joint is asked, never which type it is: only readers of files and makers of random robots name types."""
+    allowed = ("joints/", "formats/", "testing/", "robot/load.py")
+    types = {*JOINT_TYPES, "rotor"}
+    found = []
+    for name, tree in trees():
+        if name.startswith(allowed):
+            continue
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Compare):
+                texts = [c.value for c in ast.walk(node) if isinstance(c, ast.Constant) and isinstance(c.value, str)]
+                kinds = [a for a in ast.walk(node) if isinstance(a, ast.Attribute) and a.attr == "kind"]
+                if kinds and types & set(texts):
+                    found.append(f"{name}:{node.lineno}")
+    assert not found
+
+
+def test_every_joint_type_has_every_function():
+    base = {name for name, member in vars(JOINT_TYPES["ball"].__mro__[1]).items() if inspect.isfunction(member)}
+    assert {"pose", "add", "subtract", "rates", "velocities", "random", "from_chart", "to_mujoco"} <= base
+    for joint in JOINT_TYPES.values():
+        for name in ("pose", "axes_from", "chart", "sliders"):  # those without a meaning for every type
+            assert getattr(joint, name) is not getattr(JOINT_TYPES["ball"].__mro__[1], name), (joint, name)
+
+
+def public_callables():
+    """Functions, classes and methods that users call, by their names."""
+    packages = [tw, *(getattr(tw, name) for name in dir(tw) if inspect.ismodule(getattr(tw, name)))]
+    for package in packages:
+        for name in getattr(package, "__all__", ()):
+            value = getattr(package, name)
+            if inspect.isclass(value):
+                yield f"{package.__name__}.{name}", value
+                for label, member in inspect.getmembers(value, inspect.isfunction):
+                    if not label.startswith("_"):
+                        yield f"{package.__name__}.{name}.{label}", member
+            elif inspect.isfunction(value):
+                yield f"{package.__name__}.{name}", value
+
+
+def test_no_option_hides_in_keywords():
+    """Completion and type checkers see every option: ``**options`` is a TypedDict, or is not there."""
+    hidden = []
+    for name, value in public_callables():
+        try:
+            parameters = inspect.signature(value).parameters.values()
+        except ValueError:
+            continue
+        hidden += [name for p in parameters if p.kind is p.VAR_KEYWORD and "Unpack" not in str(p.annotation)]
+    named_joints = {"twistwrench.Robot.coordinates"}  # **joints are names of the robot's own
+    assert not set(hidden) - named_joints - OPEN
+
+
+OPEN: set[str] = set()
+"""Known to hide options still; nothing may be added."""
+
+
+def test_no_two_public_classes_have_one_name():
+    places = defaultdict(set)
+    for name, tree in trees():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].add(name)
+    assert not {k: sorted(v) for k, v in places.items() if len(v) > 1}
+
+
+MIRRORS = ("cli/", "plotting/", "formats/mjcf/", "formats/sdf/", "formats/writers/", "diagnosis/")
+"""Rooms whose files are called by what they print, draw, read, write or judge."""
+OF_ONE_NAME = {"friction.py"}
+"""Data of the model, and the algorithm."""
+
+
+def test_no_two_modules_have_one_name():
+    places = defaultdict(list)
+    for name, _ in trees():
+        if not name.startswith(MIRRORS):
+            places[Path(name).name].append(name)
+    assert not {k: v for k, v in places.items() if len(v) > 1 and k not in OF_ONE_NAME | {"__init__.py"}}
+
+
+# ── the table of quantities ──
+
+
+@pytest.mark.parametrize("name", sorted(QUANTITIES))
+def test_a_quantity_says_the_sizes_it_has(name):
+    quantity = QUANTITIES[name]
+    if {"constraints", "rows"} & {*quantity.options}:
+        return  # their sizes are those of what is asked for
+    robot = tw.robots.planar_3r()
+    program = robot.program(name)
+    sizes = {"nq": robot.nq, "nv": robot.nv, "links": len(robot.link_names), "bodies": len(robot.body_names)}
+    sizes |= {"parameters": len(robot.parameters)}
+    wanted = [tuple(sizes.get(axis) or int(axis) for axis in axes) for axes in quantity.sizes]
+    assert [port.shape for port in program.outputs] == wanted
+    assert [port.name for port in program.outputs] == list(quantity.outputs)
+
+
+def test_every_quantity_is_a_method_or_a_part_of_one():
+    parts = {
+        "closure_poses", "constrained_dynamics", "constraint_bias", "constraint_jacobian", "coordinate_rates",
+        "friction_under_load", "momentum_about_com", "torque_past_friction", "task_bias", "task_inertia",
+    }  # fmt: skip
+    methods = {name for name in vars(QuantityMethods) if not name.startswith("_")}
+    assert set(QUANTITIES) - parts <= methods
+    derivatives = {"inverse_dynamics_gradient", "inverse_dynamics_hessian_product", "mass_matrix_derivative"}
+    assert methods <= set(QUANTITIES) | derivatives
+    for robot in (tw.Robot, tw.cuda.CudaRobot):
+        assert all(getattr(robot, name) is vars(QuantityMethods)[name] for name in methods)
+
+
+def test_the_readme_names_every_method_of_a_quantity():
+    readme = (SOURCE.parents[1] / "README.md").read_text(encoding="utf-8")
+    missing = [name for name in vars(QuantityMethods) if not name.startswith("_") and f"`{name}`" not in readme]
+    assert not missing
+
+
+# ── imports ──
+
+CIRCLES = [
+    {"kernels.batch_split", "kernels.ufunc"},  # how a call is cut asks what is behind a ufunc, which knows its effort
+    {"robot.robot", "robot.shortcuts", "robot.closed_robot"},  # robot.close gives a closed robot, which has a robot
+    {"robot.explanation", "plotting.explanation"},  # .plot(path) of a result draws it, for three results
+    {"trajectories.trajectory", "trajectories.fastest", "plotting.trajectory"},
+    {"simulation.result", "simulation.result_files"},  # results are written to files, and read from them
+    {"report.torque_findings", "report.torque_verdict"},
+]
+"""Modules that import each other, inside functions; nothing may be added without a reason."""
+
+
+def test_modules_import_each_other_only_where_it_is_listed():
+    grimp = pytest.importorskip("grimp")  # comes with import-linter
+    graph = grimp.build_graph("twistwrench", exclude_type_checking_imports=True)
+    number: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    path: list[str] = []
+    found: list[set[str]] = []
+
+    def visit(module: str) -> None:
+        """Tarjan's strongly connected components."""
+        number[module] = lowest[module] = len(number)
+        path.append(module)
+        for other in graph.find_modules_directly_imported_by(module):
+            if other not in number:
+                visit(other)
+            if other in path:
+                lowest[module] = min(lowest[module], lowest[other])
+        if lowest[module] == number[module]:
+            circle = {path.pop()}
+            while module not in circle:
+                circle.add(path.pop())
+            if len(circle) > 1:
+                found.append({name.removeprefix("twistwrench.") for name in circle})
+
+    for module in sorted(graph.modules):
+        if module not in number:
+            visit(module)
+    assert [circle for circle in found if circle not in CIRCLES] == []
+
+
+# ── bugs that are put in on purpose ──
+
+
+@pytest.mark.parametrize("table", sorted((ROOT / "tests" / "bugs").glob("*.toml")), ids=lambda path: path.stem)
+def test_every_bug_of_the_tables_stands_once_in_its_file(table):
+    """So that ``python -m tests.bugs`` can put it in: a table that has fallen behind the source would try nothing."""
+    bugs = tomllib.loads(table.read_text(encoding="utf-8"))["bug"]
+    lost = [b["name"] for b in bugs if (SOURCE / b["file"]).read_text(encoding="utf-8").count(b["right"]) != 1]
+    assert not lost
+    assert not [t for b in bugs for t in b["tests"] if not (table.parents[1] / t.partition("::")[0]).is_file()]

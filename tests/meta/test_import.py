@@ -1,0 +1,158 @@
+"""Importing does nothing but import, and every public name is where it is promised, with its explanation."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import pkgutil
+import subprocess
+import sys
+import types
+from importlib import resources
+
+import pytest
+
+import twistwrench as tw
+
+LATER = ("llvmlite", "scipy", "matplotlib", "rich", "click", "mpmath", "mujoco", "pinocchio", "multiprocessing")
+MODULES = sorted(
+    info.name for info in pkgutil.walk_packages(tw.__path__, "twistwrench.") if not info.name.endswith("__main__")
+)
+
+
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    """Modules loaded by the import in a process of its own, warnings made errors, and the files that it left behind."""
+    home = tmp_path_factory.mktemp("home")
+    names = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "TMPDIR")
+    environment = {**os.environ, **dict.fromkeys(names, str(home)), "PYTHONDONTWRITEBYTECODE": "1"}
+    del environment["TWISTWRENCH_CACHE_DIR"]
+    code = "import sys, threading, twistwrench; print(*sys.modules); assert threading.active_count() == 1"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], env=environment, cwd=home, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return done.stdout.split(), list(home.rglob("*"))
+
+
+@pytest.mark.parametrize("package", LATER)
+def test_import_leaves_for_later_what_is_needed_later(imported, package):
+    loaded, _ = imported
+    assert "twistwrench" in loaded
+    assert not [name for name in loaded if name.partition(".")[0] == package]
+
+
+def test_import_makes_no_files(imported):
+    _, files = imported
+    assert files == []
+
+
+def test_the_public_names_are_sorted_and_complete():
+    assert list(tw.__all__) == sorted(tw.__all__)
+    assert len(set(tw.__all__)) == len(tw.__all__)
+    there = {
+        name
+        for name, value in vars(tw).items()
+        if not name.startswith("_") and name != "annotations" and not isinstance(value, types.ModuleType)
+    }
+    modules = {name for name in tw.__all__ if isinstance(getattr(tw, name), types.ModuleType)}
+    later = {"Motion", "doctor"}  # imported when first asked for
+    assert there | later == set(tw.__all__) - modules
+    assert modules == {"robots", "se3", "so3"}
+
+
+def test_dir_has_every_public_name_and_nothing_else():
+    """Those that come when first asked for, too; what is only imported by the way is no part of it."""
+    names = [name for name in dir(tw) if not name.startswith("_")]
+    later = {
+        "control",
+        "convert",
+        "cuda",
+        "diagnosis",
+        "modern_robotics",
+        "sensing",
+        "simulation",
+        "statics",
+        "symbolic",
+        "testing",
+        "trajectories",
+        "viz",
+    }
+    assert set(names) == set(tw.__all__) | later
+    assert "__version__" in dir(tw)
+    for name in later:
+        assert isinstance(getattr(tw, name), types.ModuleType)
+    assert tw.convert.to_pinocchio.__doc__
+
+
+def constants_classes_functions(name: str) -> tuple[bool, bool, str]:
+    return not name.isupper(), name[0].islower(), name
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_modules_say_what_they_are_and_what_they_export(module):
+    loaded = importlib.import_module(module)
+    assert loaded.__doc__
+    exported = getattr(loaded, "__all__", [])
+    assert list(exported) == sorted(exported, key=constants_classes_functions)
+    assert all(hasattr(loaded, name) for name in exported)
+
+
+def documented() -> list[tuple[str, object]]:
+    """Public functions, classes and modules, and the classes' own public methods and properties."""
+    found = []
+    for name in tw.__all__:
+        value = getattr(tw, name)
+        found.append((name, value))
+        if inspect.isclass(value):
+            members = [(f"{name}.{n}", m) for n, m in vars(value).items()]
+        elif inspect.ismodule(value):
+            members = [(f"{name}.{n}", getattr(value, n)) for n in value.__all__]
+        else:
+            members = []
+        found += [
+            (label, m)
+            for label, m in members
+            if not label.partition(".")[2].startswith("_")
+            and (callable(m) or isinstance(m, (property, staticmethod, classmethod)))
+        ]
+    return found
+
+
+@pytest.mark.parametrize(("name", "value"), documented(), ids=[name for name, _ in documented()])
+def test_every_public_name_is_explained(name, value):
+    explanation = (inspect.getdoc(value) or "").strip()
+    assert explanation.endswith((".", "``")) or "\n" in explanation
+    if inspect.isclass(value):  # not the one inherited from ValueError
+        assert vars(value).get("__doc__")
+
+
+def test_type_information_is_shipped():
+    assert (resources.files("twistwrench") / "py.typed").is_file()
+
+
+def test_every_error_is_in_the_one_tree_and_the_tree_is_drawn():
+    errors = importlib.import_module("twistwrench.errors")
+    for name in errors.__all__:
+        assert issubclass(getattr(errors, name), (tw.TwistWrenchError, UserWarning))
+        assert name in errors.__doc__
+        assert name in tw.__all__
+
+
+def test_a_repr_says_what_it_is_in_a_line():
+    arm = tw.robots.planar_2r()
+    q = arm.neutral
+    for thing, words in (
+        (arm, "tip 'tip'"),
+        (arm.model, "'planar_2r'"),
+        (arm.program("gravity_forces"), "(2)->(2)"),
+        (arm.inverse_kinematics(arm.forward_kinematics(q)), "reached"),
+        (arm.explain(q, q, q), "gravity"),
+        (tw.Ad(tw.Pose(arm.forward_kinematics(q), to="s", of="b")).T, "on wrenches from 's' to 'b'"),
+        (tw.ad([0.0] * 6), "on twists"),
+    ):
+        assert words in repr(thing)
+        assert len(repr(thing)) < 120
+        assert "array(" not in repr(thing)

@@ -1,0 +1,242 @@
+"""Motion: one class for states over time, wherever they come from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench import trajectories, viz
+from twistwrench.testing import random_robot
+
+T = np.linspace(0.0, 1.0, 201)
+
+
+def ur5_motion(size=1.0):
+    robot = tw.robots.ur5()
+    q = size * np.sin(T)[:, None] * np.linspace(0.2, 0.7, 6) + np.array([0, -1, 1, 0, 0, 0])
+    return tw.Motion(T, q, robot=robot), robot
+
+
+def test_rates_are_derived_by_a_spline():
+    motion, _ = ur5_motion()
+    shape = np.linspace(0.2, 0.7, 6)
+    assert np.abs(motion.dq - np.cos(T)[:, None] * shape).max() < 1e-6  # of order 3 in steps of 5 ms, times 0.7
+    assert np.abs(motion.ddq + np.sin(T)[:, None] * shape)[5:-5].max() < 1e-4
+
+
+@pytest.mark.parametrize("kinds", [("revolute",), ("continuous",), ("planar",), ("ball",), ("floating",)])
+def test_a_state_between_two_is_on_the_way(kinds):
+    robot = random_robot(4, 3, kinds)
+    q0, v = robot.random_configuration(1), np.random.default_rng(2).normal(size=robot.nv)
+    way = robot.add(q0, np.linspace(0, 1, 11)[:, None] * v)
+    still = np.zeros((11, robot.nv))
+    motion = tw.Motion(np.linspace(0, 1, 11), way, still + v, still, robot=robot)
+    t = np.array([0.0, 0.123, 0.5, 0.999, 1.0])
+    q, dq, ddq = motion.at(t)
+    assert np.abs(robot.subtract(q, robot.add(q0, t[:, None] * v))).max() < 1e-13
+    assert np.abs(dq - v).max() < 1e-15
+    assert not ddq.any()
+    before, after = motion.at(-1.0), motion.at(2.0)
+    assert np.array_equal(before[0], way[0])
+    assert not before[1].any()
+    assert np.abs(robot.subtract(after[0], way[-1])).max() < 1e-13
+
+
+def test_terms_add_up_to_the_torques():
+    motion, robot = ur5_motion()
+    for friction in (False, True):
+        terms = motion.terms(friction=friction)
+        assert np.abs(sum(terms.values()) - motion.torques(friction=friction)).max() < 1e-11
+        assert np.allclose(
+            motion.torques(friction=friction),
+            robot.inverse_dynamics(motion.q, motion.dq, motion.ddq, friction=friction),
+        )
+
+
+def test_every_result_over_time_is_one_or_has_one():
+    robot = tw.robots.planar_2r()
+    simulated = robot.simulate([0.5, 0.2], [0, 0], duration=0.2)
+    rolled = robot.rollout([[0.5, 0.2], [0.1, 0.0]], [0, 0], tau=[1.0, 0.5], steps=200, torques=True)
+    moving = trajectories.move(robot, [0, 0], [1, 1], trajectories.cubic(1.0)).sample(0.01)
+    for motion, n in ((simulated.motion, len(simulated)), (rolled.motion(1), 201), (moving, 101)):
+        assert isinstance(motion, tw.Motion)
+        assert len(motion) == n
+        assert motion.torques().shape == (n, 2)
+    assert np.allclose(rolled.motion(1).tau, [1.0, 0.5])
+    assert np.abs(simulated.motion.torques() - simulated.tau).max() < 1e-9  # what was applied is what the motion takes
+
+
+def test_results_compose():
+    robot = tw.robots.ur5()
+    result = robot.simulate(duration=0.3, dt=1e-3)
+    found = trajectories.violations(robot, result)
+    assert found == result.motion.violations()
+    assert viz.motion_of(robot, result).rows == len(result)
+    law = tw.control.PD(robot, result, 100.0, 10.0)
+    assert np.isfinite(law(0.1, result.q[0], result.dq[0])).all()
+    heavy = robot.with_payload(tw.SpatialInertia.from_com(5.0))
+    assert np.abs(result.motion.of(heavy).torques()).max() > np.abs(result.motion.torques()).max()
+
+
+def test_limits_are_checked_with_one_tolerance():
+    """A joint past its limit by half the tolerance is at it, for every kind of limit; by twice the tolerance it is past."""
+    robot = tw.robots.panda()
+    limits = robot.limits
+    zero = np.zeros((5, 7))
+    t = np.linspace(0, 1, 5)
+    middle = 0.5 * (limits.lower + limits.upper)
+    for share, passed in ((0.5e-6, False), (2e-6, True)):
+        q = np.tile(middle, (5, 1))
+        largest = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+        q[2, 0] = limits.upper[0] + share * largest[0]
+        v = zero.copy()
+        v[3, 1] = -limits.velocity[1] * (1 + share)
+        found = {(x.kind, x.joint): x for x in tw.Motion(t, q, v, zero, robot=robot).violations()}
+        assert (("position", "panda_joint1") in found) == passed
+        assert (("velocity", "panda_joint2") in found) == passed
+        assert bool(limits.exceeded(robot.model.positions(q)).any()) == passed
+        if passed:
+            assert found["velocity", "panda_joint2"].limit < 0
+            assert found["velocity", "panda_joint2"].time == t[3]
+
+
+def columns(path):
+    header, *rows = path.read_text().splitlines()
+    return dict(zip(header.split(","), np.array([row.split(",") for row in rows], float).T, strict=True))
+
+
+def test_files_and_tables_give_the_numbers_back(tmp_path):
+    pytest.importorskip("pandas")
+    motion, robot = ur5_motion()
+    motion = tw.Motion(motion.time, motion.q, motion.dq, motion.ddq, motion.torques(), robot)
+    table = motion.to_pandas()
+    assert np.array_equal(table[list(robot.coordinate_names)], motion.q)
+    read = columns(motion.to_csv(tmp_path / "motion.csv"))
+    assert np.array_equal(read["elbow_joint.torque"], motion.tau[:, 2])
+    degrees = columns(motion.to_csv(tmp_path / "degrees.csv", degrees=True))
+    assert np.allclose(np.radians(degrees["elbow_joint"]), motion.q[:, 2], atol=1e-14)
+
+
+def test_a_file_gives_the_motion_back(tmp_path):
+    motion, robot = ur5_motion()
+    motion = tw.Motion(motion.time, motion.q, motion.dq, motion.ddq, motion.torques(), robot)
+    read = tw.Motion.from_file(motion.to_csv(tmp_path / "motion.csv"), robot)
+    for name in ("time", "q", "dq", "ddq", "tau"):
+        assert np.array_equal(getattr(read, name), getattr(motion, name)), name
+    assert read.notes == ()
+    late = tw.Motion(motion.time, motion.q, 2 * motion.dq, motion.ddq, robot=robot)
+    doubted = tw.Motion.from_file(late.to_csv(tmp_path / "late.csv"), robot)
+    assert any(note.startswith("LOOK AGAIN") for note in doubted.notes)
+    (tmp_path / "raw.csv").write_text("a;b\n0;0\n1,5;2\n3;4\n4,5;6\n6;8\n7,5;10\n", "utf-8")
+    arm = tw.robots.planar_2r()
+    raw = tw.Motion.from_file(
+        tmp_path / "raw.csv", arm, columns={"joint1": "a", "joint2": "b"}, rate=10.0, degrees=True
+    )
+    assert np.allclose(np.degrees(raw.q[1]), [1.5, 2.0])
+    assert np.allclose(raw.time, 0.1 * np.arange(6))
+    with pytest.raises(tw.NotFoundError):
+        tw.Motion.from_file(tmp_path / "none.csv", arm)
+
+
+def same(a, b, names=("time", "q", "dq", "ddq", "tau")):
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)
+
+
+def test_a_data_frame_gives_the_motion_back():
+    pd = pytest.importorskip("pandas")
+    motion, robot = ur5_motion()
+    motion = tw.Motion(motion.time, motion.q, motion.dq, motion.ddq, motion.torques(), robot)
+    table = motion.to_pandas()
+    for frame in (table, table.reset_index(), table[table.columns[::-1]], table.assign(mode="auto")):
+        again = tw.Motion.from_dataframe(frame, robot)
+        assert same(again, motion) and any("mode" in note for note in again.notes) == ("mode" in frame)
+    dated = table.set_index(pd.to_datetime("2026-01-01") + pd.to_timedelta(motion.time.round(3), unit="s"))
+    assert np.allclose(tw.Motion.from_dataframe(dated, robot).time, motion.time, atol=1e-6)
+    bare = table[list(robot.coordinate_names)].reset_index(drop=True)
+    counted = tw.Motion.from_dataframe(np.degrees(bare), robot, rate=100.0, degrees=True)
+    assert np.allclose(counted.q, motion.q, atol=1e-14) and counted.time[1] == 0.01
+    for junk in (None, np.zeros((3, 6)), "motion.csv", pd.DataFrame):
+        with pytest.raises(tw.ShapeError, match="give a pandas DataFrame"):
+            tw.Motion.from_dataframe(junk, robot)
+    with pytest.raises(tw.TwistWrenchError, match="the DataFrame"):
+        tw.Motion.from_dataframe(bare.drop(columns="elbow_joint"), robot, rate=100.0)
+    with pytest.raises(tw.TwistWrenchError, match="finite"):
+        tw.Motion.from_dataframe(table.where(table > 0), robot)
+
+
+def test_a_motion_is_cut_by_rows_and_by_time():
+    motion, robot = ur5_motion()
+    motion = tw.Motion(motion.time, motion.q, motion.dq, motion.ddq, motion.torques(), robot)
+    part = motion[10:20]
+    assert same(part, tw.Motion(*(getattr(motion, n)[10:20] for n in ("time", "q", "dq", "ddq", "tau")), robot))
+    assert same(motion.between(motion.time[10], motion.time[19]), part)
+    assert same(motion[::4][2:4], motion[8:16:4]) and len(motion[-3:]) == 3
+    for wrong in (
+        lambda: motion[5],
+        lambda: motion["a"],
+        lambda: motion[50:10],
+        lambda: motion[::-1],
+        lambda: motion[:0.5],
+    ):
+        with pytest.raises(tw.ValueRangeError, match="Motion"):
+            wrong()
+    with pytest.raises(tw.ValueRangeError, match="no state lies between"):
+        motion.between(motion.time[-1] + 1, motion.time[-1] + 2)
+
+
+def test_a_motion_is_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    motion, _ = ur5_motion()
+    assert motion.plot(tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(tw.ValueRangeError, match="path is None"):
+        motion.plot(None)
+
+
+def test_before_and_after_a_motion_it_rests_at_its_ends():
+    motion, _ = ur5_motion()
+    for t, end in ((motion.time[0] - 1.0, 0), (motion.time[-1] + 1.0, -1)):
+        q, dq, ddq = motion.at(t)
+        assert np.array_equal(q, motion.q[end]) and not dq.any() and not ddq.any()
+
+
+def test_times_in_milliseconds_are_doubted():
+    motion, robot = ur5_motion()
+    ms = 1e3 * motion.time
+    for given in ({"dq": motion.dq}, {"dq": motion.dq, "ddq": motion.ddq}, {}):
+        with pytest.warns(tw.ModelWarning, match="time seems to be in ms"):
+            doubted = tw.Motion(ms, motion.q, robot=robot, **given)
+        assert doubted.notes[0].startswith("LOOK AGAIN") and "in ms" in repr(doubted)
+        assert "in ms" in repr(doubted[5:])
+        assert tw.Motion(motion.time, motion.q, robot=robot, **given).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "words"),
+    [
+        (lambda r: tw.Motion(T, np.zeros((200, 6)), robot=r), tw.ShapeError, "time has shape"),
+        (lambda r: tw.Motion(T[::-1], np.zeros((201, 6)), robot=r), tw.ValueRangeError, "does not increase"),
+        (lambda r: tw.Motion(T[:3], np.zeros((3, 6)), robot=r), tw.ValueRangeError, "too few"),
+        (lambda r: tw.Motion(T, np.full((201, 6), np.nan), robot=r), tw.ValueRangeError, "Motion: q"),
+        (lambda r: tw.Motion(T, np.zeros((201, 6)), np.zeros((201, 5)), robot=r), tw.ShapeError, "dq"),
+        (lambda _: tw.Motion(T, np.zeros((201, 6))), tw.ShapeError, "robot="),
+        (lambda _: tw.Motion(T, np.zeros((201, 6)), robot="ur5.urdf"), tw.ValueRangeError, "give a tw.Robot"),
+        (lambda r: tw.Motion.from_file(r, "move.csv"), tw.ValueRangeError, "give a tw.Robot"),
+        (
+            lambda r: tw.Motion(T, np.zeros((201, 6)), np.full((201, 6), np.nan), robot=r),
+            tw.ValueRangeError,
+            "Motion: dq",
+        ),
+        (
+            lambda _: tw.Motion(T, np.zeros((201, 7)), robot=tw.robots.floating_box()),
+            tw.ValueRangeError,
+            "quaternion of zeros",
+        ),
+        (lambda _: ur5_motion()[0].at(np.nan), tw.ValueRangeError, "Motion.at"),
+        (lambda r: r.rollout([0] * 6, [0] * 6, steps=2).motion("a"), tw.ValueRangeError, "one index"),
+        (lambda r: ur5_motion()[0].of(tw.robots.panda()), tw.ValueRangeError, "coordinates are others"),
+    ],
+)
+def test_what_is_no_motion_is_refused(given, error, words):
+    with pytest.raises(error, match=words):
+        given(tw.robots.ur5())

@@ -1,0 +1,220 @@
+"""Inverse kinematics: what it says it reached it reached, inside the limits; what it did not, it does not claim."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import twistwrench as tw
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_random_reachable_poses_are_reached(bundled, name):
+    """At least 99 of 100, to 1e-10, inside the limits; measured: all of 1000 of each."""
+    robot = bundled(name)
+    T = robot.forward_kinematics(robot.random_configuration(5, 150))
+
+    found = robot.inverse_kinematics(T)
+
+    assert found.converged.mean() >= 0.99
+    assert (found.angle[found.converged] <= 1e-10).all()
+    assert (found.distance[found.converged] <= 1e-10 * 3).all()
+    assert_allclose(robot.forward_kinematics(found.q[found.converged]), T[found.converged], atol=3e-10)
+    assert (found.q >= robot.limits.lower).all()
+    assert (found.q <= robot.limits.upper).all()
+
+
+def test_the_closed_form_of_the_planar_arm_is_found(bundled):
+    """MR section 6.1: of links 1 and 1, elbow angle by the law of cosines."""
+    arm = bundled("planar_2r")
+    T = arm.forward_kinematics([0.0, 0.0])
+    r = float(np.linalg.norm(T[:3, 3]))
+    for distance in (0.3, 1.0, 1.7):
+        T[:3, 3] *= distance / np.linalg.norm(T[:3, 3])
+        found = arm.inverse_kinematics(T, q0=[0.1, 0.3], rows="vx vy vz")
+        assert found.converged
+        assert np.cos(found.q[1]) == pytest.approx(distance**2 / 2 - 1, abs=1e-9)
+    assert r == pytest.approx(2.0)
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.integers(0, 2**32 - 1), st.floats(1.05, 20.0))
+def test_what_is_out_of_reach_is_never_claimed(seed, far):
+    arm = tw.robots.planar_3r()
+    rng = np.random.default_rng(seed)
+    T = arm.forward_kinematics(arm.random_configuration(rng))
+    T[:3, 3] *= 3.0 * far / np.linalg.norm(T[:3, 3])  # its links are 3 m together
+
+    found = arm.inverse_kinematics(T, restarts=1, rows="vx vy vz")
+
+    assert not found.converged
+    assert found.distance >= 3.0 * (far - 1) - 1e-9
+    assert "away" in found.reason()
+    assert np.isfinite(found.q).all()
+
+
+def test_the_nearest_point_is_found_where_the_pose_is_out_of_reach(bundled):
+    arm = bundled("planar_2r")
+    T = arm.forward_kinematics([0.3, 0.2])
+    T[:3, 3] *= 5.0 / np.linalg.norm(T[:3, 3])
+    found = arm.inverse_kinematics(T, rows="vx vy vz", restarts=2)
+    assert not found.converged
+    assert found.distance == pytest.approx(3.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("restarts", [0, 1, 3])
+def test_a_pose_out_of_reach_is_started_for_once_and_again_as_often_as_asked(bundled, restarts):
+    arm = bundled("planar_2r")
+    T = arm.forward_kinematics([0.3, 0.2])
+    T[:3, 3] *= 5.0
+    assert arm.inverse_kinematics(T, rows="vx vy vz", restarts=restarts).starts == restarts + 1
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_joint_at_either_limit_is_held_there_and_named(bundled, side):
+    """The pendulum may turn to ±1 rad, and the pose is farther the same way."""
+    text = tw.robots.path_of("pendulum").read_text().replace('type="continuous"', 'type="revolute"')
+    text = text.replace("<axis", '<limit lower="-1" upper="1" effort="9" velocity="9"/><axis', 1)
+    robot = tw.load(text)
+    found = robot.inverse_kinematics(bundled("pendulum").forward_kinematics([1.5 * side]), restarts=0, rows="wy")
+    assert not found.converged
+    assert found.q[0] == pytest.approx(side)
+    assert found.held.tolist() == [True]
+
+
+def test_limits_that_hold_a_joint_back_are_named(tmp_path):
+    text = (
+        tw.robots.path_of("ur5")
+        .read_text()
+        .replace('lower="-3.14159265359" upper="3.14159265359"', 'lower="0.5" upper="1.0"')
+    )
+    robot = tw.load(text)
+    q = robot.neutral
+    q[1:4] = -0.5, 2.5, 0.3
+    T = robot.forward_kinematics(q)  # the elbow at 2.5, which it may not be
+    found = robot.inverse_kinematics(T, restarts=2)
+    assert not found.converged
+    assert "elbow_joint" in found.reason()
+    assert 0.5 <= found.q[2] <= 1.0
+
+
+def test_a_batch_of_starts_and_poses_broadcasts(bundled):
+    robot = bundled("panda")
+    q = robot.random_configuration(1, (3, 1))
+    found = robot.inverse_kinematics(robot.forward_kinematics(q), q0=robot.add(q, np.full(7, 0.02))[0], restarts=8)
+    assert found.q.shape == (3, 1, 7)
+    assert found.converged.all()
+
+
+def test_a_start_nearby_stays_nearby(bundled):
+    """Newton's method keeps the branch, and redundant joints move no more than they need."""
+    robot = bundled("panda")
+    q = robot.add(0.5 * (robot.limits.lower + robot.limits.upper), np.zeros(7))
+    target = robot.forward_kinematics(q + 0.02)
+    found = robot.inverse_kinematics(target, q0=q)
+    assert found.starts == 1
+    assert np.linalg.norm(found.q - q) <= np.linalg.norm(np.full(7, 0.02)) + 1e-6
+
+
+def test_a_gap_stays_a_gap(bundled):
+    robot = bundled("ur5")
+    T = robot.forward_kinematics(robot.random_configuration(2, 3))
+    T[1, 0, 3] = np.nan
+    found = robot.inverse_kinematics(T)
+    assert found.converged.tolist() == [True, False, True]
+    assert np.isnan(found.q[1]).all()
+    assert "not numbers" in found.reason(1)
+
+
+def test_a_floating_robot_is_placed(bundled):
+    box = bundled("floating_box")
+    T = tw.se3.exp([0.3, -0.2, 2.5, 1.0, 2.0, 3.0])
+    found = box.inverse_kinematics(T, "box")
+    assert found.converged
+    assert_allclose(box.forward_kinematics(found.q, "box"), T, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"restarts": -1}, "restarts"),
+        ({"restarts": 1.5}, "restarts"),
+        ({"angle": 0.0}, "angle"),
+        ({"distance": np.nan}, "distance"),
+        ({"rows": "up"}, "up"),
+        ({"frame": "hand"}, "hand"),
+        ({"q0": np.zeros(5)}, "q0"),
+        ({"q0": np.full(6, np.nan)}, "q0"),
+        ({"q0": np.zeros((4, 6)), "T": np.broadcast_to(np.eye(4), (3, 4, 4))}, "broadcast"),
+        ({"T": np.eye(3)}, "T"),
+        ({"T": 2 * np.eye(4)}, "T"),
+        ({"T": "here"}, "T"),
+    ],
+)
+def test_bad_input_is_named(bundled, options, word):
+    with pytest.raises(tw.TwistWrenchError, match=word):
+        bundled("ur5").inverse_kinematics(**{"T": np.eye(4), **options})
+
+
+@pytest.mark.parametrize("rows", [None, "vx vy vz"])
+@pytest.mark.parametrize("name", ["ur5", "planar_3r"])
+def test_what_is_found_for_a_pose_depends_on_no_other_pose(bundled, name, rows):
+    """To the bit: alone, in parts, in another order, beside poses out of reach that start again and again."""
+    robot = bundled(name)
+    T = robot.forward_kinematics(robot.random_configuration(5, 40))
+    T[::7, :3, 3] *= 3.0  # out of reach
+    options = {"rows": rows, "restarts": 3}
+    whole = robot.inverse_kinematics(T, **options)
+    assert (whole.starts > 1).any()
+    for part in (slice(0, 1), slice(3, 20), slice(None, None, -1), slice(7, 8)):
+        found = robot.inverse_kinematics(T[part], **options)
+        for what in ("q", "angle", "distance", "starts", "converged", "held"):
+            np.testing.assert_array_equal(getattr(found, what), getattr(whole, what)[part])
+    np.testing.assert_array_equal(robot.inverse_kinematics(T[5], **options).q, whole.q[5])
+
+
+def test_a_generator_gives_one_number_however_long_the_search(bundled):
+    arm = bundled("planar_2r")
+    T = arm.forward_kinematics([0.3, 0.4])
+    far = T.copy()
+    far[:3, 3] *= 5.0
+    left = []
+    for poses in (T, far, np.stack([T, far, far])):
+        rng = np.random.default_rng(3)
+        arm.inverse_kinematics(poses, rng=rng, restarts=2)
+        left.append(rng.integers(2**60))
+    assert len(set(left)) == 1
+
+
+def test_float32_in_float32_out(bundled):
+    robot = bundled("ur5")
+    T = robot.forward_kinematics(robot.random_configuration(5, 30))
+    single = T.astype(np.float32)
+    found = robot.inverse_kinematics(single)
+    assert (found.q.dtype, found.angle.dtype, found.distance.dtype) == (np.float32,) * 3
+    assert found.converged.all()
+    assert_allclose(
+        robot.forward_kinematics(found.q.astype(float)), T, atol=3e-6
+    )  # 6 angles and T rounded to 2**-24 each
+    assert (found.q >= robot.limits.lower).all()  # to the last bit
+    assert (found.q <= robot.limits.upper).all()
+    assert robot.inverse_kinematics(single, q0=found.q).q.dtype == np.float32
+    assert robot.inverse_kinematics(single, q0=found.q.astype(float)).q.dtype == np.float64
+    assert robot.inverse_kinematics(T).q.dtype == np.float64
+
+
+def test_a_joint_held_at_its_limit_stays_inside_in_float32(bundled):
+    """0.1 is between two numbers of float32, the nearest of which is above it."""
+    robot = tw.load(
+        '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="revolute"><parent link="b"/><child link="c"/>'
+        '<axis xyz="0 0 1"/><limit lower="-0.1" upper="0.1" effort="1" velocity="1"/></joint></robot>',
+        inertia="accept",
+    )
+    for turn in (0.5, -0.5):
+        T = tw.se3.exp([0, 0, turn, 0, 0, 0]).astype(np.float32)
+        (q,) = robot.inverse_kinematics(T, restarts=1).q.astype(float)
+        assert -0.1 <= q <= 0.1
+        assert abs(q) > 0.0999999

@@ -1,0 +1,280 @@
+"""Logs that do not mean what they say: units, sign, mounting, poses. Right logs raise no doubt, wrong ones do."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.lie import quaternion
+from twistwrench.sensing.diagnosis import log_doubt
+from twistwrench.sensing.identification import identify
+from twistwrench.sensing.log import ReadingLog
+from twistwrench.sensing.sensor import ForceTorqueSensor
+from twistwrench.sensing.synthetic_log import lively_motion, simulate
+
+COUNT = 150  # tools of each kind; a rate of 2 % would be missed by one run in twenty
+G = 9.80665
+UNITS = {  # of a newton and of a newton metre, and what the doubt has to name
+    "grams": (1000 / G, 1.0, "forces are in grams ("),
+    "N mm": (1.0, 1000.0, "moments are in N mm"),
+    "N cm": (1.0, 100.0, "moments are in N cm"),
+    "kg and kg cm": (1 / G, 100 / G, "moments in kg cm"),
+    "g and g cm": (1000 / G, 1e5 / G, "moments in g cm"),
+}
+
+
+def uniform(rng, low, high):
+    return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+
+def orientations(rng, count):
+    return quaternion.rotation((q := rng.normal(size=(count, 4))) / np.linalg.norm(q, axis=1, keepdims=True))
+
+
+def logs(seed=0, count=COUNT):
+    """Tools of 50 g to 50 kg, 1 to 30 cm out, on sensors for 2 to 20 times their weight, in random poses half a degree off."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        mass, out, n = uniform(rng, 0.05, 50), uniform(rng, 0.01, 0.3), int(rng.integers(6, 25))
+        direction = rng.normal(size=3)
+        com = out * direction / np.linalg.norm(direction)
+        force = mass * 9.81 * uniform(rng, 2, 20) * uniform(rng, 3e-4, 3e-3)
+        noise = np.repeat([force / uniform(rng, 8, 250), force], 3)
+        sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(mass, com), 30 * noise * rng.normal(size=6))
+        R = orientations(rng, n)
+        held = R @ tw.so3.exp(rng.normal(size=(n, 3)) * math.radians(rng.uniform(0, 0.5)))
+        yield mass, out, R, sensor.predict(held) + noise * rng.normal(size=(n, 6))
+
+
+def doubts(readings, R, **asked):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        found = identify(ReadingLog.of(readings, pose=R), **asked)
+    assert found.doubtful or not found.doubts
+    return " ".join(found.doubts)
+
+
+def test_right_logs_raise_no_doubt():
+    assert [said for *_, R, readings in logs() if (said := doubts(readings, R))] == []
+
+
+@pytest.mark.parametrize("digits", [1, 2, 4])
+def test_rounding_is_not_taken_for_noise(digits):
+    # Both rounded alike, forces and moments have the same noise, as no sensor has that measures in N and N m.
+    rng = np.random.default_rng(2)
+    for mass in (0.5, 2.0, 10.0):
+        R = orientations(rng, 12)
+        sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(mass, (0.1, 0.05, 0.1)), rng.normal(size=6))
+        assert doubts(sensor.predict(R).round(digits), R) == ""
+
+
+USUAL_UNITS = ("grams", "N mm")
+
+
+@pytest.mark.parametrize(
+    "unit", [unit if unit in USUAL_UNITS else pytest.param(unit, marks=pytest.mark.slow) for unit in UNITS]
+)
+def test_logs_in_other_units_are_caught_and_the_unit_is_named(unit):
+    force, moment, named = UNITS[unit]
+    said = [doubts(readings * np.repeat([moment, force], 3), R) for *_, R, readings in logs()]
+    assert np.mean([s.startswith("Units look wrong") for s in said]) > 0.99
+    assert np.mean([named in s for s in said]) > 0.9
+
+
+def test_forces_in_kilograms_are_caught_where_the_tool_they_make_is_none():
+    # 0.05 kg and 0.4 m are where tools end; in between a log in kilograms is that of another tool.
+    told = [
+        "forces are in kilograms (" in doubts(readings * np.repeat([1.0, 1 / G], 3), R)
+        for mass, out, R, readings in logs(1, 2 * COUNT)
+        if mass < 0.3 or out > 0.05
+    ]
+    assert len(told) > COUNT
+    assert np.mean(told) > 0.95
+
+
+def test_gravity_and_motion_in_other_units_are_doubted():
+    _, V, dV = lively_motion(np.linspace(0, 2, 30))
+    g = np.tile([0, 0, -9.81], (30, 1))
+
+    def said(**changed):
+        return " ".join(ReadingLog(np.zeros((30, 6)), **{"gravity": g, "V": V, "dV": dV, **changed}).doubts())
+
+    assert said() == ""
+    assert "gravity is 1 m/s²" in said(gravity=g / 9.81)
+    assert "gravity is 981 m/s²" in said(gravity=100 * g)
+    assert "degrees per second" in said(V=V * np.repeat([180 / math.pi, 1], 3))
+    assert "in mm" in said(V=V * np.repeat([1, 1000], 3))
+    assert "accelerations reach" in said(dV=dV * np.repeat([1, 1000], 3))
+
+
+def test_a_gravity_that_is_none_is_the_only_doubt():
+    log = simulate(ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0, 0, 0.1))), 12)
+    (doubt,) = identify(ReadingLog(log.readings, 100 * log.gravity)).doubts
+    assert doubt.startswith("gravity is 981 m/s²")
+
+
+def test_a_bias_is_no_strong_force():
+    sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(50.0, (0, 0, 0.2)), [0, 0, 0, 900, -900, 900])
+    assert identify(simulate(sensor, 12)).doubts == ()
+
+
+# ── sign, mounting, poses ──
+
+
+def read(seed, mass=3.0, sign="on_sensor", turn=(0.0, 0.0, 0.0), poses=None):
+    rng = np.random.default_rng(seed)
+    R = orientations(rng, 12) if poses is None else poses
+    load = tw.SpatialInertia.from_com(mass, rng.uniform(-0.1, 0.1, 3))
+    return simulate(ForceTorqueSensor(load, rng.normal(size=6), sign, tw.so3.exp(turn)), R, rng=rng).readings, R
+
+
+def verdict(readings, R, **asked):
+    """What is said of a log, as a doubt or as the error of a negative mass."""
+    try:
+        return doubts(readings, R, **asked)
+    except tw.ValueRangeError as error:
+        assert "mass comes out as -" in str(error)
+        return str(error)
+
+
+@pytest.mark.parametrize("seed", [pytest.param(k, marks=pytest.mark.slow) if k % 3 else k for k in range(8)])
+@pytest.mark.parametrize("mass", [0.5, 3.0, 20.0])
+def test_the_right_sign_and_mounting_are_suggested(seed, mass):
+    axis = np.random.default_rng(seed).normal(size=3)
+    axis /= np.linalg.norm(axis)
+    flipped = verdict(*read(seed, mass, "by_sensor"))
+    assert "Use sign='by_sensor': what is left is then noise of 0." in flipped, flipped
+    for angle in (0.6, math.pi / 2, math.pi):
+        turned = verdict(*read(seed, mass, turn=angle * axis))
+        assert "Use sign='on_sensor' with orientation=True (turned by" in turned
+        both = verdict(*read(seed, mass, "by_sensor", angle * axis))
+        assert "Use sign='by_sensor' with orientation=True (turned by" in both
+        assert "sign='on_sensor'" not in both
+        assert verdict(*read(seed, mass, turn=angle * axis), orientation=True) == ""
+        assert "Use sign='by_sensor' with" in verdict(*read(seed, mass, "by_sensor", angle * axis), orientation=True)
+        assert verdict(*read(seed, mass, "by_sensor", angle * axis), sign="by_sensor", orientation=True) == ""
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_light_tools_in_noise_raise_no_doubt_of_sign_or_mounting(seed):
+    for mass in (0.1, 0.3, 1.0):
+        assert verdict(*read(seed, mass)) == ""
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_wrong_poses_are_told_from_noise_by_the_size_of_forces(seed):
+    readings, R = read(seed)
+    for wrong in (np.roll(R, 1, axis=0), R[::-1]):
+        assert "poses do not explain" in verdict(readings, wrong) or "mass comes out" in verdict(readings, wrong)
+
+
+def test_gravity_in_a_plane_cannot_tell_sign_from_a_half_turn():
+    # 2 (g·n) n - g, a half turn about the normal n, is -g for what lies in the plane; the rest is as constant as a bias.
+    R = tw.so3.exp(np.outer(np.linspace(-1.5, 1.5, 12), [1.0, 0, 0]))
+    three = tw.so3.exp([[0, 0, 0], [0.9, 0, 0], [0, 1.1, 0], [0, 0, 0]])  # three directions always lie in one
+    for poses in (R, three):
+        readings, _ = read(1, poses=poses)
+        assert "Sign and mounting cannot be told apart" in verdict(readings, poses, orientation=True)
+    assert verdict(*read(1), orientation=True) == ""
+
+
+def test_inertia_that_shows_in_the_motion_is_asked_for():
+    # Left out, it is taken for a centre of mass that is off by more than its interval.
+    lively = simulate(
+        ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0, 0, 0.1), 0.02 * np.eye(3))), 200, motion=6.0
+    )
+    assert "inertia=True" in " ".join(identify(lively).doubts)
+    assert identify(lively, inertia=True).doubts == ()
+    point = simulate(ForceTorqueSensor(tw.SpatialInertia.from_com(0.2)), 200, motion=6.0)
+    assert identify(point).doubts == ()
+
+
+# ── logs of another unit than the sensor's ──
+
+
+@pytest.mark.parametrize(
+    ("force", "moment", "said"),
+    [(1000 / G, 1, "forces are in grams"), (1, 1000, "N mm"), (1 / G, 1, "kilograms"), (-1, -1, "by_sensor")],
+)
+def test_a_known_sensor_tells_the_unit_of_a_log(force, moment, said):
+    sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1)), [0.1, 0.2, -0.3, 5, -3, 8])
+    log = simulate(sensor, 20, rng=1, touch={3: [0, 5, 0, 90, 0, 0]})
+    assert log_doubt(log, sensor, (0.01, 0.3)) is None
+    wrong = ReadingLog(log.readings * np.repeat([moment, force], 3), log.gravity)
+    assert said in log_doubt(wrong, sensor, (0.01, 0.3))
+    pushes = np.random.default_rng(2).normal(size=(20, 6)) * np.repeat([5.0, 90.0], 3)
+    pushed = simulate(sensor, 20, rng=1, touch=dict(enumerate(pushes)))
+    assert log_doubt(pushed, sensor, (0.01, 0.3)) is None
+
+
+# ── slips ──
+
+
+def test_the_unit_of_a_log_in_motion_is_told_by_forces_where_the_inertia_is_unknown():
+    """What an unknown inertia does to the moments is no reason against another unit of the forces."""
+    noise, inertia = (0.01, 0.3), np.diag([0.3, 0.35, 0.1])
+    true = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1), inertia), [0.1, 0.2, -0.3, 5, -3, 8])
+    known = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1)), true.bias, inertia="unknown")
+    t = np.linspace(0, 6, 300)
+    T, V, dV = lively_motion(t)
+    readings = true.predict(T, V, dV) + np.repeat(noise, 3) * np.random.default_rng(1).normal(size=(300, 6))
+    assert log_doubt(ReadingLog.of(readings, pose=T, V=V, dV=dV, time=t), known, noise) is None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)  # of the unit, by its size alone
+        log = ReadingLog.of(readings / [1, 1, 1, G, G, G], pose=T, V=V, dV=dV, time=t)
+    assert "forces are in kilograms (" in log_doubt(log, known, noise)
+
+
+def test_swapped_forces_and_moments_are_recognised():
+    for seed in range(6):
+        readings, R = read(seed)
+        assert "Forces and moments seem swapped" in verdict(np.roll(readings, 3, axis=1), R), seed
+        both = verdict(-np.roll(readings, 3, axis=1), R)
+        assert "exchanged and sign='by_sensor'" in both
+
+
+def test_gravity_that_points_up_is_as_good_as_the_other_sign_at_rest():
+    readings, R = read(0)
+    up = np.swapaxes(R, 1, 2) @ [0, 0, 9.81]
+    with pytest.raises(tw.ValueRangeError, match=r"Use sign='by_sensor': .*Or gx, gy, gz point up.*negate these three"):
+        identify(ReadingLog.of(readings, gravity=up))
+    assert "point up" not in verdict(-readings, R)  # orientations say where up is
+
+
+def test_gravity_that_points_up_is_told_from_the_sign_in_motion():
+    tool = ForceTorqueSensor(
+        tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1), 0.02 * np.eye(3)), [0.1, 0.2, 0, 4, -7, 11]
+    )
+    log = simulate(tool, 200, motion=6.0)
+    up = ReadingLog.of(log.readings, gravity=-log.gravity, V=log.V, dV=log.dV)
+    try:
+        said = " ".join(identify(up, inertia=True).doubts)
+    except tw.ValueRangeError as error:
+        said = str(error)
+    assert "gx, gy, gz seem to point up" in said
+    assert "sign='by_sensor'" not in said
+
+
+@pytest.mark.parametrize(
+    "wrong", [[0, 0, 0, 1.5, 0, 0], [0, 0, 0, 60, 0, 0], [0.1, 0, 0, 0, 0, 0], [5, 5, 5, -20, 9, 9]]
+)
+def test_a_wrong_bias_is_blamed_on_the_bias(wrong):
+    bias = np.array([0.1, 0.2, -0.3, 5, -3, 8])
+    sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1)), bias)
+    log = simulate(sensor, 12, rng=4)
+    try:
+        said = " ".join(identify(log, bias=bias + wrong).doubts)
+    except tw.ValueRangeError as error:
+        said = str(error)
+    assert "The bias given does not fit: left free, it comes out as mx 0.1" in said
+    assert "Give no bias" in said
+
+
+def test_a_right_bias_raises_no_doubt():
+    bias = np.array([0.1, 0.2, -0.3, 5, -3, 8])
+    sensor = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, 0, 0.1)), bias)
+    assert [said for seed in range(100) if (said := identify(simulate(sensor, 12, rng=seed), bias=bias).doubts)] == []

@@ -1,0 +1,255 @@
+"""The payload command: what it prints, the files it writes, its options and its exit codes."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+
+import twistwrench as tw
+from twistwrench import statics
+from twistwrench.cli.main import main
+
+POSE = ("--at", "shoulder_lift_joint=-0.6", "--at", "elbow_joint=0.9")
+
+
+@pytest.fixture
+def run():
+    def run(*arguments):
+        result = CliRunner().invoke(main, ["payload", *map(str, arguments)])
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        return result.exit_code, result.output
+
+    return run
+
+
+@pytest.fixture
+def weak_limits(tmp_path):
+    path = tmp_path / "limits.csv"
+    path.write_text("joint,effort\njoint1,50\njoint2,20\n")
+    return path
+
+
+def test_it_prints_what_the_library_finds(run):
+    ur5 = tw.robots.ur5()
+    found = statics.largest_payload(ur5, [0, -0.6, 0.9, 0, 0, 0], (0, 0, 0.1))
+    code, output = run("ur5", *POSE, "--com", "0,0,0.1")
+    assert code == 0
+    assert f"{found.mass:.4g} kg: the largest payload held at rest, limited by shoulder_lift_joint" in output
+    assert "payload at tool0 + [0, 0, 0.1] m" in output
+    assert "Weakest along" in output
+
+
+def test_poses_may_be_given_whole_or_in_degrees(run):
+    outputs = {
+        run("ur5", "--configuration", "0,-0.6,0.9,0,0,0")[1],
+        run("ur5", *POSE)[1],
+        run("ur5", "--configuration", "1,1,1,0,0,0", *POSE, "--at", "shoulder_pan_joint=0")[1],
+    }
+    assert len(outputs) == 1
+    degrees = run(
+        "ur5", "--degrees", "--at", f"shoulder_lift_joint={np.degrees(-0.6)}", "--at", f"elbow_joint={np.degrees(0.9)}"
+    )
+    assert degrees[1].splitlines()[-2:] == outputs.pop().splitlines()[-2:]
+    assert "[°]" in degrees[1]
+
+
+def test_the_csv_has_all_digits(run, tmp_path):
+    code, _ = run("ur5", *POSE, "--csv", tmp_path / "out.csv")
+    assert code == 0
+    with (tmp_path / "out.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    found = statics.largest_payload(tw.robots.ur5(), [0, -0.6, 0.9, 0, 0, 0])
+    assert [r["joint"] for r in rows] == list(found.joint_names)
+    assert_allclose([float(r["with_payload"]) for r in rows], found.torques, rtol=0, atol=1e-12 * 150)
+    assert [float(r["q"]) for r in rows] == [0, -0.6, 0.9, 0, 0, 0]
+    numbers = [float(r[c]) for r in rows for c in ("alone", "per_kilogram", "with_payload", "share")]
+    assert all(x == 0 or abs(x) > 1e-9 for x in numbers)  # no rounding where there is nothing
+    assert max(float(r["share"]) for r in rows) == pytest.approx(1)
+    run("ur5", "--degrees", "--at", "elbow_joint=50", "--csv", tmp_path / "out.csv")
+    with (tmp_path / "out.csv").open(newline="") as file:
+        assert [float(r["q_degrees"]) for r in csv.DictReader(file)] == pytest.approx([0, 0, 50, 0, 0, 0])
+
+
+def test_what_is_carried_already_counts_as_part_of_the_robot(run, tmp_path):
+    out = tmp_path / "out.csv"
+    code, output = run(
+        "ur5", *POSE, "--payload", "1.2,0,0,0.05", "--payload", "0.5@forearm_link", "--com", "0,0,0.1", "--csv", out
+    )
+    said = " ".join(output.split())
+    assert code == 0
+    loaded = tw.robots.ur5()
+    for mass, place, frame in ((1.2, (0, 0, 0.05), "tool0"), (0.5, (0, 0, 0), "forearm_link")):
+        loaded = loaded.with_payload(tw.SpatialInertia.from_com(mass, place), frame=frame)
+    found = statics.largest_payload(loaded, [0, -0.6, 0.9, 0, 0, 0], (0, 0, 0.1))
+    assert f"{found.mass:.4g} kg: the largest payload held at rest" in said
+    assert "carrying 1.2 kg at tool0 + [0, 0, 0.05] m and 0.5 kg at forearm_link already" in said
+    assert "hold the robot and what it carries" in said
+    with out.open(newline="") as file:
+        assert_allclose([float(r["alone"]) for r in csv.DictReader(file)], found.unloaded, atol=1e-9)
+    code, output = run("ur5", *POSE, "--payload", "40")
+    assert code == 1
+    assert "to hold the robot and what it carries" in " ".join(output.split())
+
+
+def test_the_title_says_where_the_payload_is_and_what_is_carried(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "out.svg"
+    assert run("ur5", *POSE, "--com", "0,0,0.1", "--payload", "1.2", "--plot", out)[0] == 0
+    from twistwrench.plotting.payload import _title
+
+    found = statics.largest_payload(tw.robots.ur5(), np.zeros(6))
+    title = _title(tw.robots.ur5(), found, "tool0 + [0, 0, 0.1] m", "1.2 kg at tool0")
+    assert title == f"ur5 · largest payload {found.mass:.4g} kg at tool0 + [0, 0, 0.1] m, beside 1.2 kg at tool0"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--com", "0,0,80"], "--com is 80 m from its frame: lengths are in metres. If those are mm, write 0,0,0.08."),
+        (["--payload", "1,0,0,50"], "--payload 1,0,0,50 is 50 m from its frame"),
+        (["--at", "elbow_joint=90"], "elbow_joint at 90 rad is more than a turn beyond its limits"),
+        (["--configuration", "0,-45,90,0,0,0"], "shoulder_lift_joint at -45 rad is more than a turn"),
+        (["--at", "elbow_joint=9"], None),  # beyond its limits, but not by a turn
+        (["--degrees", "--at", "elbow_joint=900"], None),
+        (["--com", "0,0,0.9"], None),
+    ],
+)
+def test_numbers_of_another_unit_get_a_hint(run, arguments, words):
+    _, output = run("ur5", *arguments)
+    if words is None:
+        assert "note:" not in output
+    else:
+        assert f"note: {words}" in output
+
+
+def test_the_joints_are_said_to_be_all_that_counts(run):
+    assert "structure, grip, warm motors and motion may limit it earlier" in run("ur5", *POSE)[1]
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_pictures_and_maps_are_drawn(run, tmp_path, suffix):
+    pytest.importorskip("matplotlib")
+    out = tmp_path / f"out.{suffix}"
+    code, output = run("ur5", *POSE, "--map", "xz", "--samples", 3000, "--plot", out)
+    assert code == 0, output
+    assert out.stat().st_size > 10_000
+    assert "map, xz slice" in output
+
+
+def test_a_joint_that_can_give_nothing_is_drawn_too(tmp_path):
+    pytest.importorskip("matplotlib")
+    from twistwrench.plotting.payload import plot_payload
+
+    arm, limits = tw.robots.planar_2r(), [50.0, 0.0]
+    found = statics.largest_payload(arm, [0.0, 1.0], limits=limits)
+    plot_payload(arm, np.array([0.0, 1.0]), found, tmp_path / "out.png", limits=limits)
+    assert (tmp_path / "out.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("pose", ["joint2=1.5", "joint2=0"])
+def test_planar_arms_are_drawn_in_their_plane(run, weak_limits, tmp_path, pose):
+    pytest.importorskip("matplotlib")
+    code, output = run("planar_2r", "--limits", weak_limits, "--at", pose, "--plot", tmp_path / "out.png")
+    assert code == 0, output
+    assert (tmp_path / "out.png").stat().st_size > 10_000
+
+
+def test_a_pose_that_cannot_be_held_is_said_so_and_drawn(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
+    code, output = run("planar_2r", "--limits", limits, "--plot", tmp_path / "out.png")
+    assert code == 1
+    assert "NONE: joint1 needs 29.43 of 20 to hold the robot alone" in output
+    limits.write_text("joint,effort\njoint1,50\njoint2,20\n")
+    code, output = run("planar_2r", "--limits", limits, "--at", "joint1=1.5707963267948966")
+    assert code == 0
+    assert "ANY: no joint" in output
+
+
+def test_a_pose_beyond_the_joint_limits_exits_1_and_says_by_how_much(run, tmp_path):
+    """The torques are still what they would be there; that the robot cannot be there is the verdict."""
+    high = float(tw.robots.ur5().limits.upper[2])
+    code, output = run("ur5", "--at", f"elbow_joint={high + 0.25}", "--csv", tmp_path / "out.csv")
+    said = " ".join(output.split())
+    assert code == 1
+    assert f"elbow_joint at {high + 0.25:.4g} rad is 0.25 rad above its upper position limit, {high:.4g} rad" in said
+    assert "the largest payload held at rest" in said
+    assert (tmp_path / "out.csv").exists()
+    code, output = run("ur5", "--degrees", "--at", "elbow_joint=-200", "--at", "wrist_1_joint=400")
+    said = " ".join(output.split())
+    assert code == 1
+    assert "wrist_1_joint at 400° is 40° above its upper position limit, 360°" in said
+    assert "elbow_joint at -200° is 20° below its lower position limit, -180°" in said
+    verdict = said[said.index("OVER LIMIT") :]
+    assert verdict.index("wrist_1_joint") < verdict.index("elbow_joint")  # the farthest first
+    for edge in (high, -high):
+        assert run("ur5", "--at", f"elbow_joint={edge!r}")[0] == 0
+
+
+def test_position_limits_of_the_file_stand_in_for_the_robots(run, tmp_path):
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,lower,upper\nelbow_joint,0.2,1\n")
+    assert run("ur5", "--at", "elbow_joint=0.5", "--limits", limits)[0] == 0
+    code, output = run("ur5", "--at", "elbow_joint=1.5", "--limits", limits)
+    assert code == 1
+    assert "is 0.5 rad above its upper position limit, 1 rad" in " ".join(output.split())
+
+
+def test_outputs_never_replace_inputs(run, weak_limits):
+    before = weak_limits.read_text()
+    code, output = run("planar_2r", "--limits", weak_limits, "--csv", weak_limits)
+    assert code == 2
+    assert "would overwrite the file of --limits" in output
+    assert weak_limits.read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["planar_2r"], "gives no effort limits"),
+        (["ur5", "--at", "elbow"], "is not JOINT=VALUE"),
+        (["ur5", "--at", "elbow=1"], "Did you mean 'elbow_joint'"),
+        (["ur5", "--at", "elbow_joint=bent"], "expected 1 number"),
+        (["ur5", "--configuration", "1,2"], "expected 6 numbers"),
+        (["ur5", "--com", "1"], "expected x,y,z"),
+        (["ur5", "--frame", "hand"], "no frame named 'hand'"),
+        (["ur5", "--payload", "heavy"], "'heavy' is no number. Write MASS[,x,y,z][@FRAME]"),
+        (["ur5", "--payload", "1@hand"], "no frame named 'hand'"),
+        (["ur5", "--payload", "-1"], "negative mass"),
+        (["ur5", "--at", "elbow_joint=1", "--at", " elbow_joint = 2"], "--at elbow_joint is given twice"),
+        (["ur5", "--at", "elbow_joint=nan"], "expected 1 number"),
+        (["ur5", "--com", "0,0,nan"], "expected x,y,z"),
+        (["ur5", "--map", "zz"], "no slice named 'zz'"),
+        (["ur5", "--map", "rz", "--samples", "0"], "samples is 0"),
+        (["ur5", "--map", "rz", "--samples", "-3"], "samples is -3"),
+        (["ur5", "--map", "rz", "--samples", "few"], "not a valid integer"),
+        (["ur5", "--samples", "100"], "Add --map rz"),
+        (["ur5", "--csv", "no/such/out.csv"], "cannot write"),
+        (["ur5", "--csv", "out.png", "--plot", "out"], "would overwrite the file of --csv"),
+        (["ur5", "--plot", "out.nope"], "cannot draw"),
+        (["quadruped", "--frame", "FL_foot"], "needs a fixed base"),
+        (["nothing"], "no robot file"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(run, arguments, words):
+    code, output = run(*arguments)
+    assert code == 2
+    assert words in output
+    assert output.startswith("error: ")  # nothing of the report before it
+    assert "Traceback" not in output
+
+
+def test_help_answers_without_loading_what_is_heavy():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; from twistwrench.cli.main import main; print('scipy' in sys.modules, 'matplotlib' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]

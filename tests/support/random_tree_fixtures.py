@@ -1,0 +1,41 @@
+"""Fixtures over the random trees: a pytest plugin of the tests of laws.
+
+PYTEST_DONT_REWRITE: there are no assertions here, and the search for doctests imports it before it is a plugin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_trees import SIMPLE_TREES, TREES, tree
+
+from twistwrench.testing import random_state
+
+
+@pytest.fixture(scope="module")
+def on_numpy():
+    """Programs run on NumPy here: nothing to compile, and that compiled ones agree is another test's business."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TWISTWRENCH_JIT", "0")
+        yield
+
+
+@pytest.fixture(params=TREES)
+def robot(request):
+    return tree(request.param)
+
+
+@pytest.fixture(params=SIMPLE_TREES)
+def simple_robot(request):
+    """A robot whose velocities are the rates of its coordinates."""
+    return tree(request.param)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)
+
+
+@pytest.fixture
+def state(robot, rng):
+    return random_state(robot, rng)

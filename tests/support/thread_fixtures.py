@@ -1,0 +1,34 @@
+"""Fixtures of the tests of calls on several threads.
+
+PYTEST_DONT_REWRITE: the search for doctests imports it before it is a plugin.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+import twistwrench as tw
+from twistwrench.kernels import batch_split, threads
+
+
+@pytest.fixture(scope="module")
+def panda() -> tw.Robot:
+    return tw.robots.panda()
+
+
+@pytest.fixture
+def jobs(monkeypatch) -> list[threads._Job]:
+    """Three threads, small calls cut as well; every call that was shared leaves its job here."""
+    made: list[threads._Job] = []
+
+    class Watched(threads._Job):
+        def __init__(self, kernel, its_parts):
+            super().__init__(kernel, its_parts)
+            made.append(self)
+
+    monkeypatch.setattr(threads, "_Job", Watched)
+    monkeypatch.setattr(batch_split, "LEAST", 2e4)
+    monkeypatch.setattr(threads._CREW, "wanted", threads._CREW.wanted)
+    tw.set_threads(3)
+    yield made
+    tw.set_threads(1)

@@ -1,0 +1,149 @@
+"""``twistwrench derive``: what it prints, what it writes, and what it refuses."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+from twistwrench.symbolic.line_breaks import text_width
+
+
+def derive(*arguments):
+    return CliRunner().invoke(main, ["derive", *map(str, arguments)])
+
+
+def test_prints_the_books_equations_and_the_check():
+    result = derive("planar_2r")
+    assert result.exit_code == 0, result.output
+    words = " ".join(result.output.split())
+    assert "(m₁ + m₂) L₁ g cos(θ₁) + m₂ L₂ g cos(θ₁ + θ₂)" in words
+    assert "M₁₂ = m₂ (L₁ L₂ cos(θ₂) + L₂²)" in words
+    assert "checked against Newton–Euler" in words
+    assert "Positions" not in words  # the terms and the equations; steps on request
+
+
+def test_steps_can_be_chosen():
+    assert "K₁ = ½ m₁ L₁² θ̇₁²" in derive("planar_2r", "--steps", "kinetic_energies").output
+    every = derive("planar_2r", "--steps", "all").output
+    assert all(word in every for word in ("Positions", "Momenta", "Christoffel", "Equations of motion"))
+    refused = derive("planar_2r", "--steps", "kinetic")
+    assert refused.exit_code == 2
+    assert "kinetic_energies" in refused.stderr
+
+
+def test_writes_every_file_whole(tmp_path):
+    names = {"--latex": "arm.tex", "--html": "arm.html", "--markdown": "arm.md", "--c": "arm.c", "--numpy": "arm.py"}
+    options = [part for option, name in names.items() for part in (option, tmp_path / name)]
+    result = derive("cart_pole", *options)
+    assert result.exit_code == 0, result.output
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names.values())  # no scratch files left
+    assert (tmp_path / "arm.tex").read_text("utf-8").rstrip().endswith(r"\end{document}")
+    assert "</html>" in (tmp_path / "arm.html").read_text("utf-8")
+    assert "#include <math.h>" in (tmp_path / "arm.c").read_text("utf-8")
+    compile((tmp_path / "arm.py").read_text("utf-8"), "arm.py", "exec")
+    for name in names.values():
+        assert f"wrote {tmp_path / name}" in result.output
+
+
+def test_a_dash_prints_the_text_and_nothing_else():
+    result = derive("pendulum", "--latex", "-")
+    assert result.exit_code == 0
+    assert result.stdout.startswith(r"\documentclass")
+    assert result.stdout.rstrip().endswith(r"\end{document}")
+    both = derive("pendulum", "--latex", "-", "--c", "-")
+    assert both.exit_code == 2
+    assert "--latex, --c" in both.stderr
+
+
+def test_numbers_in_place_of_symbols():
+    assert "19.62 cos(θ₁) + 9.81 cos(θ₁ + θ₂)" in derive("planar_2r", "--symbols", "none").output
+    assert "9.81 (m₁ + m₂) cos(θ₁)" in derive("planar_2r", "--symbols", "masses").output
+
+
+def test_robot_options_are_those_of_all_commands():
+    result = derive("ur5", "--lock", "wrist_1_joint=0", "--lock", "wrist_2_joint=0", "--lock", "wrist_3_joint=0")
+    assert result.exit_code == 0
+    assert "cos²(θ₂ + θ₃)" in result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("planar_2r", "--symbols", "L_7"), ("L_7", "L_1", "masses")),
+        (("panda", "--form", "expanded"), ("too large", "form", "lock")),
+        (("planar_2r", "--latex", "nowhere/arm.tex"), ("nowhere", "folder")),
+        (("planar_2r", "--c", "."), ("folder",)),
+        (("planar_2r", "--c", "a.c", "--numpy", "a.c"), ("--numpy", "overwrite", "--c")),
+        (("nobody",), ("nobody", "twistwrench robots")),
+    ],
+)
+def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = derive(*arguments)
+    assert result.exit_code == 2
+    assert len(result.stderr.strip().splitlines()) == 1
+    for word in words:
+        assert word in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_unwritable_output_is_refused_before_deriving(tmp_path, monkeypatch):
+    monkeypatch.setattr("twistwrench.symbolic.derivation.derive", lambda *_, **__: pytest.fail("derived"))
+    assert derive("planar_2r", "--html", tmp_path / "no" / "arm.html").exit_code == 2
+
+
+def test_input_file_is_not_overwritten(tmp_path):
+    import twistwrench as tw
+
+    copy = tmp_path / "arm.urdf"
+    copy.write_bytes(tw.robots.path_of("planar_2r").read_bytes())
+    result = derive(copy, "--latex", copy)
+    assert result.exit_code == 2
+    assert "ROBOT" in result.stderr
+
+
+def test_without_sympy_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sympy", None)
+    result = derive("planar_2r")
+    assert result.exit_code == 2
+    assert "twistwrench[symbolic]" in result.stderr
+
+
+def test_step_names_take_hyphens():
+    assert derive("planar_2r", "--steps", "mass-matrix").output == derive("planar_2r", "--steps", "mass_matrix").output
+
+
+@pytest.mark.parametrize("columns", [60, 80, 200])
+def test_lines_are_as_wide_as_said_and_break_before_plus_and_minus(columns, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    lines = derive("planar_3r", "--steps", "all").output.splitlines()
+    assert max(map(text_width, lines)) <= columns
+    assert not [line for line in lines if line != line.rstrip()]
+    start = next(k for k, line in enumerate(lines) if line.startswith("Equations of motion:"))
+    goes_on = [line.strip() for line in lines[start + 1 :] if line.startswith("    ")]
+    assert all(line.startswith(("+ ", "− ")) for line in goes_on)
+    assert len(goes_on) > 5
+
+
+def test_lines_are_a_hundred_wide_in_a_pipe(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.setattr("os.get_terminal_size", lambda *_: (_ for _ in ()).throw(OSError("no terminal")))
+    widest = max(map(text_width, derive("planar_3r", "--steps", "equations").output.splitlines()))
+    assert 90 < widest <= 100
+
+
+def test_friction_left_out_is_said(tmp_path):
+    text = tw.robots.path_of("planar_2r").read_text("utf-8").replace("<axis", '<dynamics damping="0.5"/><axis')
+    assert text.count("damping") == 2
+    (tmp_path / "rough.urdf").write_text(text, "utf-8")
+    pages = ("--markdown", tmp_path / "rough.md", "--c", tmp_path / "rough.c")
+    result = derive(tmp_path / "rough.urdf", "--symbols", "none", *pages)
+    assert "note: Friction is left out" in result.stderr
+    assert "joint1" in result.stderr
+    for name in ("rough.md", "rough.c"):
+        assert "Friction is left out of these equations" in (tmp_path / name).read_text("utf-8")
+    assert "riction" not in derive("planar_2r").stderr

@@ -1,0 +1,186 @@
+"""The move command: what it prints and writes, its options and its exit codes."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+
+ENDS = ("--from=0,-1.2,1.5,-0.3,1.5,0", "--to", "1.2,-0.8,1.1,-0.9,1.2,1")
+
+
+@pytest.fixture
+def run():
+    def run(*arguments):
+        result = CliRunner().invoke(main, list(map(str, arguments)))
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        return result.exit_code, result.output
+
+    return run
+
+
+def test_the_fastest_motion_is_told_written_drawn_and_read_back(run, tmp_path):
+    file, picture = tmp_path / "m.csv", tmp_path / "m.png"
+    code, output = run("move", "ur5", *ENDS, "--fastest", "--payload", "3", "--csv", file, "--plot", picture)
+    assert code == 0, output
+    assert "at one of them at all times" in output
+    assert "shoulder_pan_joint   + torque" in output
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    code, output = run("torques", "ur5", "--trajectory", file, "--payload", "3", "--no-friction")
+    assert code == 0, output  # at the limits, and not over them
+    assert "100 %" in output
+
+
+def test_a_straight_line_in_degrees(run, tmp_path):
+    file = tmp_path / "m.csv"
+    code, output = run(
+        "move", "ur5", "--degrees", "--from=0,-70,85,-20,85,0", "--by", "0.05,0.1,-0.1", "--csv", file, "--step", 0.1
+    )
+    assert code == 0, output
+    assert "Within all limits." in output
+    rows = list(csv.reader(file.read_text().splitlines()))
+    assert np.allclose([float(x) for x in rows[1][1:7]], [0, -70, 85, -20, 85, 0])
+
+
+@pytest.mark.parametrize("flags, quarter", [(["--degrees"], 90.0), ([], np.pi / 2)])
+def test_ways_and_peaks_are_in_the_unit_asked_for(run, flags, quarter):
+    """The cubic timing is fastest half way, 3/2 of the mean; MR section 9.2.2."""
+    code, output = run(
+        "move", "planar_2r", *flags, "--from=0,0", "--to", f"{quarter!r},0", "--scaling", "cubic", "--duration", 1
+    )
+    assert code == 0, output
+    row = next(line.split() for line in output.splitlines() if line.split()[:1] == ["joint1"])
+    assert row[1:3] == [f"{quarter:.4g}", f"{1.5 * quarter:.4g}"]
+
+
+def test_a_path_that_ends_early_is_kept_until_there(run, tmp_path):
+    file = tmp_path / "m.csv"
+    code, output = run("move", "ur5", ENDS[0], "--by", "0.1,-0.2,2", "--csv", file)
+    assert code == 1
+    assert "CANNOT: the path of poses ends at s = 0.1" in output
+    assert "is the path until there" in " ".join(output.split())
+    assert len(file.read_text().splitlines()) > 10
+
+
+def test_a_hasty_motion_is_a_problem_found(run):
+    code, output = run("move", "ur5", *ENDS, "--duration", "0.2", "--scaling", "trapezoid")
+    assert code == 1
+    assert "OVER LIMIT: shoulder_pan_joint: velocity" in output
+
+
+def test_where_no_limit_is_known_it_is_said(run, tmp_path):
+    """planar_2r has no limits at all; with a file for one joint the other is named."""
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,velocity,effort\njoint1,2,100\n")
+    code, output = run("move", "planar_2r", "--to", "1,0", "--duration", "2", "--limits", limits)
+    words = " ".join(output.split())
+    assert code == 0, output
+    assert "Within all limits" not in words
+    assert "Within the limits that are known." in words
+    assert "No torque limit of joint2 is known" in words
+    assert "No velocity limit of joint2 is known" in words
+    code, output = run("move", "planar_2r", "--to", "1,0", "--duration", "2")
+    assert "No torque limit of any joint is known" in " ".join(output.split())
+
+
+def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):
+    limits = tmp_path / "limits.csv"
+    limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
+    code, output = run("move", "planar_2r", "--to", "1,0", "--fastest", "--limits", limits)
+    assert code == 1
+    assert "CANNOT: the robot cannot hold itself on this path" in output
+    assert "29.43 of 20" in output
+
+
+@pytest.mark.parametrize("flags, over", [([], False), (["--friction"], True)])
+def test_friction_is_judged_where_it_is_counted(run, tmp_path, flags, over):
+    """Half a radian in a second takes less than 4 N m without friction; at 0.75 rad/s this drags with 3.75 N m more."""
+    text = tw.robots.path_of("pendulum").read_text()
+    limit = '<limit effort="5" velocity="9"/><dynamics damping="5"/></joint>'
+    (tmp_path / "r.urdf").write_text(text.replace("</joint>", limit, 1))
+    code, output = run("move", tmp_path / "r.urdf", "--to", 0.5, "--duration", 1, "--scaling", "cubic", *flags)
+    assert (code, "OVER LIMIT: hinge: torque" in output) == (int(over), over), output
+
+
+def test_friction_that_the_file_does_not_give_is_remarked(run):
+    for name, none in (("ur5", True), ("panda", False)):
+        robot = getattr(tw.robots, name)()
+        _, output = run("move", name, "--to", ",".join(map(str, robot.neutral + 0.01)), "--friction")
+        assert ("the robot has none: its file gives none" in " ".join(output.split())) == none, output
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("move", "planar_2r", "--to", "90,-45"), ("simulate", "planar_2r", "--at", "joint1=90", "--duration", 0.01)],
+)
+def test_angles_that_are_plainly_degrees_are_hinted_at(run, command):
+    for flags, hinted in (((), True), (("--degrees",), False)):
+        _, output = run(*command, *flags)
+        assert ("joint1 is at 90 rad, 14.3 turns. For degrees add --degrees." in " ".join(output.split())) == hinted
+
+
+DIALECTS = {
+    "commas": lambda text: text.encode(),
+    "a mark of UTF-8": lambda text: text.encode("utf-8-sig"),
+    "UTF-16": lambda text: text.encode("utf-16"),
+    "semicolons and decimal commas": lambda text: text.replace(",", ";").replace(".", ",").encode(),
+    "tabs, lines of Windows": lambda text: text.replace(",", "\t").replace("\n", "\r\n").encode(),
+    "gzip": lambda text: gzip.compress(text.encode()),
+}
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_tables_of_waypoints_and_limits_are_read_as_motions_are(run, tmp_path, dialect):
+    points, limits, csv = tmp_path / "w.csv", tmp_path / "limits.csv", tmp_path / "m.csv"
+    points.write_bytes(DIALECTS[dialect]("joint1,joint2\n0.25,0.5\n"))
+    limits.write_bytes(DIALECTS[dialect]("joint,velocity,effort\njoint1,0.75,60.5\njoint2,inf,\n"))
+    given = ("--to", "1,1", "--waypoints", points, "--limits", limits, "--acceleration", 50, "--csv", csv)
+    code, output = run("move", "planar_2r", *given)
+    assert code == 0, output
+    q = tw.Motion.from_file(csv, tw.robots.planar_2r()).q
+    assert np.abs(q - [0.25, 0.5]).max(axis=1).min() < 5e-3  # a row every 2 ms at 0.75 rad/s
+    assert "0.75" in output
+
+
+def test_waypoints_are_met(run, tmp_path):
+    points, file, limits = tmp_path / "w.csv", tmp_path / "m.csv", tmp_path / "limits.csv"
+    points.write_text("joint2,joint1\n0.5,-0.2\n-0.1,0.7\n")
+    limits.write_text("joint,velocity,effort\njoint1,2,60\njoint2,2,60\n")
+    code, output = run(
+        "move", "planar_2r", "--to", "1,1", "--waypoints", points, "--limits", limits, "--csv", file, "--step", 0.001
+    )
+    assert code == 0, output
+    q = np.array([[float(x) for x in row[1:3]] for row in list(csv.reader(file.read_text().splitlines()))[1:]])
+    for point in ([-0.2, 0.5], [0.7, -0.1]):
+        assert np.abs(q - point).max(axis=1).min() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--from=1,2,3", "--to", "1,1"), "--from"),
+        ((), "where does it end"),
+        (("--to", "1,1", "--by", "0,0,1"), "--to and --by"),
+        (("--to", "1,1", "--straight", "--screw"), "Keep one"),
+        (("--to", "1,1", "--fastest", "--duration", "1"), "--duration"),
+        (("--to", "1,1", "--duration", "0"), "duration"),
+        (("--to", "1,1", "--step", "0"), "--step"),
+        (("--to", "1,nan"), "--to"),
+        (("--to", "0,0"), "same place"),
+        (("--to", "1,1"), "nothing limits"),
+        (("--to", "1,1", "--fastest"), "nothing limits"),
+        (("--to", "1,1", "--waypoints", "none.csv"), "none.csv"),
+        (("--to", "1,1", "--acceleration", "-1"), "acceleration"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, arguments, words):
+    code, output = run("move", "planar_2r", *arguments)
+    assert code == 2, output
+    assert words in output
+    assert output.count("\n") == 1
