@@ -33,7 +33,8 @@ def marked_blocks(page: Path, language: str) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
-def test_python_blocks_run_one_after_another(page, capsys):
+def test_python_blocks_run_one_after_another(page, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     scope: dict[str, object] = {}
     for text in blocks(page, "python"):
         exec(compile(text, str(page), "exec"), scope)
