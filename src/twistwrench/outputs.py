@@ -64,6 +64,21 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str,
         others[name] = path
 
 
+def refuse_existing(path: str | Path, *, overwrite: bool) -> Path:
+    """The path as one, refused if a file is there already and ``overwrite`` is not said: files of robots are made by hand.
+
+    Devices, such as /dev/stdout, may be written to. Raises :class:`~twistwrench.ValueRangeError`.
+
+    >>> refuse_existing(__file__, overwrite=False)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    twistwrench.errors.ValueRangeError: ... is there already. Give another name, or overwrite=True.
+    """
+    target = as_path(path)
+    if target.is_file() and not overwrite:
+        raise ValueRangeError(f"{str(target)!r} is there already. Give another name, or overwrite=True.")
+    return target
+
+
 def _same(one: Path, other: Path) -> bool:
     if one.exists() and other.exists():
         return one.is_file() and one.samefile(other)  # hard links too

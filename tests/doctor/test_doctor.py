@@ -379,6 +379,11 @@ def test_the_command_says_what_it_found_and_ends_with_its_code(tmp_path):
     assert result.exit_code == 1, result.output
     assert "impossible" in result.output and f"wrote {out}, with 1 repair" in result.output
     assert run(out).exit_code == 0
+    before = out.read_bytes()
+    refused = run(path, "--fix", out)
+    assert refused.exit_code == 2 and "there already" in refused.output and "--force" in refused.output
+    assert out.read_bytes() == before
+    assert run(path, "--fix", out, "--force").exit_code == 1
     data = json.loads(run(path, "--json").output)
     assert data["findings"][0]["check"] == "impossible" and data["findings"][0]["line"] > 0
     assert run(path, "--only", "axis").exit_code == 0

@@ -75,7 +75,7 @@ def test_the_command_it_prints_checks_the_export(run):
         (["--c", "arm.c", "--quantity", "mass_matrix:color=red"], ["takes no option 'color'"]),
         (["--c", "nowhere/arm.c"], ["'nowhere/arm.c'", "no such folder"]),
         (["--c", "nowhere"], ["--c 'nowhere'", "neither a folder", "planar_2r.c"]),
-        (["--c", "arm.c", "--prefix", "2r"], ["'2r'", "letter first"]),
+        (["--c", "arm.c", "--prefix", "2r"], ["--prefix 2r", "letter first"]),
         ([], ["--c"]),
     ],
 )

@@ -10,6 +10,7 @@ import pytest
 from motions import report_of, write_motion, write_positions
 
 from twistwrench import load, robots
+from twistwrench.cli.main import main
 from twistwrench.cli.usage import in_shell_words
 from twistwrench.model.massless import massless_links
 from twistwrench.report.loaded_robot import parse_payload, parse_wrenches
@@ -74,13 +75,21 @@ def test_bad_input_exits_2_with_one_line(run, case):
     assert said in line
 
 
-def test_errors_speak_of_the_shells_options():
-    for text, said in (
-        ("load with inertia='repair' to", "load with --inertia repair to"),
-        ("Pass frame=…, or load with tip=….", "Name one with --tip FRAME."),
-        ("the name that floating_base=True gives", "the name that --floating-base gives"),
-    ):
-        assert said in in_shell_words(text)
+@pytest.mark.parametrize(
+    ("command", "text", "said"),
+    [
+        ("torques", "load with inertia='repair' to", "load with --inertia repair to"),
+        ("torques", "Load with tip=…, or name the frame in the call.", "Load with --tip, or name"),
+        ("torques", "the name that floating_base=True gives", "the name that --floating-base gives"),
+        ("torques", "Pass limits=, or q=[0, 1].", "Pass --limits, or q=[0, 1]."),
+        ("export", "It needs precision='double'.", "It needs no --float."),
+        ("export", "or pass test=False.", "or pass --no-test."),
+        ("convert", "or overwrite=True.", "or --force."),
+        ("info", "or overwrite=True.", "or overwrite=True."),
+    ],
+)
+def test_errors_speak_of_the_options_of_the_command(command, text, said):
+    assert said in in_shell_words(text, main.commands[command])
 
 
 def test_degrees_and_radians_give_the_same_torques(run, ur5, motion, tmp_path, motion_file):

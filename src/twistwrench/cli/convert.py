@@ -13,14 +13,14 @@ from .common import RobotOptions
 def convert_options(function: Callable[..., None]) -> Callable[..., None]:
     """The arguments and options of the command, all but the robot's own."""
     for option in (
-        click.option("--force", is_flag=True, help="Replace OUT if it is there."),
+        click.option("--force", "overwrite", is_flag=True, help="Replace OUT if it is there."),
         click.argument("out", metavar="OUT"),
     ):
         function = option(function)
     return function
 
 
-def answer_convert(options: RobotOptions, say: Callable[[str], Any], *, out: str, force: bool) -> bool:
+def answer_convert(options: RobotOptions, say: Callable[[str], Any], *, out: str, overwrite: bool) -> bool:
     """Write the file, and say what is not in it; whether all is."""
     from ..model.remark import grouped
     from ..outputs import check_outputs
@@ -28,7 +28,7 @@ def answer_convert(options: RobotOptions, say: Callable[[str], Any], *, out: str
 
     check_outputs({"OUT": out}, options.files)
     robot = options.load()
-    lost = save(robot, out, overwrite=force)
+    lost = save(robot, out, overwrite=overwrite)
     say(f"wrote {out}")
     for sentence in grouped(lost):
         say(f"lost: {sentence}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import ValueRangeError
-from ..outputs import check_outputs
+from ..outputs import check_outputs, refuse_existing
 from ..verdict import ExitCode
 from .common import robot_source
 
@@ -44,6 +44,7 @@ def doctor_options(function: Callable[..., None]) -> Callable[..., None]:
         ),
         click.option("--page", metavar="OUT.html", help="Write a page: links in the colours of the findings."),
         click.option("--fix", metavar="OUT", help="Write the file with the repairs, everything else byte for byte."),
+        click.option("--force", "overwrite", is_flag=True, help="Replace the file of --fix if it is there."),
         click.option("--only", metavar="CHECK", multiple=True, help="Run this check only; may be repeated."),
         click.argument("source", metavar="ROBOT"),
     ):
@@ -56,6 +57,7 @@ def answer_doctor(
     *,
     source: str,
     fix: str | None,
+    overwrite: bool,
     plot_path: str | None,
     page: str | None,
     only: tuple[str, ...],
@@ -80,6 +82,8 @@ def answer_doctor(
     check_outputs(
         {"--fix": fix, "--plot": plot_path, "--page": page}, {"ROBOT": source if Path(source).is_file() else None}
     )
+    if fix is not None:
+        refuse_existing(fix, overwrite=overwrite)
     report = doctor(
         found,
         only=only or None,
@@ -94,7 +98,7 @@ def answer_doctor(
     else:
         show(doctor_view(report, every=strict))
     if fix is not None:
-        repaired = report.write(fix, overwrite=True)
+        repaired = report.write(fix, overwrite=overwrite)
         click.echo(f"wrote {fix}, with {len(repaired)} repair{'' if len(repaired) == 1 else 's'}", err=as_json)
     if plot_path is not None:
         from ..plotting.diagnosis import links_drawn, plot_diagnosis

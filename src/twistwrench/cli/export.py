@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -23,7 +23,7 @@ def export_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--prefix", metavar="NAME", help="What the functions' names begin with; the robot's name otherwise."
         ),
-        click.option("--float", "single", is_flag=True, help="Single precision."),
+        click.option("--float", "precision", flag_value="float", default="double", help="Single precision."),
         click.option(
             "--quantity",
             "quantities",
@@ -52,7 +52,7 @@ def export_answer(
     *,
     path: str,
     quantities: tuple[str, ...],
-    single: bool,
+    precision: Literal["double", "float"],
     prefix: str | None,
     no_test: bool,
 ) -> Iterator[str]:
@@ -63,7 +63,7 @@ def export_answer(
         robot,
         [_quantity(text) for text in quantities],
         path,
-        precision="float" if single else "double",
+        precision=precision,
         prefix=prefix,
         test=not no_test,
         label="--c",

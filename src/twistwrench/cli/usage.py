@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import signal
 import sys
 import threading
@@ -16,19 +17,8 @@ import click
 
 from ..verdict import ExitCode
 
-_SHELL_WORDS = (
-    # The library speaks Python; the shell's user knows options.
-    (r"\bPass frame=…, or load with tip=…", "Name one with --tip FRAME"),
-    (r"\b(inertia|mimic|sign|symbols|form|keep|model)='(\w+)'", r"--\1 \2"),
-    (r"\b(orientation|inertia|drift|delay|tilt)=True", r"--\1"),
-    (r"\bprecision='double'", "without --float"),
-    (r"\btest=False", "--no-test"),
-    (r"\bprefix='([^']*)'", r"--prefix '\1'"),
-    (r"\bfloating_base=True", "--floating-base"),
-    (r"\boverwrite=True", "--force"),
-    (r"\b(limits|tip|lock|frame|model)=(?:…|(?=[\s.,;]))", r"--\1"),
-)
-
+_KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
+"""A keyword argument in a sentence of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """The environment variable that shows where a fault of the program arose."""
@@ -116,8 +106,27 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def in_shell_words(text: str) -> str:
-    """A sentence of the library with keyword arguments as the options they are here."""
-    for pattern, option in _SHELL_WORDS:
-        text = re.sub(pattern, option, text)
-    return text
+def in_shell_words(text: str, command: click.Command | None = None) -> str:
+    """A sentence of the library with its keyword arguments as options of the command that runs, where it has them.
+
+    An option stands for the keyword argument of its own name, or of the name its parameter has.
+    """
+    context = click.get_current_context(silent=True)
+    command = command or (context.command if context else None)
+    known: dict[str, click.Option] = {}
+    for option in command.params if command else ():
+        if isinstance(option, click.Option):
+            known |= {option.opts[0].removeprefix("--").replace("-", "_"): option, str(option.name): option}
+
+    def said(found: re.Match[str]) -> str:
+        name, word, truth = found["name"], found["word"], found["truth"]
+        if truth == "False":
+            name = f"no_{name}"
+        option = known.get(name)
+        if option is None:
+            return found[0]
+        if option.is_flag and word is not None:
+            return option.opts[0] if option.flag_value == word else f"no {option.opts[0]}"
+        return option.opts[0] if word is None else f"{option.opts[0]} {shlex.quote(word)}"
+
+    return _KEYWORD.sub(said, text)

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.files import as_path
 from ..errors import ValueRangeError
-from ..outputs import replacing
+from ..outputs import refuse_existing, replacing
 from ..robot import Robot, load
 from ..verdict import ExitCode
 from .editing import edited, encoded
@@ -213,9 +212,7 @@ class DoctorReport:
         ()
         """
         text = self.repaired_text()
-        target = as_path(path)
-        if target.exists() and not overwrite:
-            raise ValueRangeError(f"{str(target)!r} is there already. Give another name, or say overwrite=True.")
+        target = refuse_existing(path, overwrite=overwrite)
         with replacing(target) as scratch:
             scratch.write_bytes(encoded(text, self.subject.data))
         return self.repairs

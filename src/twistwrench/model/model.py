@@ -244,7 +244,7 @@ class Model:
             if self.tip is None:
                 raise FrameError(
                     f"robot {self.name!r} has no single tip, so the frame must be named. "
-                    f"Its leaves: {', '.join(self.leaves)}. Pass frame=…, or load with tip=…."
+                    f"Its leaves: {', '.join(self.leaves)}. Load with tip=…, or name the frame in the call."
                 )
             name = self.tip
         try:

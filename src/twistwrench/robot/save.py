@@ -46,7 +46,7 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
     'tool0'
     """
     from ..formats.writers import SUFFIXES, WRITERS
-    from ..outputs import check_outputs, replacing
+    from ..outputs import check_outputs, refuse_existing, replacing
 
     require_robot(robot, "save")
     path = as_path(path)
@@ -56,8 +56,7 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
             f"cannot write {path.name!r}: its ending tells no format. Choose one of {', '.join(SUFFIXES)}."
         )
     check_outputs({"the file": path}, {})
-    if path.is_file() and not overwrite:
-        raise ValueRangeError(f"{str(path)!r} is there already. Give another name, or overwrite=True.")
+    refuse_existing(path, overwrite=overwrite)
     written = WRITERS[form](robot.model)
     with replacing(path) as scratch:
         scratch.write_text(written.text, encoding="utf-8", newline="\n")

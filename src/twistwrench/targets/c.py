@@ -55,7 +55,7 @@ def literal(value: float, precision: str) -> str:
     with np.errstate(over="ignore"):
         number = np.float32(value) if precision == "float" else np.float64(value)
     if not np.isfinite(number):
-        advice = "It takes precision='double'" if np.isfinite(value) else "Look for a division by zero in it"
+        advice = "It needs precision='double'" if np.isfinite(value) else "Look for a division by zero in it"
         raise KernelError(f"the constant {value!r} is no finite {precision}. {advice}.")
     return f"{number!s}{PRECISIONS[precision]}"
 

@@ -6,30 +6,19 @@ compiled ones to round-off, not to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..program.program import FUSED, Program
+from ..program.program import Program
 from ..typing import Array
+from .elementwise import evaluated, functions_of, last_uses
 
 CHUNK = 4096
 """Samples computed at a time: intermediates stay in the cache, and memory stays bounded."""
 
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative,
-    "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos, "sign": np.sign, "exp": np.exp,
-    "min": lambda a, b: np.where(np.less(a, b), a, b), "max": lambda a, b: np.where(np.greater(a, b), a, b),
-}  # fmt: skip
-
-
-def _fused(product: int, addend: int) -> Callable[..., Any]:
-    return lambda a, b, c: product * (a * b) + addend * c
-
-
-_FUNCTIONS.update({op: _fused(*signs) for op, signs in FUSED.items()})
+_FUNCTIONS = functions_of(np, np.where)
 
 
 class NumpyKernel:
@@ -38,12 +27,7 @@ class NumpyKernel:
     def __init__(self, program: Program, name: str, doc: str) -> None:
         self.program, self.__name__, self.__doc__ = program, name, doc
         self.signature, self.nin, self.nout = program.signature, len(program.inputs), len(program.outputs)
-        last = {a: k for k, i in enumerate(program.instructions) for a in i.args}
-        kept = set(program.results)
-        self._done: dict[int, list[int]] = {}
-        for number, k in last.items():
-            if number not in kept:
-                self._done.setdefault(k, []).append(number)
+        self._spent = last_uses(program)
 
     def __repr__(self) -> str:
         return f"<NumpyKernel {self.__name__!r} {self.signature}>"
@@ -92,16 +76,7 @@ class NumpyKernel:
 
     def _evaluate(self, inputs: list[Array], outputs: list[Array]) -> None:
         columns = [c for columns in inputs for c in columns]
-        values: dict[int, Any] = {}
-        for number, (op, args, value) in enumerate(self.program.instructions):
-            if op == "const":
-                values[number] = value
-            elif op == "input":
-                values[number] = columns[int(value)]
-            else:
-                values[number] = _FUNCTIONS[op](*(values[a] for a in args))
-            for spent in self._done.get(number, ()):
-                del values[spent]
+        found = evaluated(self.program, columns, _FUNCTIONS, self._spent)
         slots = [row for rows in outputs for row in rows]
-        for slot, result in zip(slots, self.program.results, strict=True):
-            slot[...] = values[result]
+        for slot, result in zip(slots, found, strict=True):
+            slot[...] = result

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..lie import se3, so3
+from ..plotting.style import BLUE, GREEN, GREY, LINE, ORANGE, PURPLE, SKY, VERMILION
 from ..typing import Array
 from .skeleton import turned_z
 
@@ -35,7 +36,7 @@ COLOURS: MappingProxyType[str, Any] = MappingProxyType(
         "polytope": (0.16, 0.50, 0.85),
         "path": (0.12, 0.31, 0.47),
         "axes": ((0.82, 0.18, 0.20), (0.10, 0.60, 0.27), (0.12, 0.35, 0.80)),
-        "lines": ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#1f4e79", "#999999"),
+        "lines": (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE, GREY),
     }
 )
 _POSES = 16
