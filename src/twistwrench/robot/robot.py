@@ -27,6 +27,7 @@ from ..model.variable_parameters import matching, nominal
 from ..program.program import Program
 from ..typing import Array
 from .actuation_methods import ActuationMethods
+from .bridge_methods import BridgeMethods
 from .engine import Engine
 from .file_methods import FileMethods
 from .quantity_methods import QuantityMethods
@@ -36,7 +37,9 @@ from .shortcuts import Shortcuts
 from .task_space_methods import TaskSpaceMethods
 
 
-class Robot(QuantityMethods[ArrayLike, Array], TaskSpaceMethods, ActuationMethods, FileMethods, Shortcuts):
+class Robot(
+    QuantityMethods[ArrayLike, Array], TaskSpaceMethods, ActuationMethods, FileMethods, BridgeMethods, Shortcuts
+):
     """A robot: kinematics, dynamics, statics and control of one tree of joints, compiled when first asked for.
 
     Immutable: every edit returns a new one. Made by :func:`twistwrench.load`, :func:`~twistwrench.from_screws`,

@@ -1,0 +1,1 @@
+"""The traced programs of a robot as functions of other packages: JAX, PyTorch, CasADi, JavaScript."""

@@ -1,0 +1,186 @@
+"""A quantity as a function of JAX arrays, which jits, vmaps and differentiates: the program itself, in JAX's operations.
+
+Its derivatives are those of the analytic programs, J = df/d(x ⊕ v), in both modes and in first order; those of J are JAX's:
+
+    forward   df = J B dx,    backward   dx = Bᵀ Jᵀ w,
+
+with B from the rates of coordinates to velocities, 1 but for quaternions. On the processor, batches from :data:`BATCH` on run
+the compiled kernels instead.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from ..errors import MissingExtraError, ModelWarning, ShapeError
+from ..program.program import Port, Program
+from ..targets.elementwise import evaluated, functions_of
+from .quantity import BridgedQuantity
+from .xla_call import xla_target
+
+BATCH = 16
+"""States from which a kernel is faster than what XLA makes of the program: a call of it takes as long as some ten states."""
+
+
+def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any]:
+    """The function of JAX arrays, of any batch shape; raises MissingExtraError."""
+    try:
+        import jax
+        import jax.numpy as jnp
+    except ImportError:
+        raise MissingExtraError.of("jax", "jax", "robot.to_jax") from None
+    inputs = quantity.inputs
+    names = [port.name for port in inputs]
+    rates = _on_arrays(jnp, quantity.velocities()) if quantity.curved else None
+    jacobians: dict[tuple[str, ...], Callable[..., Any]] = {}
+
+    def with_jacobian(by: tuple[str, ...]) -> Callable[..., Any]:
+        if by not in jacobians:
+            jacobians[by] = _compiled(jax, quantity.derivative(by, values=True))
+        return jacobians[by]
+
+    values = jax.custom_jvp(_compiled(jax, quantity))
+
+    def along(primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
+        """The values and df = J B dx, of those inputs that move."""
+        moved = [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
+        by = tuple(names[k] for k in moved)
+        found = with_jacobian(by)(*primals)
+        results, slopes = found[: len(found) // (1 + len(by))], found[len(found) // (1 + len(by)) :]
+        steps = [
+            rates(primals[k], tangents[k]) if rates and names[k] in quantity.curved else tangents[k] for k in moved
+        ]
+        ranks = [1 if names[k] in quantity.curved else len(inputs[k].shape) for k in moved]
+        changes = [
+            sum(
+                _contracted(jnp, J, v, rank)
+                for J, v, rank in zip(slopes[r * len(by) : (r + 1) * len(by)], steps, ranks, strict=True)
+            )
+            for r in range(len(results))
+        ]
+        return _alone(results), _alone(tuple(changes))
+
+    values.defjvp(along, symbolic_zeros=True)
+
+    def function(*arrays: Any) -> Any:
+        dtype = _dtype(jax, jnp, precision)
+        if len(arrays) != len(inputs):
+            raise ShapeError(f"to_jax {quantity.name}: {len(arrays)} arrays given, {', '.join(names)} wanted.")
+        given = [jnp.asarray(a, dtype) for a in arrays]
+        for a, port in zip(given, inputs, strict=True):
+            _check_shape(quantity.name, a.shape, port)
+        return values(*given)
+
+    function.__name__ = function.__qualname__ = quantity.name
+    listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
+    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {listed}."
+    return function
+
+
+def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
+    """The program in JAX's operations, or its kernel, by the size of the batch and the device; derivatives are JAX's."""
+    import jax.numpy as jnp
+
+    program = quantity.program
+    plain = _on_arrays(jnp, program)
+    targets: list[str] = []
+
+    def by_kernel(*arrays: Any) -> Any:
+        if not targets:
+            targets.append(xla_target(jax, quantity.name, quantity.kernel, len(program.inputs)))
+        batch = _batch(arrays, program)
+        dtype = jnp.result_type(*arrays)
+        whole = [jnp.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
+        results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
+        return _alone(tuple(jax.ffi.ffi_call(targets[0], results)(*whole)))
+
+    @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
+    def run(*arrays: Any) -> Any:
+        if prod(_batch(arrays, program)) < BATCH:
+            return plain(*arrays)
+        return jax.lax.platform_dependent(*arrays, cpu=by_kernel, default=plain)
+
+    @run.def_vmap  # type: ignore[untyped-decorator]
+    def batched(size: int, mapped: Sequence[bool], *arrays: Any) -> tuple[Any, Any]:
+        """One call for all: the new axis comes before those of the widest batch."""
+        ranks = [a.ndim - len(p.shape) - m for a, p, m in zip(arrays, program.inputs, mapped, strict=True)]
+        wide = [
+            a.reshape((size, *(1,) * (max(ranks) - rank), *a.shape[1:])) if m else a
+            for a, rank, m in zip(arrays, ranks, mapped, strict=True)
+        ]
+        return run(*wide), True if len(program.outputs) == 1 else (True,) * len(program.outputs)
+
+    found = jax.custom_jvp(run)
+    found.defjvp(lambda primals, tangents: jax.jvp(plain, primals, tangents))
+    result: Callable[..., Any] = found
+    return result
+
+
+def _batch(arrays: Sequence[Any], program: Program) -> tuple[int, ...]:
+    return np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, program.inputs, strict=True)))
+
+
+def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
+    """The program on arrays whose last axes are its own."""
+    functions = functions_of(jnp, jnp.where)
+
+    def run(*arrays: Any) -> Any:
+        batch = _batch(arrays, program)
+        elements: list[Any] = []
+        for a, port in zip(arrays, program.inputs, strict=True):
+            flat = a.reshape((*a.shape[: a.ndim - len(port.shape)], port.size))
+            elements += [flat[..., k] for k in range(port.size)]
+        found = iter(evaluated(program, elements, functions))
+        dtype = jnp.result_type(*arrays)
+        results = [_stacked(jnp, [next(found) for _ in range(p.size)], batch, p, dtype) for p in program.outputs]
+        return _alone(tuple(results))
+
+    return run
+
+
+def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Port, dtype: Any) -> Any:
+    """One result from its elements, some of which may be constants."""
+    if not elements:
+        return jnp.zeros((*batch, *port.shape), dtype)
+    whole = jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), batch) for e in elements], axis=-1)
+    return whole.reshape((*batch, *port.shape))
+
+
+def _contracted(jnp: Any, J: Any, v: Any, rank: int) -> Any:
+    """J v over the last ``rank`` axes of J, which are those of v."""
+    split = J.ndim - rank
+    size = prod(J.shape[split:])
+    rows = J.reshape((*J.shape[:split], size))
+    batch = v.shape[: v.ndim - rank]
+    middle = (1,) * (split - len(batch))
+    return jnp.sum(rows * v.reshape((*batch, *middle, size)), axis=-1)
+
+
+def _alone(results: tuple[Any, ...]) -> Any:
+    return results[0] if len(results) == 1 else results
+
+
+def _check_shape(name: str, shape: tuple[int, ...], port: Port) -> None:
+    if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
+        raise ShapeError(
+            f"to_jax {name}: {port.name} has shape {shape}, (…, {', '.join(map(str, port.shape))}) wanted."
+        )
+
+
+def _dtype(jax: Any, jnp: Any, precision: str) -> Any:
+    if precision == "single":
+        return jnp.float32
+    if not jax.config.jax_enable_x64:
+        warnings.warn(
+            "JAX computes in float32 unless it is told: jax.config.update('jax_enable_x64', True) gives what precision="
+            "'double' asks for; precision='single' says that float32 is meant.",
+            ModelWarning,
+            stacklevel=3,
+        )
+        return jnp.float32
+    return jnp.float64

@@ -1,0 +1,97 @@
+"""A quantity of one robot with its options, as the bridges ask for it: program, derivatives, and how q's entries move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core import arguments
+from ..errors import KernelError
+from ..model.model import Model
+from ..program.program import Port, Program
+from ..program.trace import trace
+from ..robot.quantities import CONFIGURATIONS
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from ..robot.engine import Engine
+
+PRECISIONS = ("double", "single")
+
+
+@dataclass(frozen=True, eq=False)
+class BridgedQuantity:
+    """One quantity and the options that were asked for."""
+
+    engine: Engine
+    name: str
+    options: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, what: str, engine: Engine, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
+        """Checked; raises KernelError and UnknownNameError before anything of the other package is touched."""
+        arguments.choice(precision, f"{what}: precision", PRECISIONS)
+        if options.get("by") is not None:
+            raise KernelError(
+                f"{what} {name}: by={options['by']!r} is for robot.kernel. What is given here is differentiated by the package "
+                "it goes to."
+            )
+        found = cls(engine, name, options)
+        _ = found.program
+        return found
+
+    @property
+    def program(self) -> Program:
+        """The program of the quantity."""
+        return self.engine.program((self.name,), self.options)
+
+    @property
+    def kernel(self) -> Any:
+        """The compiled function of the same program."""
+        return self.engine.kernel((self.name,), self.options)
+
+    def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
+        """The same quantity's derivative by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
+        return BridgedQuantity(
+            self.engine, self.name, {**self.options, "by": tuple(by), "form": form, "values": values}
+        )
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """Names and shapes of what goes in."""
+        return self.program.inputs
+
+    @property
+    def curved(self) -> tuple[str, ...]:
+        """The inputs whose entries are no velocities' integrals: configurations with quaternions or angles of their own."""
+        plain = all(body.joint.plain_rates for body in self.engine.model.leaders)
+        return () if plain else tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
+
+    def velocities(self) -> Program:
+        """(q, rates of its entries) -> joint velocities, linear in the rates; rates that stretch a quaternion give none."""
+        model = self.engine.model
+        return trace(
+            lambda q, rates: (_velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
+        )
+
+    def slopes(self) -> Program:
+        """(q, derivative along the velocities) -> derivative by the entries of q: the transpose of :meth:`velocities`."""
+        model = self.engine.model
+        return trace(
+            lambda q, w: (w @ _velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"]
+        )
+
+
+def _velocity_map(model: Model, q: Array) -> Array:
+    """B with dq = B d(entries of q)/dt; (nv, nq)."""
+    B = np.full((model.nv, model.nq), 0.0, object)
+    for body in model.leaders:
+        rows, columns = body.places
+        n = rows.stop - rows.start
+        for k, unit in enumerate(np.eye(n)):
+            nothing = np.zeros((1, n))
+            B[columns, rows.start + k] = body.joint.velocities(q[rows][None, :], unit[None, :], nothing)[0][0]
+    return B

