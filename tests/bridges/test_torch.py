@@ -1,0 +1,93 @@
+"""PyTorch's functions: values to the bit of the kernels, first and second derivatives against differences of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.robot.quantities import CONFIGURATIONS, QUANTITIES
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")
+
+
+def states(robot, quantity, options, batch):
+    rng = np.random.default_rng(0)
+    return [
+        robot.random_configuration(k, *batch) if p.name in CONFIGURATIONS else rng.normal(size=(*batch, *p.shape))
+        for k, p in enumerate(robot.program(quantity, **options).inputs)
+    ]
+
+
+def unit(q, nv):
+    """Entries of a floating base's configuration with a quaternion of length one."""
+    if q.shape[-1] == nv:
+        return q
+    return torch.cat([q[..., :4] / q[..., :4].norm(dim=-1, keepdim=True), q[..., 4:]], -1)
+
+
+@pytest.mark.parametrize("quantity", [n for n, row in QUANTITIES.items() if "constraints" not in row.options])
+@pytest.mark.parametrize("name", ["ur5", "panda", "quadruped"])
+def test_values_are_the_kernels_to_the_bit(name, quantity):
+    if (name, quantity) == ("quadruped", "christoffel"):
+        pytest.skip("its rates are not its velocities")
+    robot = getattr(tw.robots, name)()
+    options = {"frame": "FL_foot"} if name == "quadruped" and "frame" in QUANTITIES[quantity].options else {}
+    given = states(robot, quantity, options, (3,))
+    found, expected = robot.to_torch(quantity, **options)(*given), robot.kernel(quantity, **options)(*given)
+    several = isinstance(expected, tuple)
+    for theirs, ours in zip(found if several else (found,), expected if several else (expected,), strict=True):
+        np.testing.assert_array_equal(theirs.numpy(), ours)
+
+
+@pytest.mark.parametrize("quantity", ["inverse_dynamics", "mass_matrix", "kinetic_energy", "forward_dynamics"])
+@pytest.mark.parametrize("name", ["ur5", "floating_box"])
+def test_gradients_are_those_of_differences(name, quantity):
+    robot = getattr(tw.robots, name)()
+    function = robot.to_torch(quantity)
+    given = [torch.tensor(x, requires_grad=True) for x in states(robot, quantity, {}, (2,))]
+    assert torch.autograd.gradcheck(lambda q, *rest: function(unit(q, robot.nv), *rest), given, atol=1e-4)
+
+
+@pytest.mark.parametrize("quantity", ["gravity_forces", "kinetic_energy", "potential_energy"])
+@pytest.mark.parametrize("name", ["planar_2r", "floating_box"])
+def test_second_derivatives_are_those_of_differences(name, quantity):
+    robot = getattr(tw.robots, name)()
+    function = robot.to_torch(quantity)
+    given = [torch.tensor(x, requires_grad=True) for x in states(robot, quantity, {}, ())]
+    assert torch.autograd.gradgradcheck(lambda q, *rest: function(unit(q, robot.nv), *rest), given, atol=1e-4)
+
+
+def test_functional_transforms_give_the_analytic_derivatives():
+    robot = tw.robots.ur5()
+    q, dq, ddq = (torch.tensor(x) for x in states(robot, "inverse_dynamics", {}, (5,)))
+    found = torch.func.vmap(torch.func.jacrev(robot.to_torch("inverse_dynamics")))(q, dq, ddq)
+    expected, _ = robot.inverse_dynamics_derivatives(q.numpy(), dq.numpy(), ddq.numpy())
+    np.testing.assert_allclose(found.numpy(), expected, rtol=0, atol=1e-10)
+
+
+def test_a_state_that_is_broadcast_gets_the_sum_of_its_gradients():
+    robot = tw.robots.planar_2r()
+    q = torch.zeros(2, dtype=torch.float64, requires_grad=True)
+    dq = torch.ones((4, 2), dtype=torch.float64)
+    robot.to_torch("inverse_dynamics")(q, dq, dq).sum().backward()
+    J, _ = robot.inverse_dynamics_derivatives(np.zeros(2), np.ones(2), np.ones(2))
+    np.testing.assert_allclose(q.grad.numpy(), 4 * J.sum(axis=0), rtol=1e-12)
+
+
+def test_float32_stays_float32_and_memory_is_shared():
+    robot = tw.robots.pendulum()
+    assert robot.to_torch("gravity_forces")(torch.ones(1, dtype=torch.float32)).dtype == torch.float32
+
+
+def test_bad_input_is_named():
+    robot = tw.robots.pendulum()
+    function = robot.to_torch("gravity_forces")
+    with pytest.raises(tw.ShapeError, match="q has shape"):
+        function(torch.ones(3))
+    with pytest.raises(tw.ShapeError, match="q wanted"):
+        function()
+    with pytest.raises(tw.ValueRangeError, match=r"complex128"):
+        function(torch.ones(1, dtype=torch.complex128))
+    with pytest.raises(tw.ValueRangeError, match=r"meta.*robot\.cuda"):
+        function(torch.ones(1, device="meta"))
