@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo
 
-.PHONY: help demo check test test-all lowest lint gallery bench clean
+.PHONY: help demo check test test-all lowest bridges lint gallery bench clean
 
 help:
 	@echo "make demo      install, and ask whether a UR5 can carry 10 kg, and then 5 kg, along a bundled path"
@@ -12,6 +12,7 @@ help:
 	@echo "make test      install, then lint, types, import layers and all tests but the slow ones"
 	@echo "make test-all  the same with the slow oracles"
 	@echo "make lowest    install the oldest versions that pyproject.toml allows, and run the tests but the slow ones on them"
+	@echo "make bridges   install PyTorch, which is larger than all else, and run the tests of what goes to other packages"
 	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
 	@echo "make clean     remove what the above made"
@@ -66,6 +67,10 @@ $(VENV)-lowest/.made: pyproject.toml
 
 lowest: $(VENV)-lowest/.made
 	$(VENV)-lowest/bin/python -m pytest -n 2 --dist loadfile -W ignore::DeprecationWarning
+
+bridges: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet -e ".[dev,torch]"
+	$(BIN)/pytest -n 2 -m "slow or not slow" tests/bridges
 
 gallery: $(VENV)/.demo
 	$(BIN)/python -m examples
