@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import re
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, Structure, c_char_p, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,17 +74,16 @@ _kept: list[Any] = []
 
 def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int) -> str:
     """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; its name."""
+    version = _version(jax)
 
     def run(pointer: Any) -> int | None:
         frame = pointer.contents
-        if frame.extension and _answer_metadata(frame.extension, frame.api):
-            return None
-        if frame.stage != _EXECUTE:
-            return None
         try:
-            arrays = _arrays(frame.args)
-            kernel(*arrays[:count], out=tuple(_arrays(frame.rets)))
-        except Exception as error:
+            if frame.extension and _answer_metadata(frame.extension, version):
+                return None
+            if frame.stage == _EXECUTE:
+                kernel(*_arrays(frame.args)[:count], out=tuple(_arrays(frame.rets)))
+        except Exception as error:  # nothing may be raised through C
             return _failure(frame.api, f"{name}: {error}")
         return None
 
@@ -93,13 +94,20 @@ def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int) -> s
     return target
 
 
-def _answer_metadata(extension: int, api: Any) -> bool:
-    """Whether XLA only asks which version of the interface this speaks: its own."""
+def _version(jax: Any) -> tuple[int, int]:
+    """Of the interface, as the header says that comes with JAX."""
+    header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
+    major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", header) for part in ("MAJOR", "MINOR"))
+    return (int(major[1]), int(minor[1])) if major and minor else (0, 1)
+
+
+def _answer_metadata(extension: int, version: tuple[int, int]) -> bool:
+    """Whether XLA only asks which version of the interface this speaks."""
     base = _Extension.from_address(extension)
     if base.type != _METADATA:
         return False
-    asked, own = base.metadata.contents.version, api.contents.version
-    asked.major, asked.minor = own.major, own.minor
+    asked = base.metadata.contents.version
+    asked.major, asked.minor = version
     return True
 
 
