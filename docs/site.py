@@ -1,0 +1,140 @@
+"""What the site has beside the pages of this folder: home, changes, command line, API, and the files that pages link to.
+
+Hooks of MkDocs. Pages link to files of the repository as they do on a forge; on the site these files are pages of their own, so
+that nothing leads out of it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+_LINK = re.compile(r"\]\((\.\./|docs/|)([^)#:]+)(#[^)]*)?\)")
+_FENCE = re.compile(r"^```(\w+) [^\n]+$", re.MULTILINE)
+"""What the tests read behind a block's language: no-run, exit=1."""
+_ROLE = re.compile(r":(?:func|class|meth|data|attr|mod|exc):\s*<code>(?:([^<&]+) &lt;)?(~?)([\w.]+)(?:&gt;)?</code>")
+_LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
+_MODULES = ("control", "statics", "simulation", "trajectories", "sensing", "diagnosis", "convert", "viz", "se3", "so3")
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the pages that are made."""
+    from mkdocs.structure.files import File
+
+    def add(name: str, text: str) -> None:
+        files.append(File.generated(config, name, content=text))
+
+    add("index.md", _home())
+    add("changes.md", (ROOT / "CHANGELOG.md").read_text("utf-8"))
+    add("commands.md", _commands())
+    for name, text in _api().items():
+        add(name, text)
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    linked = {target for page in pages for target in _files_linked(page)}
+    for target in sorted(linked):
+        add(_page_of(target), _shown(target))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Links to the repository's files lead to their pages on the site."""
+    markdown = _FENCE.sub(r"```\1", markdown)
+    if page.file.src_uri.startswith("files/"):
+        return markdown
+    return _LINK.sub(lambda found: _relinked(found, ROOT / "docs"), markdown)
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Roles of docstrings, :meth:`~twistwrench.Robot.add`, as the names they show."""
+
+    def shown(found: re.Match[str]) -> str:
+        text, tilde, name = found[1], found[2], found[3]
+        return f"<code>{text or (name.rpartition('.')[2] if tilde else name)}</code>"
+
+    return _ROLE.sub(shown, html)
+
+
+def _relinked(found: re.Match[str], folder: Path) -> str:
+    target = (folder / found[1] / found[2]).resolve()
+    if found[1] != "../" or not target.is_relative_to(ROOT) or target.parent == ROOT / "docs":
+        return found[0]
+    return f"]({_page_of(target)})"
+
+
+def _files_linked(page: Path) -> set[Path]:
+    """Files of the repository, outside docs, that a page links to."""
+    found = set()
+    for match in _LINK.finditer(page.read_text("utf-8")):
+        target = (page.parent / match[1] / match[2]).resolve()
+        inside = target.is_relative_to(ROOT) and not target.is_relative_to(ROOT / "docs")
+        if target.exists() and inside and target.name != "README.md":
+            found.add(target)
+    return found
+
+
+def _page_of(target: Path) -> str:
+    return f"files/{target.relative_to(ROOT).as_posix().replace('/', '-')}.md"
+
+
+def _shown(target: Path) -> str:
+    """A file as a page: text as it is, sources in a block, a folder as a list."""
+    title = f"---\nsearch:\n  exclude: true\n---\n\n# {target.relative_to(ROOT).as_posix()}\n\n"
+    if target.is_dir():
+        return title + "\n".join(f"- `{f.name}`" for f in sorted(target.iterdir()) if f.suffix == ".py")
+    text = target.read_text("utf-8")
+    if target.suffix == ".md":
+        return _LINK.sub(lambda m: f"]: {m[2]}".replace("]: ", "] (") + ")", text)
+    return f"{title}````{_LANGUAGES.get(target.suffix, 'text')}\n{text.rstrip()}\n````\n"
+
+
+def _home() -> str:
+    """README, its links as seen from docs."""
+    text = (ROOT / "README.md").read_text("utf-8")
+
+    def moved(found: re.Match[str]) -> str:
+        if (found[1] + found[2]).startswith("docs/"):
+            return f"]({(found[1] + found[2]).removeprefix('docs/')}{found[3] or ''})"
+        return f"](../{found[1]}{found[2]}{found[3] or ''})"
+
+    return _LINK.sub(moved, text)
+
+
+def _commands() -> str:
+    """The command line, from its own help."""
+    import click
+
+    from twistwrench.cli.main import main
+
+    parts = ["# Command line\n\nWritten from `twistwrench COMMAND --help`.\n"]
+    for name, command in sorted(main.commands.items()):
+        context = click.Context(command, info_name=f"twistwrench {name}", max_content_width=100, terminal_width=100)
+        parts.append(f"## {name}\n\n```text\n{command.get_help(context)}\n```\n")
+    return "\n".join(parts)
+
+
+def _api() -> dict[str, str]:
+    """A page of the package's names and one for each public module."""
+    import twistwrench as tw
+
+    names = [n for n in sorted(tw.__all__) if not inspect.ismodule(getattr(tw, n))]
+    errors = [n for n in names if n.endswith(("Error", "Warning"))]
+    classes = [n for n in names if inspect.isclass(getattr(tw, n)) and n not in errors]
+    functions = [n for n in names if n not in errors and n not in classes]
+    pages = {f"api-{n.lower()}.md": _listed("twistwrench", n, [n]) for n in classes}
+    pages["api-errors.md"] = _listed("twistwrench", "Errors", errors)
+    for module in _MODULES:
+        found = getattr(tw, module)
+        own = [n for n in getattr(found, "__all__", ()) if not n.startswith("_")]
+        pages[f"api-{module}.md"] = _listed(found.__name__, found.__name__, own)
+    said = {n: (inspect.getdoc(getattr(tw, n)) or "").splitlines()[0] for n in (*classes, *_MODULES)}
+    rows = "".join(f"| [`{n}`](api-{n.lower()}.md) | {text} |\n" for n, text in said.items())
+    table = f"| | |\n| --- | --- |\n{rows}| [errors](api-errors.md) | The tree of errors and warnings. |\n"
+    pages["api.md"] = _listed("twistwrench", "API", functions).replace("\n\n", f"\n\n{table}\n", 1)
+    return pages
+
+
+def _listed(module: str, title: str, names: list[str]) -> str:
+    return f"# {title}\n\n" + "\n".join(f"::: {module}.{name}\n" for name in names)

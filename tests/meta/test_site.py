@@ -1,0 +1,49 @@
+"""The documentation site builds without a warning: links, anchors, and the docstrings it is made of."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from places import ROOT
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    pytest.importorskip("mkdocs")
+    pytest.importorskip("mkdocstrings_handlers.python")
+    folder = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder],
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", "PYTHONWARNINGS": "ignore"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def test_every_page_is_there_and_none_fetches_anything(site):
+    pages = {p.stem for p in (ROOT / "docs").glob("*.md")} | {"index", "changes", "commands", "api", "api-robot"}
+    assert pages <= {p.stem for p in site.glob("*.html")}
+    for page in site.glob("*.html"):
+        for tag in re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=.https?://[^>]+>", page.read_text("utf-8")):
+            assert "canonical" in tag, (page.name, tag)
+
+
+def test_links_between_pages_lead_somewhere(site):
+    for page in {*site.glob("*.html")} - {site / "404.html"}:
+        for target in re.findall(r'href="([^"#:]+\.html)(?:#[^"]*)?"', page.read_text("utf-8")):
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_methods_and_commands_are_documented_there(site):
+    robot = (site / "api-robot.html").read_text("utf-8")
+    for name in ("inverse_dynamics", "mass_matrix", "simulate", "to_jax", "from_dh"):
+        assert (f'id="twistwrench.Robot.{name}"' in robot) == (name != "from_dh"), name
+    assert 'id="torques"' in (site / "commands.html").read_text("utf-8")
