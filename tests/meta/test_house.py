@@ -234,3 +234,15 @@ def test_every_bug_of_the_tables_stands_once_in_its_file(table):
     lost = [b["name"] for b in bugs if (SOURCE / b["file"]).read_text(encoding="utf-8").count(b["right"]) != 1]
     assert not lost
     assert not [t for b in bugs for t in b["tests"] if not (table.parents[1] / t.partition("::")[0]).is_file()]
+
+
+def test_every_extra_that_an_error_advises_exists():
+    import tomllib
+
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    named = {
+        (path.name, extra)
+        for path in (ROOT / "src").rglob("*.py")
+        for extra in re.findall(r'MissingExtraError\.of\(\s*"[^"]+",\s*"([^"]+)"', path.read_text("utf-8"))
+    }
+    assert named and not [(file, extra) for file, extra in named if extra not in extras]

@@ -30,6 +30,7 @@ from .actuation_methods import ActuationMethods
 from .bridge_methods import BridgeMethods
 from .engine import Engine
 from .file_methods import FileMethods
+from .linearization import LinearizationMethods
 from .quantity_methods import QuantityMethods
 from .quantity_options import KernelOptions
 from .robot_argument import require_robot
@@ -38,7 +39,13 @@ from .task_space_methods import TaskSpaceMethods
 
 
 class Robot(
-    QuantityMethods[ArrayLike, Array], TaskSpaceMethods, ActuationMethods, FileMethods, BridgeMethods, Shortcuts
+    QuantityMethods[ArrayLike, Array],
+    TaskSpaceMethods,
+    ActuationMethods,
+    LinearizationMethods,
+    FileMethods,
+    BridgeMethods,
+    Shortcuts,
 ):
     """A robot: kinematics, dynamics, statics and control of one tree of joints, compiled when first asked for.
 
