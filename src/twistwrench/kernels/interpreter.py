@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import os
 import sys
 from functools import cache
@@ -27,8 +28,17 @@ def compiles() -> bool:
 
 
 def runs_machine_code() -> bool:
-    """Whether programs can be compiled for it: CPython of 64 bits, whose objects lie where their ``id`` says."""
-    return sys.implementation.name == "cpython" and sys.maxsize > 2**32
+    """Whether programs can be compiled for it: CPython of 64 bits, whose objects lie where their ``id`` says, and llvmlite."""
+    return sys.implementation.name == "cpython" and sys.maxsize > 2**32 and _has_llvmlite()
+
+
+@cache
+def _has_llvmlite() -> bool:
+    """Whether llvmlite is installed; it is no dependency where there is no wheel of it, as in browsers."""
+    try:
+        return importlib.util.find_spec("llvmlite") is not None
+    except ImportError:
+        return False
 
 
 @cache
