@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo
 
-.PHONY: help demo check test test-all lowest bridges docs lint gallery bench clean
+.PHONY: help demo check test test-all lowest bridges docs release-check lint gallery bench clean
 
 help:
 	@echo "make demo      install, and ask whether a UR5 can carry 10 kg, and then 5 kg, along a bundled path"
@@ -14,6 +14,7 @@ help:
 	@echo "make lowest    install the oldest versions that pyproject.toml allows, and run the tests but the slow ones on them"
 	@echo "make bridges   install PyTorch, which is larger than all else, and run the tests of what goes to other packages"
 	@echo "make docs      build the documentation site into build/site"
+	@echo "make release-check  build wheel and sdist from what is committed, and try them in a fresh environment"
 	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
 	@echo "make clean     remove what the above made"
@@ -75,6 +76,10 @@ bridges: $(VENV)/.dev
 
 docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+release-check: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet build twine
+	$(BIN)/python tools/release_check.py
 
 gallery: $(VENV)/.demo
 	$(BIN)/python -m examples

@@ -1,0 +1,77 @@
+"""What has to hold before a release: `make release-check`.
+
+Builds sdist and wheel from what is committed, checks their metadata and contents, installs the wheel with the core's
+dependencies only, in a fresh environment, and runs the README's first lines there.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tarfile
+import tempfile
+import venv
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+NEEDED = ("twistwrench/py.typed", "twistwrench/robots/panda.urdf", "twistwrench/viz/player/page.html")
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        clone, dist = Path(folder, "clone"), Path(folder, "dist")
+        run("git", "clone", "--quiet", "--depth", "1", ROOT.as_uri(), clone)
+        run(sys.executable, "-m", "build", "--outdir", dist, clone)
+        run(sys.executable, "-m", "twine", "check", "--strict", *dist.iterdir())
+        (wheel,), (sdist,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
+        check_contents(wheel, sdist)
+        check_version(wheel)
+        check_install(wheel, Path(folder, "fresh"))
+    print("release check: passed")
+
+
+def check_contents(wheel: Path, sdist: Path) -> None:
+    """The package's data is in, and nothing but the package."""
+    names = zipfile.ZipFile(wheel).namelist()
+    if lacking := [name for name in NEEDED if name not in names]:
+        raise SystemExit(f"{wheel.name} lacks {', '.join(lacking)}")
+    if stray := [n for n in names if not n.startswith("twistwrench/") and ".dist-info/" not in n]:
+        raise SystemExit(f"{wheel.name} has {', '.join(stray[:5])}")
+    inside = {name.partition("/")[2] for name in tarfile.open(sdist).getnames()}
+    if lacking := [
+        name for name in ("LICENSE", "THIRD_PARTY.md", "CHANGELOG.md", "tests", "docs") if name not in inside
+    ]:
+        raise SystemExit(f"{sdist.name} lacks {', '.join(lacking)}")
+
+
+def check_version(wheel: Path) -> None:
+    """One version in the project, the citation and the changes."""
+    version = wheel.name.split("-")[1]
+    citation = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.MULTILINE)
+    if citation is None or citation[1] != version:
+        raise SystemExit(f"CITATION.cff says another version than {version}")
+    if "\n## " not in (ROOT / "CHANGELOG.md").read_text("utf-8"):
+        raise SystemExit("CHANGELOG.md has no section")
+
+
+def check_install(wheel: Path, folder: Path) -> None:
+    """The README's first Python lines and its first command, with the core's dependencies only."""
+    venv.create(folder, with_pip=True)
+    python = folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
+    run(python, "-m", "pip", "install", "--quiet", wheel)
+    block = re.search(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    if block is None:
+        raise SystemExit("README.md has no Python lines")
+    run(python, "-c", block[1], cwd=folder)
+    run(python, "-m", "twistwrench", "torques", "ur5", "--trajectory", "demo", "--payload", "5", cwd=folder)
+
+
+def run(*command: object, cwd: Path = ROOT) -> None:
+    print("$", *command[:4], "…" if len(command) > 4 else "", flush=True)
+    subprocess.run([str(c) for c in command], check=True, cwd=cwd)
+
+
+if __name__ == "__main__":
+    main()
