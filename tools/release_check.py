@@ -39,10 +39,9 @@ def check_contents(wheel: Path, sdist: Path) -> None:
         raise SystemExit(f"{wheel.name} lacks {', '.join(lacking)}")
     if stray := [n for n in names if not n.startswith("twistwrench/") and ".dist-info/" not in n]:
         raise SystemExit(f"{wheel.name} has {', '.join(stray[:5])}")
-    inside = {name.partition("/")[2] for name in tarfile.open(sdist).getnames()}
-    if lacking := [
-        name for name in ("LICENSE", "THIRD_PARTY.md", "CHANGELOG.md", "tests", "docs") if name not in inside
-    ]:
+    with tarfile.open(sdist) as archive:
+        inside = {name.split("/")[1] for name in archive.getnames()}
+    if lacking := {"LICENSE", "THIRD_PARTY.md", "CHANGELOG.md", "tests", "docs"} - inside:
         raise SystemExit(f"{sdist.name} lacks {', '.join(lacking)}")
 
 
