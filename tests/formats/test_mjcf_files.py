@@ -181,7 +181,6 @@ def test_what_is_refused_of_other_sections(case):
 REMARKED = {
     "fluid": ("<option density='1.2'/>", "", "fluid"),
     "gravcomp": ("", "<body gravcomp='1'><geom size='0.1'/></body>", "gravcomp"),
-    "free armature": ("<default><joint armature='1'/></default>", "", "armature, which counts along the body's axes"),
     "spatial tendon": ("<tendon><spatial stiffness='2'/></tendon>", "", "spatial tendon"),
     "tendon armature": ("<tendon><fixed armature='2'><joint joint='j' coef='1'/></fixed></tendon>", "", "has a armature"),
     "slack tendon": (
