@@ -25,7 +25,7 @@ _LEVELS = 1_000
 """Elements one inside the other, beside those of bodies in bodies."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Element:
     """One element: its tag (prefix and all), attributes, line in the file, the elements in it, and its text."""
 
@@ -92,7 +92,7 @@ class Element:
 
     def number(self, attribute: str) -> float:
         """An attribute as one finite number; an error if it is absent or anything else."""
-        return float(self.numbers(attribute, 1)[0])
+        return self.values(attribute, 1)[0]
 
     def optional_number(self, attribute: str) -> float | None:
         """An attribute as one finite number; None if it is absent."""
@@ -100,12 +100,16 @@ class Element:
 
     def numbers(self, attribute: str, count: int) -> Array:
         """An attribute as ``count`` finite numbers (count,), separated by blanks."""
+        return np.array(self.values(attribute, count))
+
+    def values(self, attribute: str, count: int) -> list[float]:
+        """The same as a list."""
         text = self.text(attribute)
         words = text.split()
         values = [self._number(attribute, word) for word in words]
         if len(values) != count:
             raise RobotFileError(f'{self} has {attribute}="{text}": {len(values)} numbers, expected {count}.')
-        return np.array(values)
+        return values
 
     def floats(self, attribute: str, default: Sequence[float]) -> list[float]:
         """An attribute as finite numbers, as many as ``default`` at most; those left out are the default's."""
@@ -153,34 +157,76 @@ class _Forbidden(Exception):
     """A declaration a robot file has no need of; its text says which."""
 
 
-class _TreeMaker:
-    """Collects the parser's events into a tree of elements; ``skipped`` lines were removed above what the parser sees."""
+class _Watcher:
+    """Counts the bodies that the parser meets; ``skipped`` lines were removed above what it sees."""
 
     def __init__(self, skipped: int, file: str, most: int) -> None:
         from xml.parsers import expat
 
         # Without namespaces: an undeclared prefix somewhere inside a plugin's settings is no reason to refuse a robot.
         self.parser = expat.ParserCreate()
-        self.parser.buffer_text = True
         self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._text
         # Entities are how XML exhausts memory and reads other files; expat fetches nothing unless told how.
         self.parser.EntityDeclHandler = self._entity
         self.parser.UnparsedEntityDeclHandler = self._entity
         self.parser.StartDoctypeDeclHandler = self._doctype
-        self.root: Element | None = None
         self.skipped, self.file, self.most, self.bodies = skipped, file, most, 0
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        if name in _BODIES:
+            self.bodies += 1
+            if self.bodies > self.most:
+                place = self._made(name, attributes, None).place
+                raise RobotFileError(
+                    f"it has more than {self.most:,} bodies ({place}). Raise the limit, max_bodies=, if that is meant."
+                )
+
+    def _made(self, name: str, attributes: dict[str, str], parent: Element | None) -> Element:
+        return Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, file=self.file)
+
+    def _entity(self, name: str, *_: Any) -> None:
+        raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
+
+    def _doctype(self, _name: str, system: str | None, _public: str | None, _internal: bool) -> None:
+        if system is not None:
+            line = self.parser.CurrentLineNumber + self.skipped
+            raise _Forbidden(f"line {line}: it points to another document, {system!r}")
+
+    def watch(self, body: str) -> None:
+        """Go through the text; raises :class:`~twistwrench.RobotFileError` with the line."""
+        from xml.parsers.expat import ExpatError
+
+        with foreign_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
+            try:
+                self.parser.Parse(body, True)
+            except ExpatError as error:
+                what = str(error).partition(":")[0]
+                raise RobotFileError(
+                    f"line {error.lineno + self.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
+                    "Correct that line; every element that opens must close."
+                ) from None
+            except _Forbidden as problem:
+                raise RobotFileError(
+                    f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and "
+                    "remove the <!DOCTYPE …>."
+                ) from None
+
+
+class _TreeMaker(_Watcher):
+    """Collects the parser's events into a tree of elements."""
+
+    def __init__(self, skipped: int, file: str, most: int) -> None:
+        super().__init__(skipped, file, most)
+        self.parser.buffer_text = True
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._text
+        self.root: Element | None = None
         self._open: list[Element] = []
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
+        super()._start(name, attributes)
         parent = self._open[-1] if self._open else None
-        element = Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, file=self.file)
-        self.bodies += name in _BODIES
-        if self.bodies > self.most:
-            raise RobotFileError(
-                f"it has more than {self.most:,} bodies ({element.place}). Raise the limit, max_bodies=, if that is meant."
-            )
+        element = self._made(name, attributes, parent)
         if len(self._open) > self.most + _LEVELS:
             raise RobotFileError(
                 f"its elements lie more than {self.most + _LEVELS:,} deep in each other ({element.place})."
@@ -198,14 +244,6 @@ class _TreeMaker:
         if self._open and text and not text.isspace():
             self._open[-1].content += text
 
-    def _entity(self, name: str, *_: Any) -> None:
-        raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
-
-    def _doctype(self, _name: str, system: str | None, _public: str | None, _internal: bool) -> None:
-        if system is not None:
-            line = self.parser.CurrentLineNumber + self.skipped
-            raise _Forbidden(f"line {line}: it points to another document, {system!r}")
-
 
 def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
     """The root element of an XML text. Blank lines before its declaration are forgiven, as most robot tools do.
@@ -215,8 +253,6 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
     Entities, and whatever would be fetched from elsewhere, are refused: a robot file may come from anywhere.
     Raises :class:`~twistwrench.RobotFileError` with the line.
     """
-    from xml.parsers.expat import ExpatError
-
     body = text.lstrip(_BLANK)
     if not body:
         raise RobotFileError("it is empty. A robot file begins with <robot name=…>.")
@@ -224,21 +260,11 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
         raise RobotFileError(
             f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
         )
-    maker = _TreeMaker(text[: len(text) - len(body)].count("\n"), file, max_bodies)
-    with foreign_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
-        try:
-            maker.parser.Parse(body, True)
-        except ExpatError as error:
-            what = str(error).partition(":")[0]
-            raise RobotFileError(
-                f"line {error.lineno + maker.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
-                "Correct that line; every element that opens must close."
-            ) from None
-        except _Forbidden as problem:
-            raise RobotFileError(
-                f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and "
-                "remove the <!DOCTYPE …>."
-            ) from None
+    skipped = text[: len(text) - len(body)].count("\n")
+    if sum(body.count(f"<{tag}") for tag in _BODIES) > max_bodies:  # comments counted, so it is worth a closer look
+        _Watcher(skipped, file, max_bodies).watch(body)
+    maker = _TreeMaker(skipped, file, max_bodies)
+    maker.watch(body)
     if maker.root is None:
         raise RobotFileError("it has no elements. A robot file begins with <robot name=…>.")
     return maker.root
