@@ -58,7 +58,7 @@ def load_model(
     home = None if is_text(source) else Path(source).parent
     try:
         root = parse(text, max_bodies=max_bodies)
-        found = _format_of(root)
+        found = _format_of(root, text)
         _refuse_others(found, {"mjcf": ("keep", keep), "sdf": ("model", model)})
         if format not in (None, found):
             raise RobotFileError(
@@ -83,7 +83,8 @@ def load_model(
 
 def format_of_file(path: Path) -> str:
     """The format of a robot file, one of :data:`FORMATS`; raises as :func:`load_model`."""
-    return _format_of(parse(read_robot_text(path)[0]))
+    text = read_robot_text(path)[0]
+    return _format_of(parse(text), text)
 
 
 def _refuse_others(found: str, options: Mapping[str, tuple[str, str | None]]) -> None:
@@ -93,7 +94,7 @@ def _refuse_others(found: str, options: Mapping[str, tuple[str, str | None]]) ->
             raise ValueRangeError(f"{option}={value!r} is of {own.upper()} files, and this one is {found.upper()}.")
 
 
-def _format_of(root: Element) -> str:
+def _format_of(root: Element, text: str) -> str:
     found = next((name for name, tag in FORMATS.items() if root.tag == tag), None)
     if root.tag == "mujocoinclude":
         raise RobotFileError(
@@ -103,7 +104,7 @@ def _format_of(root: Element) -> str:
         raise RobotFileError(
             f"its root element is <{root.tag}> ({root.place}), expected <robot> (URDF), <mujoco> (MJCF) or <sdf>."
         )
-    if found == "urdf":
+    if found == "urdf" and ("${" in text or "xacro:" in text):
         _refuse_xacro(root)
     return found
 

@@ -13,7 +13,9 @@ from ..core.foreign_errors import foreign_errors
 from ..errors import RobotFileError
 from ..typing import Array
 
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_WORD = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
+_NUMBER = re.compile(_WORD)
+_NUMBERS = re.compile(rf"{_WORD}(?:\s++{_WORD})*+")
 _LARGEST = 1e60  # far above anything meant, and products of five such numbers are still finite
 _BLANK = "\ufeff \t\r\n"
 
@@ -105,8 +107,7 @@ class Element:
     def values(self, attribute: str, count: int) -> list[float]:
         """The same as a list."""
         text = self.text(attribute)
-        words = text.split()
-        values = [self._number(attribute, word) for word in words]
+        values = self._numbers(attribute, text)
         if len(values) != count:
             raise RobotFileError(f'{self} has {attribute}="{text}": {len(values)} numbers, expected {count}.')
         return values
@@ -115,7 +116,7 @@ class Element:
         """An attribute as finite numbers, as many as ``default`` at most; those left out are the default's."""
         if attribute not in self.attributes:
             return list(default)
-        values = [self._number(attribute, word) for word in self.attributes[attribute].split()]
+        values = self._numbers(attribute, self.attributes[attribute].strip())
         if len(values) > len(default):
             raise RobotFileError(
                 f'{self} has {attribute}="{self.attributes[attribute].strip()}": {len(values)} numbers, expected at most '
@@ -137,6 +138,13 @@ class Element:
     def with_attributes(self, attributes: dict[str, str]) -> Element:
         """The same element with other attributes."""
         return Element(self.tag, attributes, self.line, self.parent, self.children, self.file, self.content)
+
+    def _numbers(self, attribute: str, text: str) -> list[float]:
+        if _NUMBERS.fullmatch(text):
+            values = [float(word) for word in text.split()]
+            if all(abs(x) <= _LARGEST for x in values):
+                return values
+        return [self._number(attribute, word) for word in text.split()]  # which says what is wrong
 
     def _number(self, attribute: str, word: str) -> float:
         value = float(word) if _NUMBER.fullmatch(word) else None
@@ -182,7 +190,7 @@ class _Watcher:
                 )
 
     def _made(self, name: str, attributes: dict[str, str], parent: Element | None) -> Element:
-        return Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, file=self.file)
+        return Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, [], self.file)
 
     def _entity(self, name: str, *_: Any) -> None:
         raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
@@ -224,10 +232,12 @@ class _TreeMaker(_Watcher):
         self._open: list[Element] = []
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        super()._start(name, attributes)
-        parent = self._open[-1] if self._open else None
+        if name in _BODIES:
+            super()._start(name, attributes)
+        path = self._open
+        parent = path[-1] if path else None
         element = self._made(name, attributes, parent)
-        if len(self._open) > self.most + _LEVELS:
+        if len(path) > self.most + _LEVELS:
             raise RobotFileError(
                 f"its elements lie more than {self.most + _LEVELS:,} deep in each other ({element.place})."
             )
@@ -235,7 +245,7 @@ class _TreeMaker(_Watcher):
             self.root = element
         else:
             parent.children.append(element)
-        self._open.append(element)
+        path.append(element)
 
     def _end(self, _name: str) -> None:
         self._open.pop()

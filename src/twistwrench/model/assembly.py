@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..joints import Floating
+from ..lie.identity import IDENTITY
 from ..typing import Array
 from .closure import OfferedClosure
 from .configuration import from_names
@@ -70,7 +71,7 @@ def assemble(
         index[entry.child] = i
         drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
         if drive.leader not in columns or drive.ratio == 0:
-            held[i] = np.eye(4) if entry.fixed else entry.joint.pose(np.array([drive.offset]))
+            held[i] = IDENTITY if entry.fixed else entry.joint.pose(np.array([drive.offset]))
         column = columns.get(drive.leader, _Column(0, 0))
         bodies.append(
             Body(
@@ -89,7 +90,7 @@ def assemble(
     model = Model(
         name=name,
         bodies=tuple(bodies),
-        frames={name: Frame(index[name], np.eye(4)) for name, link in links.items() if not link.hidden},
+        frames={name: Frame(index[name], IDENTITY) for name, link in links.items() if not link.hidden},
         limits=_stacked([entry.limits for entry in leaders]),
         friction=_friction(joints, drives, columns, nv),
         gravity=gravity,
@@ -107,7 +108,8 @@ def assemble(
         mounts={entry.child: (entry.parent, entry.name) for entry in joints},
     )
     positions = additions.configurations
-    model = replace(model, configurations={name: _configuration(model, positions[name]) for name in positions})
+    if positions:
+        model = replace(model, configurations={name: _configuration(model, positions[name]) for name in positions})
     return fuse(model, held)
 
 
@@ -131,7 +133,7 @@ def _led(spring: Spring, drives: Mapping[str, Drive], columns: Mapping[str, _Col
 def _root_entry(root: str) -> JointEntry:
     none = np.full(6, np.inf)
     joint = Floating(ROOT_JOINT, np.eye(6))
-    return JointEntry(joint, "", root, np.eye(4), Limits(-none, none, none, none), 0.0, 0.0, None, "")
+    return JointEntry(joint, "", root, IDENTITY, Limits(-none, none, none, none), 0.0, 0.0, None, "")
 
 
 def _stacked(limits: list[Limits]) -> Limits:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..lie.identity import IDENTITY
 from ..typing import Array
 
 DEFAULT_SNAP = 1e-9
@@ -14,6 +15,7 @@ _ROUNDING = 4.5e-16, 1e-15
 The first for what is let alone, the second for what was made orthonormal."""
 
 _PLAIN = (0.0, 1.0, -1.0)
+_ONE = np.eye(3)
 
 
 def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
@@ -27,8 +29,11 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     """
     if tolerance == 0:
         return R
-    if all(x in _PLAIN for x in R.ravel().tolist()):  # most of those in files
+    rows = R.tolist()
+    if all(x in _PLAIN for row in rows for x in row):  # most of those in files
         return np.asarray(R + 0.0)  # no minus zeros
+    if all(abs(x) > tolerance for row in rows for x in row):
+        return R
     zero = np.abs(R) <= tolerance
     alone = ~zero & (zero.sum(0, keepdims=True) == 2) & (zero.sum(1, keepdims=True) == 2)
     snapped = np.where(zero, 0.0, np.where(alone, np.sign(R), R))
@@ -44,7 +49,7 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
 
 
 def _is_rotation(R: Array, allowed: float) -> bool:
-    return all(bool(np.abs(product - np.eye(3)).max() <= allowed) for product in (R.T @ R, R @ R.T))
+    return all(bool(np.abs(product - _ONE).max() <= allowed) for product in (R.T @ R, R @ R.T))
 
 
 def _nearest_of_two(B: Array) -> Array:
@@ -69,7 +74,7 @@ def _with_one_zero(R: Array, i: int) -> Array:
 
 def snap_pose(T: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     """T (4, 4) with its rotation snapped; the position is left as it is."""
-    if tolerance == 0:
+    if tolerance == 0 or T is IDENTITY:
         return T
     snapped = T.copy()
     snapped[:3, :3] = snap_rotation(T[:3, :3], tolerance)
