@@ -94,7 +94,10 @@ class Element:
 
     def number(self, attribute: str) -> float:
         """An attribute as one finite number; an error if it is absent or anything else."""
-        return self.values(attribute, 1)[0]
+        text = self.attributes.get(attribute, "")
+        if _NUMBER.fullmatch(text) and abs(x := float(text)) <= _LARGEST:
+            return x
+        return self.values(attribute, 1)[0]  # with blanks around it, or it says what is wrong
 
     def optional_number(self, attribute: str) -> float | None:
         """An attribute as one finite number; None if it is absent."""
@@ -142,7 +145,7 @@ class Element:
     def _numbers(self, attribute: str, text: str) -> list[float]:
         if _NUMBERS.fullmatch(text):
             values = [float(word) for word in text.split()]
-            if all(abs(x) <= _LARGEST for x in values):
+            if max(map(abs, values)) <= _LARGEST:
                 return values
         return [self._number(attribute, word) for word in text.split()]  # which says what is wrong
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import RobotFileError
-from ..lie.identity import IDENTITY, pose_rows
+from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..model.rounding import DEFAULT_SNAP, snap_rotation
@@ -26,7 +26,6 @@ ENDLESS = 1e15
 """Limits beyond this mean that there is none: files write ±1e16, where the format wants a number."""
 
 _NOTHING = [0.0, 0.0, 0.0]
-_UPRIGHT = np.eye(3).tolist()
 
 PRODUCTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """The attributes of ``<inertia>``."""
@@ -60,9 +59,11 @@ def _inertia(link: Element, snap: float) -> SpatialInertia | None:
     tensor = inertial.required("inertia", '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>')
     xx, xy, xz, yy, yz, zz = (tensor.number(name) for name in PRODUCTS)
     T, I = origin_of(inertial), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    R = snap_rotation(T[:3, :3], snap)
-    # The tensor is about the centre of mass, in the axes of the inertial frame: I in the link's axes is R I R'.
-    return SpatialInertia.from_com(mass, T[:3, 3], I if R.tolist() == _UPRIGHT else R @ I @ R.T)
+    R = T[:3, :3]
+    if R.tolist() != UPRIGHT:  # the tensor is about the centre of mass, in the axes of the inertial frame
+        R = snap_rotation(R, snap)
+        I = R @ I @ R.T
+    return SpatialInertia.from_com(mass, T[:3, 3], I)
 
 
 def origin_of(element: Element) -> Array:
@@ -72,7 +73,7 @@ def origin_of(element: Element) -> Array:
         return IDENTITY
     rpy = origin.values("rpy", 3) if "rpy" in origin.attributes else _NOTHING
     p = origin.values("xyz", 3) if "xyz" in origin.attributes else _NOTHING
-    return pose_rows(_rows_of_rpy(rpy) if any(rpy) else _UPRIGHT, p)
+    return pose_rows(_rows_of_rpy(rpy) if any(rpy) else UPRIGHT, p)
 
 
 def rotation_of_rpy(rpy: ArrayLike) -> Array:
@@ -146,11 +147,10 @@ def _limit(builder: ModelBuilder, joint: Element, kind: str) -> _Limit:
         if bounded:
             builder.remark(f"{joint} is {kind} and has no <limit>, so it is taken to be unlimited")
         return _Limit()
-    found = _Limit(*(limit.optional_number(name) for name in _Limit._fields))
+    said = {name: limit.optional_number(name) for name in _SIDES}
     if bounded:  # the format's default for either bound is 0
-        found = found._replace(lower=found.lower or 0.0, upper=found.upper or 0.0)
-    none = {name: None for name in _Limit._fields if (getattr(found, name) or 0.0) * _SIDES[name] > ENDLESS}
-    return found._replace(**none)
+        said["lower"], said["upper"] = said["lower"] or 0.0, said["upper"] or 0.0
+    return _Limit(*(None if (x or 0.0) * _SIDES[name] > ENDLESS else x for name, x in said.items()))
 
 
 def _mimic(joint: Element) -> Mimic | None:

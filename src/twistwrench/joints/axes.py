@@ -25,9 +25,9 @@ def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     return array
 
 
-def number(value: ArrayLike, what: str) -> float:
+def number(value: float | ArrayLike, what: str) -> float:
     """``value`` as one finite float; otherwise a :class:`~twistwrench.ModelError` naming ``what``."""
-    return value if type(value) is float and math.isfinite(value) else float(numbers(value, (), what))
+    return float(value) if isinstance(value, float) and math.isfinite(value) else float(numbers(value, (), what))
 
 
 def _shape_in_words(shape: tuple[int, ...]) -> str:

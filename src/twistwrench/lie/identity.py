@@ -12,6 +12,8 @@ IDENTITY: Array = np.eye(4)
 """(4, 4)."""
 IDENTITY.setflags(write=False)
 _ROWS = IDENTITY.tolist()
+UPRIGHT: list[list[float]] = np.eye(3).tolist()
+"""The rows of the rotation that turns nothing."""
 
 
 def is_identity(T: Array) -> bool:

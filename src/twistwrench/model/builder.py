@@ -397,7 +397,7 @@ class ModelBuilder:
             source=self.source,
             additions=self._additions,
         )
-        model = _locked(model, lock or {})
+        model = _locked(model, lock) if lock else model
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         # Files that forget masses; a table of lengths alone, for kinematics, has none on purpose.
         described = [self._links[link] for link in massless_links(model) if self._links[link].where]

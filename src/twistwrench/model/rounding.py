@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..lie.identity import IDENTITY
@@ -14,7 +16,6 @@ _ROUNDING = 4.5e-16, 1e-15
 """A rotation whose R'R and R R' are this near to the identity is one to the last bit: sums of three products, each rounded.
 The first for what is let alone, the second for what was made orthonormal."""
 
-_PLAIN = (0.0, 1.0, -1.0)
 _ONE = np.eye(3)
 
 
@@ -30,21 +31,23 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     if tolerance == 0:
         return R
     rows = R.tolist()
-    if all(x in _PLAIN for row in rows for x in row):  # most of those in files
-        return np.asarray(R + 0.0)  # no minus zeros
-    if all(abs(x) > tolerance for row in rows for x in row):
-        return R
-    zero = np.abs(R) <= tolerance
-    alone = ~zero & (zero.sum(0, keepdims=True) == 2) & (zero.sum(1, keepdims=True) == 2)
-    snapped = np.where(zero, 0.0, np.where(alone, np.sign(R), R))
-    if np.array_equal(snapped, R) or _is_rotation(snapped, _ROUNDING[0]):
+    zero = [[abs(x) <= tolerance for x in row] for row in rows]
+    across, down = [sum(row) for row in zero], [sum(column) for column in zip(*zero, strict=True)]
+    alone = [(i, j) for i in range(3) for j in range(3) if across[i] == down[j] == 2 and not zero[i][j]]
+    found = [
+        [0.0 if none else x for x, none in zip(row, mask, strict=True)] for row, mask in zip(rows, zero, strict=True)
+    ]
+    for i, j in alone:
+        found[i][j] = math.copysign(1.0, rows[i][j])
+    snapped = np.array(found)
+    if found == rows or len(alone) == 3 or _is_rotation(snapped, _ROUNDING[0]):
         return snapped
-    if alone.any():
-        i, j = np.argwhere(alone)[0]
+    if alone:
+        i, j = alone[0]
         rest = np.ix_([k for k in range(3) if k != i], [k for k in range(3) if k != j])
         snapped[rest] = _nearest_of_two(snapped[rest])
-    elif zero.sum() == 1:
-        snapped = _with_one_zero(snapped, int(zero.any(axis=1).argmax()))
+    elif sum(across) == 1:
+        snapped = _with_one_zero(snapped, across.index(1))
     return snapped if _is_rotation(snapped, _ROUNDING[1]) else R
 
 
