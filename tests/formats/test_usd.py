@@ -304,6 +304,9 @@ WRONG = {
     "two joints": (
         usd_text(joints={**JOINTS, "twin": JOINTS["slide"]}), r"prim </arm/twin> and prim </arm/slide> join the same two bodies. Write it as",
     ),
+    "no number": (
+        usd_text().replace("physics:upperLimit = 0.3", "physics:upperLimit = nan"), r"prim </arm/slide> has physics:upperLimit = nan",
+    ),
     "no body": ('def Xform "arm" { }', "no rigid body"),
     "sheared": (
         usd_text().replace('def Xform "arm" (', 'def Xform "arm" (').replace(
@@ -323,6 +326,21 @@ def test_what_is_refused_is_named_by_its_path(stage, case):
     with pytest.raises(tw.ModelError, match=says) as caught:
         stage(text)
     assert "robot.usda: " in str(caught.value)
+
+
+def test_numbers_are_the_decimals_that_were_typed(stage):
+    robot = stage(usd_text())
+    assert robot.limits.upper[1] == 0.3
+    assert robot.limits.effort[0] == 40.0
+    assert robot.gravity.tolist() == [0.0, 0.0, -9.81]
+    assert robot.model.link_inertias["hand"].com.tolist() == pytest.approx([0.02, 0.0, 0.05], rel=1e-15)
+
+
+def test_the_doctor_examines_the_robot_and_not_the_file(stage, tmp_path):
+    robot = stage(usd_text())
+    assert tw.doctor(robot).findings is not None
+    with pytest.raises(tw.RobotFileError, match=r"is USD, whose files are not examined.*twistwrench\.doctor"):
+        tw.doctor(tmp_path / "robot.usda")
 
 
 def test_options_and_limits(stage, tmp_path):

@@ -19,7 +19,7 @@ from .source import bytes_of, is_text, read_robot_text
 from .urdf import read_urdf
 from .usd import ENDINGS, read_usd
 
-__all__ = ["FORMATS", "format_of_file", "load_model"]
+__all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 
 FORMATS = {"urdf": "robot", "mjcf": "mujoco", "sdf": "sdf"}
 """The formats that are read, each with the root element that tells it."""
@@ -54,7 +54,7 @@ def load_model(
         raise ValueRangeError(f"format={format!r} is not allowed. Choose from: {choices}, or None.")
     if isinstance(max_bodies, bool) or not isinstance(max_bodies, int) or max_bodies < 1:
         raise ValueRangeError(f"max_bodies={max_bodies!r} is not allowed: a whole number above zero.")
-    usd = _usd_path(source)
+    usd = usd_path(source)
     text, origin = ("", str(usd)) if usd is not None else read_robot_text(source)
     home = None if is_text(source) else Path(source).parent
     try:
@@ -92,13 +92,13 @@ def load_model(
 
 def format_of_file(path: Path) -> str:
     """The format of a robot file, one of :data:`FORMATS` or ``"usd"``; raises as :func:`load_model`."""
-    if _usd_path(path) is not None:
+    if usd_path(path) is not None:
         return "usd"
     text = read_robot_text(path)[0]
     return _format_of(parse(text), text)
 
 
-def _usd_path(source: object) -> Path | None:
+def usd_path(source: object) -> Path | None:
     """The path of a file that is called as USD files are."""
     if not isinstance(source, str | os.PathLike) or is_text(source):
         return None

@@ -109,7 +109,7 @@ def _bundled(path: Path) -> str:
 
 
 def _robot_files(folder: Path) -> list[str]:
-    kinds = (".urdf", ".xml", ".sdf", ".xacro")
+    kinds = (".urdf", ".xml", ".sdf", ".xacro", ".usd", ".usda", ".usdc")
     return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in kinds)
 
 

@@ -25,7 +25,7 @@ from ..model.builder import ModelBuilder
 from ..model.closure import OfferedClosure
 from ..model.remark import Remark
 from .element import MOST_BODIES
-from .usd_stage import End, Stage, axis_of, opened, quaternion_of, value_of, who
+from .usd_stage import End, Stage, axis_of, number_of, opened, quaternion_of, value_of, vector_of, who
 
 ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
 """What files are called that are read as USD."""
@@ -212,7 +212,7 @@ class _Reader:
                 self.builder.add_link(below, hidden=True)
                 self.builder.add_joint(f"{name}.fixed", "fixed", below, child, placement=back, where=where)
             self.builder.add_joint(name, kind, parent, below, placement=placement @ at, where=where)
-            if any(float(value_of(joint, f"physics:coneAngle{k}Limit", default=-1.0)) >= 0 for k in "01"):
+            if any(number_of(joint, f"physics:coneAngle{k}Limit", -1.0) >= 0 for k in "01"):
                 self.builder.remark(Remark(who(joint), "has a limit of its cone, which is not kept"))
             return
         axis = T_far[:3, axis_of(joint)] * (1.0 if link.forward else -1.0)
@@ -228,13 +228,13 @@ class _Reader:
         drive = "drive:angular" if turns else "drive:linear"
         inertia = self.stage.kilogram * (self.stage.metre**2 if turns else 1.0)
         given = {
-            "lower": unit * float(value_of(joint, "physics:lowerLimit", default=-math.inf)),
-            "upper": unit * float(value_of(joint, "physics:upperLimit", default=math.inf)),
-            "effort": force * float(value_of(joint, f"{drive}:physics:maxForce", default=math.inf)),
-            "velocity": unit * float(value_of(joint, "physxJoint:maxJointVelocity", default=math.inf)),
-            "armature": inertia * float(_first(joint, ("newton:armature", "physxJoint:armature"))),
-            "damping": force / unit * float(_first(joint, ("newton:damping",))),
-            "friction": force * float(_first(joint, ("newton:friction",))),
+            "lower": unit * number_of(joint, "physics:lowerLimit", -math.inf),
+            "upper": unit * number_of(joint, "physics:upperLimit", math.inf),
+            "effort": force * number_of(joint, f"{drive}:physics:maxForce", math.inf),
+            "velocity": unit * number_of(joint, "physxJoint:maxJointVelocity", math.inf),
+            "armature": inertia * (number_of(joint, "newton:armature") or number_of(joint, "physxJoint:armature")),
+            "damping": force / unit * number_of(joint, "newton:damping"),
+            "friction": force * number_of(joint, "newton:friction"),
         }
         return {name: x for name, x in given.items() if math.isfinite(x) and abs(x) < 1e30}
 
@@ -264,8 +264,8 @@ class _Reader:
 
     def _inertia(self, body: Any) -> SpatialInertia:
         """As the MassAPI says; what it leaves out would come from shapes, by each simulator in its way."""
-        mass = float(value_of(body, "physics:mass", default=0.0)) * self.stage.kilogram
-        moments = np.array(value_of(body, "physics:diagonalInertia", default=(0.0, 0.0, 0.0)), float)
+        mass = number_of(body, "physics:mass", 0.0) * self.stage.kilogram
+        moments = vector_of(body, "physics:diagonalInertia", (0.0, 0.0, 0.0))
         if mass <= 0 or not moments.any():
             missing = "physics:mass" if mass <= 0 else "physics:diagonalInertia"
             raise RobotFileError(
@@ -273,7 +273,7 @@ class _Reader:
                 "PhysicsMassAPI with mass, centerOfMass, diagonalInertia and principalAxes."
             )
         R = quaternion.rotation(quaternion_of(body, "physics:principalAxes"))
-        com = np.array(value_of(body, "physics:centerOfMass", default=(-math.inf,) * 3), float)
+        com = vector_of(body, "physics:centerOfMass", (-math.inf,) * 3)
         if not np.isfinite(com).all():
             com = np.zeros(3)
         com = com * self.stage.placed(body)[1] * self.stage.metre
@@ -292,11 +292,6 @@ def _too_many(joint: Any, near: End, far: End, found: Iterable[_Link]) -> str:
     if twin is not None:
         return f"{who(joint)} and {who(twin)} join the same two bodies. {_SPLIT}."
     return f"{who(joint)} closes a loop. Cut it open there with excludeFromArticulation; robot.close closes it."
-
-
-def _first(prim: Any, names: Sequence[str]) -> float:
-    """The first of the attributes that there is, 0 where there is none."""
-    return next((x for name in names if (x := value_of(prim, name, default=None)) is not None), 0.0)
 
 
 def _shaped(body: Any) -> bool:

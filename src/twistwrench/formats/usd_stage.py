@@ -70,6 +70,9 @@ class Stage:
 
         self.metre = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
+        for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
+            if not 0 < unit < math.inf:
+                raise RobotFileError(f"it has {name} = {unit:g}; a positive number is expected.")
         self.up = 2 if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else 1
         self.cache = UsdGeom.XformCache(Usd.TimeCode.Default())
         self.bodies: list[Any] = []
@@ -111,8 +114,8 @@ class Stage:
         down = -np.eye(3)[self.up]
         if not self.scenes:
             return _EARTH * down
-        direction = np.array(value_of(self.scenes[0], "physics:gravityDirection", default=(0.0, 0.0, 0.0)), float)
-        magnitude = float(value_of(self.scenes[0], "physics:gravityMagnitude", default=-math.inf))
+        direction = vector_of(self.scenes[0], "physics:gravityDirection", (0.0, 0.0, 0.0))
+        magnitude = number_of(self.scenes[0], "physics:gravityMagnitude", -math.inf)
         size = _EARTH if magnitude < 0 else magnitude * self.metre
         length = float(np.linalg.norm(direction))
         return size * (direction / length if length > 0 else down)
@@ -129,9 +132,7 @@ class Stage:
         scale = np.ones(3)
         if prim is not None:
             T, scale = self.placed(prim)
-        local = (
-            np.array(value_of(joint, f"physics:localPos{which}", default=(0.0, 0.0, 0.0)), float) * scale * self.metre
-        )
+        local = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
         turn = quaternion_of(joint, f"physics:localRot{which}")
         T = T @ pose_rows(quaternion.rotation(turn).tolist(), local.tolist())
         while prim is not None and prim and prim.GetPath() not in self.numbers:  # a part of a body is held by the body
@@ -151,6 +152,26 @@ def value_of(prim: Any, name: str, *, default: Any) -> Any:
     attribute = prim.GetAttribute(name)
     value = attribute.Get() if attribute else None
     return default if value is None else value
+
+
+def number_of(prim: Any, name: str, default: float = 0.0) -> float:
+    """The value of an attribute that is one number."""
+    return _decimal(prim, name, value_of(prim, name, default=default))
+
+
+def vector_of(prim: Any, name: str, default: Sequence[float]) -> Array:
+    """The value of an attribute that is a few numbers."""
+    return np.array([_decimal(prim, name, x) for x in value_of(prim, name, default=default)])
+
+
+def _decimal(prim: Any, name: str, x: Any) -> float:
+    """A number as it was typed: of those that single precision rounds to one, the decimal of the fewest digits."""
+    x = float(x)
+    if math.isnan(x):
+        raise RobotFileError(f"{who(prim)} has {name} = nan, which is not a number.")
+    with np.errstate(over="ignore"):
+        single = np.float32(x)
+    return float(str(single)) if float(single) == x else x
 
 
 def quaternion_of(prim: Any, name: str) -> list[float]:
