@@ -119,18 +119,20 @@ class SpatialInertia:
         """
         m, c = arguments.number(mass, "mass"), arguments.one(com, "com", 3)
         I = np.zeros((3, 3)) if moment_about_com is None else _moment(moment_about_com)
-        rows = (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = I.tolist()
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = I.tolist()
         gap = max(abs(xy - yx), abs(xz - zx), abs(yz - zy))
-        most = max(abs(x) for row in rows for x in row)
+        most = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
         if not gap <= 1e-9 * most and np.isfinite(I).all():
             raise InertiaError(
                 f"moment_about_com is not symmetric: entries that should be equal differ by {gap:.3g} kg m²."
             )
-        hx, hy, hz = (m * x for x in c.tolist())
-        if hx or hy or hz:
+        x, y, z = c.tolist()
+        hx, hy, hz = m * x, m * y, m * z
+        if hx or hy or hz:  # Steiner: I_o = I_com - m [c]^2
+            h_hat, c_hat = [[0.0, -hz, hy], [hz, 0.0, -hx], [-hy, hx, 0.0]], [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
             with np.errstate(over="ignore", invalid="ignore"):  # defects() says what is not finite
-                C = so3.hat(c)
-                (xx, xy, xz), (_, yy, yz), (_, _, zz) = (I - m * C @ C).tolist()  # Steiner: I_o = I_com - m [c]^2
+                (sxx, sxy, sxz), (_, syy, syz), (_, _, szz) = (np.array(h_hat) @ np.array(c_hat)).tolist()
+            xx, xy, yy, xz, yz, zz = xx - sxx, xy - sxy, yy - syy, xz - sxz, yz - syz, zz - szz
         return cls._of(np.array([m, hx, hy, hz, xx, xy, yy, xz, yz, zz]))
 
     @classmethod

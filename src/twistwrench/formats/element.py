@@ -17,12 +17,16 @@ _WORD = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 _NUMBER = re.compile(_WORD)
 _NUMBERS = re.compile(rf"{_WORD}(?:\s++{_WORD})*+")
 _LARGEST = 1e60  # far above anything meant, and products of five such numbers are still finite
+_SHORT = 60
+"""Texts of fewer characters hold no number that is too large, unless by an exponent."""
 _BLANK = "\ufeff \t\r\n"
 
 
 MOST_BODIES = 20_000
 """Links or bodies that a file may have unless ``max_bodies`` says otherwise: more is a mistake, or meant to take all memory."""
 _BODIES = ("link", "body")
+_WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
+"""Root elements of formats that say everything by attributes."""
 _LEVELS = 1_000
 """Elements one inside the other, beside those of bodies in bodies."""
 
@@ -70,13 +74,20 @@ class Element:
 
     def child(self, tag: str) -> Element | None:
         """The child with a tag, or None; an error if there are several, for then one cannot know which is meant."""
+        found = None
+        for element in self.children:
+            if element.tag == tag:
+                if found is not None:
+                    raise self._several(tag)
+                found = element
+        return found
+
+    def _several(self, tag: str) -> RobotFileError:
         found = self.all(tag)
-        if len(found) > 1:
-            lines = ", ".join(str(element.line) for element in found)
-            raise RobotFileError(
-                f"{self} has {len(found)} <{tag}> elements (lines {lines}); one is allowed. Remove the others."
-            )
-        return found[0] if found else None
+        lines = ", ".join(str(element.line) for element in found)
+        return RobotFileError(
+            f"{self} has {len(found)} <{tag}> elements (lines {lines}); one is allowed. Remove the others."
+        )
 
     def required(self, tag: str, example: str) -> Element:
         """The child with a tag; an error that shows ``example`` if there is none."""
@@ -144,8 +155,9 @@ class Element:
 
     def _numbers(self, attribute: str, text: str) -> list[float]:
         if _NUMBERS.fullmatch(text):
-            values = [float(word) for word in text.split()]
-            if max(map(abs, values)) <= _LARGEST:
+            values = list(map(float, text.split()))
+            short = len(text) < _SHORT and "e" not in text and "E" not in text
+            if short or max(map(abs, values)) <= _LARGEST:
                 return values
         return [self._number(attribute, word) for word in text.split()]  # which says what is wrong
 
@@ -246,6 +258,8 @@ class _TreeMaker(_Watcher):
             )
         if parent is None:
             self.root = element
+            if name in _WITHOUT_TEXT:
+                self.parser.CharacterDataHandler = None
         else:
             parent.children.append(element)
         path.append(element)

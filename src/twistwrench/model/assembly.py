@@ -64,12 +64,13 @@ def assemble(
     for entry in leaders:
         columns[entry.name] = _Column(nq, nv)
         nq, nv = nq + entry.joint.nq, nv + entry.joint.nv
+    every = {entry.name: drives.get(entry.name) or Drive(entry.name, 1.0, 0.0) for entry in joints}
     index = {} if floating_base else {tree.root: BASE}
     bodies: list[Body] = []
     held: dict[int, Array] = {}
     for i, entry in enumerate(joints):
         index[entry.child] = i
-        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
+        drive = every[entry.name]
         if drive.leader not in columns or drive.ratio == 0:
             held[i] = IDENTITY if entry.fixed else entry.joint.pose(np.array([drive.offset]))
         column = columns.get(drive.leader, _Column(0, 0))
@@ -92,7 +93,7 @@ def assemble(
         bodies=tuple(bodies),
         frames={name: Frame(index[name], IDENTITY) for name, link in links.items() if not link.hidden},
         limits=_stacked([entry.limits for entry in leaders]),
-        friction=_friction(joints, drives, columns, nv),
+        friction=_friction(joints, every, columns, nv),
         gravity=gravity,
         base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
         tip=None,
@@ -101,7 +102,7 @@ def assemble(
         source=source,
         shaped=frozenset(link.name for link in links.values() if link.shaped),
         snap=snap,
-        armature=_armature(joints, drives, columns, nv),
+        armature=_armature(joints, every, columns, nv),
         sites={site.name: Frame(index[site.link], snap_pose(site.pose, snap)) for site in additions.sites.values()},
         springs=tuple(s for s in (_led(s, drives, columns) for s in additions.springs) if s.terms),
         closures=additions.closures,
@@ -145,13 +146,12 @@ def _stacked(limits: list[Limits]) -> Limits:
 
 def _armature(joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int) -> Array:
     """Inertia of the drives per velocity; that of a follower counts ratio², as a gear's does."""
-    found = np.zeros(nv)
+    found = [0.0] * nv
     for entry in joints:
-        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
-        if drive.leader in columns:
-            at = slice(columns[drive.leader].v, columns[drive.leader].v + entry.joint.nv)
-            found[at] += drive.ratio**2 * entry.armature
-    return found
+        drive = drives[entry.name]
+        for k in _velocities(entry, drive, columns):
+            found[k] += drive.ratio**2 * entry.armature
+    return np.array(found)
 
 
 def _friction(
@@ -162,11 +162,16 @@ def _friction(
     A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping counts
     ratio², friction |ratio|.
     """
-    damping, friction = np.zeros(nv), np.zeros(nv)
+    damping, friction = [0.0] * nv, [0.0] * nv
     for entry in joints:
-        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
-        if drive.leader in columns:
-            at = slice(columns[drive.leader].v, columns[drive.leader].v + entry.joint.nv)
-            damping[at] += drive.ratio**2 * entry.damping
-            friction[at] += abs(drive.ratio) * entry.friction
-    return Friction.plain(damping, friction)
+        drive = drives[entry.name]
+        for k in _velocities(entry, drive, columns):
+            damping[k] += drive.ratio**2 * entry.damping
+            friction[k] += abs(drive.ratio) * entry.friction
+    return Friction.plain(np.array(damping), np.array(friction))
+
+
+def _velocities(entry: JointEntry, drive: Drive, columns: Mapping[str, _Column]) -> range:
+    """The places in dq that move a joint; none where its leader is fixed."""
+    column = columns.get(drive.leader)
+    return range(0) if column is None else range(column.v, column.v + entry.joint.nv)

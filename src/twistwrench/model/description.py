@@ -14,7 +14,7 @@ from ..core.arguments import gaps
 from ..errors import InertiaError, ModelError
 from ..joints import JOINT_TYPES, Fixed, Joint
 from ..joints.axes import number, numbers
-from ..lie.identity import IDENTITY
+from ..lie.identity import IDENTITY, UPRIGHT
 from ..typing import Array
 from .model import Limits
 from .remark import Remark
@@ -143,8 +143,8 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
     if T is None or T is IDENTITY:
         return IDENTITY
     T = numbers(T, (4, 4), f"the placement of {who}")
-    rows = T.tolist()
-    if rows[3] == [0.0, 0.0, 0.0, 1.0] and all(abs(gap) <= _SURE for gap in gaps([row[:3] for row in rows[:3]])):
+    top = [row[:3] for row in T[:3].tolist()]
+    if T[3].tolist() == [0.0, 0.0, 0.0, 1.0] and (top == UPRIGHT or max(map(abs, gaps(top))) <= _SURE):
         return T
     R = T[:3, :3]
     # 1e-6: rotations typed with six digits are meant as rotations; anything worse is another kind of matrix.
@@ -195,8 +195,8 @@ def _limit(what: str, value: float, who: str) -> float:
     try:
         value = float(value)
     except (TypeError, ValueError):
-        value = np.nan
-    if np.isnan(value):
+        value = math.nan
+    if math.isnan(value):
         raise ModelError(
             f"{who} has {what}={value!r} as its limit; a limit is a number. Leave it out where there is none."
         )

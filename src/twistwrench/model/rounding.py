@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..lie.identity import IDENTITY
+from ..lie.identity import IDENTITY, UPRIGHT
 from ..typing import Array
 
 DEFAULT_SNAP = 1e-9
@@ -79,6 +79,8 @@ def snap_pose(T: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     """T (4, 4) with its rotation snapped; the position is left as it is."""
     if tolerance == 0 or T is IDENTITY:
         return T
+    if T[:3, :3].tolist() == UPRIGHT:
+        return np.asarray(T + 0.0)  # no minus zeros
     snapped = T.copy()
     snapped[:3, :3] = snap_rotation(T[:3, :3], tolerance)
     return snapped
