@@ -329,6 +329,8 @@ def test_the_limit_of_bodies_can_be_raised():
     with pytest.raises(tw.RobotFileError, match="more than 20 bodies"):
         load(text, max_bodies=20)
     assert load(text, max_bodies=30).nv == 30
+    said = "<!-- <body> <body> -->" * 20  # what is commented out is none
+    assert load(f"<mujoco>{said}<worldbody>{_ONE * 30}</worldbody></mujoco>", max_bodies=30).nv == 30
     for wrong in (0, 2.5, True):
         with pytest.raises(tw.ValueRangeError, match="max_bodies"):
             load(text, max_bodies=wrong)

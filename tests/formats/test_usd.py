@@ -294,10 +294,71 @@ def test_one_articulation_of_several(stage):
         stage(usd_text() + "\n" + other, model="third")
 
 
+def body_of(shapes, physics=""):
+    """A stage of one body with colliders: (type, lines, scale) each, 0.3 m above the body's origin."""
+    parts = [
+        f'def {kind} "part{k}" (prepend apiSchemas = ["PhysicsCollisionAPI", "PhysicsMassAPI", "MaterialBindingAPI"])\n{{\n'
+        f"{lines}\ndouble3 xformOp:translate = (0, 0, 0.3)\ndouble3 xformOp:scale = {figures(scale)}\n"
+        'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]\n}'
+        for k, (kind, lines, scale) in enumerate(shapes)
+    ]
+    body = 'def Xform "body" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"])'
+    material = 'def Material "oak" (prepend apiSchemas = ["PhysicsMaterialAPI"])\n{\nfloat physics:density = 700\n}'
+    return f'def Xform "arm"\n{{\n{material}\n{body}\n{{\n{physics}\n' + "\n".join(parts) + "\n}\n}"
+
+
+UP = np.eye(4) + 0.3 * np.outer(np.eye(4)[2], np.eye(4)[3])
+BOX, BALL = tw.SpatialInertia.box, tw.SpatialInertia.sphere
+LYING = tw.se3.pose([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0, 0, 0])
+ONES = (1, 1, 1)
+SHAPES = {
+    "box": ([("Cube", "double size = 0.2", (1, 2, 3))], "", BOX((0.2, 0.4, 0.6), density=1000).in_frame(UP)),
+    "ball of its own density": (
+        [("Sphere", "double radius = 0.1\nfloat physics:density = 500", ONES)], "", BALL(0.1, density=500).in_frame(UP),
+    ),
+    "ellipsoid": ([("Sphere", "", (0.1, 0.2, 0.3))], "", tw.SpatialInertia.ellipsoid((0.1, 0.2, 0.3), density=1000).in_frame(UP)),
+    "cylinder of the body's density": (
+        [("Cylinder", 'double radius = 0.1\ndouble height = 0.5\nuniform token axis = "X"', ONES)], "float physics:density = 200",
+        tw.SpatialInertia.cylinder(0.1, 0.5, density=200).in_frame(UP @ LYING),
+    ),
+    "capsule of wood": (
+        [("Capsule", "double radius = 0.1\ndouble height = 0.5\nrel material:binding:physics = </arm/oak>", ONES)], "",
+        tw.SpatialInertia.capsule(0.1, 0.5, density=700).in_frame(UP),
+    ),
+    "its own mass": ([("Cube", "float physics:mass = 3", ONES)], "", BOX((2, 2, 2), mass=3).in_frame(UP)),
+    "two shapes": (
+        [("Cube", "float physics:mass = 3", ONES), ("Sphere", "float physics:mass = 2", ONES)], "",
+        (BOX((2, 2, 2), mass=3) + BALL(1, mass=2)).in_frame(UP),
+    ),
+    "the body's mass": ([("Cube", "float physics:mass = 3", ONES)], "float physics:mass = 5", BOX((2, 2, 2), mass=5).in_frame(UP)),
+    "the body's centre": (
+        [("Cube", "", ONES)], "float physics:mass = 5\npoint3f physics:centerOfMass = (1, 0, 0)",
+        tw.SpatialInertia.from_com(5, (1, 0, 0), BOX((2, 2, 2), mass=5).moment_about_com),
+    ),
+    "its centre alone": (
+        [("Cube", "", ONES)], "float physics:mass = 5\nfloat3 physics:diagonalInertia = (1, 1, 1)",
+        tw.SpatialInertia.from_com(5, (0, 0, 0.3), np.eye(3)),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SHAPES)
+@pytest.mark.parametrize("metre", [1.0, 0.01])
+def test_what_the_mass_leaves_out_comes_from_colliders(stage, case, metre):
+    shapes, physics, expected = SHAPES[case]
+    robot = stage(body_of(shapes, physics), f'metersPerUnit = {metre}\n upAxis = "Z"', floating_base=True)
+    found = robot.model.link_inertias["body"]
+    if metre == 1.0:
+        np.testing.assert_allclose(found.parameters, expected.parameters, rtol=1e-12, atol=1e-12 * expected.mass)
+    elif "density" not in physics + str(shapes) and case not in ("box", "ellipsoid", "capsule of wood"):
+        assert found.mass == pytest.approx(expected.mass)  # masses are in kilograms whatever the lengths are in
+        np.testing.assert_allclose(found.com, expected.com * metre, atol=1e-9)
+
+
 D6 = {**JOINTS, "elbow": ("D6", *JOINTS["elbow"][1:])}
 WRONG = {
     "D6 joint": (usd_text(joints=D6), r"prim </arm/elbow> is a PhysicsJoint, which is not read. Write it as revolute"),
-    "no mass": (usd_text(drop="mass"), r"prim </arm/upper> has no physics:mass.*Give it a PhysicsMassAPI with mass"),
+    "no mass": (usd_text(drop="mass"), r"prim </arm/upper> has no physics:mass, and no collider.* Give the body a PhysicsMassAPI with mass"),
     "no inertia": (usd_text(drop="moments"), r"prim </arm/upper> has no physics:diagonalInertia"),
     "nothing there": (usd_text().replace("</arm/hand>", "</arm/foot>"), r"prim </arm/slide> has body1 at /arm/foot, where nothing"),
     "one body": (usd_text().replace("</arm/hand>", "</arm/lower>"), r"prim </arm/slide> has one body at both ends"),
@@ -307,6 +368,8 @@ WRONG = {
     "no number": (
         usd_text().replace("physics:upperLimit = 0.3", "physics:upperLimit = nan"), r"prim </arm/slide> has physics:upperLimit = nan",
     ),
+    "mesh": (body_of([("Mesh", "", ONES)]), r"prim </arm/body/part0> is a Mesh, whose mass is not computed. Give the body"),
+    "oval": (body_of([("Cylinder", "", (1, 2, 1))]), r"prim </arm/body/part0> is a Cylinder scaled to another shape"),
     "no body": ('def Xform "arm" { }', "no rigid body"),
     "sheared": (
         usd_text().replace('def Xform "arm" (', 'def Xform "arm" (').replace(

@@ -25,6 +25,7 @@ from ..model.builder import ModelBuilder
 from ..model.closure import OfferedClosure
 from ..model.remark import Remark
 from .element import MOST_BODIES
+from .usd_shapes import has_colliders, inertia_of_shapes
 from .usd_stage import End, Stage, axis_of, number_of, opened, quaternion_of, value_of, vector_of, who
 
 ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
@@ -95,7 +96,7 @@ class _Reader:
         for body in self.stage.bodies:
             if body.GetPath() in members:
                 self.builder.add_link(
-                    self._name(body), self._inertia(body), where=str(body.GetPath()), shaped=_shaped(body)
+                    self._name(body), self._inertia(body), where=str(body.GetPath()), shaped=self.stage.shaped(body)
                 )
         if start is not None:
             self._hold(start)
@@ -263,23 +264,20 @@ class _Reader:
         self.builder.remark(f"{who(joint)} is left open: robot.close({frames[0]!r}, {frames[1]!r}, {rows!r}) closes it")
 
     def _inertia(self, body: Any) -> SpatialInertia:
-        """As the MassAPI says; what it leaves out would come from shapes, by each simulator in its way."""
-        mass = number_of(body, "physics:mass", 0.0) * self.stage.kilogram
-        moments = vector_of(body, "physics:diagonalInertia", (0.0, 0.0, 0.0))
-        if mass <= 0 or not moments.any():
-            missing = "physics:mass" if mass <= 0 else "physics:diagonalInertia"
-            raise RobotFileError(
-                f"{who(body)} has no {missing}, which simulators then compute of its shapes, and this does not. Give it a "
-                "PhysicsMassAPI with mass, centerOfMass, diagonalInertia and principalAxes."
-            )
-        R = quaternion.rotation(quaternion_of(body, "physics:principalAxes"))
+        """As the MassAPI says; what it leaves out comes from the colliders."""
+        metre, kilogram = self.stage.metre, self.stage.kilogram
+        mass = number_of(body, "physics:mass") * kilogram
         com = vector_of(body, "physics:centerOfMass", (-math.inf,) * 3)
-        if not np.isfinite(com).all():
-            com = np.zeros(3)
-        com = com * self.stage.placed(body)[1] * self.stage.metre
-        return SpatialInertia.from_com(
-            mass, com, R @ np.diag(moments * self.stage.kilogram * self.stage.metre**2) @ R.T
-        )
+        moments = vector_of(body, "physics:diagonalInertia", (0.0, 0.0, 0.0))
+        R = quaternion.rotation(quaternion_of(body, "physics:principalAxes"))
+        com, I = com * self.stage.placed(body)[1] * metre, R @ np.diag(moments * kilogram * metre**2) @ R.T
+        has_com, has_moments = bool(np.isfinite(com).all()), bool(moments.any())
+        if mass > 0 and has_moments and not has_com and not has_colliders(self.stage, body):
+            com, has_com = np.zeros(3), True
+        if not (mass > 0 and has_moments and has_com):
+            G = inertia_of_shapes(self.stage, body, mass)
+            mass, com, I = G.mass, com if has_com else G.com, I if has_moments else G.moment_about_com
+        return SpatialInertia.from_com(mass, com, I)
 
 
 def _excluded(joint: Any) -> bool:
@@ -292,12 +290,6 @@ def _too_many(joint: Any, near: End, far: End, found: Iterable[_Link]) -> str:
     if twin is not None:
         return f"{who(joint)} and {who(twin)} join the same two bodies. {_SPLIT}."
     return f"{who(joint)} closes a loop. Cut it open there with excludeFromArticulation; robot.close closes it."
-
-
-def _shaped(body: Any) -> bool:
-    from pxr import Usd, UsdGeom
-
-    return any(prim.IsA(UsdGeom.Gprim) for prim in Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
 
 
 def _names(prims: Sequence[Any], *taken: str) -> dict[str, str]:

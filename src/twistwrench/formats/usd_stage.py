@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -109,6 +109,23 @@ class Stage:
             )
         return se3.pose(so3.project(R), M[3, :3] * self.metre), scale
 
+    def parts(self, body: Any) -> Iterator[Any]:
+        """The prims of a body, itself first; not those of bodies in it."""
+        from pxr import Usd
+
+        prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+        for prim in prims:
+            if prim != body and prim.GetPath() in self.numbers:
+                prims.PruneChildren()
+            else:
+                yield prim
+
+    def shaped(self, body: Any) -> bool:
+        """Whether a body has a shape, to be seen or to be touched."""
+        from pxr import UsdGeom
+
+        return any(prim.IsA(UsdGeom.Gprim) for prim in self.parts(body))
+
     def gravity(self) -> Array:
         """(3,) m/s²: of the scene, else of the earth, downward."""
         down = -np.eye(3)[self.up]
@@ -181,9 +198,9 @@ def quaternion_of(prim: Any, name: str) -> list[float]:
     return Q if any(Q) else [1.0, 0.0, 0.0, 0.0]
 
 
-def axis_of(joint: Any) -> int:
-    """0, 1 or 2: the axis of the joint's frames that it moves along or about."""
-    return "XYZ".index(str(value_of(joint, "physics:axis", default="X")))
+def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
+    """0, 1 or 2: the axis of the joint's frames that it moves along or about; of a shape, the one it stands along."""
+    return "XYZ".index(str(value_of(prim, name, default=default)))
 
 
 def moves(prim: Any) -> bool:
