@@ -115,6 +115,10 @@ def test_joints_that_a_urdf_cannot_have(pinocchio):
         parts.append(mine)
         P[at, at] = np.eye(body.joint.nv)[list(body.joint.pinocchio_order)]
     tau = P.T @ pinocchio.rnea(model, data, np.concatenate(parts), P @ dq, P @ ddq)
+    (plane,) = (body.places[1] for body in robot.model.leaders if body.joint.name == "plane")
+    w, vx, vy = dq[plane]
+    tau[plane] += robot.armature[plane] * [0.0, -w * vy, w * vx]  # a (ω × v), which Pinocchio leaves out, and we say so
+    assert any("'plane' has an armature, whose products" in one for one in robot.defects)
     np.testing.assert_allclose(robot.inverse_dynamics(q, dq, ddq), tau, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(robot.armature, model.armature)
 

@@ -20,7 +20,6 @@ FOLDER = SHARED / "robots" / "mjcf"
 FILES = sorted(str(path.relative_to(FOLDER)) for path in FOLDER.rglob("*.xml")) if FOLDER.is_dir() else []
 NONE = [pytest.param("", marks=pytest.mark.skip(reason="../shared/robots/mjcf is not there"))]
 SAID = {
-    r"h: ": "is free and has an armature",
     r"springs: ": "(with a stiffness, which is left out|slack over a range|spatial tendon)",
     r"(M|h): ": "(tendon|actuator).* armature|has a armature|forces and inertia are left out",
 }

@@ -181,7 +181,6 @@ def test_what_is_refused_of_other_sections(case):
 REMARKED = {
     "fluid": ("<option density='1.2'/>", "", "fluid"),
     "gravcomp": ("", "<body gravcomp='1'><geom size='0.1'/></body>", "gravcomp"),
-    "free armature": ("<default><joint armature='1'/></default>", "", "armature, which counts along the body's axes"),
     "spatial tendon": ("<tendon><spatial stiffness='2'/></tendon>", "", "spatial tendon"),
     "tendon armature": ("<tendon><fixed armature='2'><joint joint='j' coef='1'/></fixed></tendon>", "", "has a armature"),
     "slack tendon": (
@@ -330,6 +329,8 @@ def test_the_limit_of_bodies_can_be_raised():
     with pytest.raises(tw.RobotFileError, match="more than 20 bodies"):
         load(text, max_bodies=20)
     assert load(text, max_bodies=30).nv == 30
+    said = "<!-- <body> <body> -->" * 20  # what is commented out is none
+    assert load(f"<mujoco>{said}<worldbody>{_ONE * 30}</worldbody></mujoco>", max_bodies=30).nv == 30
     for wrong in (0, 2.5, True):
         with pytest.raises(tw.ValueRangeError, match="max_bodies"):
             load(text, max_bodies=wrong)

@@ -1,4 +1,5 @@
-"""Armature: inertia of the drives that each velocity feels, as data of the model. It is on the diagonal of M, and nowhere else."""
+"""Armature: inertia of the drives that each velocity feels, as data of the model. It is on the diagonal of M, and where velocities
+are those of a moving frame its products of velocities are in the bias."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench import laws
 from twistwrench.testing import assert_close, derivative, random_robot, random_state
 
 ARMATURE = {"joint1": 0.3, "joint2": 0.05}
@@ -81,7 +83,7 @@ def test_trees_with_every_joint_type(seed):
     a = rng.uniform(0.1, 1.0, robot.nv)
     geared = robot.with_armature({b.joint.name: a[b.places[1]] for b in robot.model.leaders})
     q, dq, ddq = random_state(robot, rng)
-    tau = robot.inverse_dynamics(q, dq, ddq) + a * ddq
+    tau = robot.inverse_dynamics(q, dq, ddq) + a * ddq + velocity_products(geared, dq)
     assert_close(geared.inverse_dynamics(q, dq, ddq), tau, 1e-11, "τ")
     assert_close(geared.mass_matrix(q), robot.mass_matrix(q) + np.diag(a), 1e-12, "M")
     assert_close(geared.forward_dynamics(q, dq, tau), ddq, 1e-8, "FD∘ID")
@@ -92,14 +94,89 @@ def test_trees_with_every_joint_type(seed):
         assert_close(by_bodies.astype(float), ddq, 1e-8, "articulated bodies")
 
 
+def velocity_products(robot, dq):
+    """-[V, ·]' A V of each joint's own twist V, axis by axis: what an armature does beside A ddq."""
+    found = np.zeros(robot.nv)
+    for body in robot.model.leaders:
+        mine, S = body.places[1], body.joint.axes
+        momentum = robot.armature[mine] * dq[mine]
+        found[mine] = [-momentum @ (S @ (tw.se3.ad(dq[mine] @ S) @ axis)) for axis in S]
+    return found
+
+
+def with_each_its_own(kind, seed):
+    """A robot with one joint of a kind with several velocities in the midst, each with an armature of its own."""
+    robot = random_robot(seed, joints=4, kinds=("revolute", "prismatic", kind))
+    while not any(body.joint.kind == kind for body in robot.model.leaders):
+        seed += 100
+        robot = random_robot(seed, joints=4, kinds=("revolute", "prismatic", kind))
+    a = np.random.default_rng(seed).uniform(0.5, 3.0, robot.nv)
+    return robot.with_armature({body.joint.name: a[body.places[1]] for body in robot.model.leaders})
+
+
+@pytest.mark.parametrize("kind", ["ball", "planar", "floating"])
+@pytest.mark.parametrize("seed", range(2))
+def test_velocities_of_a_moving_frame_bring_its_products(kind, seed):
+    """Lagrange's equations from the energies alone, the power balance, and what a Coriolis matrix has to be."""
+    robot = with_each_its_own(kind, seed)
+    at = random_state(robot, np.random.default_rng(seed))
+    q, dq, ddq = at
+    assert np.abs(velocity_products(robot, dq)).max() > 1e-2
+    for gap in (laws.lagrange_gap, laws.power_gap, laws.skewness_gap):
+        assert gap(robot, at) < 1e-9, gap.__name__
+    for gap in (laws.closed_form_gap, laws.coriolis_gap, laws.round_trip_gap):
+        assert gap(robot, at) < 1e-10, gap.__name__
+    tau = robot.inverse_dynamics(q, dq, ddq)
+    assert_close(robot.mass_matrix(q) @ ddq + robot.bias_forces(q, dq), tau, 1e-11, "M ddq + h = τ")
+    assert_close(robot.coriolis_forces(q, dq) + robot.gravity_forces(q), robot.bias_forces(q, dq), 1e-11, "c + g = h")
+    products = velocity_products(robot, dq) + robot.armature * ddq
+    assert_close(robot.drive_torques(q, dq, ddq)[1], products, 1e-12, "what the drives take")
+    assert_close(robot.explain(q, dq, ddq).of("armature"), products, 1e-12, "cause armature")
+    assert_close(robot.explain(q, dq, ddq).torque, tau, 1e-11, "explained")
+    by_q, by_dq = robot.inverse_dynamics_derivatives(q, dq, ddq)
+    for k, e in enumerate(np.eye(robot.nv)):
+        faster = derivative(lambda t, e=e: robot.inverse_dynamics(q, dq + np.multiply.outer(t, e), ddq), 1.0)
+        assert_close(by_dq[:, k], faster, 1e-9, "∂τ/∂dq", scale=np.abs(tau).max())
+        further = derivative(lambda t, e=e: robot.inverse_dynamics(robot.add(q, np.multiply.outer(t, e)), dq, ddq), 1.0)
+        assert_close(by_q[:, k], further, 1e-7, "∂τ/∂q", scale=np.abs(tau).max())
+    from twistwrench.algorithms.articulated import articulated_dynamics
+
+    by_bodies = articulated_dynamics(robot.model, q.astype(object), dq.astype(object), tau.astype(object))
+    assert_close(by_bodies.astype(float), ddq, 1e-8, "articulated bodies")
+
+
+@pytest.mark.parametrize("name", ["floating_box", "quadruped"])
+def test_a_free_body_with_armature_keeps_its_energy(name):
+    """No force but gravity: steps of fourth order hold K + P to their own error, which without the products grows with time."""
+    robot = getattr(tw.robots, name)()
+    free = next(body.joint.name for body in robot.model.leaders if body.joint.kind == "floating")
+    geared = robot.with_armature({free: [0.3, 0.1, 0.2, 2.0, 5.0, 1.0]})
+    rng = np.random.default_rng(4)
+    run = geared.simulate(geared.random_configuration(rng), rng.uniform(-1, 1, geared.nv), duration=1.0, dt=2e-3)
+    K = geared.kinetic_energy(run.q, run.dq)
+    E = K + geared.potential_energy(run.q)
+    assert np.ptp(E) < 1e-5 * np.ptp(K)
+
+
+def test_equal_ones_of_a_ball_joint_have_no_products():
+    robot = random_robot(3, joints=3, kinds=("ball",))
+    geared = robot.with_armature(dict.fromkeys(robot.joint_names, 0.7))
+    q, dq, _ = random_state(robot, np.random.default_rng(1))
+    assert_close(geared.bias_forces(q, dq), robot.bias_forces(q, dq), 1e-13, "h")
+
+
 def test_it_costs_nothing_where_there_is_none():
     """The same instructions, bit for bit, as a model whose armature is zero by an edit, and no more than before by count."""
     arm = tw.robots.ur5()
     none = arm.with_armature({"elbow_joint": 1.0}).with_armature({"elbow_joint": 0.0})
     one = arm.with_armature({"elbow_joint": 1.0})
+    base = tw.robots.quadruped()
+    free = base.joint_names[0]
+    held = base.with_armature({free: 1.0}).with_armature({free: 0.0})
     for name, more in (("mass_matrix", 1), ("inverse_dynamics", 1), ("bias_forces", 0)):
         before = arm.program(name)
         assert none.program(name) == before
+        assert held.program(name) == base.program(name)
         assert len(one.program(name).instructions) - len(before.instructions) <= more + 1  # the constant, and one fma
 
 

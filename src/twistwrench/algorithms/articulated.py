@@ -16,6 +16,7 @@ from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
 from ..typing import Array
+from .armature import armature_forces
 from .inverse_dynamics import BodyMotion, Wrenches, applied_wrenches, inertial_wrench
 from .recursion import inward, joint_poses, outward, spread, zeros
 from .springs import spring_forces
@@ -65,7 +66,7 @@ def articulated_dynamics(
 ) -> Array:
     """q̈ (nv,); robots whose joints share no coordinates. ``added`` (nv,) is inertia of the joints, as that of a rotor."""
     T, Adq = joint_poses(model, q), spread(model, dq)
-    tau = tau - spring_forces(model, q)
+    tau = tau - spring_forces(model, q) - armature_forces(model, dq, zeros(model.nv))
     drives = model.armature if added is None else added + model.armature
     A, p, c, w = [], [], [], {BASE: zeros(3)}
     for i, parent in outward(model):

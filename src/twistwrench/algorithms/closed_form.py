@@ -145,7 +145,7 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
     ad_V, ad_Adq = _block_diagonal(V), _block_diagonal(A @ dq)
     return ClosedForm(
         M=A.T @ L.T @ G @ L @ A + np.diag(model.armature),
-        c=-A.T @ L.T @ (G @ L @ ad_Adq @ W + ad_V.T @ G) @ V,
+        c=-A.T @ L.T @ (G @ L @ ad_Adq @ W + ad_V.T @ G) @ V + _armature_products(model, dq),
         g=A.T @ L.T @ G @ L @ dV_base + np.asarray(spring_forces(model, q), float),
         wrench_torques=A.T @ L.T @ F,
         A=A,
@@ -158,6 +158,15 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
         dV_base=dV_base,
         F_by=F,
     )
+
+
+def _armature_products(model: Model, dq: Array) -> Array:
+    """-S [V, ·]' S' A u of each joint, with V = S' u its own twist: what an armature adds to c; (nv,)."""
+    c = np.zeros(model.nv)
+    for body in model.leaders:
+        mine, S = body.places[1], body.joint.axes
+        c[mine] = -S @ (ad(dq[mine] @ S).T @ ((model.armature * dq)[mine] @ S))
+    return c
 
 
 def _block_diagonal(V: Array) -> Array:

@@ -18,6 +18,7 @@ from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
 from ..typing import Array
+from .armature import armature_symbols
 from .energy import body_velocities
 from .mass_matrix import composite_inertias
 from .recursion import ancestors, inward, joint_poses, zeros
@@ -75,6 +76,8 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
                     if j != i:
                         _add(C, body, b, other, a, (ad(V[j]) @ S_j) @ F2 + S_j @ F3)
                 F1, F2, F3 = up[j] @ F1, up[j] @ F2, up[j] @ F3
+    for mine, L in armature_symbols(model):
+        C[mine, mine] = C[mine, mine] + L @ dq[mine]
     return C
 
 

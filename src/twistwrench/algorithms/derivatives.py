@@ -24,6 +24,7 @@ from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
 from ..typing import Array
+from .armature import armature_symbols
 from .coriolis import BodyCoriolis
 from .energy import body_velocities
 from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
@@ -66,6 +67,8 @@ def inverse_dynamics_derivatives(
                 _add_felt(by_q, model, columns, up, i, b, moved)
             faster = B[i] @ c.S + G[i] @ c.R
             _add_felt(by_dq, model, columns, up, i, b, faster)
+    for mine, L in armature_symbols(model):
+        by_dq[mine, mine] = by_dq[mine, mine] + (L + L.swapaxes(1, 2)) @ dq[mine]
     return by_q, by_dq
 
 

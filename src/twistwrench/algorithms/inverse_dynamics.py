@@ -20,6 +20,7 @@ from ..lie import so3
 from ..lie.adjoint import Ad
 from ..model.model import BASE, Model
 from ..typing import Array
+from .armature import armature_forces
 from .friction import friction_forces
 from .recursion import collect, inward, joint_poses, outward, spread, zeros
 from .springs import spring_forces
@@ -107,7 +108,8 @@ def inverse_dynamics(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None, friction: bool = False
 ) -> Array:
     """Joint torques τ = M q̈ + h + Σ J'F_by, and what overcomes friction if asked for; (nv,). MR eq. 8.54."""
-    tau = collect(model, joint_wrenches(model, q, dq, ddq, wrenches)) + model.armature * ddq + spring_forces(model, q)
+    tau = collect(model, joint_wrenches(model, q, dq, ddq, wrenches)) + armature_forces(model, dq, ddq)
+    tau = tau + spring_forces(model, q)
     return tau + friction_forces(model, dq, load=tau) if friction else tau
 
 
@@ -118,7 +120,8 @@ def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
 
 def coriolis_forces(model: Model, q: Array, dq: Array) -> Array:
     """c, the centripetal and Coriolis terms; (nv,)."""
-    return collect(model, joint_wrenches(model, q, dq, zeros(model.nv), gravity=False))
+    still = zeros(model.nv)
+    return collect(model, joint_wrenches(model, q, dq, still, gravity=False)) + armature_forces(model, dq, still)
 
 
 def gravity_forces(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
@@ -138,4 +141,5 @@ def drive_torques(
     """What gears carry and what rotors take, as felt at the joints; they add up to τ; (nv,) each. MR section 8.9.3."""
     F = joint_wrenches(model, q, dq, ddq, wrenches)
     spins = np.array([[float(not body.joint.moves_body)] for body in model.bodies])
-    return collect(model, (1.0 - spins) * F) + spring_forces(model, q), collect(model, spins * F) + model.armature * ddq
+    rotors = collect(model, spins * F) + armature_forces(model, dq, ddq)
+    return collect(model, (1.0 - spins) * F) + spring_forces(model, q), rotors

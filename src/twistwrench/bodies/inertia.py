@@ -119,13 +119,29 @@ class SpatialInertia:
         """
         m, c = arguments.number(mass, "mass"), arguments.one(com, "com", 3)
         I = np.zeros((3, 3)) if moment_about_com is None else _moment(moment_about_com)
-        with np.errstate(over="ignore", invalid="ignore"):  # defects() says what is not finite
-            if not (gap := float(np.abs(I - I.T).max())) <= 1e-9 * float(np.abs(I).max()) and np.isfinite(I).all():
-                raise InertiaError(
-                    f"moment_about_com is not symmetric: entries that should be equal differ by {gap:.3g} kg m²."
-                )
-            I = I - m * so3.hat(c) @ so3.hat(c)  # Steiner: I_o = I_com - m [c]^2
-            return cls.from_parameters([m, *(m * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = I.tolist()
+        gap = max(abs(xy - yx), abs(xz - zx), abs(yz - zy))
+        most = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
+        if not gap <= 1e-9 * most and np.isfinite(I).all():
+            raise InertiaError(
+                f"moment_about_com is not symmetric: entries that should be equal differ by {gap:.3g} kg m²."
+            )
+        x, y, z = c.tolist()
+        hx, hy, hz = m * x, m * y, m * z
+        if hx or hy or hz:  # Steiner: I_o = I_com - m [c]^2
+            h_hat, c_hat = [[0.0, -hz, hy], [hz, 0.0, -hx], [-hy, hx, 0.0]], [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+            with np.errstate(over="ignore", invalid="ignore"):  # defects() says what is not finite
+                (sxx, sxy, sxz), (_, syy, syz), (_, _, szz) = (np.array(h_hat) @ np.array(c_hat)).tolist()
+            xx, xy, yy, xz, yz, zz = xx - sxx, xy - sxy, yy - syy, xz - sxz, yz - syz, zz - szz
+        return cls._of(np.array([m, hx, hy, hz, xx, xy, yy, xz, yz, zz]))
+
+    @classmethod
+    def _of(cls, parameters: Array) -> SpatialInertia:
+        """That of ten floats in an array nobody else has."""
+        made = object.__new__(cls)
+        parameters.setflags(write=False)
+        object.__setattr__(made, "parameters", parameters)
+        return made
 
     @classmethod
     def from_matrix(cls, G: ArrayLike) -> SpatialInertia:
@@ -189,7 +205,7 @@ class SpatialInertia:
         >>> SpatialInertia.zero().mass
         0.0
         """
-        return cls.from_parameters(np.zeros(10))
+        return cls._of(np.zeros(10))
 
     from_points = classmethod(solids.from_points)
     box = classmethod(solids.box)
@@ -308,10 +324,17 @@ class SpatialInertia:
         """
         T = arguments.pose(arguments.one(T_ab, "T_ab", 4, 4, symbols=True), "T_ab")
         R, p, m = T[:3, :3], T[:3, 3], self.mass
-        h = R @ self.first_moment
+        h, I = R @ self.first_moment, R @ self.moment_about_origin @ R.T
         u = h + 0.5 * m * p
-        I = R @ self.moment_about_origin @ R.T + 2.0 * (u @ p) * np.eye(3) - np.outer(u, p) - np.outer(p, u)
-        return SpatialInertia.from_parameters([m, *(h + m * p), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+        d = 2.0 * (u @ p)
+        # I + d 1 - u p' - p u': entry by entry, since NumPy takes longer for a few operations on three numbers.
+        (x, y, z), (a, b, c), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = p.tolist(), u.tolist(), I.tolist()
+        moments = [
+            xx + d - a * x - x * a, xy - a * y - x * b, yy + d - b * y - y * b,
+            xz - a * z - x * c, yz - b * z - y * c, zz + d - c * z - z * c,
+        ]  # fmt: skip
+        pi = [m, *(h + m * p).tolist(), *moments]
+        return SpatialInertia._of(np.array(pi)) if I.dtype == np.float64 else SpatialInertia.from_parameters(pi)
 
     def turned(self, k: int, angle: Any) -> SpatialInertia:
         """Inertia of the body turned about a coordinate axis, in the same frame.

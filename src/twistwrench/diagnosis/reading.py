@@ -11,8 +11,8 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.files import as_path
-from ..errors import ModelError, ModelWarning
-from ..formats import FORMATS, load_model
+from ..errors import ModelError, ModelWarning, RobotFileError
+from ..formats import FORMATS, load_model, usd_path
 from ..formats.element import Element, parse
 from ..formats.source import is_text, robot_file
 from ..model.model import Model
@@ -57,11 +57,16 @@ def read_subject(
     """
     if isinstance(source, Robot):
         path = Path(source.model.source) if source.model.source else None
-        if path is None or not path.is_file():
+        if path is None or not path.is_file() or usd_path(path) is not None:
             return Subject(_without_file(source.model))
         floating_base = (source.model.base_inertia.mass == 0 and "root_joint" in source.model.joint_names) or None
         source = path
     path = None if is_text(source) else as_path(source)
+    if path is not None and usd_path(path) is not None:
+        raise RobotFileError(
+            f"{path} is USD, whose files are not examined. Examine the robot, twistwrench.doctor(twistwrench.load(path)), or "
+            "the URDF that `twistwrench convert` makes of it."
+        )
     data, text = b"", str(source)
     if path is not None:
         data, text = robot_file(path)

@@ -10,7 +10,6 @@ import numpy as np
 from ..errors import RobotFileError
 from ..formats.element import Element
 from ..formats.urdf import PRODUCTS, origin_of
-from ..lie import se3
 from ..model.model import Model
 from .described import DescribedJoint, DescribedLink, DescribedRobot, WrittenInertia
 from .findings import Place
@@ -43,14 +42,14 @@ def _inertia(link: Element, numbers: dict[int, int]) -> WrittenInertia | None:
     mass = inertial.required("mass", "a mass")
     tensor = inertial.required("inertia", "an inertia")
     xx, xy, xz, yy, yz, zz = (tensor.number(name) for name in PRODUCTS)
-    R, com = origin_of(inertial)
+    T = origin_of(inertial)
     places = {name: Place(numbers[id(tensor)], name) for name in PRODUCTS}
     places["mass"] = Place(numbers[id(mass)], "value")
     origin = inertial.child("origin")
     if origin is not None and "xyz" in origin.attributes:
         places |= {axis: Place(numbers[id(origin)], "xyz", k) for k, axis in enumerate("xyz")}
     I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return WrittenInertia(mass.number("value"), com, R, I, places, tensor.line)
+    return WrittenInertia(mass.number("value"), T[:3, 3], T[:3, :3], I, places, tensor.line)
 
 
 def _shapes(link: Element, reader: ShapeReader) -> LinkShapes:
@@ -64,7 +63,7 @@ def _spec(part: Element, role: str) -> ShapeSpec | None:
         geometry = part.child("geometry")
         if geometry is None or not geometry.children:
             return None
-        shape, pose = geometry.children[0], se3.pose(*origin_of(part))
+        shape, pose = geometry.children[0], origin_of(part)
         if shape.tag == "mesh":
             scale = shape.numbers("scale", 3) if "scale" in shape.attributes else np.ones(3)
             return ShapeSpec("mesh", tuple(scale.tolist()), pose, shape.text("filename"), role)

@@ -15,10 +15,11 @@ from .element import MOST_BODIES, Element, parse
 from .mjcf import read_mjcf
 from .mjcf.includes import Folders
 from .sdf import read_sdf
-from .source import is_text, read_robot_text
+from .source import bytes_of, is_text, read_robot_text
 from .urdf import read_urdf
+from .usd import ENDINGS, read_usd
 
-__all__ = ["FORMATS", "format_of_file", "load_model"]
+__all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 
 FORMATS = {"urdf": "robot", "mjcf": "mujoco", "sdf": "sdf"}
 """The formats that are read, each with the root element that tells it."""
@@ -48,23 +49,31 @@ def load_model(
     >>> load_model('<robot name="stone"><link name="stone"/></robot>').tip
     'stone'
     """
-    if format is not None and format not in FORMATS:
-        raise ValueRangeError(
-            f"format={format!r} is not allowed. Choose from: {', '.join(map(repr, FORMATS))}, or None."
-        )
+    if format is not None and format not in (*FORMATS, "usd"):
+        choices = ", ".join(map(repr, (*FORMATS, "usd")))
+        raise ValueRangeError(f"format={format!r} is not allowed. Choose from: {choices}, or None.")
     if isinstance(max_bodies, bool) or not isinstance(max_bodies, int) or max_bodies < 1:
         raise ValueRangeError(f"max_bodies={max_bodies!r} is not allowed: a whole number above zero.")
-    text, origin = read_robot_text(source)
+    usd = usd_path(source)
+    text, origin = ("", str(usd)) if usd is not None else read_robot_text(source)
     home = None if is_text(source) else Path(source).parent
     try:
-        root = parse(text, max_bodies=max_bodies)
-        found = _format_of(root)
-        _refuse_others(found, {"mjcf": ("keep", keep), "sdf": ("model", model)})
+        if usd is None:
+            root = parse(text, max_bodies=max_bodies)
+            found = _format_of(root, text)
+            said = f"{found.upper()} (<{root.tag}>, {root.place})"
+        else:
+            bytes_of(usd)
+            found = said = "usd"
+        _refuse_others(found, {"keep": (keep, ("mjcf",)), "model": (model, ("sdf", "usd"))})
         if format not in (None, found):
-            raise RobotFileError(
-                f"it is {found.upper()} (<{root.tag}>, {root.place}), and format={format!r} was asked for."
-            )
-        if found == "mjcf":
+            raise RobotFileError(f"it is {said}, and format={format!r} was asked for.")
+        if usd is not None:
+            builder, floating = read_usd(
+                usd, origin, include_paths=[Path(folder) for folder in include_paths], floating_base=floating_base,
+                model=model, max_bodies=max_bodies,
+            )  # fmt: skip
+        elif found == "mjcf":
             folders = Folders(home, [Path(folder) for folder in include_paths])
             builder, floating = read_mjcf(
                 root, origin, folders, floating_base=floating_base, keep=keep, max_bodies=max_bodies
@@ -82,18 +91,29 @@ def load_model(
 
 
 def format_of_file(path: Path) -> str:
-    """The format of a robot file, one of :data:`FORMATS`; raises as :func:`load_model`."""
-    return _format_of(parse(read_robot_text(path)[0]))
+    """The format of a robot file, one of :data:`FORMATS` or ``"usd"``; raises as :func:`load_model`."""
+    if usd_path(path) is not None:
+        return "usd"
+    text = read_robot_text(path)[0]
+    return _format_of(parse(text), text)
 
 
-def _refuse_others(found: str, options: Mapping[str, tuple[str, str | None]]) -> None:
-    """Options that choose a part of a file are of one format each."""
-    for own, (option, value) in options.items():
-        if value is not None and own != found:
-            raise ValueRangeError(f"{option}={value!r} is of {own.upper()} files, and this one is {found.upper()}.")
+def usd_path(source: object) -> Path | None:
+    """The path of a file that is called as USD files are."""
+    if not isinstance(source, str | os.PathLike) or is_text(source):
+        return None
+    return path if (path := Path(source)).suffix.lower() in ENDINGS else None
 
 
-def _format_of(root: Element) -> str:
+def _refuse_others(found: str, options: Mapping[str, tuple[str | None, tuple[str, ...]]]) -> None:
+    """Options that choose a part of a file are of some formats only."""
+    for option, (value, own) in options.items():
+        if value is not None and found not in own:
+            formats = " and ".join(name.upper() for name in own)
+            raise ValueRangeError(f"{option}={value!r} is of {formats} files, and this one is {found.upper()}.")
+
+
+def _format_of(root: Element, text: str) -> str:
     found = next((name for name, tag in FORMATS.items() if root.tag == tag), None)
     if root.tag == "mujocoinclude":
         raise RobotFileError(
@@ -103,7 +123,7 @@ def _format_of(root: Element) -> str:
         raise RobotFileError(
             f"its root element is <{root.tag}> ({root.place}), expected <robot> (URDF), <mujoco> (MJCF) or <sdf>."
         )
-    if found == "urdf":
+    if found == "urdf" and ("${" in text or "xacro:" in text):
         _refuse_xacro(root)
     return found
 

@@ -24,6 +24,7 @@ from .mujoco_forces import add_closures, add_tendons, drives_of, mimics_of
 
 _KINDS = ("floating", "ball", "prismatic", "revolute")
 _SAID = ("free", "ball", "slide", "hinge")
+_VELOCITIES = (6, 3, 1, 1)
 _FORCES = ("gravity", "spring", "damper", "passive", "equality")
 
 
@@ -116,6 +117,9 @@ def _joint(model: Any, j: int, body: str, k: int) -> MjcfJoint:
             "armature": float(model.dof_armature[d]),
         },
     )
+    armature = model.dof_armature[d : d + _VELOCITIES[said]]
+    if np.ptp(armature) > 0:  # which no file can say, but a program can
+        joint.remarks.append("has another armature in each direction, of which the first is kept")
     if single and model.jnt_limited[j]:
         joint.options |= {"lower": float(model.jnt_range[j, 0]), "upper": float(model.jnt_range[j, 1])}
     if single and getattr(model, "jnt_actfrclimited", np.zeros(model.njnt))[j]:
@@ -148,6 +152,8 @@ def _add(
     for what in ("armature", "damping"):
         options[what] += drive.get(what, 0.0)
     builder.add_joint(joint.name, joint.kind, parent, child, placement=T, axis=axis, mimic=mimic, **options)
+    for said in joint.remarks:
+        builder.remark(Remark(f"joint {joint.name!r}", said))
     if joint.stiffness and joint.single:
         builder.add_spring({joint.name: 1.0}, joint.stiffness, joint.rest)
     elif joint.stiffness:

@@ -46,7 +46,7 @@ def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
 
 def robot_file(path: Path) -> tuple[bytes, str]:
     """The bytes of a robot file and their text; raises as :func:`read_robot_text`."""
-    data = _bytes_of(path)
+    data = bytes_of(path)
     return data, _decoded(data, str(path))
 
 
@@ -65,7 +65,8 @@ def standard_input_text() -> str:
     return text
 
 
-def _bytes_of(path: Path) -> bytes:
+def bytes_of(path: Path) -> bytes:
+    """The bytes of a file; raises as :func:`read_robot_text`."""
     name = str(path)
     clipped = name if len(name) <= 200 else name[:200] + "…"
     # A name no file system takes (too long, a NUL in it) is most often text that was meant to be XML.
@@ -108,7 +109,7 @@ def _bundled(path: Path) -> str:
 
 
 def _robot_files(folder: Path) -> list[str]:
-    kinds = (".urdf", ".xml", ".sdf", ".xacro")
+    kinds = (".urdf", ".xml", ".sdf", ".xacro", ".usd", ".usda", ".usdc")
     return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in kinds)
 
 

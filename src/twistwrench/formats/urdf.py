@@ -9,10 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..errors import RobotFileError
-from ..lie import se3
+from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..model.rounding import DEFAULT_SNAP, snap_rotation
@@ -23,6 +24,8 @@ _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 """The joint types of URDF."""
 ENDLESS = 1e15
 """Limits beyond this mean that there is none: files write ±1e16, where the format wants a number."""
+
+_NOTHING = [0.0, 0.0, 0.0]
 
 PRODUCTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """The attributes of ``<inertia>``."""
@@ -55,33 +58,36 @@ def _inertia(link: Element, snap: float) -> SpatialInertia | None:
     mass = inertial.required("mass", '<mass value="1.0"/>').number("value")
     tensor = inertial.required("inertia", '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>')
     xx, xy, xz, yy, yz, zz = (tensor.number(name) for name in PRODUCTS)
-    R, com = origin_of(inertial)
-    R = snap_rotation(R, snap)
-    # The tensor is about the centre of mass, in the axes of the inertial frame: I in the link's axes is R I R'.
-    return SpatialInertia.from_com(mass, com, R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T)
+    T, I = origin_of(inertial), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    R = T[:3, :3]
+    if R.tolist() != UPRIGHT:  # the tensor is about the centre of mass, in the axes of the inertial frame
+        R = snap_rotation(R, snap)
+        I = R @ I @ R.T
+    return SpatialInertia.from_com(mass, T[:3, 3], I)
 
 
-def origin_of(element: Element) -> tuple[Array, Array]:
-    """Rotation (3, 3) and position (3,) of an element's ``<origin>``, each of whose parts may be left out."""
+def origin_of(element: Element) -> Array:
+    """The pose (4, 4) of an element's ``<origin>``, each of whose parts may be left out."""
     origin = element.child("origin")
-    R, p = np.eye(3), np.zeros(3)
-    if origin is not None and "rpy" in origin.attributes:
-        R = rotation_of_rpy(origin.numbers("rpy", 3))
-    if origin is not None and "xyz" in origin.attributes:
-        p = origin.numbers("xyz", 3)
-    return R, p
+    if origin is None:
+        return IDENTITY
+    rpy = origin.values("rpy", 3) if "rpy" in origin.attributes else _NOTHING
+    p = origin.values("xyz", 3) if "xyz" in origin.attributes else _NOTHING
+    return pose_rows(_rows_of_rpy(rpy) if any(rpy) else UPRIGHT, p)
 
 
-def rotation_of_rpy(rpy: Array) -> Array:
+def rotation_of_rpy(rpy: ArrayLike) -> Array:
     """Rz(yaw) Ry(pitch) Rx(roll) of angles (3,) about fixed axes; (3, 3). MR appendix B.2."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    return np.array(_rows_of_rpy(rpy))
+
+
+def _rows_of_rpy(rpy: ArrayLike) -> list[list[float]]:
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy).tolist(), np.cos(rpy).tolist()
+    return [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
 
 
 def rpy_of_rotation(R: Array) -> Array:
@@ -111,8 +117,8 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
         kind,
         parent,
         child,
-        placement=se3.pose(*origin_of(joint)),
-        axis=(1.0, 0.0, 0.0) if axis is None else axis.numbers("xyz", 3),
+        placement=origin_of(joint),
+        axis=(1.0, 0.0, 0.0) if axis is None else axis.values("xyz", 3),
         lower=limit.lower,
         upper=limit.upper,
         velocity=limit.velocity,
@@ -141,11 +147,10 @@ def _limit(builder: ModelBuilder, joint: Element, kind: str) -> _Limit:
         if bounded:
             builder.remark(f"{joint} is {kind} and has no <limit>, so it is taken to be unlimited")
         return _Limit()
-    found = _Limit(*(limit.optional_number(name) for name in _Limit._fields))
+    said = {name: limit.optional_number(name) for name in _SIDES}
     if bounded:  # the format's default for either bound is 0
-        found = found._replace(lower=found.lower or 0.0, upper=found.upper or 0.0)
-    none = {name: None for name in _Limit._fields if (getattr(found, name) or 0.0) * _SIDES[name] > ENDLESS}
-    return found._replace(**none)
+        said["lower"], said["upper"] = said["lower"] or 0.0, said["upper"] or 0.0
+    return _Limit(*(None if (x or 0.0) * _SIDES[name] > ENDLESS else x for name, x in said.items()))
 
 
 def _mimic(joint: Element) -> Mimic | None:

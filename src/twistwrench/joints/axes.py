@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -18,9 +20,14 @@ def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
         raise ModelError(f"{what} is {values!r}, expected {_shape_in_words(shape)}.") from None
     if array.shape != shape:
         raise ModelError(f"{what} has shape {array.shape}, expected {_shape_in_words(shape)}.")
-    if not np.isfinite(array).all():
+    if not all(map(math.isfinite, array.ravel().tolist())):
         raise ModelError(f"{what} is {array.tolist()}; every number must be finite.")
     return array
+
+
+def number(value: float | ArrayLike, what: str) -> float:
+    """``value`` as one finite float; otherwise a :class:`~twistwrench.ModelError` naming ``what``."""
+    return float(value) if isinstance(value, float) and math.isfinite(value) else float(numbers(value, (), what))
 
 
 def _shape_in_words(shape: tuple[int, ...]) -> str:
@@ -37,7 +44,7 @@ def direction_of(axis: ArrayLike, who: str) -> Array:
 
 def no_pitch(kind: str, pitch: float, who: str) -> None:
     """Raise ModelError for a pitch where there can be none."""
-    if float(numbers(pitch, (), f"the pitch of {who}")):
+    if number(pitch, f"the pitch of {who}"):
         raise ModelError(f"{who} is {kind} and has a pitch of {pitch:g} m/rad; only helical joints have one.")
 
 
@@ -70,6 +77,9 @@ def _screw(kind: str, turning: bool, S: Array, normalise: bool, who: str) -> Arr
 
 def unit_vector(v: Array) -> Array:
     """v of unit length: by the largest entry first, so that a multiple of a coordinate axis becomes exactly it."""
+    x = v.tolist()
+    if len(x) - x.count(0.0) == 1:  # most of those in files
+        return np.sign(v)
     v = v / np.abs(v).max()
     return np.array(v / np.linalg.norm(v))
 

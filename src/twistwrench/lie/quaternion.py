@@ -20,6 +20,12 @@ def rotation(quat: ArrayLike) -> Array:
     One of length zero is a :class:`~twistwrench.ValueRangeError`.
     """
     quat = arguments.array(quat, "quaternion.rotation: quat", 4)
+    if quat.ndim == 1 and quat.dtype == np.float64:  # NumPy takes longer for a few operations on four numbers
+        w, x, y, z = quat.tolist()
+        square = w * w + x * x + y * y + z * z
+        if square == 0.0:
+            _turning(np.zeros(()), "quaternion.rotation: quat")
+        return np.array(entries(w, x, y, z, 2.0 / square)).reshape(3, 3)
     w, x, y, z = np.moveaxis(quat, -1, 0)
     square = w * w + x * x + y * y + z * z
     if quat.dtype != object:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..joints import Floating
+from ..lie.identity import IDENTITY
 from ..typing import Array
 from .closure import OfferedClosure
 from .configuration import from_names
@@ -63,14 +64,15 @@ def assemble(
     for entry in leaders:
         columns[entry.name] = _Column(nq, nv)
         nq, nv = nq + entry.joint.nq, nv + entry.joint.nv
+    every = {entry.name: drives.get(entry.name) or Drive(entry.name, 1.0, 0.0) for entry in joints}
     index = {} if floating_base else {tree.root: BASE}
     bodies: list[Body] = []
     held: dict[int, Array] = {}
     for i, entry in enumerate(joints):
         index[entry.child] = i
-        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
+        drive = every[entry.name]
         if drive.leader not in columns or drive.ratio == 0:
-            held[i] = np.eye(4) if entry.fixed else entry.joint.pose(np.array([drive.offset]))
+            held[i] = IDENTITY if entry.fixed else entry.joint.pose(np.array([drive.offset]))
         column = columns.get(drive.leader, _Column(0, 0))
         bodies.append(
             Body(
@@ -89,9 +91,9 @@ def assemble(
     model = Model(
         name=name,
         bodies=tuple(bodies),
-        frames={name: Frame(index[name], np.eye(4)) for name, link in links.items() if not link.hidden},
+        frames={name: Frame(index[name], IDENTITY) for name, link in links.items() if not link.hidden},
         limits=_stacked([entry.limits for entry in leaders]),
-        friction=_friction(joints, drives, columns, nv),
+        friction=_friction(joints, every, columns, nv),
         gravity=gravity,
         base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
         tip=None,
@@ -100,14 +102,15 @@ def assemble(
         source=source,
         shaped=frozenset(link.name for link in links.values() if link.shaped),
         snap=snap,
-        armature=_armature(joints, drives, columns, nv),
+        armature=_armature(joints, every, columns, nv),
         sites={site.name: Frame(index[site.link], snap_pose(site.pose, snap)) for site in additions.sites.values()},
         springs=tuple(s for s in (_led(s, drives, columns) for s in additions.springs) if s.terms),
         closures=additions.closures,
         mounts={entry.child: (entry.parent, entry.name) for entry in joints},
     )
     positions = additions.configurations
-    model = replace(model, configurations={name: _configuration(model, positions[name]) for name in positions})
+    if positions:
+        model = replace(model, configurations={name: _configuration(model, positions[name]) for name in positions})
     return fuse(model, held)
 
 
@@ -131,7 +134,7 @@ def _led(spring: Spring, drives: Mapping[str, Drive], columns: Mapping[str, _Col
 def _root_entry(root: str) -> JointEntry:
     none = np.full(6, np.inf)
     joint = Floating(ROOT_JOINT, np.eye(6))
-    return JointEntry(joint, "", root, np.eye(4), Limits(-none, none, none, none), 0.0, 0.0, None, "")
+    return JointEntry(joint, "", root, IDENTITY, Limits(-none, none, none, none), 0.0, 0.0, None, "")
 
 
 def _stacked(limits: list[Limits]) -> Limits:
@@ -143,13 +146,12 @@ def _stacked(limits: list[Limits]) -> Limits:
 
 def _armature(joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int) -> Array:
     """Inertia of the drives per velocity; that of a follower counts ratio², as a gear's does."""
-    found = np.zeros(nv)
+    found = [0.0] * nv
     for entry in joints:
-        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
-        if drive.leader in columns:
-            at = slice(columns[drive.leader].v, columns[drive.leader].v + entry.joint.nv)
-            found[at] += drive.ratio**2 * entry.armature
-    return found
+        drive = drives[entry.name]
+        for k in _velocities(entry, drive, columns):
+            found[k] += drive.ratio**2 * entry.armature
+    return np.array(found)
 
 
 def _friction(
@@ -160,11 +162,16 @@ def _friction(
     A follower moves at ratio * dq, and its torque reaches the leader times ratio: damping counts
     ratio², friction |ratio|.
     """
-    damping, friction = np.zeros(nv), np.zeros(nv)
+    damping, friction = [0.0] * nv, [0.0] * nv
     for entry in joints:
-        drive = drives.get(entry.name, Drive(entry.name, 1.0, 0.0))
-        if drive.leader in columns:
-            at = slice(columns[drive.leader].v, columns[drive.leader].v + entry.joint.nv)
-            damping[at] += drive.ratio**2 * entry.damping
-            friction[at] += abs(drive.ratio) * entry.friction
-    return Friction.plain(damping, friction)
+        drive = drives[entry.name]
+        for k in _velocities(entry, drive, columns):
+            damping[k] += drive.ratio**2 * entry.damping
+            friction[k] += abs(drive.ratio) * entry.friction
+    return Friction.plain(np.array(damping), np.array(friction))
+
+
+def _velocities(entry: JointEntry, drive: Drive, columns: Mapping[str, _Column]) -> range:
+    """The places in dq that move a joint; none where its leader is fixed."""
+    column = columns.get(drive.leader)
+    return range(0) if column is None else range(column.v, column.v + entry.joint.nv)

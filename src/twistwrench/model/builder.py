@@ -26,6 +26,7 @@ from .description import (
     limits_of,
     link_entry,
     mimic_of,
+    number,
     numbers,
     placement_of,
 )
@@ -201,7 +202,7 @@ class ModelBuilder:
         limits, remarks = limits_of(joint, lower, upper, velocity, effort, who)
         loss = {"damping": damping, "friction": friction}
         for what, value in loss.items():
-            loss[what] = float(numbers(value, (), f"the {what} of {who}"))
+            loss[what] = number(value, f"the {what} of {who}")
             if loss[what] < 0:
                 remarks.append(Remark(who, f"has a negative {what}, {value:g}, so it feeds energy into the robot"))
         self._joints[name] = JointEntry(
@@ -396,7 +397,7 @@ class ModelBuilder:
             source=self.source,
             additions=self._additions,
         )
-        model = _locked(model, lock or {})
+        model = _locked(model, lock) if lock else model
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         # Files that forget masses; a table of lengths alone, for kinematics, has none on purpose.
         described = [self._links[link] for link in massless_links(model) if self._links[link].where]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -9,9 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.arguments import gaps
 from ..errors import InertiaError, ModelError
 from ..joints import JOINT_TYPES, Fixed, Joint
-from ..joints.axes import numbers
+from ..joints.axes import number, numbers
+from ..lie.identity import IDENTITY, UPRIGHT
 from ..typing import Array
 from .model import Limits
 from .remark import Remark
@@ -30,9 +33,13 @@ __all__ = [
     "limits_of",
     "link_entry",
     "mimic_of",
+    "number",
     "numbers",
     "placement_of",
 ]
+
+_SURE = 1e-15
+"""What rows may miss of a rotation to be one beyond doubt, to the 1e-14 that placements are let alone with."""
 
 TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
 """The types of joints that may be described; fixed ones are fused away when the model is built."""
@@ -105,7 +112,7 @@ def link_entry(
 ) -> LinkEntry:
     """A link whose inertia is finite and whose mass is not negative: no policy can mend those."""
     link = LinkEntry(name, SpatialInertia.zero() if inertia is None else inertia, where, shaped, hidden)
-    if not np.isfinite(link.inertia.parameters).all():
+    if not all(map(math.isfinite, link.inertia.parameters.tolist())):
         raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
     if link.inertia.mass < 0:
         raise InertiaError(f"{link} has a negative mass, {link.inertia.mass:g} kg. A mass must be zero or positive.")
@@ -123,7 +130,7 @@ def mimic_of(mimic: Mimic | None, who: str) -> Mimic | None:
 
 def armature_of(armature: ArrayLike, who: str) -> float:
     """The inertia of a joint's drive, finite and not negative."""
-    value = float(numbers(armature, (), f"the armature of {who}"))
+    value = number(armature, f"the armature of {who}")
     if value < 0:
         raise ModelError(
             f"{who} has a negative armature, {value:g}. It is the inertia of the joint's drive: zero or positive."
@@ -133,9 +140,12 @@ def armature_of(armature: ArrayLike, who: str) -> float:
 
 def placement_of(T: ArrayLike | None, who: str) -> Array:
     """A pose (4, 4), the identity for None; raises unless it is a rigid motion."""
-    if T is None:
-        return np.eye(4)
+    if T is None or T is IDENTITY:
+        return IDENTITY
     T = numbers(T, (4, 4), f"the placement of {who}")
+    top = [row[:3] for row in T[:3].tolist()]
+    if T[3].tolist() == [0.0, 0.0, 0.0, 1.0] and (top == UPRIGHT or max(map(abs, gaps(top))) <= _SURE):
+        return T
     R = T[:3, :3]
     # 1e-6: rotations typed with six digits are meant as rotations; anything worse is another kind of matrix.
     if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.any(T[3] != (0, 0, 0, 1)):
@@ -152,12 +162,10 @@ def limits_of(
 ) -> tuple[Limits, list[str]]:
     """The limits of a joint, (nv,) each, infinite where none is given, and remarks on those that cannot be meant."""
     remarks: list[str] = []
-    none = np.full(joint.nv, np.inf)
-    if not joint.nv:
-        return Limits(-none, none, none, none), remarks
-    if joint.nv > 1:
-        if any(x is not None for x in (lower, upper, velocity, effort)):
+    if joint.nv != 1:
+        if joint.nv and any(x is not None for x in (lower, upper, velocity, effort)):
             remarks.append(Remark(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
+        none = np.full(joint.nv, np.inf)
         return Limits(-none, none, none, none), remarks
     low, high = _bounds(bool(joint.wraps), lower, upper, who, remarks)
     speed = _magnitude("velocity", velocity, who, remarks)
@@ -187,8 +195,8 @@ def _limit(what: str, value: float, who: str) -> float:
     try:
         value = float(value)
     except (TypeError, ValueError):
-        value = np.nan
-    if np.isnan(value):
+        value = math.nan
+    if math.isnan(value):
         raise ModelError(
             f"{who} has {what}={value!r} as its limit; a limit is a number. Leave it out where there is none."
         )

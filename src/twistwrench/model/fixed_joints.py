@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..lie.identity import IDENTITY, is_identity, product
 from ..typing import Array
 from .model import BASE, Body, Frame, Limits, Model
 from .rounding import snap_pose
@@ -24,32 +25,29 @@ def fuse(model: Model, held: Mapping[int, Array]) -> Model:
         return model
     snap = model.snap
     carriers = _carriers(model, held)
-    inertias = [SpatialInertia.zero() for i in range(len(model.bodies)) if i not in held]
-    base_inertia = model.base_inertia
-    for (carrier, T), body in zip(carriers.values(), model.bodies, strict=True):
-        moved = _seen_from(T, body.inertia)
-        if carrier == BASE:
-            base_inertia = base_inertia + moved
-        else:
-            inertias[carrier] = inertias[carrier] + moved
-    columns = _Columns(model, held)
     kept = [body for i, body in enumerate(model.bodies) if i not in held]
-    carriers[BASE] = (BASE, np.eye(4))
+    inertias = {BASE: model.base_inertia, **{i: body.inertia for i, body in enumerate(kept)}}
+    for i in sorted(held):
+        carrier, T = carriers[i]
+        if model.bodies[i].inertia.parameters.any():
+            inertias[carrier] = inertias[carrier] + _seen_from(T, model.bodies[i].inertia)
+    columns = _Columns(model, held)
+    carriers[BASE] = (BASE, IDENTITY)
     bodies = tuple(
         replace(
             body,
             parent=carriers[body.parent][0],
-            placement=snap_pose(carriers[body.parent][1] @ body.placement, snap),
-            inertia=inertia,
+            placement=snap_pose(product(carriers[body.parent][1], body.placement), snap),
+            inertia=inertias[i],
             q_index=columns.q[body.v_index] if body.joint.nv else 0,
             v_index=columns.v[body.v_index] if body.joint.nv else 0,
         )
-        for body, inertia in zip(kept, inertias, strict=True)
+        for i, body in enumerate(kept)
     )
 
     def carried(frames: Mapping[str, Frame]) -> dict[str, Frame]:
         return {
-            name: Frame(carriers[f.body][0], snap_pose(carriers[f.body][1] @ f.pose, snap))
+            name: Frame(carriers[f.body][0], snap_pose(product(carriers[f.body][1], f.pose), snap))
             for name, f in frames.items()
         }
 
@@ -58,7 +56,7 @@ def fuse(model: Model, held: Mapping[int, Array]) -> Model:
         bodies=bodies,
         frames=carried(model.frames),
         sites=carried(model.sites),
-        base_inertia=base_inertia,
+        base_inertia=inertias[BASE],
         **columns.kept(model),
     )
 
@@ -69,19 +67,18 @@ def _carriers(model: Model, held: Mapping[int, Array]) -> dict[int, tuple[int, A
     count = 0
     for i, body in enumerate(model.bodies):
         if i in held:
-            carrier, T = (BASE, np.eye(4)) if body.parent == BASE else carriers[body.parent]
-            carriers[i] = carrier, snap_pose(T @ snap_pose(body.placement @ held[i], model.snap), model.snap)
+            carrier, T = (BASE, IDENTITY) if body.parent == BASE else carriers[body.parent]
+            T_body = snap_pose(product(body.placement, held[i]), model.snap)
+            carriers[i] = carrier, snap_pose(product(T, T_body), model.snap)
         else:
-            carriers[i] = count, np.eye(4)
+            carriers[i] = count, IDENTITY
             count += 1
     return carriers
 
 
 def _seen_from(T: Array, inertia: SpatialInertia) -> SpatialInertia:
-    # A body seen from its own frame keeps its numbers to the last bit, and so does nothing at all.
-    if np.array_equal(T, np.eye(4)) or not inertia.parameters.any():
-        return inertia
-    return inertia.in_frame(T)
+    # A body seen from its own frame keeps its numbers to the last bit.
+    return inertia if is_identity(T) else inertia.in_frame(T)
 
 
 class _Columns:

@@ -57,7 +57,7 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
             "valid ones, or with inertia='accept' to keep them."
         )
     remarks.extend(_on_links(model, set(bad), link))
-    return replace(model, bodies=tuple(bodies)), remarks
+    return replace(model, bodies=tuple(bodies)) if bad else model, remarks
 
 
 def _clear(inertias: Sequence[SpatialInertia]) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from .model import BASE, Body, Model
 
 
@@ -62,4 +60,4 @@ def _has_inertia(body: Body) -> bool:
 
 def _stands_away(body: Body) -> bool:
     """Whether the joint of a body is displaced from its parent's origin, by more than rounding of a rotation."""
-    return bool(np.abs(body.placement[:3, 3]).max() > 1e-9)
+    return max(map(abs, body.placement[:3, 3].tolist())) > 1e-9

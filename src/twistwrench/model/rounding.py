@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from ..lie.identity import IDENTITY, UPRIGHT
 from ..typing import Array
 
 DEFAULT_SNAP = 1e-9
@@ -13,7 +16,7 @@ _ROUNDING = 4.5e-16, 1e-15
 """A rotation whose R'R and R R' are this near to the identity is one to the last bit: sums of three products, each rounded.
 The first for what is let alone, the second for what was made orthonormal."""
 
-_PLAIN = (0.0, 1.0, -1.0)
+_ONE = np.eye(3)
 
 
 def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
@@ -27,24 +30,29 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     """
     if tolerance == 0:
         return R
-    if all(x in _PLAIN for x in R.ravel().tolist()):  # most of those in files
-        return np.asarray(R + 0.0)  # no minus zeros
-    zero = np.abs(R) <= tolerance
-    alone = ~zero & (zero.sum(0, keepdims=True) == 2) & (zero.sum(1, keepdims=True) == 2)
-    snapped = np.where(zero, 0.0, np.where(alone, np.sign(R), R))
-    if np.array_equal(snapped, R) or _is_rotation(snapped, _ROUNDING[0]):
+    rows = R.tolist()
+    zero = [[abs(x) <= tolerance for x in row] for row in rows]
+    across, down = [sum(row) for row in zero], [sum(column) for column in zip(*zero, strict=True)]
+    alone = [(i, j) for i in range(3) for j in range(3) if across[i] == down[j] == 2 and not zero[i][j]]
+    found = [
+        [0.0 if none else x for x, none in zip(row, mask, strict=True)] for row, mask in zip(rows, zero, strict=True)
+    ]
+    for i, j in alone:
+        found[i][j] = math.copysign(1.0, rows[i][j])
+    snapped = np.array(found)
+    if found == rows or len(alone) == 3 or _is_rotation(snapped, _ROUNDING[0]):
         return snapped
-    if alone.any():
-        i, j = np.argwhere(alone)[0]
+    if alone:
+        i, j = alone[0]
         rest = np.ix_([k for k in range(3) if k != i], [k for k in range(3) if k != j])
         snapped[rest] = _nearest_of_two(snapped[rest])
-    elif zero.sum() == 1:
-        snapped = _with_one_zero(snapped, int(zero.any(axis=1).argmax()))
+    elif sum(across) == 1:
+        snapped = _with_one_zero(snapped, across.index(1))
     return snapped if _is_rotation(snapped, _ROUNDING[1]) else R
 
 
 def _is_rotation(R: Array, allowed: float) -> bool:
-    return all(bool(np.abs(product - np.eye(3)).max() <= allowed) for product in (R.T @ R, R @ R.T))
+    return all(bool(np.abs(product - _ONE).max() <= allowed) for product in (R.T @ R, R @ R.T))
 
 
 def _nearest_of_two(B: Array) -> Array:
@@ -69,8 +77,10 @@ def _with_one_zero(R: Array, i: int) -> Array:
 
 def snap_pose(T: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     """T (4, 4) with its rotation snapped; the position is left as it is."""
-    if tolerance == 0:
+    if tolerance == 0 or T is IDENTITY:
         return T
+    if T[:3, :3].tolist() == UPRIGHT:
+        return np.asarray(T + 0.0)  # no minus zeros
     snapped = T.copy()
     snapped[:3, :3] = snap_rotation(T[:3, :3], tolerance)
     return snapped

@@ -49,17 +49,17 @@ def load(
     snap: float = DEFAULT_SNAP,
     gravity: ArrayLike | None = None,
 ) -> Robot:
-    """Load a robot from a URDF, MJCF or SDF file, or from XML text (first non-blank character ``<``).
+    """Load a robot from a URDF, MJCF, SDF or USD file, or from XML text (first non-blank character ``<``).
 
     Parameters
     ----------
     source : str or Path, file or XML text
-    format : "urdf", "mjcf" or "sdf", optional; None: the root element tells
-    floating_base : bool, optional; None: as the file says (models of URDF and SDF stand, free joints of MJCF float). True
-        lets the root link float where nothing does, False holds free joints of MJCF where the file puts them
+    format : "urdf", "mjcf", "sdf" or "usd", optional; None: the root element tells, or the ending
+    floating_base : bool, optional; None: as the file says (models of URDF and SDF stand, free joints of MJCF float, and what
+        no joint of USD holds). True lets the root link float where nothing does, False holds what floats where the file puts it
     keep : str, optional, read one body of an MJCF scene and all that it carries
-    model : str, optional, read one model of an SDF world
-    include_paths : folders, besides that of the file, from which included files and meshes may be read
+    model : str, optional, read one model of an SDF world, or one articulation of a USD stage
+    include_paths : folders, besides that of the file, from which included files, layers and meshes may be read
     max_bodies : int, more bodies are refused
     lock : {joint: position}, optional, joints that are fixed [rad, m]
     tip : str, optional, the frame meant when none is named
@@ -84,6 +84,8 @@ def load(
         A moving body cannot exist; link, condition and amount are named.
     UnknownNameError
         ``lock`` or ``tip`` names nothing of the robot.
+    MissingExtraError
+        The file is USD, and the extra ``usd`` is not installed.
 
     Warns
     -----

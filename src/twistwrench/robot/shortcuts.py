@@ -398,7 +398,9 @@ class Shortcuts:
         if self.model.springs:
             apart["springs"] = self.holding_torques(q) - self.gravity_forces(q)
         if self.model.armature.any():
-            apart["armature"] = self.model.armature * ddq
+            from ..algorithms.armature import armature_forces
+
+            apart["armature"] = armature_forces(self.model, dq, ddq)
         if friction and self.model.friction.any:
             apart["friction"] = self.friction_forces(dq, load=tau)
         Y = self.engine.kept("regressor on NumPy", lambda: _on_numpy(self))

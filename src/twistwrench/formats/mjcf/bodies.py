@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from ...errors import RobotFileError
+from ...lie.identity import IDENTITY, product
 from ...typing import Array
 from ..element import Element
 from .defaults import Defaults
@@ -35,6 +34,14 @@ class PlacedElement:
     element: Element
     frame: Array
 
+    def turned(self, x: Array) -> Array:
+        """A direction (3,) of the frame, in the body."""
+        return x if self.frame is IDENTITY else self.frame[:3, :3] @ x
+
+    def moved(self, x: Array) -> Array:
+        """A place (3,) of the frame, in the body."""
+        return x if self.frame is IDENTITY else self.frame[:3, :3] @ x + self.frame[:3, 3]
+
 
 @dataclass(eq=False)
 class MjcfBody:
@@ -59,11 +66,11 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
 
     Raises :class:`~twistwrench.RobotFileError` for elements that are not read, and for those that are no elements of a body.
     """
-    eye = np.eye(4)
-    found = [MjcfBody(root, WORLD, 0, eye)]
+    found = [MjcfBody(root, WORLD, 0, IDENTITY)]
     worlds = root.all("worldbody")
     stack = [
-        (iter(world.children), 0, eye, world.attributes.get("childclass", "").strip()) for world in reversed(worlds)
+        (iter(world.children), 0, IDENTITY, world.attributes.get("childclass", "").strip())
+        for world in reversed(worlds)
     ]
     taken = {e.attributes.get("name", "") for world in worlds for e in world.walk() if e.tag == "body"}
     taken.add(WORLD)
@@ -90,7 +97,7 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
                 raise RobotFileError(f"{child} is the second one of its body, after {body.inertial.element}. Keep one.")
             body.inertial = PlacedElement(child, frame)
         elif child.tag in ("body", "frame"):
-            T = frame @ placement(child, settings)
+            T = product(frame, placement(child, settings))
             inner = (
                 defaults.check(child, child.attributes["childclass"].strip())
                 if "childclass" in child.attributes
@@ -100,7 +107,7 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
                 stack.append((iter(child.children), at, T, inner))
                 continue
             found.append(MjcfBody(child, _name(child, len(found), taken), at, T, moves=body.moves))
-            stack.append((iter(child.children), len(found) - 1, eye, inner))
+            stack.append((iter(child.children), len(found) - 1, IDENTITY, inner))
         elif child.tag in REFUSED:
             raise RobotFileError(f"{child} is not read: {REFUSED[child.tag]}. Use it there, and {_EXPANDED}.")
         elif child.tag == "plugin":

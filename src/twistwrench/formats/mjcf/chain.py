@@ -9,6 +9,7 @@ import numpy as np
 
 from ...joints.screw_joint import screw_motion
 from ...lie import se3
+from ...lie.identity import IDENTITY, product
 from ...typing import Array
 from .joints import MjcfJoint, screw
 
@@ -30,17 +31,17 @@ def chain(joints: Sequence[MjcfJoint], parent: str, body: str, T: Array) -> Iter
     T_parent,body = T Π exp([S_i] (q_i - ref_i)) with screw axes S_i in the body's frame; a free joint says where the body is.
     """
     if joints and joints[0].kind == "floating":
-        T = np.eye(4)
+        T = IDENTITY
     for n, joint in enumerate(joints):
         last = n == len(joints) - 1
-        before, after = np.eye(4), np.eye(4)
+        before, after = IDENTITY, IDENTITY
         if joint.kind == "ball" and joint.point.any():  # turns about its point, and the body's frame goes with it
             before, after = (se3.pose(np.eye(3), sign * joint.point) for sign in (1.0, -1.0))
             last = False
         elif joint.single and joint.reference:
             before = np.asarray(screw_motion(screw(joint), -joint.reference), float)
         child = body if last else f"{body}:{joint.name}"
-        yield ChainLink(joint, parent, child, T @ before)
+        yield ChainLink(joint, parent, child, product(T, before))
         parent, T = child, after
     if parent != body:
         yield ChainLink(None, parent, body, T)

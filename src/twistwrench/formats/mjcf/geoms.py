@@ -7,6 +7,7 @@ import numpy as np
 from ...bodies.inertia import SpatialInertia
 from ...errors import RobotFileError
 from ...lie import se3
+from ...lie.identity import product
 from ...typing import Array
 from ..element import Element
 from .bodies import PlacedElement
@@ -47,11 +48,11 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
         )
     if kind == "mesh" or "mesh" in geom.attributes:
         G = meshes.inertia(geom, **given) if kind == "mesh" else _fitted(geom)
-        return G.in_frame(part.frame @ placement(geom, settings))
+        return G.in_frame(product(part.frame, placement(geom, settings)))
     T, size = shape_of(geom, kind, settings)
     if min(size) <= 0:
         raise RobotFileError(f"{geom} is a {kind} of size {' '.join(f'{x:g}' for x in size)}; sizes are above zero.")
-    return _solid(kind, size, given).in_frame(part.frame @ T)
+    return _solid(kind, size, given).in_frame(product(part.frame, T))
 
 
 def shape_of(element: Element, kind: str, settings: Settings) -> tuple[Array, list[float]]:

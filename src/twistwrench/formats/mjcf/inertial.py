@@ -9,6 +9,7 @@ import numpy as np
 
 from ...bodies.inertia import SpatialInertia
 from ...errors import RobotFileError
+from ...lie.identity import is_identity
 from .bodies import MjcfBody, PlacedElement
 from .geoms import inertia_of_geom, weighs
 from .meshes import Meshes
@@ -83,7 +84,7 @@ def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
             )
     R = T[:3, :3]
     G = SpatialInertia.from_com(mass, T[:3, 3], R @ moments @ R.T)
-    return G if np.array_equal(given.frame, np.eye(4)) else G.in_frame(given.frame)
+    return G if is_identity(given.frame) else G.in_frame(given.frame)
 
 
 def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:

@@ -77,8 +77,8 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
         element=e,
         name=name,
         kind=kind,
-        point=part.frame[:3, :3] @ e.floats("pos", (0.0, 0.0, 0.0)) + part.frame[:3, 3],
-        axis=part.frame[:3, :3] @ direction(e, "axis", e.floats("axis", (0.0, 0.0, 1.0))),
+        point=part.moved(np.array(e.floats("pos", (0.0, 0.0, 0.0)))),
+        axis=part.turned(direction(e, "axis", e.floats("axis", (0.0, 0.0, 1.0)))),
         reference=unit * e.floats("ref", (0.0,))[0],
         rest=unit * e.floats("springref", (0.0,))[0],
         stiffness=_first(e, "stiffness", 0.0),
@@ -98,10 +98,6 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
             joint.options |= {"lower": lower, "upper": upper}
     elif kind == "ball" and limited(e, "limited", "range", settings):
         joint.remarks.append("is a ball joint with a limit, which is not kept")
-    if kind == "floating" and joint.options["armature"]:
-        joint.remarks.append(
-            "is free and has an armature, which counts along the body's axes here and along the world's in MuJoCo"
-        )
     if not joint.single and joint.stiffness:
         joint.remarks.append(f"is a {said} joint with a stiffness, which is left out")
     if any(e.floats("springdamper", (0.0, 0.0))):

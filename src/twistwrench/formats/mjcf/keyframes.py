@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...errors import RobotFileError
+from ...lie.identity import UPRIGHT
 from ...model.builder import ModelBuilder
 from ...typing import Array
 from ..element import Element
@@ -43,6 +44,8 @@ def _reference(joint: MjcfJoint, T: Array) -> Array:
 
 def quaternion_of(R: Array) -> Array:
     """(w, x, y, z) of a rotation, w not negative."""
+    if R.tolist() == UPRIGHT:  # most are, and SciPy takes long to import
+        return np.array([1.0, 0.0, 0.0, 0.0])
     from scipy.spatial.transform import Rotation
 
     x, y, z, w = Rotation.from_matrix(R).as_quat()

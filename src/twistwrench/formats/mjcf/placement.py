@@ -8,19 +8,23 @@ import numpy as np
 
 from ...errors import RobotFileError
 from ...lie import quaternion, so3
+from ...lie.identity import IDENTITY, UPRIGHT, pose_rows
 from ...typing import Array
 from ..element import Element
 from .settings import Settings
 
+_TURNED = frozenset(("quat", "axisangle", "xyaxes", "zaxis", "euler"))
+_PLACED = _TURNED | {"pos"}
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def placement(element: Element, settings: Settings) -> Array:
     """The pose (4, 4) that an element gives by ``pos`` and an orientation, the identity where it gives none."""
-    T = np.eye(4)
-    T[:3, 3] = element.floats("pos", (0.0, 0.0, 0.0))
-    T[:3, :3] = rotation(element, settings)
-    return T
+    said = element.attributes
+    if _PLACED.isdisjoint(said):
+        return IDENTITY
+    R = UPRIGHT if _TURNED.isdisjoint(said) else rotation(element, settings).tolist()
+    return pose_rows(R, element.floats("pos", (0.0, 0.0, 0.0)))
 
 
 def rotation(element: Element, settings: Settings) -> Array:

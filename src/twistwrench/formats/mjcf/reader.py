@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from ...bodies.inertia import SpatialInertia
 from ...errors import RobotFileError, UnknownNameError
+from ...lie.identity import IDENTITY, product
 from ...model.builder import ModelBuilder
 from ...model.description import Mimic
 from ...model.remark import Remark
@@ -128,9 +127,9 @@ class _Reader:
 
     def _poses(self) -> list[Array]:
         """Of all bodies in the world, joints at their reference."""
-        found = [np.eye(4)]
+        found = [IDENTITY]
         for body in self.bodies[1:]:
-            found.append(found[body.parent] @ body.T)
+            found.append(product(found[body.parent], body.T))
         return found
 
     def _add_body(
@@ -202,7 +201,7 @@ class _Reader:
             if name:
                 kind = part.element.attributes.get("type", "sphere").strip()
                 T, _ = shape_of(part.element, kind, self.settings)
-                self.builder.add_site(name, body.name, part.frame @ T, where=part.element.place)
+                self.builder.add_site(name, body.name, product(part.frame, T), where=part.element.place)
 
 
 def _kept(bodies: Sequence[MjcfBody], keep: str | None) -> dict[int, None]:

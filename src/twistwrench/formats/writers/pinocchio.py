@@ -49,6 +49,8 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
         at[i] = j, moved(-point)
         G = found.whole[body.link].in_frame(at[i][1])
         theirs.appendBodyToJoint(j, _inertia(pinocchio, G), pinocchio.SE3.Identity())
+        if body.joint.nv > 1 and model.armature[body.places[1]].any():
+            losses.of_joint(body.joint.name, "has an armature, whose products of velocities Pinocchio leaves out")
         if body.follows:
             losses.of_joint(body.joint.name, "follows another one here, and is a joint like any other there")
     for name, frame in model.frames.items():

@@ -1,0 +1,210 @@
+"""Stages of USD as robots are read of them: bodies, joints and articulations in order, poses in metres, numbers by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.foreign_errors import foreign_errors
+from ..core.foreign_output import captured_stderr
+from ..errors import MissingExtraError, RobotFileError
+from ..lie import quaternion, se3, so3
+from ..lie.identity import IDENTITY, pose_rows
+from ..typing import Array
+
+_EARTH = 9.81
+"""m/s², where a scene gives no magnitude."""
+_SINGLE = 1e-5
+"""What products of numbers in single precision may be off a rotation."""
+
+
+def opened(path: Path, folders: Sequence[Path]) -> Any:
+    """The stage of a file whose layers all lie below ``folders``.
+
+    Raises :class:`~twistwrench.MissingExtraError` and :class:`~twistwrench.RobotFileError`.
+    """
+    try:
+        from pxr import Usd
+    except ImportError:
+        raise MissingExtraError.of("usd-core", "usd", "Reading USD") from None
+    with (
+        foreign_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
+        captured_stderr() as said,
+    ):
+        stage = Usd.Stage.Open(str(path.resolve()))
+    if str(said):  # a layer that is not there is a warning to the library, and a part of the robot to us
+        raise RobotFileError(f"it cannot be read whole: {' '.join(str(said).split())[:300]}")
+    allowed = [folder.resolve() for folder in folders]
+    for layer in stage.GetUsedLayers():
+        place = Path(layer.realPath).resolve() if layer.realPath else None
+        if place is not None and not any(place.is_relative_to(folder) for folder in allowed):
+            raise RobotFileError(
+                f"it takes in {str(place)!r}, which lies outside its folder. To read it, say include_paths=[its folder]."
+            )
+    return stage
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """One side of a joint: the body it is on, None for the world, and the joint's frame there."""
+
+    body: Any
+    T: Array
+
+    @property
+    def path(self) -> Any:
+        """Of the body."""
+        return None if self.body is None else self.body.GetPath()
+
+
+class Stage:
+    """What a stage has for us: bodies and joints in its order, poses in metres."""
+
+    def __init__(self, stage: Any, max_bodies: int) -> None:
+        from pxr import Usd, UsdGeom, UsdPhysics
+
+        self.metre = float(UsdGeom.GetStageMetersPerUnit(stage))
+        self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
+        for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
+            if not 0 < unit < math.inf:
+                raise RobotFileError(f"it has {name} = {unit:g}; a positive number is expected.")
+        self.up = 2 if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else 1
+        self.cache = UsdGeom.XformCache(Usd.TimeCode.Default())
+        self.bodies: list[Any] = []
+        self.joints: list[Any] = []
+        self.roots: list[Any] = []
+        self.scenes: list[Any] = []
+        for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+            if prim.HasAPI(UsdPhysics.RigidBodyAPI) and moves(prim):
+                self.bodies.append(prim)
+                if len(self.bodies) > max_bodies:
+                    raise RobotFileError(
+                        f"it has more than {max_bodies:,} bodies ({who(prim)}). Raise the limit, max_bodies=, if it is meant."
+                    )
+            if prim.IsA(UsdPhysics.Joint) and value_of(prim, "physics:jointEnabled", default=True):
+                self.joints.append(prim)
+            if prim.HasAPI(UsdPhysics.ArticulationRootAPI):
+                self.roots.append(prim)
+            if prim.IsA(UsdPhysics.Scene):
+                self.scenes.append(prim)
+        self.numbers = {prim.GetPath(): k for k, prim in enumerate(self.bodies)}
+        self.default = stage.GetDefaultPrim()
+        self.prim_at = stage.GetPrimAtPath
+
+    def placed(self, prim: Any) -> tuple[Array, Array]:
+        """The pose (4, 4) of a prim on the stage, and the scale (3,) of what lies in it."""
+        M = np.array(self.cache.GetLocalToWorldTransform(prim))
+        scale = np.sqrt((M[:3, :3] ** 2).sum(axis=1))
+        if not scale.min() > 0:
+            raise RobotFileError(f"{who(prim)} is scaled to nothing.")
+        R = (M[:3, :3] / scale[:, None]).T  # rows of theirs are the images of the axes
+        if np.abs(R.T @ R - np.eye(3)).max() > _SINGLE or np.linalg.det(R) < 0:
+            raise RobotFileError(
+                f"{who(prim)} is sheared or mirrored by its transforms, which no body can be. Apply them to its shapes."
+            )
+        return se3.pose(so3.project(R), M[3, :3] * self.metre), scale
+
+    def parts(self, body: Any) -> Iterator[Any]:
+        """The prims of a body, itself first; not those of bodies in it."""
+        from pxr import Usd
+
+        prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+        for prim in prims:
+            if prim != body and prim.GetPath() in self.numbers:
+                prims.PruneChildren()
+            else:
+                yield prim
+
+    def shaped(self, body: Any) -> bool:
+        """Whether a body has a shape, to be seen or to be touched."""
+        from pxr import UsdGeom
+
+        return any(prim.IsA(UsdGeom.Gprim) for prim in self.parts(body))
+
+    def gravity(self) -> Array:
+        """(3,) m/s²: of the scene, else of the earth, downward."""
+        down = -np.eye(3)[self.up]
+        if not self.scenes:
+            return _EARTH * down
+        direction = vector_of(self.scenes[0], "physics:gravityDirection", (0.0, 0.0, 0.0))
+        magnitude = number_of(self.scenes[0], "physics:gravityMagnitude", -math.inf)
+        size = _EARTH if magnitude < 0 else magnitude * self.metre
+        length = float(np.linalg.norm(direction))
+        return size * (direction / length if length > 0 else down)
+
+    def end(self, joint: Any, which: int) -> End:
+        """The body that one side of a joint is on, and the joint's frame there; on the stage where that is no body."""
+        targets = joint.GetRelationship(f"physics:body{which}").GetTargets()
+        if len(targets) > 1:
+            raise RobotFileError(f"{who(joint)} has {len(targets)} targets for body{which}; one is allowed.")
+        T = IDENTITY
+        prim = self.prim_at(targets[0]) if targets else None
+        if prim is not None and not prim:
+            raise RobotFileError(f"{who(joint)} has body{which} at {targets[0]}, where nothing is.")
+        scale = np.ones(3)
+        if prim is not None:
+            T, scale = self.placed(prim)
+        local = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
+        turn = quaternion_of(joint, f"physics:localRot{which}")
+        T = T @ pose_rows(quaternion.rotation(turn).tolist(), local.tolist())
+        while prim is not None and prim and prim.GetPath() not in self.numbers:  # a part of a body is held by the body
+            prim = prim.GetParent()
+        if prim is None or not prim:
+            return End(None, T)
+        return End(prim, np.asarray(se3.inverse(self.placed(prim)[0]) @ T))
+
+
+def who(prim: Any) -> str:
+    """What messages call a prim."""
+    return f"prim <{prim.GetPath()}>"
+
+
+def value_of(prim: Any, name: str, *, default: Any) -> Any:
+    """The value of an attribute, of the schema where none is written; the default where there is neither."""
+    attribute = prim.GetAttribute(name)
+    value = attribute.Get() if attribute else None
+    return default if value is None else value
+
+
+def number_of(prim: Any, name: str, default: float = 0.0) -> float:
+    """The value of an attribute that is one number."""
+    return _decimal(prim, name, value_of(prim, name, default=default))
+
+
+def vector_of(prim: Any, name: str, default: Sequence[float]) -> Array:
+    """The value of an attribute that is a few numbers."""
+    return np.array([_decimal(prim, name, x) for x in value_of(prim, name, default=default)])
+
+
+def _decimal(prim: Any, name: str, x: Any) -> float:
+    """A number as it was typed: of those that single precision rounds to one, the decimal of the fewest digits."""
+    x = float(x)
+    if math.isnan(x):
+        raise RobotFileError(f"{who(prim)} has {name} = nan, which is not a number.")
+    with np.errstate(over="ignore"):
+        single = np.float32(x)
+    return float(str(single)) if float(single) == x else x
+
+
+def quaternion_of(prim: Any, name: str) -> list[float]:
+    """(w, x, y, z), the identity where zeros say that none is given."""
+    value = value_of(prim, name, default=None)
+    Q = [1.0, 0.0, 0.0, 0.0] if value is None else [float(value.GetReal()), *map(float, value.GetImaginary())]
+    return Q if any(Q) else [1.0, 0.0, 0.0, 0.0]
+
+
+def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
+    """0, 1 or 2: the axis of the joint's frames that it moves along or about; of a shape, the one it stands along."""
+    return "XYZ".index(str(value_of(prim, name, default=default)))
+
+
+def moves(prim: Any) -> bool:
+    """Whether a body is one that forces move: not switched off, and not moved by a script."""
+    return bool(value_of(prim, "physics:rigidBodyEnabled", default=True)) and not value_of(
+        prim, "physics:kinematicEnabled", default=False
+    )

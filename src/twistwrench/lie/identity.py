@@ -1,0 +1,36 @@
+"""The identity pose, one array that cannot be written to, and products that know it: most frames of files are not moved."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..typing import Array
+
+IDENTITY: Array = np.eye(4)
+"""(4, 4)."""
+IDENTITY.setflags(write=False)
+_ROWS = IDENTITY.tolist()
+UPRIGHT: list[list[float]] = np.eye(3).tolist()
+"""The rows of the rotation that turns nothing."""
+
+
+def is_identity(T: Array) -> bool:
+    """Whether T (4, 4) moves nothing."""
+    return T is IDENTITY or T.tolist() == _ROWS
+
+
+def product(A: Array, B: Array) -> Array:
+    """A B for poses (4, 4); the other one itself where one is :data:`IDENTITY`."""
+    return B if A is IDENTITY else A if B is IDENTITY else A @ B
+
+
+def pose_rows(R: Any, p: Any) -> Array:
+    """The pose (4, 4) of three rows of a rotation and a position, lists or tuples of floats that were checked before.
+
+    >>> pose_rows([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [1, 2, 3])[:3, 3].tolist()
+    [1.0, 2.0, 3.0]
+    """
+    (a, b, c), (x, y, z) = R, p
+    return np.array([[*a, x], [*b, y], [*c, z], [0.0, 0.0, 0.0, 1.0]])
