@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.html_table import html_table
 from ..errors import FrameError, InertiaError, ShapeError, ValueRangeError
 from ..lie import so3
 from ..screws.labelled import Labelled
@@ -69,6 +70,13 @@ class SpatialInertia:
         if without_noise(products, scale).any():
             said += f", Ixy, Ixz, Iyz = {tuple_of(without_noise(products, scale))}"
         return f"SpatialInertia: mass {self.mass:.6g} kg, com {tuple_of(c)} m, about the com {said} kg m²"
+
+    def _repr_html_(self) -> str | None:
+        if self.parameters.dtype == object:
+            return None  # notebooks show repr
+        I = [[float(x) for x in row] for row in self.moment_about_com]
+        title = f"{self.mass:.6g} kg, com {tuple_of(self.com)} m; moments of inertia about the com, in kg m²"
+        return html_table(title, ("x", "y", "z"), I)
 
     # ── ways in ──
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..core.html_table import html_table
 from ..errors import ValueRangeError
 from ..outputs import refuse_existing, replacing
 from ..robot import Robot, load
@@ -44,6 +45,10 @@ class DoctorReport:
 
     def __repr__(self) -> str:
         return f"<DoctorReport of {self.robot!r}: {self.summary}>"
+
+    def _repr_html_(self) -> str:
+        rows = ((str(f.severity), f.check, f.where, f.line, f.sentence) for f in self.findings)
+        return html_table(f"{self.robot}: {self.summary}", ("severity", "check", "where", "line", "finding"), rows)
 
     @property
     def effect(self) -> Effect:

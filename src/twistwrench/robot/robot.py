@@ -28,6 +28,7 @@ from ..program.program import Program
 from ..typing import Array
 from .actuation_methods import ActuationMethods
 from .bridge_methods import BridgeMethods
+from .display import DisplayMethods
 from .engine import Engine
 from .file_methods import FileMethods
 from .linearization import LinearizationMethods
@@ -43,6 +44,7 @@ class Robot(
     TaskSpaceMethods,
     ActuationMethods,
     LinearizationMethods,
+    DisplayMethods,
     FileMethods,
     BridgeMethods,
     Shortcuts,

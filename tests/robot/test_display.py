@@ -1,0 +1,61 @@
+"""What robots show in notebooks and give to programs."""
+
+from __future__ import annotations
+
+import json
+from html.parser import HTMLParser
+
+import pytest
+
+import twistwrench as tw
+
+
+class Cells(HTMLParser):
+    """The texts of a table's cells; every tag is closed."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.cells = [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.open.append(tag)
+        if tag == "td":
+            self.cells.append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "td":
+            self.cells[-1] += data
+
+
+def cells(thing):
+    found = Cells()
+    found.feed(thing._repr_html_())
+    assert not found.open
+    return found.cells
+
+
+def test_a_robots_table_has_its_joints_and_limits():
+    found = cells(tw.robots.ur5())
+    assert "shoulder_pan_joint" in found and "150" in found and len(found) == 6 * 9
+
+
+def test_names_are_text_and_never_markup():
+    text = tw.robots.path_of("pendulum").read_text("utf-8")
+    name = tw.robots.pendulum().joint_names[0]
+    robot = tw.load(text.replace(f'"{name}"', '"&lt;script&gt;x"'))
+    assert "<script>" not in robot._repr_html_() and "<script>x" in cells(robot)
+
+
+def test_inertias_and_reports_have_tables():
+    assert cells(tw.SpatialInertia.from_com(2, (0, 0, 0.1), [[1, 0, 0], [0, 2, 0], [0, 0, 2.5]]))[4] == "2"
+    assert cells(tw.doctor(tw.robots.path_of("planar_2r"))) is not None
+
+
+@pytest.mark.parametrize("name", ["ur5", "quadruped", "floating_box"])
+def test_info_is_what_json_takes(name):
+    robot = getattr(tw.robots, name)()
+    found = json.loads(json.dumps(robot.info()))
+    assert found["nv"] == robot.nv and found["name"] == robot.name
