@@ -68,12 +68,14 @@ class _CallFrame(Structure):
 _HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
 _CREATE = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
 _numbers = itertools.count()
-_kept: list[Any] = []
-"""Handlers live as long as the process: XLA has their addresses."""
+_targets: dict[int, tuple[str, Any, Any]] = {}
+"""By the id of a kernel its target, the kernel and the handler, which live as long as the process: XLA has their addresses."""
 
 
 def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int) -> str:
     """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; its name."""
+    if id(kernel) in _targets:
+        return _targets[id(kernel)][0]
     version = _version(jax)
 
     def run(pointer: Any) -> int | None:
@@ -88,9 +90,9 @@ def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int) -> s
         return None
 
     handler = _HANDLER(run)
-    _kept.append(handler)
     target = f"twistwrench_{name}_{next(_numbers)}"
     jax.ffi.register_ffi_target(target, jax.ffi.pycapsule(handler), platform="cpu")
+    _targets[id(kernel)] = target, kernel, handler
     return target
 
 
