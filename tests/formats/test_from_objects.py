@@ -161,7 +161,35 @@ def test_to_pinocchio_of_random_trees(seed, pinocchio):
     same_torques(robot, quietly(robot.to_pinocchio), pinocchio)
 
 
+def test_to_pinocchio_says_that_products_of_velocities_are_lost(pinocchio):
+    robot = tw.robots.floating_box().with_armature({tw.robots.floating_box().joint_names[0]: 0.2})
+    with pytest.warns(tw.ModelWarning, match="has an armature, whose products of velocities Pinocchio leaves out"):
+        robot.to_pinocchio()
+
+
 # ── MuJoCo ──
+
+
+def test_armature_of_a_free_joint_is_that_of_mujoco():
+    """Six equal ones are the same in both, whose axes differ; others no file can say, and of those the first is kept."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)
+    text = """<mujoco><worldbody><body><joint name="f" type="free" armature="0.7"/><geom size="0.1 0.2 0.3" type="box"/>
+      <body pos="0.3 0 0"><joint name="h" axis="0 1 0"/><geom size="0.1" pos="0 0 0.2"/></body></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    robot, data = tw.from_mujoco(model), mujoco.MjData(model)
+    rng = np.random.default_rng(2)
+    q = robot.random_configuration(rng)
+    dq, ddq = rng.uniform(-1, 1, (2, robot.nv))
+    data.qpos[:], data.qvel[:], data.qacc[:] = tw.convert.to_mujoco(robot, model, q, dq, ddq)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    mujoco.mj_inverse(model, data)
+    P = tw.convert.mujoco_rates(robot, model, q)
+    np.testing.assert_allclose(robot.inverse_dynamics(q, dq, ddq), P.T @ data.qfrc_inverse, rtol=1e-9, atol=1e-9)
+    model.dof_armature[4] = 0.1
+    with pytest.warns(
+        tw.ModelWarning, match="joint 'f' has another armature in each direction, of which the first is kept"
+    ):
+        tw.from_mujoco(model)
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "quadruped"])

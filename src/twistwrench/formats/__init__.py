@@ -12,15 +12,12 @@ from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..model.model import Model
 from ..model.rounding import DEFAULT_SNAP
 from .element import MOST_BODIES, Element, parse
-from .mjcf import read_mjcf
-from .mjcf.includes import Folders
-from .sdf import read_sdf
 from .source import bytes_of, is_text, read_robot_text
-from .urdf import read_urdf
-from .usd import ENDINGS, read_usd
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 
+_USD = (".usd", ".usda", ".usdc", ".usdz")
+"""What files are called that are read as USD."""
 FORMATS = {"urdf": "robot", "mjcf": "mujoco", "sdf": "sdf"}
 """The formats that are read, each with the root element that tells it."""
 
@@ -68,19 +65,28 @@ def load_model(
         _refuse_others(found, {"keep": (keep, ("mjcf",)), "model": (model, ("sdf", "usd"))})
         if format not in (None, found):
             raise RobotFileError(f"it is {said}, and format={format!r} was asked for.")
-        if usd is not None:
+        if usd is not None:  # one reader is imported, not all
+            from .usd import read_usd
+
             builder, floating = read_usd(
                 usd, origin, include_paths=[Path(folder) for folder in include_paths], floating_base=floating_base,
                 model=model, max_bodies=max_bodies,
             )  # fmt: skip
         elif found == "mjcf":
+            from .mjcf import read_mjcf
+            from .mjcf.includes import Folders
+
             folders = Folders(home, [Path(folder) for folder in include_paths])
             builder, floating = read_mjcf(
                 root, origin, folders, floating_base=floating_base, keep=keep, max_bodies=max_bodies
             )
         elif found == "sdf":
+            from .sdf import read_sdf
+
             builder, floating = read_sdf(root, origin, floating_base=floating_base, model=model), False
         else:
+            from .urdf import read_urdf
+
             builder, floating = read_urdf(root, origin, snap), bool(floating_base)
         return builder.build(
             floating_base=floating, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity
@@ -102,7 +108,7 @@ def usd_path(source: object) -> Path | None:
     """The path of a file that is called as USD files are."""
     if not isinstance(source, str | os.PathLike) or is_text(source):
         return None
-    return path if (path := Path(source)).suffix.lower() in ENDINGS else None
+    return path if (path := Path(source)).suffix.lower() in _USD else None
 
 
 def _refuse_others(found: str, options: Mapping[str, tuple[str | None, tuple[str, ...]]]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,8 @@ class Element:
     attributes: dict[str, str]
     line: int
     parent: Element | None
-    children: list[Element] = field(default_factory=list)
+    children: Sequence[Element] = ()
+    """A list where there are any. Most elements have none, and a long file has too many empty lists to look after."""
     file: str = ""
     """The file it is from, where that is one that another includes."""
     content: str = ""
@@ -59,6 +60,13 @@ class Element:
             return f"<{self.tag} name={self.attributes['name']!r}> ({self.place})"
         of = f" of {owner.tag} {owner.attributes['name']!r}" if owner is not None else ""
         return f"<{self.tag}>{of} ({self.place})"
+
+    def add(self, child: Element) -> None:
+        """Append a child."""
+        if isinstance(self.children, list):
+            self.children.append(child)
+        else:
+            self.children = [*self.children, child]
 
     def walk(self) -> Iterator[Element]:
         """The element itself and all within, in document order."""
@@ -205,7 +213,7 @@ class _Watcher:
                 )
 
     def _made(self, name: str, attributes: dict[str, str], parent: Element | None) -> Element:
-        return Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, [], self.file)
+        return Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, (), self.file)
 
     def _entity(self, name: str, *_: Any) -> None:
         raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
@@ -261,7 +269,7 @@ class _TreeMaker(_Watcher):
             if name in _WITHOUT_TEXT:
                 self.parser.CharacterDataHandler = None
         else:
-            parent.children.append(element)
+            parent.add(element)
         path.append(element)
 
     def _end(self, _name: str) -> None:

@@ -28,8 +28,6 @@ from .element import MOST_BODIES
 from .usd_shapes import has_colliders, inertia_of_shapes
 from .usd_stage import End, Stage, axis_of, number_of, opened, quaternion_of, value_of, vector_of, who
 
-ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
-"""What files are called that are read as USD."""
 WORLD = "world"
 """The link that stands for the stage."""
 

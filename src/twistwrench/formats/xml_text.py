@@ -18,7 +18,7 @@ def new(tag: str, parent: Element | None = None, text: str = "", /, **attributes
     """A new element, appended to its parent's children."""
     element = Element(tag, attributes, 0, parent, content=text)
     if parent is not None:
-        parent.children.append(element)
+        parent.add(element)
     return element
 
 

@@ -87,7 +87,7 @@ def expand(root: Element, folders: Folders, max_bodies: int) -> None:
                 raise RobotFileError(f"{child}: the included files have more than {MAX_BYTES // 2**20} MiB together.")
             part = _part(path, child, max_bodies)
             waiting.extend((one, level + 1, path.parent) for one in reversed(part.children))
-        element.children[:] = children
+        element.children = children
 
 
 def _part(path: Path, asked: Element, max_bodies: int) -> Element:

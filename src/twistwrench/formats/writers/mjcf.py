@@ -90,7 +90,9 @@ class _MjcfWriter:
         self._add_springs()
         self._add_configurations()
         self._add_closures()
-        self.root.children.extend(part for part in (self.tendon, self.equality, self.keyframe) if part.children)
+        for part in (self.tendon, self.equality, self.keyframe):
+            if part.children:
+                self.root.add(part)
         return Written(xml_text(self.root), tuple(self.losses.found))
 
     def _is_between(self, entry: JointEntry) -> bool:

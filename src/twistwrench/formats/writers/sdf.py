@@ -58,7 +58,7 @@ class _SdfWriter:
         if not np.array_equal(found.gravity, _USUAL):
             world = new("world", self.root, name="world")
             new("gravity", world, figures(found.gravity))
-        world.children.append(self.model)
+        world.add(self.model)
         self._begin()
         for entry in found.joints:
             self._add(entry)

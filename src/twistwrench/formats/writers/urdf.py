@@ -56,7 +56,7 @@ class _UrdfWriter:
             self._add(entry)
         self._add_sites()
         self._note_others()
-        self.robot.children.extend(self.parts)
+        self.robot.children = [*self.robot.children, *self.parts]
         return Written(xml_text(self.robot), tuple(self.losses.found))
 
     def _link(self, name: str, inertia: SpatialInertia) -> None:
