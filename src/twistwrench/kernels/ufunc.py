@@ -146,8 +146,10 @@ def owner_of(kernel: Any) -> _Owner | None:
     """What is behind a ufunc made here; None of anything else."""
     if not isinstance(kernel, np.ufunc) or not _understood():
         return None
-    address = _UFuncObject.from_address(id(kernel)).owner
-    owner = ctypes.cast(address, ctypes.py_object).value if address else None
+    try:
+        owner = ctypes.py_object.from_address(id(kernel) + _UFuncObject.owner.offset).value
+    except ValueError:  # a null pointer
+        return None
     return owner if isinstance(owner, _Owner) else None
 
 
