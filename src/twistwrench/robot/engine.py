@@ -15,6 +15,7 @@ import numpy as np
 from ..core import lazy
 from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..kernels import threads
+from ..kernels.asked import Asked
 from ..kernels.interpreter import compiles
 from ..model.configuration import random_configuration
 from ..model.model import Model
@@ -31,6 +32,10 @@ from .state_arguments import brought, misfit, numbers
 from .wrench_arguments import Wrenches, by_frame
 
 Options = Mapping[str, Any]
+CalledAgain = Callable[[str, Any, Asked, int], bool]
+"""Takes the name and the kernel of a quantity, what was asked for, and how often; says whether it knows enough."""
+
+ENOUGH = -1
 
 LARGEST_COMPILED = 1_000_000
 """Programs beyond this many instructions run on NumPy. Compiling takes some 0.02 to 0.1 ms an instruction (bench/NOTES.md), so
@@ -40,15 +45,14 @@ two minutes at most; the regressor of a chain of 100 links has 800,000."""
 class Engine:
     """The programs and kernels of one model. It pickles as the model: machine code is made again where it arrives."""
 
-    def __init__(
-        self, model: Model, called_again: Callable[[], Callable[[str, Any], None] | None] | None = None
-    ) -> None:
+    def __init__(self, model: Model, called_again: Callable[[], CalledAgain | None] | None = None) -> None:
         self.model = model
         self._called_again = called_again
-        """Gives whom to tell the name and the kernel of a quantity that is called, with no options, for the second time."""
+        """Gives whom to tell of calls with one state."""
         self._kernels: dict[Any, Any] = {}
         self._called: dict[Any, Any] = {}
-        self._called_once: set[Any] = set()
+        self._calls: dict[Any, int] = {}
+        """How often each kind of call was made with one state; :data:`ENOUGH` where nobody wants to know any more."""
 
     def __getstate__(self) -> Model:
         return self.model
@@ -110,6 +114,12 @@ class Engine:
 
     def call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
         """A quantity of arrays of any batch shape, by its kernel; of symbols, by its algorithm; of Dask arrays, later."""
+        return self._answer(name, arrays, out, options)
+
+    def _answer(
+        self, name: str, arrays: tuple[Any, ...], out: Any, options: dict[str, Any], wrenches: str | None = ""
+    ) -> Any:
+        """The same; ``wrenches``: the one argument that the wrenches came as, none, or None of several."""
         for array in arrays:
             if type(array) is not np.ndarray:
                 arrays = brought(self.model, name, arrays, options)
@@ -126,12 +136,8 @@ class Engine:
                 return self.reference(name, arrays, options)
             kernel = self.kernel((name,), options)
             self._called[key] = kernel
-            if all(value in (None, "body", ()) for value in options.values()):
-                self._called_once.add(key)
-        elif key in self._called_once:  # called again, so perhaps often
-            self._called_once.discard(key)
-            if self._called_again is not None and (tell := self._called_again()) is not None:
-                tell(name, kernel)
+        if arrays[0].ndim < 2 or arrays[0].size == arrays[0].shape[-1]:
+            self._note((key, wrenches), name, kernel, arrays, options)
         if isinstance(out, tuple):
             refuse_overlap(name, out)
         try:
@@ -163,7 +169,23 @@ class Engine:
         total = by_frame(self.model, arrays, by_robot, on_robot)
         if not total:
             return self.call(name, *arrays, out=out, **options)
-        return self.call(name, *arrays, *total.values(), out=out, **options, wrenches=tuple(total))
+        given = None if by_robot and on_robot else "wrench_by_robot" if by_robot else "wrench_on_robot"
+        return self._answer(name, (*arrays, *total.values()), out, {**options, "wrenches": tuple(total)}, given)
+
+    def _note(
+        self, key: tuple[Any, str | None], name: str, kernel: Any, arrays: Sequence[Array], options: Options
+    ) -> None:
+        """Count a call with one state, and tell it to who may put something faster in front of the next of its kind."""
+        kind = batch, char = arrays[0].shape[:-1], arrays[0].dtype.char
+        calls = self._calls.get((key, kind), 0)
+        wrenches = key[1]
+        if calls == ENOUGH or self._called_again is None or wrenches is None or char not in "df":
+            return
+        if (tell := self._called_again()) is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
+            return
+        rest = tuple((option, value) for option, value in options.items() if option != "wrenches")
+        asked = Asked(rest, wrenches, options.get("wrenches", ()), wrenches == "wrench_on_robot", batch, char)
+        self._calls[key, kind] = ENOUGH if tell(name, kernel, asked, calls + 1) else calls + 1
 
     def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
         """A quantity by its algorithm on floats or symbols, at one state."""
