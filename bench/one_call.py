@@ -1,4 +1,4 @@
-"""One call with one state in the ways a loop writes it: with `out=`, a frame, a wrench, lists; beside Pinocchio's from Python."""
+"""One call with one state in every way a loop writes it: `out=`, a frame, a wrench, lists; and Pinocchio's Python call."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict

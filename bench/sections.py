@@ -86,8 +86,8 @@ def fresh(results: dict[str, Any]) -> str:
     ]  # fmt: skip
     text = (
         f"Measured {found['date']} on {found['cpu']}, each in a fresh process: processor time per state of the method. The"
-        " first call compiles or loads the kernel; fresh is from the third call on, each result dropped before the next call, then"
-        " each dropped when the next is there, which takes two places in turns; and the same into `out=`."
+        " first call compiles or loads the kernel; fresh is from the third call on, each result dropped before the next call,"
+        " then when the next is there, which takes two places in turns; and the same into `out=`."
     )
     head = ("", "", "states", "first call", "fresh", "fresh, the last one held", "into `out=`", "fresh over `out=`")
     return section("Fresh results", text, head, rows)
