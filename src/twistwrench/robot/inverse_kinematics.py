@@ -144,8 +144,10 @@ def solve(
         )
     search = _search(robot, frame, chosen)
     most = allowed[0], allowed[1] * max(1.0, search.length)
-    shape, start = target.shape[:-2], robot.neutral
-    if q0 is not None:
+    shape = target.shape[:-2]
+    if q0 is None:
+        start = robot.neutral
+    else:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
         kind = np.result_type(kind, start)
     if start.shape[:-1] != shape:
@@ -161,8 +163,10 @@ def solve(
     found = [search.best(target[some], start[some], again, seed, most) for some in parts]
 
     def whole(what: str, *core: int) -> Array:
-        several = [getattr(part, what) for part in found]
-        return (several[0] if len(several) == 1 else np.concatenate(several)).reshape((*shape, *core))
+        if len(found) > 1:
+            return np.concatenate([getattr(part, what) for part in found]).reshape((*shape, *core))
+        only: Array = getattr(found[0], what)
+        return only.reshape((*shape, *core))
 
     away = whole("away", 2).astype(kind, copy=False)
     return InverseKinematics(
@@ -243,9 +247,7 @@ class _Search:
         ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (self.parts[-1],)), ("given", (14,))]
         sources = Source("state", 0), Source("state", 0), Source("state", 1), Source("given")
         steps = Recurrence(trace(step, ports, ["q", "passed on"]), sources, visible=2)
-        self.steps = compiled(
-            steps, "inverse_kinematics", f"Inverse kinematics of {model.name}, compiled: steps to {frame}."
-        )
+        self.steps = compiled(steps, "inverse_kinematics", f"Steps of {model.name} to poses of {frame}, compiled.")
 
     def inside(self, q: Array) -> Array:
         """q with the joints of one degree of freedom moved into their limits."""
@@ -279,8 +281,8 @@ class _Search:
             passed = np.full((len(q), self.parts[-1]), np.nan)
             passed[finite] = self.descend(given[finite], q[finite])
         found = _Found(self, passed, finite, allowed)
-        todo = np.flatnonzero(finite & ~found.there)
-        if restarts and len(todo):
+        todo = np.flatnonzero(finite & ~found.there) if restarts and not found.there.all() else ()
+        if len(todo):
             places = self.places(max(restarts, FEWEST_PLACES), seed())
             far = places.far(given[todo, :12])
             rows = np.arange(len(todo))
@@ -368,6 +370,8 @@ class _Found:
         cost = self.search.parts[2]
         better = there | (passed[:, cost] < self.passed[at, cost])
         self.starts[at] += 1
+        if not better.any():
+            return ~there
         at = at[better]
         self.passed[at], self.away[at], self.there[at] = passed[better], away[better], there[better]
         return ~there
