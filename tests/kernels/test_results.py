@@ -61,9 +61,14 @@ def test_several_results_are_views_of_one_block_with_the_bits_of_the_kernel(pand
         assert one.flags.c_contiguous
         assert one.flags.writeable
         assert one.flags.aligned
-        assert address(one) % results.LINE == 0
+        assert address(one) % 16 == 0
         assert one.base is found[0].base is not None
     assert not any(np.shares_memory(a, b) for k, a in enumerate(found) for b in found[:k])
+
+
+def test_large_results_begin_with_a_line_of_the_cache(panda):
+    assert all(address(x) % 64 == 0 for x in panda.inverse_dynamics_derivatives(*states(panda, 5000)))
+    assert address(panda.mass_matrix(states(panda, 50_000)[0])) % 64 == 0  # 20 MB
 
 
 def test_few_states_and_single_results_have_memory_of_their_own(panda):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,11 +27,11 @@ ROWS = 64
 SINE, ENTRY = 18, 6
 """What a sine or cosine costs, and what an entry read or written does, in operations of a lane."""
 
-ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 16
+ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 19
 """Bytes of one result, and of several, from which on their memory is not left to NumPy: less meets no page faults."""
 
-NOTABLE = 1024
-"""Numbers in the first input, 8 times as many where there is one result: with fewer it does not pay to look."""
+NOTABLE = 2048
+"""Numbers in the first input, 4 times as many where there is one result: with fewer it does not pay to look."""
 
 FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
 
@@ -59,9 +60,7 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
 
     What NumPy would refuse, convert or copy first is left to NumPy: then its errors and its rules are its own.
     """
-    from .ufunc import owner_of
-
-    owner = owner_of(kernel)
+    owner = _owner_of()(kernel)
     if owner is None or len(given) != len(owner.program.inputs):
         return None
     arrays = tuple([np.asarray(a) if type(a) in (list, tuple) else a for a in given])
@@ -97,26 +96,30 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     return [Part(v[:n], v[n:]) for v in zip(*views, strict=True)], outputs
 
 
-def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
-    """Fresh arrays for the results of a call in one part; None where NumPy's own are as good."""
-    first = arrays[0] if arrays else None
-    if type(first) is not np.ndarray or first.size < NOTABLE or (kernel.nout == 1 and first.size < 8 * NOTABLE):
-        return None
+@cache
+def _owner_of() -> Any:
+    """What finds the owner of a ufunc; its module knows this one."""
     from .ufunc import owner_of
 
-    owner = owner_of(kernel)
-    if owner is None or len(arrays) != len(owner.program.inputs):
+    return owner_of
+
+
+def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
+    """Fresh arrays for the results of a call in one part; None where NumPy's own are as good."""
+    first = arrays[0]
+    if kernel.nout == 1 and first.size < 4 * NOTABLE:
         return None
-    ports, least = owner.program.outputs, ONE_ROOM if kernel.nout == 1 else SEVERAL_ROOMS
-    row = FLOAT64.itemsize * sum([port.size for port in ports])
-    if row * first.size < least * owner.program.inputs[0].size:  # a guess: other inputs may have more samples
+    owner = _owner_of()(kernel)
+    if owner is None or type(first) is not np.ndarray or len(arrays) != len(owner.program.inputs):
+        return None
+    ports = owner.program.outputs
+    least = ONE_ROOM if len(ports) == 1 else SEVERAL_ROOMS
+    if owner.row * first.size < least * owner.program.inputs[0].size:  # a guess: other inputs may have more samples
         return None
     batch = _batch(arrays, owner.program.inputs)
-    return (
-        None
-        if batch is None
-        else room([batch + port.shape for port in ports], FLOAT32 if _is_single(arrays) else FLOAT64)
-    )
+    if batch is None:
+        return None
+    return room([batch + port.shape for port in ports], FLOAT32 if _is_single(arrays) else FLOAT64)
 
 
 def _is_single(arrays: Arrays) -> bool:

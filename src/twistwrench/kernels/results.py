@@ -22,7 +22,10 @@ LEAST_LENT = 1 << 20
 """Bytes of one of several large results that is worth a lease of its own."""
 
 LINE = 64
-"""Results begin with a cache line, so that they can be written past the caches whatever the vectors."""
+"""Each result begins with a cache line of its own."""
+
+ALIGNED = 1 << 20
+"""Bytes of results from which on these are the processor's, so that they can be written past the caches."""
 
 
 def room(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array, ...]:
@@ -31,14 +34,16 @@ def room(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array
     Below 32 MB they are views of one block, so one that is kept keeps the others' memory; above, each is by itself.
     """
     sizes = [math.prod(shape) * dtype.itemsize for shape in shapes]
-    if sum(sizes) >= LARGE:
+    total = sum(sizes)
+    if total >= LARGE:
         return tuple(_apart(shape, dtype, size) for shape, size in zip(shapes, sizes, strict=True))
-    starts = [0]
-    for size in sizes:
-        starts.append(starts[-1] + -(-size // LINE) * LINE)
-    block = np.empty(starts[-1] + LINE, np.uint8)
-    first = -block.__array_interface__["data"][0] % LINE
-    return tuple(np.ndarray(shape, dtype, block, first + at) for shape, at in zip(shapes, starts, strict=False))
+    block, at, found = np.empty(total + LINE * (len(sizes) + 1), np.uint8), 0, []
+    if total >= ALIGNED:
+        at = -block.__array_interface__["data"][0] % LINE
+    for shape, size in zip(shapes, sizes, strict=True):
+        found.append(np.ndarray(shape, dtype, block, at))
+        at += -(-size // LINE) * LINE
+    return tuple(found)
 
 
 def _apart(shape: tuple[int, ...], dtype: np.dtype[Any], size: int) -> Array:

@@ -88,6 +88,11 @@ class _Owner:
         """Operations that a sample takes, in one step if there are several."""
         return effort(self.program)
 
+    @cached_property
+    def row(self) -> int:
+        """Bytes of all results of a sample, in doubles."""
+        return DOUBLE.bytes * sum(port.size for port in self.program.outputs)
+
     def _single(self, args: int, dims: int, steps: int, data: int) -> None:
         """Stand in for the float32 loop: compile it, put it in the table, run it.
 

@@ -114,12 +114,6 @@ class Engine:
 
     def call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
         """A quantity of arrays of any batch shape, by its kernel; of symbols, by its algorithm; of Dask arrays, later."""
-        return self._answer(name, arrays, out, options)
-
-    def _answer(
-        self, name: str, arrays: tuple[Any, ...], out: Any, options: dict[str, Any], wrenches: str | None = ""
-    ) -> Any:
-        """The same; ``wrenches``: the one argument that the wrenches came as, none, or None of several."""
         for array in arrays:
             if type(array) is not np.ndarray:
                 arrays = brought(self.model, name, arrays, options)
@@ -136,8 +130,8 @@ class Engine:
                 return self.reference(name, arrays, options)
             kernel = self.kernel((name,), options)
             self._called[key] = kernel
-        if arrays[0].ndim < 2 or arrays[0].size == arrays[0].shape[-1]:
-            self._note((key, wrenches), name, kernel, arrays, options)
+        if (arrays[0].ndim < 2 or len(arrays[0]) == 1) and "wrenches" not in options:
+            self._note(name, arrays, options)
         if isinstance(out, tuple):
             refuse_overlap(name, out)
         try:
@@ -169,23 +163,29 @@ class Engine:
         total = by_frame(self.model, arrays, by_robot, on_robot)
         if not total:
             return self.call(name, *arrays, out=out, **options)
-        given = None if by_robot and on_robot else "wrench_by_robot" if by_robot else "wrench_on_robot"
-        return self._answer(name, (*arrays, *total.values()), out, {**options, "wrenches": tuple(total)}, given)
+        whole, options = (*arrays, *total.values()), {**options, "wrenches": tuple(total)}
+        found = self.call(name, *whole, out=out, **options)
+        if all(type(array) is np.ndarray for array in whole) and not (by_robot and on_robot):
+            self._note(name, whole, options, "wrench_by_robot" if by_robot else "wrench_on_robot")
+        return found
 
-    def _note(
-        self, key: tuple[Any, str | None], name: str, kernel: Any, arrays: Sequence[Array], options: Options
-    ) -> None:
-        """Count a call with one state, and tell it to who may put something faster in front of the next of its kind."""
-        kind = batch, char = arrays[0].shape[:-1], arrays[0].dtype.char
-        calls = self._calls.get((key, kind), 0)
-        wrenches = key[1]
-        if calls == ENOUGH or self._called_again is None or wrenches is None or char not in "df":
+    def _note(self, name: str, arrays: Sequence[Array], options: Options, wrenches: str = "") -> None:
+        """Count a call with one state, and tell it to who may put something faster in front of the next of its kind.
+
+        ``wrenches``: the argument they were given as.
+        """
+        first = arrays[0]
+        kind = batch, char = first.shape[:-1], first.dtype.char
+        key = name, *options.values()
+        calls = self._calls.get((key, wrenches, kind), 0)
+        if calls == ENOUGH or self._called_again is None or char not in "df" or batch not in ((), (1,)):
             return
         if (tell := self._called_again()) is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
             return
         rest = tuple((option, value) for option, value in options.items() if option != "wrenches")
         asked = Asked(rest, wrenches, options.get("wrenches", ()), wrenches == "wrench_on_robot", batch, char)
-        self._calls[key, kind] = ENOUGH if tell(name, kernel, asked, calls + 1) else calls + 1
+        kernel = self._called[key if options else name]
+        self._calls[key, wrenches, kind] = ENOUGH if tell(name, kernel, asked, calls + 1) else calls + 1
 
     def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
         """A quantity by its algorithm on floats or symbols, at one state."""
