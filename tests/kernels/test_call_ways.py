@@ -77,14 +77,25 @@ def at_once(monkeypatch):
 # ── bits ──
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("name", INPUTS)
-def test_single_batch_and_out_give_the_same_bits(robot, direct, name, dtype):
+SHORT = [name for name in INPUTS if name not in ("forward_dynamics_derivatives", "regressor")]  # in few seconds
+
+
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [("panda", name) for name in INPUTS] + [("quadruped", name) for name in SHORT],
+    indirect=["robot"],
+)
+def test_single_batch_and_out_give_the_same_bits(robot, direct, name):
+    for dtype in (np.float64, np.float32):
+        of_one_type(robot, direct, name, dtype)
+
+
+def of_one_type(robot, direct, name, dtype):
     options = options_of(robot, name)
-    method, kernel = getattr(robot, name), robot.kernel(name, **options)
+    kernel = robot.kernel(name, **options)
     given = [[x.astype(dtype) for x in state] for state in states(robot, name, 12)]
     batch = kernel(*(np.stack(x) for x in zip(*given, strict=True)))
-    warm(lambda: method(*given[0], **options))
+    warm(lambda: getattr(robot, name)(*given[0], **options))
     one = [x[None] for x in given[0]]
     warm(lambda: getattr(robot, name)(*one, **options))
     method = getattr(robot, name)
@@ -190,9 +201,15 @@ def test_friction_is_an_option(direct):
     assert not direct
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize("side", ["wrench_by_robot", "wrench_on_robot"])
-@pytest.mark.parametrize("name", ["forward_dynamics", "inverse_dynamics_derivatives"])
+@pytest.mark.parametrize(
+    ("side", "dtype"),
+    [("wrench_by_robot", np.float64), ("wrench_on_robot", np.float64), ("wrench_on_robot", np.float32)],
+)
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [("panda", "forward_dynamics"), ("panda", "inverse_dynamics_derivatives"), ("quadruped", "inverse_dynamics")],
+    indirect=["robot"],
+)
 def test_wrenches_at_frames(robot, direct, name, side, dtype):
     frames = sorted(robot.frame_names[-2:])
     rng = np.random.default_rng(5)
