@@ -16,7 +16,7 @@ from bench.side_by_side import all_peers, measured
 from bench.timing import ROUNDS, pin_to_one_core
 
 HERE = Path(__file__).parent
-SECTIONS = ("bounds", "compile", "derivatives", "float32", "one_body", "rollout", "threads")
+SECTIONS = ("bounds", "compile", "derivatives", "float32", "fresh", "one_body", "one_call", "rollout", "threads")
 ALL_CORES = ("threads",)  # the others keep to one
 
 
@@ -52,7 +52,7 @@ def _options() -> argparse.Namespace:
 
 def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """What one section takes, by its name in the results."""
-    from bench import bounds, derivatives, float32, one_body, threads
+    from bench import bounds, derivatives, float32, fresh, one_body, one_call, threads
 
     def rollout() -> dict[str, Any]:
         from bench import rollout  # needs MuJoCo, which may be missing
@@ -67,7 +67,9 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "compile": lambda: footprint.compile_times(max(rounds // 5, 1), cases),
         "derivatives": lambda: derivatives.times(rounds, cases),
         "float32": lambda: float32.times(rounds, cases),
+        "fresh": lambda: fresh.times(tuple(case.name for case in cases)),
         "one_body": lambda: one_body.times(rounds),
+        "one_call": lambda: one_call.times(rounds, cases),
         "rollout": rollout,
         "threads": lambda: threads.times(rounds),
     }[name]()
@@ -93,7 +95,7 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
         print(f"{case.name}: loading", flush=True)
         results["robots"][case.name] = measured(case, all_peers(case, builds, missing), options.rounds)
     if "twistwrench" not in missing:
-        for section in ("derivatives", "float32", "bounds", "compile", "one_body"):
+        for section in ("derivatives", "float32", "bounds", "compile", "one_body", "one_call", "fresh"):
             results[section] = _part(section, options)
         with suppress(ImportError):  # the robots say what is missing
             results["rollout"] = _part("rollout", options)

@@ -55,6 +55,44 @@ def _beside_best(timings: dict[str, dict[str, float]], name: str) -> str:
     return text if best is None else f"{text} **{times(timings[best]['median'] / timing['median'])}**"
 
 
+def one_call(results: dict[str, Any]) -> str:
+    """One call with one state, in several ways."""
+    found = results.get("one_call")
+    if not found:
+        return ""
+    rows = [
+        (robot, title(way), *(f"{duration(pair[who]['median'])} {quartiles(pair[who])}" for who in ("ours", "theirs")),
+         f"**{times(pair['theirs']['median'] / pair['ours']['median'])}**")
+        for robot, ways in found["robots"].items()
+        for way, pair in ways.items()
+    ]  # fmt: skip
+    text = (
+        f"{measured_on(found)}: a call of the method with one state, as a loop makes it from its third call on (some 200th"
+        " of long programs), and Pinocchio's Python call of the same."
+    )
+    return section("One call", text, ("", "", "twistwrench", "Pinocchio, Python call", "times as fast"), rows)
+
+
+def fresh(results: dict[str, Any]) -> str:
+    """Fresh results of methods, each in its own process."""
+    found = results.get("fresh")
+    if not found:
+        return ""
+    rows = [
+        (r["robot"], title(r["quantity"]), f"{r['states']:,}", duration(r["first"]),
+         *(f"{duration(r[way]['median'])} {quartiles(r[way])}" for way in ("fresh", "held", "out")),
+         f"{r['fresh']['median'] / r['out']['median']:.2f}")
+        for r in found["rows"]
+    ]  # fmt: skip
+    text = (
+        f"Measured {found['date']} on {found['cpu']}, each in a fresh process: processor time per state of the method. The"
+        " first call compiles or loads the kernel; fresh is from the third call on, each result dropped before the next call,"
+        " then when the next is there, which takes two places in turns; and the same into `out=`."
+    )
+    head = ("", "", "states", "first call", "fresh", "fresh, the last one held", "into `out=`", "fresh over `out=`")
+    return section("Fresh results", text, head, rows)
+
+
 def single(results: dict[str, Any]) -> str:
     """Float32: how fast, and how wrong."""
     found = results.get("float32")

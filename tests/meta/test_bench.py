@@ -99,6 +99,40 @@ def test_only_one_body_leaves_the_other_results_alone(bench, monkeypatch, tmp_pa
     assert "7 rounds of 4,096 rows" in (tmp_path / "RESULTS.md").read_text("utf-8")
 
 
+# ── one call, and fresh results ──
+
+
+def test_one_call_is_made_in_every_way_and_shown(bench, monkeypatch, capsys):
+    one_call = bench("one_call")
+    monkeypatch.setattr(one_call, "STATES", 2)
+    monkeypatch.setattr(one_call, "WARM", 4)
+    monkeypatch.setattr(one_call, "interleave", lambda pair, rounds: {c.name: (c.sweep(1), Timed())[1] for c in pair})
+    monkeypatch.setattr(one_call, "asdict", lambda timed: timing(100.0 if timed else 0.0))
+    found = one_call.times(1, [case for case in bench("cases").CASES if case.name == "panda"])
+    capsys.readouterr()
+    assert "inverse dynamics with a wrench" in found["robots"]["panda"]
+    text = bench("report").write({**kept(), "one_call": found})
+    assert "| panda | jacobian, frame= | 100 ns [90.0–120] | 100 ns [90.0–120] | **1** |" in text
+
+
+class Timed:
+    pass
+
+
+def test_fresh_results_are_measured_in_processes_of_their_own(bench, monkeypatch, capsys):
+    fresh = bench("fresh")
+    monkeypatch.setattr(fresh, "ASKED", (("panda", "inverse_dynamics_derivatives", 200), ("talos", "mass_matrix", 10)))
+    monkeypatch.setattr(fresh, "SECONDS", 0.0)
+    run = fresh.subprocess.run
+    monkeypatch.setattr(fresh.subprocess, "run", lambda *given, **more: run(*given, **more, cwd=ROOT))
+    found = fresh.times(("panda",))
+    capsys.readouterr()
+    (row,) = found["rows"]
+    assert all(row[way]["median"] > 0 for way in ("fresh", "held", "out"))
+    text = bench("report").write({**kept(), "fresh": found})
+    assert "| panda | ∂τ/∂(q, dq) | 200 |" in text
+
+
 # ── derivatives, float32, limits, compiling ──
 
 

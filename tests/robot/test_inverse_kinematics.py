@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import subprocess
+import sys
+import weakref
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +15,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
+from twistwrench.robot import inverse_kinematics
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -218,3 +225,108 @@ def test_a_joint_held_at_its_limit_stays_inside_in_float32(bundled):
         (q,) = robot.inverse_kinematics(T, restarts=1).q.astype(float)
         assert -0.1 <= q <= 0.1
         assert abs(q) > 0.0999999
+
+
+# ── what a pose's answer depends on ──
+
+
+def same(found, other, *index):
+    for name in ("q", "converged", "angle", "distance", "starts", "held"):
+        assert np.asarray(getattr(found, name)[index]).tobytes() == np.asarray(getattr(other, name)).tobytes(), name
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_a_poses_answer_does_not_depend_on_its_neighbours(bundled, name, monkeypatch):
+    robot = bundled(name)
+    T = robot.forward_kinematics(robot.random_configuration(7, 90))
+    T[11, :3, 3] *= 9.0  # out of reach
+    T[23, 0, 0] = np.nan
+    found = robot.inverse_kinematics(T, restarts=6)
+    assert found.starts[11] == 7
+    assert found.starts[23] == 0
+    for k in (0, 5, 11, 23, 24, 89):
+        same(found, robot.inverse_kinematics(T[k], restarts=6), k)
+    some = robot.inverse_kinematics(T[::-3], restarts=6)
+    np.testing.assert_array_equal(some.q, found.q[::-3])
+    monkeypatch.setattr(inverse_kinematics, "AT_ONCE", 7)
+    np.testing.assert_array_equal(robot.inverse_kinematics(T, restarts=6).q, found.q)
+    monkeypatch.setattr(inverse_kinematics, "FEW", 0)
+    monkeypatch.setattr(inverse_kinematics, "FEW_STEPS", 1)
+    np.testing.assert_array_equal(robot.inverse_kinematics(T, restarts=6).q, found.q)
+
+
+def test_what_is_left_is_what_forward_kinematics_say(bundled):
+    robot = bundled("panda")
+    T = robot.forward_kinematics(robot.random_configuration(3, 30))
+    T[::2, :3, 3] *= 1.6  # most of them out of reach
+    found = robot.inverse_kinematics(T, restarts=3)
+    left = inverse_kinematics.twist_left(robot.forward_kinematics(found.q), T, tuple(range(6)))
+    assert_allclose(found.angle, np.linalg.norm(left[:, :3], axis=1), atol=2e-12)
+    assert_allclose(found.distance, np.linalg.norm(left[:, 3:], axis=1), atol=2e-12)
+    assert (~found.converged).any()
+
+
+@pytest.mark.parametrize("rows", ["vx vy vz", "wx wy wz", "wz vx vy vz", "vz"])
+def test_some_rows(bundled, rows):
+    robot = bundled("panda")
+    T = robot.forward_kinematics(robot.random_configuration(3, 40))
+    found = robot.inverse_kinematics(T, rows=rows)
+    assert found.converged.mean() >= 0.95
+    left = inverse_kinematics.twist_left(robot.forward_kinematics(found.q), T, found.rows)
+    assert np.abs(left[found.converged]).max() <= 2e-10
+    assert (robot.limits.lower <= found.q).all()
+    assert (found.q <= robot.limits.upper).all()
+
+
+def test_bases_that_float_and_joints_that_follow_are_moved_too(bundled):
+    robot = bundled("quadruped")
+    frame = robot.frame_names[-1]
+    q = robot.random_configuration(2, 12)
+    found = robot.inverse_kinematics(robot.forward_kinematics(q, frame), frame)
+    assert found.converged.all()
+    assert_allclose(np.linalg.norm(found.q[:, :4], axis=1), 1.0, atol=1e-12)
+    assert_allclose(robot.forward_kinematics(found.q, frame), robot.forward_kinematics(q, frame), atol=1e-9)
+
+
+def test_one_seed_one_search_and_a_generator_gives_one_number_away(bundled):
+    robot = bundled("panda")
+    T = robot.forward_kinematics(robot.random_configuration(9, 60))
+    first = robot.inverse_kinematics(T, rng=1)
+    robot.inverse_kinematics(T, rng=2)
+    np.testing.assert_array_equal(robot.inverse_kinematics(T, rng=1).q, first.q)
+    rngs = [np.random.default_rng(4) for _ in range(3)]
+    found = [robot.inverse_kinematics(T[:1] if k else T, rng=rng) for k, rng in enumerate(rngs[:2])]
+    rngs[2].integers(2**63)
+    assert rngs[0].integers(100) == rngs[1].integers(100) == rngs[2].integers(100)
+    np.testing.assert_array_equal(found[0].q[0], found[1].q[0])
+    for wrong in (-1, 0.5, "x"):
+        with pytest.raises(tw.ValueRangeError, match="a seed"):
+            robot.inverse_kinematics(T, rng=wrong)
+
+
+def test_a_robot_that_looked_for_poses_is_freed():
+    robot = tw.robots.panda()
+    robot.inverse_kinematics(robot.forward_kinematics(robot.neutral))
+    gone = weakref.ref(robot)
+    del robot
+    gc.collect()
+    assert gone() is None
+
+
+def test_without_a_compiler_the_steps_are_the_same():
+    code = (
+        "import numpy as np, twistwrench as tw\n"
+        "robot = tw.robots.planar_3r()\n"
+        "T = robot.forward_kinematics(robot.random_configuration(1, 5))\n"
+        "found = robot.inverse_kinematics(T, rows='wy vx vz')\n"
+        "print(found.converged.all(), found.q.round(6).tolist())\n"
+    )
+    shown = [
+        subprocess.run(
+            [sys.executable, "-c", code], env={**os.environ, "TWISTWRENCH_JIT": jit},
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for jit in "01"
+    ]  # fmt: skip
+    assert shown[0] == shown[1]
+    assert shown[0].startswith("True")

@@ -1,8 +1,9 @@
-"""A call with many samples cut into parts that several threads can take, where the arrays allow it and it pays."""
+"""A call with many samples: room for its results, and parts that several threads can take where that pays."""
 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from ..program.program import ARITY, Port, Program
 from ..targets.processor import SINGLE
 from ..typing import Array
+from .results import room
 
 Arrays = tuple[Array, ...]
 
@@ -24,6 +26,12 @@ ROWS = 64
 
 SINE, ENTRY = 18, 6
 """What a sine or cosine costs, and what an entry read or written does, in operations of a lane."""
+
+ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 19
+"""Bytes of one result, and of several, from which on their memory is not left to NumPy: less meets no page faults."""
+
+NOTABLE = 2048
+"""Numbers in the first input, 4 times as many where there is one result: with fewer it does not pay to look."""
 
 FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
 
@@ -52,16 +60,14 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
 
     What NumPy would refuse, convert or copy first is left to NumPy: then its errors and its rules are its own.
     """
-    from .ufunc import owner_of
-
-    owner = owner_of(kernel)
+    owner = _owner_of()(kernel)
     if owner is None or len(given) != len(owner.program.inputs):
         return None
     arrays = tuple([np.asarray(a) if type(a) in (list, tuple) else a for a in given])
     batch = _batch(arrays, owner.program.inputs)
     if batch is None:
         return None
-    single = all(a.dtype.char in TO_SINGLE for a in arrays)
+    single = _is_single(arrays)
     work = math.prod(batch) * owner.effort / (2 if single else 1)
     count = min(int(work / LEAST), PARTS_EACH * threads)
     if count < 2:
@@ -90,6 +96,37 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     return [Part(v[:n], v[n:]) for v in zip(*views, strict=True)], outputs
 
 
+@cache
+def _owner_of() -> Any:
+    """What finds the owner of a ufunc; its module knows this one."""
+    from .ufunc import owner_of
+
+    return owner_of
+
+
+def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
+    """Fresh arrays for the results of a call in one part; None where NumPy's own are as good."""
+    first = arrays[0]
+    if kernel.nout == 1 and first.size < 4 * NOTABLE:
+        return None
+    owner = _owner_of()(kernel)
+    if owner is None or type(first) is not np.ndarray or len(arrays) != len(owner.program.inputs):
+        return None
+    ports = owner.program.outputs
+    least = ONE_ROOM if len(ports) == 1 else SEVERAL_ROOMS
+    if owner.row * first.size < least * owner.program.inputs[0].size:  # a guess: other inputs may have more samples
+        return None
+    batch = _batch(arrays, owner.program.inputs)
+    if batch is None:
+        return None
+    return room([batch + port.shape for port in ports], FLOAT32 if _is_single(arrays) else FLOAT64)
+
+
+def _is_single(arrays: Arrays) -> bool:
+    """Whether NumPy would take the loop for float32."""
+    return all(a.dtype.char in TO_SINGLE for a in arrays)
+
+
 def _batch(arrays: Arrays, ports: tuple[Port, ...]) -> tuple[int, ...] | None:
     """The batch shape of plain arrays of real numbers that fit the ports; None of all others."""
     batches = []
@@ -111,7 +148,7 @@ def _batch(arrays: Arrays, ports: tuple[Port, ...]) -> tuple[int, ...] | None:
 def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arrays: Arrays) -> Arrays | None:
     """Fresh arrays, or those given if they can be written to in any order: rows without gaps, nothing else in them."""
     if out is None:
-        return tuple(np.empty(shape, dtype) for shape in shapes)
+        return room(shapes, dtype)
     outputs = out if isinstance(out, tuple) else (out,)
     if len(outputs) != len(shapes):
         return None

@@ -1,7 +1,8 @@
 """A kernel as a builtin function for single samples: what a kilohertz loop calls. CPython only, with its lock.
 
 NumPy's own way into a ufunc takes longer than most kernels run. The builtin made here does without it where the arguments
-are plain; the rest it hands to a slower callable, which also has the last word on errors.
+are plain, and computes the one sample in one lane; the rest it hands to a slower callable, which also has the last word on
+errors. Other options, another type or a batch of one are calls of another kind: builtins for them stand in a row behind it.
 """
 
 from __future__ import annotations
@@ -10,18 +11,39 @@ import ctypes
 import sys
 import sysconfig
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from ..targets.fast_call_text import BYTES_DATA, CALL, FIELDS, POINTERS, call_assembly
+from ..program.program import Port, Program
+from ..targets.fast_call_checks import FLOAT_VALUE
+from ..targets.fast_call_text import (
+    BYTES_DATA,
+    CALL,
+    FIELDS,
+    LIST_ITEMS,
+    POINTERS,
+    SIZE,
+    TUPLE_ITEMS,
+    Way,
+    call_assembly,
+)
+from ..targets.processor import DOUBLE, SINGLE
+from .asked import Asked
 from .interpreter import runs_machine_code
 from .jit import assembled
 from .ufunc import owner_of
 
-_NEW_FROM_DESCRIPTOR = 94
-"""Slot of PyArray_NewFromDescr in NumPy's array API table; fixed since NumPy 1.0."""
+_SCALAR, _NEW_FROM_DESCRIPTOR = 60, 94
+"""Slots of PyArray_Scalar and PyArray_NewFromDescr in NumPy's array API table; fixed since NumPy 1.0."""
+
+MOST_IN_A_ROW = 16
+"""Builtins for one method, each for other options or arrays of another kind: one asks the next."""
+
+LONG, EACH = 4000, 100
+"""Programs of so many instructions take a second to compile, so they wait for as many calls as they have hundreds of them."""
 
 _FASTCALL_WITH_KEYWORDS = 0x0080 | 0x0002
 
@@ -38,7 +60,7 @@ class _MethodDefinition(ctypes.Structure):
 
 
 class _Keeper(str):
-    """All that a builtin points to; it holds this object as the name of its module, which others read as a text."""
+    """What keeps alive all that a builtin points to: it holds this object as the name of its module, a text to others."""
 
     kept: dict[str, Any]
 
@@ -51,6 +73,13 @@ class kernel(bytes):  # what the builtin's repr calls it: "built-in method … o
     """
 
     owner: Any
+    kept: dict[str, Any]
+    """All that the builtin points to, by name."""
+
+    def hand_on_to(self, other: Callable[..., Any]) -> None:
+        """Ask another from now on where the builtin does not serve; it asks whom this one asked before."""
+        self.kept["fallback"] = other
+        self.kept["place"].value = id(other)
 
     def __reduce_ex__(self, protocol: Any) -> tuple[Callable[[Any], Any], tuple[Any]]:
         return _same, (self.owner,)
@@ -60,39 +89,62 @@ def _same(owner: Any) -> Any:
     return owner
 
 
-def make_call(ufunc: Any, fallback: Callable[..., Any], name: str) -> Callable[..., Any] | None:
-    """A builtin that does what ``ufunc`` does for one sample, and what ``fallback``, a bound method, does for all else.
+def make_call(
+    ufunc: Any, method: Callable[..., Any], name: str, asked: Asked | None = None
+) -> Callable[..., Any] | None:
+    """A builtin that does what ``method``, a bound one, does by ``ufunc`` in the calls that are ``asked`` for.
 
-    None where it cannot be made: no compiled kernel, several results or scalar ones, an interpreter of another build.
+    All else it hands on to the method. None where it cannot be made: no compiled kernel, a method with other parameters, an
+    interpreter of another build.
     """
     owner = owner_of(ufunc)
     if owner is None or not _understood():
         return None
-    program = owner.program
-    ports = (*program.inputs, *program.outputs)
-    if len(program.outputs) != 1 or any(not port.shape or not port.size for port in ports):
+    asked, parameters = asked or Asked(), _Parameters.of(method)
+    way = _way(owner.program, parameters, asked)
+    if way is None:
         return None
-    code = assembled(call_assembly(program.inputs, program.outputs[0]), CALL, owner.machine)
-    float64 = np.dtype(np.float64)
+    code = assembled(call_assembly(way), CALL, owner.machine)
+    dtype, place = np.dtype(asked.char), ctypes.c_void_p(id(method))
+    loop = owner.alone(way.precision)
+    wanted = {**parameters.defaults, **dict(asked.options)}
     addresses = {
         "array_type": id(np.ndarray),
-        "float64": id(float64),
-        "new_array": _new_from_descriptor(),
+        "list_type": id(list),
+        "tuple_type": id(tuple),
+        "dict_type": id(dict),
+        "float_type": id(float),
+        "double_type": id(np.float64),
+        "none": id(None),
+        "descriptor": id(dtype),
+        "new_array": _numpys(_NEW_FROM_DESCRIPTOR),
+        "new_scalar": _numpys(_SCALAR),
+        "new_tuple": _address("PyTuple_New"),
+        "dict_size": _address("PyDict_Size"),
+        "dict_item": _address("PyDict_GetItem"),
         "vectorcall": _address("PyObject_Vectorcall"),
         "incref": _address("Py_IncRef"),
         "decref": _address("Py_DecRef"),
-        "loop": owner.code["d"].address,
-        "fallback": id(fallback),
+        "loop": loop.address,
+        "fallback": ctypes.addressof(place),
     }
-    context = kernel(b"".join(addresses[n].to_bytes(8, sys.byteorder) for n in POINTERS))
-    definition = _MethodDefinition(name.encode(), code.address, _FASTCALL_WITH_KEYWORDS, _doc(fallback, name).encode())
-    context.owner = fallback.__self__  # type: ignore[attr-defined]
+    options = [wanted[parameters.names[k]] for k, _ in way.options]
+    objects = [*parameters.names, *options, *asked.keys]
+    places = [*(addresses[n] for n in POINTERS), *map(id, objects)]
+    context = kernel(b"".join(place.to_bytes(8, sys.byteorder) for place in places))
+    definition = _MethodDefinition(
+        name.encode(), code.address, _FASTCALL_WITH_KEYWORDS, parameters.doc(method, name).encode()
+    )
+    context.owner = method.__self__  # type: ignore[attr-defined]
     keeper = _Keeper("twistwrench.robot")
-    keeper.kept = {
+    keeper.kept = context.kept = {
         "ufunc": ufunc,
-        "fallback": fallback,
+        "fallback": method,
+        "place": place,
         "code": code,
-        "float64": float64,
+        "loop": loop,
+        "dtype": dtype,
+        "objects": objects,
         "definition": definition,
     }
     make = ctypes.pythonapi.PyCFunction_NewEx
@@ -100,16 +152,93 @@ def make_call(ufunc: Any, fallback: Callable[..., Any], name: str) -> Callable[.
     return make(ctypes.addressof(definition), context, keeper)
 
 
-def _doc(method: Any, name: str) -> str:
-    """The method's own, behind a line from which ``inspect.signature`` reads its parameters."""
-    function = method.__func__
-    code, defaults, named = function.__code__, function.__defaults__ or (), function.__kwdefaults__ or {}
-    count, several = code.co_argcount, code.co_argcount + code.co_kwonlyargcount
-    places = list(code.co_varnames[1:count])
-    for k, default in enumerate(defaults):
-        places[k - len(defaults)] += f"={default!r}"
-    rest = [f"{p}={named[p]!r}" if p in named else p for p in code.co_varnames[count:several]]
-    return f"{name}({', '.join([*places, *(['*', *rest] if rest else [])])})\n--\n\n{function.__doc__ or ''}"
+def is_made_here(function: Any) -> bool:
+    """Whether it is a builtin of :func:`make_call`."""
+    return type(getattr(function, "__self__", None)) is kernel
+
+
+def stand_behind(first: Any, other: Any) -> None:
+    """Let a builtin ask another before it asks the method, unless there are enough in a row."""
+    following, number = first.__self__.kept["fallback"], 1
+    while is_made_here(following):
+        following, number = following.__self__.kept["fallback"], number + 1
+    if number < MOST_IN_A_ROW:
+        other.__self__.hand_on_to(first.__self__.kept["fallback"])
+        first.__self__.hand_on_to(other)
+
+
+def calls_before(ufunc: Any) -> int:
+    """How many calls with one state are a reason for a builtin: two, more where compiling takes long; never: 0."""
+    owner = owner_of(ufunc)
+    if owner is None or not _understood():
+        return 0
+    length = len(owner.program.instructions)
+    return 2 if length < LONG else length // EACH
+
+
+def _way(program: Program, parameters: _Parameters, asked: Asked) -> Way | None:
+    """How the builtin is called; None where none can be."""
+    ports = (*program.inputs, *program.outputs)
+    count = len(program.inputs) - len(asked.keys)
+    names, options = parameters.names, dict(asked.options)
+    scalar = len(program.outputs) > 1 and not all(port.shape for port in program.outputs)
+    strange = {*options, *([asked.mapping] if asked.mapping else [])} - {*names[count:]}
+    several = any(n != 1 for n in asked.batch)
+    if several or scalar or strange or count > len(names) or any(not port.size for port in ports):
+        return None
+    if any(name not in parameters.defaults for name in names[count:] if name not in options):
+        return None
+    rest = [k for k in range(count, len(names)) if names[k] not in ("out", asked.mapping)]
+    defaults = parameters.defaults
+
+    def is_default(name: str) -> bool:
+        return (
+            name not in options
+            or options[name] is defaults.get(name)
+            or (type(options[name]) is str and options[name] == defaults.get(name))
+        )
+
+    inputs, outputs = (
+        tuple(Port(port.name, asked.batch + port.shape) for port in some) for some in (program.inputs, program.outputs)
+    )
+    return Way(
+        inputs[:count],
+        inputs[count:],
+        outputs,
+        SINGLE if asked.char == SINGLE.char else DOUBLE,
+        len(names),
+        parameters.positional,
+        tuple((k, is_default(names[k])) for k in rest),
+        names.index(asked.mapping) if asked.mapping else -1,
+        asked.negative,
+        names.index("out") if "out" in names else -1,
+        len(asked.batch),
+    )
+
+
+@dataclass(frozen=True)
+class _Parameters:
+    """Those of a method, without its first."""
+
+    names: tuple[str, ...]
+    positional: int
+    defaults: dict[str, Any]
+
+    @classmethod
+    def of(cls, method: Any) -> _Parameters:
+        function = method.__func__
+        code, given = function.__code__, function.__defaults__ or ()
+        places = code.co_varnames[1 : code.co_argcount]
+        names = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
+        defaults = dict(zip(places[len(places) - len(given) :], given, strict=True)) | (function.__kwdefaults__ or {})
+        return cls(names, len(places), defaults)
+
+    def doc(self, method: Any, name: str) -> str:
+        """The method's own, behind a line from which ``inspect.signature`` reads its parameters."""
+        shown = [f"{p}={self.defaults[p]!r}" if p in self.defaults else p for p in self.names]
+        if self.positional < len(shown):
+            shown.insert(self.positional, "*")
+        return f"{name}({', '.join(shown)})\n--\n\n{method.__func__.__doc__ or ''}"
 
 
 def _address(name: str) -> int:
@@ -117,13 +246,14 @@ def _address(name: str) -> int:
 
 
 @cache
-def _new_from_descriptor() -> int:
+def _numpys(slot: int) -> int:
+    """The address of a function of NumPy's C API."""
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
     get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
     get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
     table = ctypes.cast(get_pointer(_multiarray_umath._ARRAY_API, None), ctypes.POINTER(ctypes.c_void_p))
-    return table[_NEW_FROM_DESCRIPTOR] or 0
+    return table[slot] or 0
 
 
 @cache
@@ -139,8 +269,12 @@ def _understood() -> bool:
         return int(kind.from_address(id(probe) + FIELDS[name]).value)
 
     dims = (ctypes.c_ssize_t * 2).from_address(word("dims"))
+    row, pair = [1.5, None], (None, 2.5)
     return (
-        word("type") == id(np.ndarray)
+        _items(row, _at(row, LIST_ITEMS)) == [*map(id, row)]
+        and _items(pair, id(pair) + TUPLE_ITEMS) == [*map(id, pair)]
+        and all(ctypes.c_double.from_address(id(x) + FLOAT_VALUE).value == 1.5 for x in (row[0], np.float64(1.5)))
+        and word("type") == id(np.ndarray)
         and word("data") == probe.ctypes.data
         and word("nd", ctypes.c_int) == 2
         and list(dims) == [2, 3]
@@ -148,3 +282,12 @@ def _understood() -> bool:
         and word("flags", ctypes.c_int) & 0x101 == 0x101
         and ctypes.string_at(id(contents) + BYTES_DATA, len(contents)) == contents
     )
+
+
+def _at(thing: object, offset: int) -> int:
+    return int(ctypes.c_ssize_t.from_address(id(thing) + offset).value)
+
+
+def _items(thing: object, place: int) -> list[int]:
+    """The addresses of the items that begin at a place, as many as the thing says it has."""
+    return list((ctypes.c_ssize_t * _at(thing, SIZE)).from_address(place))

@@ -19,7 +19,7 @@ from typing import Any
 
 from ..errors import ValueRangeError
 from . import interpreter
-from .batch_split import Part, cut
+from .batch_split import NOTABLE, Part, cut, room_for_results
 
 MOST = 1024
 VARIABLE = "TWISTWRENCH_THREADS"
@@ -94,6 +94,8 @@ def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
     threads = get_threads()
     shared = cut(kernel, arrays, out, threads) if threads > 1 and not _in_worker_thread() else None
     if shared is None:
+        if out is None and arrays and arrays[0].size >= NOTABLE:
+            out = room_for_results(kernel, arrays)
         return kernel(*arrays) if out is None else kernel(*arrays, out=out)
     parts, outputs = shared
     share(kernel, parts)

@@ -8,6 +8,7 @@ the other. Everything the ufunc points to belongs to one owner object that the u
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -27,6 +28,9 @@ _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
 
 _NONE_IDENTITY = -1
 _MOST_OPERANDS = 32
+
+LONGEST_ALONE = 20_000
+"""Instructions of the longest program that is compiled once more for single samples."""
 
 
 class _UFuncObject(ctypes.Structure):
@@ -66,6 +70,7 @@ class _Owner:
         self.given, self.program = program, program.program if isinstance(program, Recurrence) else program
         self.machine = chosen()
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE, self.machine)}
+        self.lone: dict[str, Code] = {}
         self.stand_in = _LOOP(self._single)
         # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
         self.functions = (ctypes.c_void_p * 2)(
@@ -82,6 +87,11 @@ class _Owner:
     def effort(self) -> int:
         """Operations that a sample takes, in one step if there are several."""
         return effort(self.program)
+
+    @cached_property
+    def row(self) -> int:
+        """Bytes of all results of a sample, in doubles."""
+        return DOUBLE.bytes * sum(port.size for port in self.program.outputs)
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> None:
         """Stand in for the float32 loop: compile it, put it in the table, run it.
@@ -118,6 +128,17 @@ class _Owner:
                 self.functions[0] = code.address
         return code.address
 
+    def alone(self, precision: Precision) -> Code:
+        """Code for single samples: a lane of its own, unless the program is so long that one compilation is enough."""
+        with LOCK:
+            if len(self.program.instructions) > LONGEST_ALONE:
+                self.address(precision)
+                return self.code[precision.char]
+            if precision.char not in self.lone:
+                one_lane = replace(self.machine, vector_bits=precision.bits)
+                self.lone[precision.char] = compiled(self.given, precision, one_lane)
+            return self.lone[precision.char]
+
 
 def make_ufunc(program: Program | Recurrence, name: str, doc: str) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
@@ -146,8 +167,10 @@ def owner_of(kernel: Any) -> _Owner | None:
     """What is behind a ufunc made here; None of anything else."""
     if not isinstance(kernel, np.ufunc) or not _understood():
         return None
-    address = _UFuncObject.from_address(id(kernel)).owner
-    owner = ctypes.cast(address, ctypes.py_object).value if address else None
+    try:
+        owner = ctypes.py_object.from_address(id(kernel) + _UFuncObject.owner.offset).value
+    except ValueError:  # a null pointer
+        return None
     return owner if isinstance(owner, _Owner) else None
 
 

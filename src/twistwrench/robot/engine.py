@@ -15,6 +15,7 @@ import numpy as np
 from ..core import lazy
 from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..kernels import threads
+from ..kernels.asked import Asked
 from ..kernels.interpreter import compiles
 from ..model.configuration import random_configuration
 from ..model.model import Model
@@ -31,6 +32,10 @@ from .state_arguments import brought, misfit, numbers
 from .wrench_arguments import Wrenches, by_frame
 
 Options = Mapping[str, Any]
+CalledAgain = Callable[[str, Any, Asked, int], bool]
+"""Takes the name and the kernel of a quantity, what was asked for, and how often; says whether it knows enough."""
+
+ENOUGH = -1
 
 LARGEST_COMPILED = 1_000_000
 """Programs beyond this many instructions run on NumPy. Compiling takes some 0.02 to 0.1 ms an instruction (bench/NOTES.md), so
@@ -40,15 +45,14 @@ two minutes at most; the regressor of a chain of 100 links has 800,000."""
 class Engine:
     """The programs and kernels of one model. It pickles as the model: machine code is made again where it arrives."""
 
-    def __init__(
-        self, model: Model, called_again: Callable[[], Callable[[str, Any], None] | None] | None = None
-    ) -> None:
+    def __init__(self, model: Model, called_again: Callable[[], CalledAgain | None] | None = None) -> None:
         self.model = model
         self._called_again = called_again
-        """Gives whom to tell the name and the kernel of a quantity that is called, with no options, for the second time."""
+        """Gives whom to tell of calls with one state."""
         self._kernels: dict[Any, Any] = {}
         self._called: dict[Any, Any] = {}
-        self._called_once: set[Any] = set()
+        self._calls: dict[Any, int] = {}
+        """How often each kind of call was made with one state; :data:`ENOUGH` where nobody wants to know any more."""
 
     def __getstate__(self) -> Model:
         return self.model
@@ -126,12 +130,8 @@ class Engine:
                 return self.reference(name, arrays, options)
             kernel = self.kernel((name,), options)
             self._called[key] = kernel
-            if all(value in (None, "body", ()) for value in options.values()):
-                self._called_once.add(key)
-        elif key in self._called_once:  # called again, so perhaps often
-            self._called_once.discard(key)
-            if self._called_again is not None and (tell := self._called_again()) is not None:
-                tell(name, kernel)
+        if (arrays[0].ndim < 2 or len(arrays[0]) == 1) and "wrenches" not in options:
+            self._note(name, arrays, options)
         if isinstance(out, tuple):
             refuse_overlap(name, out)
         try:
@@ -163,7 +163,29 @@ class Engine:
         total = by_frame(self.model, arrays, by_robot, on_robot)
         if not total:
             return self.call(name, *arrays, out=out, **options)
-        return self.call(name, *arrays, *total.values(), out=out, **options, wrenches=tuple(total))
+        whole, options = (*arrays, *total.values()), {**options, "wrenches": tuple(total)}
+        found = self.call(name, *whole, out=out, **options)
+        if all(type(array) is np.ndarray for array in whole) and not (by_robot and on_robot):
+            self._note(name, whole, options, "wrench_by_robot" if by_robot else "wrench_on_robot")
+        return found
+
+    def _note(self, name: str, arrays: Sequence[Array], options: Options, wrenches: str = "") -> None:
+        """Count a call with one state, and tell it to who may put something faster in front of the next of its kind.
+
+        ``wrenches``: the argument they were given as.
+        """
+        first = arrays[0]
+        kind = batch, char = first.shape[:-1], first.dtype.char
+        key = name, *options.values()
+        calls = self._calls.get((key, wrenches, kind), 0)
+        if calls == ENOUGH or self._called_again is None or char not in "df" or batch not in ((), (1,)):
+            return
+        if (tell := self._called_again()) is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
+            return
+        rest = tuple((option, value) for option, value in options.items() if option != "wrenches")
+        asked = Asked(rest, wrenches, options.get("wrenches", ()), wrenches == "wrench_on_robot", batch, char)
+        kernel = self._called[key if options else name]
+        self._calls[key, wrenches, kind] = ENOUGH if tell(name, kernel, asked, calls + 1) else calls + 1
 
     def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
         """A quantity by its algorithm on floats or symbols, at one state."""

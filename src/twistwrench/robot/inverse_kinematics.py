@@ -1,28 +1,33 @@
 """Inverse kinematics: Newton's method on SE(3), damped, for many poses at once, inside the joints' limits.
 
-The error is the body twist V that leads from where the frame is to where it shall be, T_sb exp([V]) = T_sd, and the step
-dq = J'(J J' + λ 1)⁻¹ V. Modern Robotics section 6.2.2; λ proportional to the squared error: Sugihara, "Solvability-unconcerned
-inverse kinematics by the Levenberg–Marquardt method", IEEE T-RO 27(5), 2011. A joint that its limit holds back leaves the
-step, and comes back when the step leads it inwards. What has not arrived starts again from other places, the same for every
-pose: what is found for a pose depends on no other pose of the batch. All is computed in float64; float32 poses and starts
-give float32 results, rounded at the end.
+The steps are :mod:`..algorithms.newton_step`, compiled, samples side by side; a joint that its limit holds back leaves the
+step, and comes back when the step leads it inwards. What has not arrived starts again from other places, those that lead
+nearest to its pose first: what is found for a pose depends on no other pose of the batch. All is computed in float64; float32
+poses and starts give float32 results, rounded at the end.
 """
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..algorithms.newton_step import FAR, NewtonStep
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3, so3
+from ..model.configuration import random_configuration
+from ..model.model import Model
+from ..program.recurrence import Recurrence, Source
+from ..program.trace import trace
 from ..typing import Array
+from .engine import compiled
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -35,8 +40,15 @@ RESTARTS = 30
 """How often what has not arrived starts again."""
 ANGLE, DISTANCE = 1e-10, 1e-10
 """rad and m, the latter times the robot's size where that is above 1 m: nearer than this is there."""
-_LONGEST_STEP = 1.0
-_PUSHES = 1e-9
+FEW = 64
+"""Poses so many of which go on together, whether they are there or not, for :data:`MANY_STEPS`; more for :data:`FEW_STEPS`."""
+FEW_STEPS, MANY_STEPS = 6, 10
+AT_ONCE = 1 << 15
+"""Poses that are looked for together: the memory of more is bounded, and Ctrl-C is heard between."""
+FEWEST_PLACES = 64
+"""Random places, at least, of which the nearest are where to start again."""
+_HAIR = 1e-9
+"""What is there in squares is there by more than rounding."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,8 +130,7 @@ def solve(
     target, kind = np.asarray(given_T, float), given_T.dtype
     chosen = row_numbers(rows)
     try:
-        again = operator.index(restarts)
-        seed = np.random.default_rng(rng).integers(2**63)  # one number drawn from a generator, however long the search
+        again, seed = operator.index(restarts), _seed(rng)
     except (TypeError, ValueError):
         again = -1
     if again < 0:
@@ -131,33 +142,72 @@ def solve(
         raise ValueRangeError(
             f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints."
         )
-    search = _Search(robot, frame, chosen, allowed[0], allowed[1])
+    search = _search(robot, frame, chosen)
+    most = allowed[0], allowed[1] * max(1.0, search.length)
     shape = target.shape[:-2]
     if q0 is None:
-        start = search.inside(np.broadcast_to(robot.neutral, (*shape, robot.nq)))
+        start = robot.neutral
     else:
-        given = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
-        kind = np.result_type(kind, given)
+        start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
+        kind = np.result_type(kind, start)
+    if start.shape[:-1] != shape:
         try:
-            shape = np.broadcast_shapes(shape, given.shape[:-1])
+            shape = np.broadcast_shapes(shape, start.shape[:-1])
         except ValueError:
             raise ShapeError(
-                f"inverse_kinematics: T {target.shape} and q0 {given.shape} do not broadcast over their leading axes."
+                f"inverse_kinematics: T {target.shape} and q0 {start.shape} do not broadcast over their leading axes."
             ) from None
-        start = search.inside(np.broadcast_to(given, (*shape, robot.nq)))
-    flat_T = np.broadcast_to(target, (*shape, 4, 4)).reshape(-1, 4, 4)
-    q, left, held, starts = search.best(flat_T, start.reshape(-1, robot.nq), again, np.random.default_rng(seed))
-    turn, way = (x.astype(kind, copy=False).reshape(shape) for x in search.away(left))
+        target, start = np.broadcast_to(target, (*shape, 4, 4)), np.broadcast_to(start, (*shape, robot.nq))
+    target, start = target.reshape(-1, 4, 4), search.inside(start).reshape(-1, robot.nq)
+    parts = [slice(k, k + AT_ONCE) for k in range(0, max(len(target), 1), AT_ONCE)]
+    found = [search.best(target[some], start[some], again, seed, most) for some in parts]
+
+    def whole(what: str, *core: int) -> Array:
+        if len(found) > 1:
+            return np.concatenate([getattr(part, what) for part in found]).reshape((*shape, *core))
+        only: Array = getattr(found[0], what)
+        return only.reshape((*shape, *core))
+
+    away = whole("away", 2).astype(kind, copy=False)
     return InverseKinematics(
-        search.rounded(q, kind).reshape(*shape, robot.nq),
-        search.there(left).reshape(shape),
-        turn,
-        way,
-        starts.reshape(shape),
-        held.reshape(*shape, robot.nv),
+        search.rounded(whole("q", robot.nq), kind),
+        whole("there"),
+        away[..., 0],
+        away[..., 1],
+        whole("starts"),
+        whole("held", robot.nv),
         robot.model.velocity_names,
         chosen,
     )
+
+
+def _seed(rng: np.random.Generator | int | None) -> Callable[[], int]:
+    """Gives the seed of the starts: one number drawn from a generator, however long the search."""
+    if type(rng) is int and rng >= 0:
+        return lambda: _drawn(rng)
+    drawn = int(np.random.default_rng(rng).integers(2**63))
+    return lambda: drawn
+
+
+@lru_cache(16)
+def _drawn(seed: int) -> int:
+    return int(np.random.default_rng(seed).integers(2**63))
+
+
+def _search(robot: Robot, frame: str | None, chosen: tuple[int, ...]) -> _Search:
+    """Made once for each frame and rows of a robot."""
+    robot.model.frame(frame)
+    name = robot.model.tip if frame is None else frame
+
+    def made() -> _Search:
+        some = random_configuration(robot.model, np.random.default_rng(0), (8,))
+        J = np.array([robot.engine.reference("jacobian", (q,), {"frame": name}) for q in some])
+        farthest = float(np.linalg.norm(J[:, 3:], axis=1).max(initial=0.0))
+        poses = robot.engine.kernel(("forward_kinematics",), {"frame": name})
+        return _Search(robot.model, str(name), chosen, farthest, poses)
+
+    found: _Search = robot.engine.kept(("inverse kinematics", name, chosen), made)
+    return found
 
 
 def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
@@ -174,116 +224,165 @@ def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
 
 
 class _Search:
-    """One robot, frame and set of rows."""
+    """What looks for one frame of one robot, and one set of rows: the steps, compiled, and the driver around them."""
 
-    def __init__(self, robot: Robot, frame: str | None, chosen: tuple[int, ...], angle: float, distance: float) -> None:
-        self.robot, self.frame, self.chosen = robot, frame, chosen
-        robot.model.frame(frame)
-        leaders = robot.model.leaders
-        one = [b for b in leaders if b.joint.nv == 1]
-        self.q_of = np.array([b.q_index for b in one], int)
-        self.v_of = np.array([b.v_index for b in one], int)
-        self.low, self.high = robot.limits.lower[self.v_of], robot.limits.upper[self.v_of]
-        some = robot.jacobian(robot.random_configuration(0, 8), frame)
-        size = float(np.linalg.norm(some[:, 3:], axis=1).max(initial=0.0))
-        self.length = size if size > 0 else 1.0
-        """m that count as much as a radian: what the frame moves per radian of the joint it is farthest from."""
+    def __init__(self, model: Model, frame: str, chosen: tuple[int, ...], farthest: float, poses: Any) -> None:
+        """``farthest``: what the frame moves per radian of the joint it is farthest from [m]; ``poses``: gives those of q."""
+        self.model, self.chosen, self.poses = model, chosen, poses
+        self._places: dict[tuple[int, int], _Places] = {}
+        one = [b for b in model.leaders if b.joint.nv == 1]
+        self.q_of, self.v_of = (np.array([getattr(b, name) for b in one], int) for name in ("q_index", "v_index"))
+        self.low, self.high = model.limits.lower[self.v_of], model.limits.upper[self.v_of]
+        self.length = farthest if farthest > 0 else 1.0
+        """m that count as much as a radian."""
         self.scale = np.array([1.0 if k < 3 else 1.0 / self.length for k in chosen])
-        self.angle, self.distance = angle, distance * max(1.0, self.length)
+        self.kinds = np.array([[k < 3, k >= 3] for k in chosen], float)
+        low, high = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+        low[self.v_of], high[self.v_of] = self.low, self.high
+        self.least, self.most = self.low[np.argsort(self.q_of)], self.high[np.argsort(self.q_of)]
+        coordinates = np.full(model.nv, -1)
+        coordinates[self.v_of] = self.q_of
+        step = NewtonStep(model, frame, chosen, self.scale, low, high, tuple(coordinates.tolist()))
+        nq, self.parts = model.nq, np.cumsum(step.sizes).tolist()
+        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (self.parts[-1],)), ("given", (14,))]
+        sources = Source("state", 0), Source("state", 0), Source("state", 1), Source("given")
+        steps = Recurrence(trace(step, ports, ["q", "passed on"]), sources, visible=2)
+        self.steps = compiled(steps, "inverse_kinematics", f"Steps of {model.name} to poses of {frame}, compiled.")
 
     def inside(self, q: Array) -> Array:
         """q with the joints of one degree of freedom moved into their limits."""
         q = np.array(q, float)
+        if len(self.q_of) == self.model.nq:  # no other joints
+            return np.minimum(np.maximum(q, self.least), self.most, out=q)
         q[..., self.q_of] = np.clip(q[..., self.q_of], self.low, self.high)
         return q
 
     def rounded(self, q: Array, kind: np.dtype[Any]) -> Array:
         """q as numbers of another type, those of them that left the limits so brought back to the last ones inside."""
         found = q.astype(kind, copy=False)
+        if kind == q.dtype:
+            return found
         mine = found[..., self.q_of]
         mine = np.where(mine > self.high, np.nextafter(mine, np.asarray(-np.inf, kind)), mine)
         found[..., self.q_of] = np.where(mine < self.low, np.nextafter(mine, np.asarray(np.inf, kind)), mine)
         return found
 
-    def away(self, left: Array) -> tuple[Array, Array]:
-        """rad and m of the twists left (n, r)."""
-        turn = np.array([k < 3 for k in self.chosen])
-        return np.linalg.norm(left[:, turn], axis=1), np.linalg.norm(left[:, ~turn], axis=1)
-
-    def there(self, left: Array) -> Array:
-        """Which are within the tolerances."""
-        a, d = self.away(left)
-        return (a <= self.angle) & (d <= self.distance)
-
-    def left(self, q: Array, target: Array) -> Array:
-        """The twists left."""
-        return twist_left(np.asarray(self.robot.forward_kinematics(q, self.frame), float), target, self.chosen)
-
     def best(
-        self, target: Array, q: Array, restarts: int, rng: np.random.Generator
-    ) -> tuple[Array, Array, Array, Array]:
-        """The best configurations, the twists they leave, the joints held, and how many starts it took."""
-        n, nv = len(target), self.robot.nv
-        best = np.full((n, self.robot.nq), np.nan)
-        left, held = np.full((n, len(self.chosen)), np.nan), np.zeros((n, nv), bool)
-        starts, cost = np.zeros(n, int), np.full(n, np.inf)
-        todo = np.flatnonzero(np.isfinite(target).all(axis=(1, 2)))
-        start = q[todo]
-        for _ in range(restarts + 1):
-            if not len(todo):
-                break
-            found, e, h = self.descend(target[todo], start)
-            starts[todo] += 1
-            c = np.linalg.norm(e * self.scale, axis=1)
-            better = (c < cost[todo]) | self.there(e)
-            at = todo[better]
-            best[at], left[at], held[at], cost[at] = found[better], e[better], h[better], c[better]
-            todo = todo[~self.there(e)]
-            again = self.inside(self.robot.random_configuration(rng))  # one place for all: none depends on the others
-            start = np.broadcast_to(again, (len(todo), self.robot.nq))
-        return best, left, held, starts
+        self, target: Array, q: Array, restarts: int, seed: Callable[[], int], allowed: tuple[float, float]
+    ) -> _Found:
+        """The best of all starts, the first at q."""
+        given = np.empty((len(target), 14))
+        given[:, :12] = target[:, :3].reshape(-1, 12)
+        given[:, 12:] = [(1.0 - _HAIR) * x * x for x in allowed]
+        finite = np.asarray(np.isfinite(given).all(axis=1))
+        if finite.all():
+            passed = self.descend(given, q)
+        else:
+            passed = np.full((len(q), self.parts[-1]), np.nan)
+            passed[finite] = self.descend(given[finite], q[finite])
+        found = _Found(self, passed, finite, allowed)
+        todo = np.flatnonzero(finite & ~found.there) if restarts and not found.there.all() else ()
+        if len(todo):
+            places = self.places(max(restarts, FEWEST_PLACES), seed())
+            far = places.far(given[todo, :12])
+            rows = np.arange(len(todo))
+            for _ in range(restarts):
+                nearest = np.argmin(far[rows], axis=1)
+                far[rows, nearest] = np.inf
+                left = found.take(todo[rows], self.descend(given[todo[rows]], places.q[nearest]))
+                rows = rows[left]
+                if not len(rows):
+                    break
+        return found
 
-    def descend(self, target: Array, q: Array) -> tuple[Array, Array, Array]:
-        """Damped Newton steps from q (n, nq) until there, or until nothing gets nearer; the best of the way."""
-        q = q.copy()
-        e = self.left(q, target)
-        held = np.zeros((len(q), self.robot.nv), bool)
-        best, least, kept = q.copy(), e.copy(), held.copy()
-        cost = np.linalg.norm(e * self.scale, axis=1)
-        idle = np.zeros(len(q), int)
-        run = np.flatnonzero(~self.there(e))
-        for _ in range(STEPS):
-            if not len(run):
-                break
-            step, at_limit = self.step(q[run], e[run])
-            moved = self.robot.add(q[run], step)
-            q[run] = self.inside(moved)
-            e[run] = self.left(q[run], target[run])
-            new = np.linalg.norm(e[run] * self.scale, axis=1)
-            idle[run] = np.where(new < 0.99 * cost[run], 0, idle[run] + 1)
-            better = new < cost[run]
-            at = run[better]
-            best[at], least[at], cost[at] = q[at], e[at], new[better]
-            kept[run] = at_limit
-            run = run[~self.there(e[run]) & (idle[run] < 12)]
-        return best, least, np.where(self.there(least)[:, None], False, kept)
+    def places(self, count: int, seed: int) -> _Places:
+        """Where to start again; those of the last seed are kept."""
+        if (count, seed) not in self._places:
+            self._places = {(count, seed): _Places(self, count, seed)}
+        return self._places[count, seed]
 
-    def step(self, q: Array, e: Array) -> tuple[Array, Array]:
-        """dq = J'(J J' + λ 1)⁻¹ V without the joints whose limits hold them; (n, nv), and which these are."""
-        J = np.take(np.asarray(self.robot.jacobian(q, self.frame), float), self.chosen, axis=1) * self.scale[:, None]
-        V = e * self.scale
-        damping = (0.5 * (V * V).sum(axis=1) + 1e-14)[:, None, None] * np.eye(len(self.chosen))
-        free = np.ones(J.shape[::2], bool)
-        at = q[:, self.q_of]
-        low, high = at <= self.low + 1e-12, at >= self.high - 1e-12
-        dq = np.zeros((len(q), self.robot.nv))
-        for _ in range(3):
-            F = J * free[:, None, :]
-            dq = (np.swapaxes(F, 1, 2) @ np.linalg.solve(F @ np.swapaxes(F, 1, 2) + damping, V[..., None]))[..., 0]
-            mine = dq[:, self.v_of]
-            out = (low & (mine < -_PUSHES)) | (high & (mine > _PUSHES))
-            if not out.any():
+    def descend(self, given: Array, start: Array) -> Array:
+        """Steps from starts (n, nq) until there, or until nothing gets nearer: what the last ones pass on (n, parts)."""
+        n, nq, last = len(given), self.model.nq, self.parts[-1]
+        q, passed = np.array(start), np.zeros((n, last))
+        passed[:, :nq], passed[:, -3:] = q, (FAR, 0.0, 1.0)
+        whole, rows, taken = passed, np.arange(n), 0
+        while taken < STEPS:
+            count = min(MANY_STEPS if taken and len(rows) <= FEW else FEW_STEPS, STEPS - taken)
+            same = np.ndarray((len(rows), count, 14), float, given, strides=(given.strides[0], 0, 8))  # at every step
+            moved, found = np.empty((len(rows), 1, nq)), np.empty((len(rows), 1, last))
+            with np.errstate(all="ignore"):  # next to a singular place a step may go far; the best of the way counts
+                self.steps(q, passed, same, out=(moved, found))
+            taken += count
+            q, passed = moved[:, 0], found[:, 0]
+            if len(rows) == n:
+                whole = passed
+            else:
+                whole[rows] = passed
+            runs = passed[:, -1] > 0.0
+            if not runs.any():
                 break
-            free[:, self.v_of] &= ~out
-        longest = np.abs(dq).max(axis=1, keepdims=True)
-        return dq * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300)), ~free
+            if not runs.all():
+                rows, given, q, passed = rows[runs], given[runs], q[runs], passed[runs]
+        return whole
+
+
+class _Places:
+    """Where to start again: random configurations, the same for all, for each pose in the order of how near they lead."""
+
+    def __init__(self, search: _Search, count: int, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.q = search.inside(random_configuration(search.model, rng, (count,)))
+        turning, moving = np.any(search.kinds, axis=0) / np.array([1.0, search.length**2])
+        self.weights = np.where(np.arange(12) % 4 < 3, turning, moving)
+        self.columns = np.ascontiguousarray(search.poses(self.q)[:, :3].reshape(count, 12).T)
+
+    def far(self, poses: Array) -> Array:
+        """How far the places are from poses (n, 12), squared and weighted; (n, places)."""
+        found = np.empty((len(poses), len(self.q)))
+        for first in range(0, len(poses), 64):  # what stays in the cache
+            gap = poses[first : first + 64].T[:, :, None] - self.columns[:, None]
+            gap *= gap
+            gap *= self.weights[:, None, None]
+            gap.sum(axis=0, out=found[first : first + 64])  # a matrix product would round by how many poses there are
+        return found
+
+
+class _Found:
+    """The best of all starts so far, a row for each pose."""
+
+    def __init__(self, search: _Search, passed: Array, tried: Array, allowed: tuple[float, float]) -> None:
+        """``passed``: what the first start passed on; ``tried``: where there was one."""
+        self.search, self.passed, self.allowed = search, passed, allowed
+        self.starts = tried.astype(int)
+        self.away, self.there = self.judged(passed)
+
+    def judged(self, passed: Array) -> tuple[Array, Array]:
+        """rad and m that are left (n, 2), and whether that is allowed."""
+        a, b, _, _ = self.search.parts
+        left = passed[:, a:b]
+        away: Array = np.sqrt((left * left) @ self.search.kinds)
+        return away, np.asarray((away <= self.allowed).all(axis=1))
+
+    def take(self, at: Array, passed: Array) -> Array:
+        """Keep what another start found better for some poses; which of these are not there yet."""
+        away, there = self.judged(passed)
+        cost = self.search.parts[2]
+        better = there | (passed[:, cost] < self.passed[at, cost])
+        self.starts[at] += 1
+        if not better.any():
+            return ~there
+        at = at[better]
+        self.passed[at], self.away[at], self.there[at] = passed[better], away[better], there[better]
+        return ~there
+
+    @property
+    def q(self) -> Array:
+        """(n, nq)."""
+        return self.passed[:, : self.search.parts[0]]
+
+    @property
+    def held(self) -> Array:
+        """(n, nv): joints whose limits keep a pose from being reached."""
+        _, b, c, _ = self.search.parts
+        return (self.passed[:, b:c] > 0.5) & ~self.there[:, None]

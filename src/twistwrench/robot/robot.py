@@ -18,6 +18,7 @@ from ..algorithms.regressor import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
+from ..kernels.asked import Asked
 from ..model import configuration, edit
 from ..model.actuator import Actuator
 from ..model.closure import OfferedClosure
@@ -82,15 +83,27 @@ class Robot(
     def __setstate__(self, model: Model) -> None:
         self.__init__(model)  # type: ignore[misc]
 
-    def _put_in_front(self, name: str, kernel: Any) -> None:
-        """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before."""
-        method = getattr(Robot, name, None)
-        if method is not None and getattr(type(self), name) is method and name not in vars(self):
-            from ..kernels.fast_call import make_call
+    def _put_in_front(self, name: str, kernel: Any, asked: Asked, calls: int) -> bool:
+        """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before.
 
-            direct = make_call(kernel, method.__get__(self), name)
-            if direct is not None:
-                vars(self)[name] = direct
+        Whether there is no more to be done about calls of this kind: they are few yet, or a builtin is there or cannot be.
+        """
+        method = getattr(Robot, name, None)
+        before = vars(self).get(name)
+        if method is None or getattr(type(self), name) is not method:
+            return True
+        from ..kernels.fast_call import calls_before, is_made_here, make_call, stand_behind
+
+        if before is not None and not is_made_here(before):
+            return True
+        if calls < calls_before(kernel):
+            return False
+        direct = make_call(kernel, method.__get__(self), name, asked)
+        if direct is not None and before is not None:
+            stand_behind(before, direct)
+        elif direct is not None:
+            vars(self)[name] = direct
+        return True
 
     # ── what it is ──
 

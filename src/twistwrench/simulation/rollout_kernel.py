@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import ShapeError, ValueRangeError
 from ..kernels import threads
 from ..kernels.batch_split import Part
+from ..kernels.results import room
 from ..kernels.ufunc import owner_of
 from ..program.recurrence import Recurrence
 from ..robot.engine import compiled
@@ -69,7 +70,7 @@ def _kernel(robot: Robot, plan: Plan) -> Any:
 
 def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
     try:
-        return [np.empty(shape, dtype) for shape in shapes]
+        return list(room(shapes, np.dtype(dtype)))
     except (MemoryError, ValueError):
         size = sum(map(math.prod, shapes)) * np.dtype(dtype).itemsize
         raise ValueRangeError(

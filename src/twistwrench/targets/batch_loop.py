@@ -4,6 +4,7 @@
 ``steps`` first the distance between samples of each operand, then the distances within one. Where all operands are
 contiguous rows the block reads and writes them in place. What has other strides or is broadcast, and the last few rows, are
 copied through buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of their own.
+Large results go past the caches: from a buffer of one block in whole vectors, unless the block writes so itself.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..program.program import Port, Program
-from .buffers import LINE, ON_STACK, buffer_size, call_block, call_copy, copying, spoiling, take
+from .buffers import LINE, ON_STACK, buffer_size, call_block, call_copy, copying, spoiling, streaming, take
 from .llvm_text import LlvmWriter
 from .processor import Precision
 
@@ -20,6 +21,10 @@ Loop = Callable[[str, Program, Precision, int, int, int, bool], str]
 
 BEYOND_CACHES = 1 << 24
 """Bytes of results that are written past the caches: they would drive out everything, the code of large programs too."""
+
+
+SHORTEST_PIECE, SHORTEST_ROW = 16, 256
+"""Bytes that processors write past their caches at once, at least; and of a sample's results, fewer of which gain nothing."""
 
 
 def loop(
@@ -34,11 +39,15 @@ def loop(
     ports = [*program.inputs, *program.outputs]
     w = LlvmWriter(precision, lanes)
     large = frame + sum(buffer_size(w, port) for port in ports) > ON_STACK
-    _body(w, ports, len(program.inputs), frame, large, group, streams)
+    row = precision.bytes * sum(port.size for port in program.outputs)
+    piece = lanes * precision.bytes if row >= SHORTEST_ROW and group == 1 and not streams else 0
+    piece = piece if piece >= SHORTEST_PIECE else 0
+    _body(w, ports, len(program.inputs), frame, large, group, streams, piece)
     return "\n".join(
         [
             copying("gather", precision, lanes, inward=True),
             copying("scatter", precision, lanes, inward=False),
+            *([streaming(precision, lanes)] if piece else []),
             *([spoiling(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] if large else []),
             f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
             *w.lines,
@@ -47,7 +56,9 @@ def loop(
     )
 
 
-def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool, group: int, streams: bool) -> None:
+def _body(
+    w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool, group: int, streams: bool, piece: int
+) -> None:
     size = w.precision.bytes
     samples = w.new("load i64, ptr %dims, align 8")
     bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
@@ -62,8 +73,8 @@ def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool
     taken, start = "", "entry"
     if large:
         sizes = [*(buffer_size(w, port) for port in ports), frame]
-        outputs = [(bases[k], ports[k].shape, step[k]) for k in range(inputs, len(ports))]
-        taken, start, (*buffers, room) = take(w, sizes, samples, outputs)
+        spoiled = [(bases[k], ports[k].shape, step[k]) for k in range(inputs, len(ports))]
+        taken, start, (*buffers, room) = take(w, sizes, samples, spoiled)
     else:
         buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
         room = w.new(f"alloca [{frame} x i8], align {LINE}") if frame else ""
@@ -76,10 +87,17 @@ def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool
         every = w.new(f"and i1 {every}, {flag}")
     whole = w.new(f"sdiv i64 {samples}, {w.lanes}")
     quick = w.new(f"select i1 {every}, i64 {whole}, i64 0")
+    outputs = list(zip(bases, ports, strict=True))[inputs:]
+    at, left = bases, quick
     if streams:
         flag = w.at(room, frame - LINE)
-        w.do(f"store i64 {_many_and_aligned(w, samples, list(zip(bases, ports, strict=True))[inputs:])}, ptr {flag}")
-    at, left = bases, quick
+        w.do(f"store i64 {w.new(f'zext i1 {_many_and_aligned(w, samples, outputs, 16, 1)} to i64')}, ptr {flag}")
+    elif piece:
+        many = _many_and_aligned(w, samples, outputs, piece, w.lanes)
+        past = w.new(f"select i1 {many}, i64 {quick}, i64 0")
+        start = _blocks_past_caches(w, ports, bases, past, start, buffers[inputs:], further)
+        at = _moved(w, ports, bases, past, 1)
+        left = w.new(f"sub i64 {quick}, {past}")
     if group > 1:
         groups = w.new(f"sdiv i64 {quick}, {group}")
         start = _blocks_in_place(w, ports, bases, groups, start, further, group)
@@ -117,16 +135,31 @@ def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool
         w.do(f"call void @free(ptr {taken})")
 
 
-def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, Port]]) -> str:
-    """1 where results can be written past the caches and should be."""
-    row = w.precision.bytes * sum(port.size for _, port in outputs)
-    if any(port.size * w.precision.bytes % 16 for _, port in outputs):
-        return "0"
-    yes = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // row}")
+def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, Port]], piece: int, rows: int) -> str:
+    """Whether results should be written past the caches, and can be: so many rows in pieces of so many bytes."""
+    sizes = [port.size * w.precision.bytes for _, port in outputs]
+    if any(rows * size % piece for size in sizes):
+        return "false"
+    yes = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // sum(sizes)}")
     for base, _ in outputs:
-        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, 15")
+        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {piece - 1}")
         yes = w.new(f"and i1 {yes}, {w.new(f'icmp eq i64 {odd}, 0')}")
-    return w.new(f"zext i1 {yes} to i64")
+    return yes
+
+
+def _blocks_past_caches(
+    w: LlvmWriter, ports: list[Port], bases: list[str], count: str, label: str, buffers: list[str], further: list[str]
+) -> str:
+    """So many blocks of rows in place, results by way of buffers; returns the label control is in afterwards."""
+    inputs = len(ports) - len(buffers)
+    with w.loop(count, label) as k:
+        places = _moved(w, ports, bases, k, 1)
+        call_block(w, [*places[:inputs], *buffers, *further])
+        for buffer, place, port in zip(buffers, places[inputs:], ports[inputs:], strict=True):
+            w.do(f"call void @stream(ptr {buffer}, ptr {place}, i64 {port.size})")
+    with w.when(w.new(f"icmp sgt i64 {count}, 0")):
+        w.do("fence seq_cst")  # such writes reach other threads in any order
+    return w.after
 
 
 def _moved(w: LlvmWriter, ports: list[Port], bases: list[str], count: str, group: int) -> list[str]:

@@ -110,6 +110,19 @@ def _pad(w: LlvmWriter, word: str, per_sample: str, size: str) -> None:
             w.do(f"store {word} {value}, ptr {target}, align {w.precision.bytes}")
 
 
+def streaming(precision: Precision, lanes: int) -> str:
+    """``stream`` copies a packed buffer of so many vectors past the caches, to where a vector may stand."""
+    w = LlvmWriter(precision, lanes)
+    size = lanes * precision.bytes
+    with w.loop("%count", "entry") as k:
+        offset = w.new(f"mul i64 {k}, {size}")
+        vector = w.new(f"load {w.vector}, ptr {w.at('%buffer', offset)}, align {size}")
+        w.do(f"store {w.vector} {vector}, ptr {w.at('%place', offset)}, align {size}, !nontemporal !{{i32 1}}")
+    body = "\n".join(w.lines)
+    arguments = "ptr %buffer, ptr %place, i64 %count"
+    return f"define internal void @stream({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
+
+
 def spoiling(precision: Precision, lanes: int) -> str:
     """Write NaN into every entry of strided samples."""
     w = LlvmWriter(precision, lanes)

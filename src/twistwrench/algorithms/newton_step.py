@@ -1,0 +1,143 @@
+"""One damped Newton step of inverse kinematics, without a branch, so that many poses go side by side through compiled code.
+
+    (1)  T(q) exp([V]) = T_d                                MR section 6.2.2
+    (2)  dq = F' (F F' + λ 1)⁻¹ V,   λ = |V|²/2             Sugihara, IEEE T-RO 27(5), 2011
+    (3)  q ← q ⊕ dq, inside the limits
+
+V is scaled so that a metre counts as much as a radian moves the frame; F are the columns of the Jacobian, likewise scaled, of
+the joints that their limits do not hold back. What is there, or gets no nearer, stays where it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..lie import se3
+from ..lie.exponentials import pose_log, rotation_log
+from ..model.model import Model
+from ..typing import Array
+from . import integration
+from .forward_kinematics import forward_kinematics
+from .friction import signs
+from .jacobians import jacobian
+from .recursion import zeros
+from .tree_factorisation import factored, solved
+
+PATIENCE, NEARER = 6, 0.99
+"""Steps that may pass without getting nearer than this part of the least distance so far."""
+FAR = 1e300
+"""What is left before anything was looked at."""
+_AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonStep:
+    """The steps of one frame of one robot towards poses, or towards some rows of them."""
+
+    model: Model
+    frame: str
+    rows: tuple[int, ...]
+    """Of the twist, 0 to 5."""
+    scale: Array
+    """What an entry of each row counts."""
+    low: Array
+    """(nv,) least coordinates of joints of one degree of freedom; -inf of all others."""
+    high: Array
+    """(nv,) largest ones."""
+    coordinates: tuple[int, ...]
+    """(nv,) the coordinate of each such joint; -1 of all others."""
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of what :meth:`__call__` passes on beside q."""
+        return self.model.nq, len(self.rows), self.model.nv, 3
+
+    def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
+        """The next q, and what is passed on to the next step, of :attr:`sizes`.
+
+        Passed on: the best q so far, the twist it leaves, which joints were held, and |V| of the best, steps that got no
+        nearer, 1 while it goes on. ``angles`` are q once more. ``given``: the first three rows of T_d, and what may be left,
+        the squares of rad and m.
+        """
+        best, least, held, (cost, idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
+        e = self.left(forward_kinematics(self.model, angles, self.frame), given[:12])  # (1)
+        V = self.scale * e
+        now = np.sqrt(V @ V)
+        there = self.there(e, given[12:])
+        nearer = runs * (there + (1.0 - there) * _positive(cost - now))
+        idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
+        goes = runs * (1.0 - there) * _positive(PATIENCE - idle)
+        dq, held_now = self.step(angles, q, V)
+        parts = _either(nearer, q, best), _either(nearer, e, least), _either(goes, held_now, held)
+        last = np.array([_either(nearer, now, cost), idle, goes])
+        return self.inside(integration.moved(self.model, q, goes * dq, angles)), np.concatenate([*parts, last])  # (3)
+
+    def left(self, T: Array, target: Array) -> Array:
+        """The body twist V of (1); of some rows, turning and moving each by itself."""
+        last = np.array([0.0, 0.0, 0.0, 1.0])
+        between = se3.inverse(T) @ np.concatenate([np.reshape(target, (3, 4)), last[None]])
+        if len(self.rows) == 6:
+            return pose_log(between)[0]
+        return np.concatenate([rotation_log(between[:3, :3])[0], between[:3, 3]])[list(self.rows)]
+
+    def there(self, e: Array, allowed: Array) -> Any:
+        """1 where what is left is allowed."""
+        turns = np.array([row < 3 for row in self.rows])
+        fine: Any = 1.0
+        for part, most in ((e[turns], allowed[0]), (e[~turns], allowed[1])):
+            if len(part):
+                fine = fine * (1.0 - _positive(part @ part - most))
+        return fine
+
+    def step(self, angles: Array, q: Array, V: Array) -> tuple[Array, Array]:
+        """dq of (2) without the joints whose limits hold them, found in three rounds; and which these are."""
+        J = self.scale[:, None] * jacobian(self.model, angles, self.frame)[list(self.rows)]
+        damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(self.rows))
+        low, high = self.at_limits(q)
+        free = zeros(self.model.nv) + 1.0
+        for _ in range(3):
+            F = J * free
+            dq = F.T @ solved(*factored(F @ F.T + damping), V)  # (2)
+            out = np.array(
+                [
+                    a * _positive(-x - _PUSHES) + b * _positive(x - _PUSHES)
+                    for a, b, x in zip(low, high, dq, strict=True)
+                ]
+            )
+            free = free * (1.0 - out)
+        longest: Any = _LONGEST_STEP
+        for x in dq:
+            longest = abs(x).clip(longest, np.inf) if hasattr(x, "clip") else max(abs(x), longest)
+        return dq * (_LONGEST_STEP / longest), 1.0 - free
+
+    def at_limits(self, q: Array) -> tuple[Array, Array]:
+        """1 for each joint at its lower limit, and for each at its upper one."""
+        low, high = zeros(self.model.nv), zeros(self.model.nv)
+        for k, i in enumerate(self.coordinates):
+            if np.isfinite(self.low[k]):
+                low[k] = 1.0 - _positive(q[i] - (self.low[k] + _AT_LIMIT))
+            if np.isfinite(self.high[k]):
+                high[k] = 1.0 - _positive((self.high[k] - _AT_LIMIT) - q[i])
+        return low, high
+
+    def inside(self, q: Array) -> Array:
+        """q with the joints of one degree of freedom moved into their limits."""
+        found = q.copy()
+        for k, i in enumerate(self.coordinates):
+            if np.isfinite(self.low[k]) or np.isfinite(self.high[k]):
+                found[i] = found[i].clip(self.low[k], self.high[k])
+        return found
+
+
+def _positive(x: Any) -> Any:
+    """1 where a number is above 0, else 0."""
+    s = signs(np.array([x], object))[0]
+    return 0.5 * (s + s * s)
+
+
+def _either(which: Any, a: Any, b: Any) -> Any:
+    """a where ``which`` is 1, b where it is 0: to the bit, for numbers that are finite."""
+    return which * a + (1.0 - which) * b

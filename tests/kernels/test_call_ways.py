@@ -1,0 +1,395 @@
+"""All ways of calling a method with one state that reach its kernel at once: the bits, the types, the errors of the ufunc."""
+
+from __future__ import annotations
+
+import gc
+import pickle
+import sys
+import threading
+import weakref
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.kernels import fast_call, threads, ufunc
+from twistwrench.testing import random_state
+
+INPUTS = {
+    "inverse_dynamics": 3, "forward_dynamics": 3, "mass_matrix": 1, "bias_forces": 2, "gravity_forces": 1,
+    "inverse_dynamics_derivatives": 3, "forward_dynamics_derivatives": 3, "kinetic_energy": 2, "potential_energy": 1,
+    "jacobian": 1, "forward_kinematics": 1, "link_poses": 1, "regressor": 3, "momentum": 2, "joint_wrenches": 3,
+}  # fmt: skip
+SCALARS = ("kinetic_energy", "potential_energy")
+
+
+@pytest.fixture(params=["panda", "quadruped"])
+def robot(request):
+    return getattr(tw.robots, request.param)()
+
+
+@pytest.fixture
+def direct(monkeypatch):
+    """Counts the calls that came the long way."""
+    calls = []
+    call = threads.call
+    monkeypatch.setattr(threads, "call", lambda *given: (calls.append(1), call(*given))[1])
+    return calls
+
+
+def states(robot, name, count, seed=0):
+    return list(zip(*random_state(robot, np.random.default_rng(seed), (count,))[: INPUTS[name]], strict=True))
+
+
+def usual(robot):
+    return {"frame": robot.frame_names[-1]} if robot.tip is None else {}
+
+
+def options_of(robot, name):
+    return usual(robot) if name in ("jacobian", "forward_kinematics") else {}
+
+
+def same(found, expected):
+    """Equal to the bit, of the same types and shapes."""
+    if isinstance(expected, tuple):
+        assert type(found) is tuple
+        assert len(found) == len(expected)
+        for one, other in zip(found, expected, strict=True):
+            same(one, other)
+        return
+    assert type(found) is type(expected)
+    assert found.dtype == expected.dtype
+    assert found.shape == expected.shape
+    assert found.tobytes() == expected.tobytes()
+
+
+def warm(call, times=3):
+    for _ in range(times):
+        call()
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
+    """Long programs wait for no more calls than short ones."""
+    monkeypatch.setattr(fast_call, "LONG", 1_000_000)
+
+
+# ── bits ──
+
+
+SHORT = [name for name in INPUTS if name not in ("forward_dynamics_derivatives", "regressor")]  # in few seconds
+
+
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [("panda", name) for name in INPUTS] + [("quadruped", name) for name in SHORT],
+    indirect=["robot"],
+)
+def test_single_batch_and_out_give_the_same_bits(robot, direct, name):
+    for dtype in (np.float64, np.float32):
+        of_one_type(robot, direct, name, dtype)
+
+
+def of_one_type(robot, direct, name, dtype):
+    options = options_of(robot, name)
+    kernel = robot.kernel(name, **options)
+    given = [[x.astype(dtype) for x in state] for state in states(robot, name, 12)]
+    batch = kernel(*(np.stack(x) for x in zip(*given, strict=True)))
+    warm(lambda: getattr(robot, name)(*given[0], **options))
+    one = [x[None] for x in given[0]]
+    warm(lambda: getattr(robot, name)(*one, **options))
+    method = getattr(robot, name)
+    direct.clear()
+    for k, state in enumerate(given):
+        expected = kernel(*state)
+        of_batch = tuple(x[k] for x in batch) if isinstance(batch, tuple) else batch[k]
+        found = method(*state, **options)
+        same(found, expected)
+        same(found, of_batch)
+        same(method(*(x[None] for x in state), **options), kernel(*(x[None] for x in state)))
+        room = tuple(np.empty_like(np.asarray(x)) for x in (expected if isinstance(expected, tuple) else (expected,)))
+        out = room if len(room) > 1 else room[0]
+        given_back = method(*state, out=out, **options)
+        if len(room) == 1:
+            assert given_back is out
+        else:
+            assert all(a is b for a, b in zip(given_back, room, strict=True))
+        for place, value in zip(room, expected if isinstance(expected, tuple) else (expected,), strict=True):
+            assert place.tobytes() == value.tobytes()
+    assert not direct
+
+
+@pytest.mark.parametrize(
+    "name", ["inverse_dynamics", "forward_dynamics", "inverse_dynamics_derivatives", "mass_matrix"]
+)
+def test_huge_angles_and_what_is_no_number(name):
+    robot = tw.robots.panda()
+    method, kernel = getattr(robot, name), robot.kernel(name)
+    warm(lambda: method(*states(robot, name, 1)[0]))
+    method = getattr(robot, name)
+    for scale in (1e3, 1e8, 1e12, 1e200):
+        for state in states(robot, name, 6):
+            state[0][...] *= scale
+            with np.errstate(all="ignore"):
+                same(method(*state), kernel(*state))
+    for bad in (np.nan, np.inf):
+        state = states(robot, name, 1)[0]
+        state[0][2] = bad
+        with np.errstate(all="ignore"):
+            same(method(*state), kernel(*state))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3, 1e6])
+def test_one_lane_has_the_bits_of_many_in_float32(scale):
+    robot = tw.robots.panda()
+    kernel = robot.kernel("inverse_dynamics")
+    given = [[(x * scale).astype(np.float32) for x in state] for state in states(robot, "inverse_dynamics", 20)]
+    whole = kernel(*(np.stack(x) for x in zip(*given, strict=True)))
+    for k, state in enumerate(given):
+        same(robot.inverse_dynamics(*state), whole[k])
+
+
+# ── options ──
+
+
+def test_frames_and_kinds_by_name_or_place(robot, direct):
+    q = robot.random_configuration(3)
+    frames = robot.frame_names[-3:]
+    for frame in frames:
+        for kind in ("body", "space"):
+            expected = robot.kernel("jacobian", frame=frame, kind=kind)(q)
+            ways = [
+                lambda f=frame, k=kind: robot.jacobian(q, frame=f, kind=k),
+                lambda f=frame, k=kind: robot.jacobian(q, f, k),
+                lambda f=frame, k=kind: robot.jacobian(kind=k, q=q, frame=f),
+            ]
+            for way in ways:
+                warm(way)
+            direct.clear()
+            for way in ways:
+                same(way(), expected)
+            assert not direct
+    with pytest.raises(tw.UnknownNameError):
+        robot.jacobian(q, frame="nowhere")
+    with pytest.raises(tw.UnknownNameError):
+        robot.jacobian(q, frames[0], "sideways")
+    with pytest.raises(TypeError):
+        robot.jacobian(q, frames[0], frame=frames[0])
+    with pytest.raises(TypeError):
+        robot.jacobian(q, nothing=1)
+
+
+def test_more_ways_than_stand_in_a_row_still_work(monkeypatch):
+    monkeypatch.setattr(fast_call, "MOST_IN_A_ROW", 4)
+    robot = tw.robots.panda()
+    q = robot.random_configuration(3)
+    expected = {frame: robot.kernel("jacobian", frame=frame)(q) for frame in robot.frame_names}
+    assert len(expected) > fast_call.MOST_IN_A_ROW
+    for _ in range(3):
+        for frame in robot.frame_names:
+            same(robot.jacobian(q, frame=frame), expected[frame])
+
+
+def test_friction_is_an_option(direct):
+    robot = tw.robots.panda()
+    q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
+    warm(lambda: robot.inverse_dynamics(q, dq, ddq))
+    warm(lambda: robot.inverse_dynamics(q, dq, ddq, friction=True))
+    direct.clear()
+    same(robot.inverse_dynamics(q, dq, ddq, friction=True), robot.kernel("inverse_dynamics", friction=True)(q, dq, ddq))
+    same(robot.inverse_dynamics(q, dq, ddq, friction=False), robot.kernel("inverse_dynamics")(q, dq, ddq))
+    assert not direct
+
+
+@pytest.mark.parametrize(
+    ("side", "dtype"),
+    [("wrench_by_robot", np.float64), ("wrench_on_robot", np.float64), ("wrench_on_robot", np.float32)],
+)
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [("panda", "forward_dynamics"), ("panda", "inverse_dynamics_derivatives"), ("quadruped", "inverse_dynamics")],
+    indirect=["robot"],
+)
+def test_wrenches_at_frames(robot, direct, name, side, dtype):
+    frames = sorted(robot.frame_names[-2:])
+    rng = np.random.default_rng(5)
+    for named in (frames[:1], frames):
+        state = [x.astype(dtype) for x in states(robot, name, 1)[0]]
+        wrenches = {frame: rng.normal(size=6).astype(dtype) for frame in reversed(named)}
+        warm(lambda: getattr(robot, name)(*state, **{side: wrenches}))  # noqa: B023
+        direct.clear()
+        for _ in range(5):
+            wrenches = {frame: rng.normal(size=6).astype(dtype) for frame in named}
+            signed = [F if side == "wrench_by_robot" else -F for F in wrenches.values()]
+            same(
+                getattr(robot, name)(*state, **{side: wrenches}),
+                robot.kernel(name, wrenches=tuple(named))(*state, *signed),
+            )
+        assert not direct
+        same(getattr(robot, name)(*state, **{side: {}}), robot.kernel(name)(*state))
+        both = {"wrench_by_robot": wrenches, "wrench_on_robot": wrenches}
+        np.testing.assert_allclose(
+            getattr(robot, name)(*state, **both)[0], robot.kernel(name)(*state)[0], rtol=1e-3, atol=1e-2
+        )
+        with pytest.raises(tw.ShapeError):
+            getattr(robot, name)(*state, **{side: {named[0]: np.zeros(5)}})
+        with pytest.raises(tw.UnknownNameError):
+            getattr(robot, name)(*state, **{side: {"nowhere": np.zeros(6)}})
+
+
+# ── arguments ──
+
+
+def test_lists_and_tuples_of_floats(direct):
+    robot = tw.robots.panda()
+    q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
+    expected = robot.kernel("inverse_dynamics")(q, dq, ddq)
+    warm(lambda: robot.inverse_dynamics(q, dq, ddq))
+    direct.clear()
+    same(robot.inverse_dynamics(q.tolist(), dq.tolist(), ddq.tolist()), expected)
+    same(robot.inverse_dynamics(tuple(q.tolist()), dq, list(ddq)), expected)  # of NumPy's floats, too
+    out = np.empty(7)
+    assert robot.inverse_dynamics(q.tolist(), dq, ddq, out=out) is out
+    same(out, expected)
+    assert not direct
+    same(robot.inverse_dynamics([0, *q[1:].tolist()], dq, ddq), robot.inverse_dynamics([0.0, *q[1:]], dq, ddq))
+    for wrong in ([0.0] * 6, [], ["a"] * 7, [None] * 7, [[0.0] * 7] * 2 + [[1.0]], {1.0: 2.0}):
+        with pytest.raises(tw.ShapeError):
+            robot.inverse_dynamics(wrong, dq, ddq)
+
+
+def test_out_that_overlaps_cannot_be_written_or_does_not_fit():
+    robot = tw.robots.panda()
+    q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
+    kernel = robot.kernel("inverse_dynamics")
+    expected = kernel(q, dq, ddq)
+    warm(lambda: robot.inverse_dynamics(q, dq, ddq))
+    place = q.copy()
+    assert robot.inverse_dynamics(place, dq, ddq, out=place) is place
+    same(place, expected)
+    room = np.empty(14)
+    room[:7], shifted = q, room[3:10]
+    assert robot.inverse_dynamics(room[:7], dq, ddq, out=shifted) is shifted
+    same(shifted.copy(), expected)
+    wide = np.zeros((7, 2))[:, 0]
+    assert robot.inverse_dynamics(q, dq, ddq, out=wide) is wide
+    same(wide.copy(), expected)
+    fixed = np.empty(7)
+    fixed.flags.writeable = False
+    for out in (fixed, np.empty(6), np.empty(7, int), [0.0] * 7, "x", (np.empty(7), np.empty(7))):
+        with pytest.raises(tw.ShapeError, match="out="):
+            robot.inverse_dynamics(q, dq, ddq, out=out)
+    same(robot.inverse_dynamics(q, dq, ddq, out=None), expected)
+    warm(lambda: robot.inverse_dynamics_derivatives(q, dq, ddq))
+    block = np.empty((7, 7))
+    with pytest.raises(tw.ShapeError, match="share memory"):
+        robot.inverse_dynamics_derivatives(q, dq, ddq, out=(block, block))
+
+
+def test_names_of_inputs_and_missing_ones(direct):
+    robot = tw.robots.panda()
+    q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
+    warm(lambda: robot.inverse_dynamics(q, dq, ddq))
+    direct.clear()
+    same(robot.inverse_dynamics(q, ddq=ddq, dq=dq), robot.kernel("inverse_dynamics")(q, dq, ddq))
+    assert not direct
+    for given, named in (((q, dq), {}), ((q, dq, ddq, q), {}), ((q, dq), {"dq": dq}), ((q, dq, ddq), {"q": q})):
+        with pytest.raises(TypeError):
+            robot.inverse_dynamics(*given, **named)
+
+
+def test_a_batch_of_one_is_not_a_batch_of_many(robot):
+    q, dq, ddq = random_state(robot, np.random.default_rng(0), (1, 5))
+    for _ in range(4):
+        for shape in ((1, 5), (1, 1), (1,), (5, 1)):
+            rows = np.prod(shape)
+            given = [x.reshape(5, -1)[:rows].reshape(*shape, -1) for x in (q, dq, ddq)]
+            same(robot.inverse_dynamics(*given), robot.kernel("inverse_dynamics")(*given))
+
+
+# ── life ──
+
+
+def test_nothing_leaks_in_any_way():
+    robot = tw.robots.panda()
+    q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
+    out, several, F = np.empty(7), (np.empty((7, 7)), np.empty((7, 7))), np.zeros(6)
+    bad, tip, listed = np.full(7, np.nan), robot.tip, q.tolist()
+
+    def all_ways(robot):
+        robot.inverse_dynamics(q, dq, ddq, out=out)
+        robot.inverse_dynamics(listed, dq, ddq)
+        robot.inverse_dynamics(bad, dq, ddq)
+        robot.inverse_dynamics(bad, dq, ddq, out=out)
+        robot.inverse_dynamics(q, dq, ddq, wrench_on_robot={tip: F})
+        robot.inverse_dynamics_derivatives(q, dq, ddq)
+        robot.inverse_dynamics_derivatives(bad, dq, ddq)
+        robot.inverse_dynamics_derivatives(q, dq, ddq, out=several)
+        robot.kinetic_energy(q, dq)
+        robot.jacobian(q, frame=tip)
+        robot.jacobian(q[None])
+
+    with np.errstate(all="ignore"):
+        for _ in range(5):
+            all_ways(robot)
+        things = (q, dq, out, several, several[0], F, tip, np.dtype(float), listed)
+        gc.collect()
+        before = [sys.getrefcount(x) for x in things]
+        for _ in range(300):
+            all_ways(robot)
+    gc.collect()
+    assert all(abs(sys.getrefcount(x) - n) < 5 for x, n in zip(things, before, strict=True))
+    kept = weakref.ref(robot)
+    del robot
+    gc.collect()
+    assert kept() is None
+
+
+def test_a_method_with_many_ways_pickles_and_outlives_its_robot():
+    robot = tw.robots.panda()
+    q = robot.random_configuration(0)
+    for frame in robot.frame_names[:4]:
+        warm(lambda f=frame, method=robot.jacobian: method(q, frame=f))
+    method, expected = robot.jacobian, robot.kernel("jacobian", frame=robot.frame_names[2])(q)
+    frame = robot.frame_names[2]
+    same(pickle.loads(pickle.dumps(method))(q, frame=frame), expected)
+    del robot
+    gc.collect()
+    same(method(q, frame=frame), expected)
+
+
+def test_ways_may_be_made_by_many_threads_at_once():
+    robot = tw.robots.panda()
+    q = robot.random_configuration(0)
+    frames = robot.frame_names[-4:]
+    expected = {frame: robot.kernel("jacobian", frame=frame)(q) for frame in frames}
+    gate, wrong = threading.Barrier(4), []
+
+    def work(k):
+        gate.wait(60)
+        for n in range(200):
+            frame = frames[(n + k) % 4]
+            if not np.array_equal(robot.jacobian(q, frame=frame), expected[frame]):
+                wrong.append(frame)
+
+    crowd = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in crowd:
+        thread.start()
+    for thread in crowd:
+        thread.join(60)
+    assert not wrong
+
+
+def test_long_programs_wait_for_more_calls_and_are_compiled_once(monkeypatch):
+    robot = tw.robots.planar_2r()
+    monkeypatch.setattr(fast_call, "LONG", 1)
+    monkeypatch.setattr(fast_call, "EACH", 10)
+    monkeypatch.setattr(ufunc, "LONGEST_ALONE", 1)
+    q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
+    wanted = len(robot.program("inverse_dynamics").instructions) // 10
+    for k in range(wanted):
+        assert fast_call.is_made_here(robot.inverse_dynamics) == (k > wanted)
+        robot.inverse_dynamics(q, dq, ddq)
+    assert fast_call.is_made_here(robot.inverse_dynamics)
+    same(robot.inverse_dynamics(q, dq, ddq), robot.kernel("inverse_dynamics")(q, dq, ddq))
+    assert not ufunc.owner_of(robot.kernel("inverse_dynamics")).lone
