@@ -19,6 +19,7 @@ from .convert import convert_options
 from .derive import derive_options
 from .doctor import doctor_options
 from .export import export_options
+from .identify import answer_identify, identify_options
 from .move import move_options
 from .payload import payload_options
 from .sensor import sensor_group
@@ -255,6 +256,19 @@ def doctor(**given: Any) -> None:
             given["plot_path"] = picture_path(given["plot_path"])
         if code := answer_doctor(_console().print, **given):
             sys.exit(code)
+
+
+@main.command()
+@robot_command
+@identify_options
+def identify(options: RobotOptions, **given: Any) -> None:
+    """The robot's masses, inertias, friction and motor inertias from logs, with intervals, and what speaks against the logs.
+
+    The first word is the verdict. OK ends with exit code 0; UNSURE and LOOK AGAIN with 1, and after LOOK AGAIN only --json is
+    written unless --force is given. Several files of one log are written a.csv+b.csv.
+    """
+    if code := answer_identify(options, _console().print, **given):
+        sys.exit(code)
 
 
 def _console() -> Console:

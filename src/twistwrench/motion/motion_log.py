@@ -19,13 +19,14 @@ from .columns import Columns
 from .contradictions import Contradictions
 from .coordinates import Coordinates
 from .csv_file import CsvFile
+from .joined_files import JOINS, JoinedFile
 from .npz_file import NpzFile, is_archive
 from .repeats import Repeats
 from .row_block import Block
 
 _NO_ROTATION = 1e-6  # norm of a quaternion
 
-MotionFile = CsvFile | NpzFile
+MotionFile = CsvFile | NpzFile | JoinedFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class MotionLog:
         ----------
         path : str, Path or MotionFile
             A CSV file (see :meth:`CsvFile.open <twistwrench.motion.csv_file.CsvFile.open>` for what is understood), or
-            an archive that ``simulate --npz`` wrote.
+            an archive that ``simulate --npz`` wrote; several files of one motion as ``a.csv+b.csv``.
         model : Model, of the robot that moves
         degrees : bool, angles are in degrees wherever the column does not name its unit
         locked : sequence of str, joints whose columns are ignored
@@ -341,8 +342,17 @@ class MotionLog:
 
 
 def open_motion_file(path: str | Path) -> MotionFile:
-    """The motion file at that path, of any robot: CSV, or an archive that ``simulate --npz`` wrote."""
+    """The motion file at that path, of any robot: CSV, an archive of ``simulate --npz``, or several, ``a.csv+b.csv``."""
+    if JOINS in str(path) and not _is_there(as_path(path)):
+        return JoinedFile.open(path, open_motion_file)
     return NpzFile.open(path) if is_archive(as_path(path)) else CsvFile.open(path)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # no path at all
+        return False
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:

@@ -1,0 +1,169 @@
+"""The command ``twistwrench identify``: its options, and its run from the logs to the files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ValueRangeError
+from ..verdict import ExitCode, Word
+from .common import RobotOptions
+from .motion_options import parse_columns
+from .progress import share_done
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from ..identification import IdentifiedRobot
+    from ..robot import Robot
+
+_AUTO = "auto"
+
+
+def identify_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of the command and its LOGs."""
+    for option in (
+        click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
+        click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
+        click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the groups with their intervals as a table."),
+        click.option(
+            "--friction",
+            metavar="LAWS",
+            default="viscous,coulomb,offset",
+            show_default=True,
+            help="What each joint has besides its bodies; 'none' for nothing.",
+        ),
+        click.option("--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."),
+        click.option("--method", type=click.Choice(["irls", "wls", "ols"]), default="irls", show_default=True),
+        click.option(
+            "--shift", metavar="SECONDS", default=_AUTO, show_default=True, help="Torques later than positions."
+        ),
+        click.option(
+            "--cutoff", metavar="HZ", default=_AUTO, show_default=True, help="Of the low-pass, without delay."
+        ),
+        click.option(
+            "--lock-missing", is_flag=True, help="Hold joints still, at neutral, that the logs have no column for."
+        ),
+        click.option("--rate", type=float, metavar="HZ", help="Rows a second, where a log has no column of time."),
+        click.option(
+            "--columns",
+            metavar="JOINT=COLUMN",
+            multiple=True,
+            help="Which column is which: elbow=pos3, elbow.tau=i3, time=stamp; may be repeated.",
+        ),
+        click.option(
+            "--test", "tests", metavar="LOG", multiple=True, help="A log that is only predicted; may be repeated."
+        ),
+        click.argument("logs", metavar="LOG...", nargs=-1, required=True),
+    ):
+        function = option(function)
+    return function
+
+
+def answer_identify(
+    options: RobotOptions,
+    show: Callable[[RenderableType], None],
+    *,
+    logs: tuple[str, ...],
+    tests: tuple[str, ...],
+    columns: tuple[str, ...],
+    rate: float | None,
+    lock_missing: bool,
+    cutoff: str,
+    shift: str,
+    method: Any,
+    no_motor_inertia: bool,
+    friction: str,
+    csv_path: str | None,
+    json_path: str | None,
+    force: bool,
+) -> ExitCode:
+    """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
+    from ..identification import identify
+    from ..outputs import check_outputs, replacing
+    from .tables.identify import identification_view
+
+    inputs = {f"LOG {path}": path for path in (*logs, *tests)}
+    check_outputs({"--csv": csv_path, "--json": json_path}, {**inputs, **options.files})
+    laws = () if friction.strip() == "none" else tuple(name.strip() for name in friction.split(","))
+    robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
+    with share_done("identifying") as progress:
+        from ..identification.log_side import read_motion
+
+        told = parse_columns(columns)
+        motions = {
+            path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+            for path in dict.fromkeys((*logs, *tests))
+        }
+        for path, motion in motions.items():
+            if motion.tau is None:
+                raise ValueRangeError(
+                    f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+                    f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
+                )
+        found = identify(
+            robot,
+            [motions[path] for path in logs],
+            test=[motions[path] for path in tests],
+            motor_inertia=not no_motor_inertia,
+            friction=laws,
+            cutoff=_number(cutoff, "--cutoff"),
+            shift=_number(shift, "--shift"),
+            method=method,
+            motor_side=side,
+            progress=progress,
+        )
+    show(identification_view(found))
+    refused = found.verdict.word is Word.LOOK_AGAIN
+    if json_path is not None:
+        with replacing(json_path) as scratch:
+            scratch.write_text(found.to_json(), encoding="utf-8")
+        click.echo(f"wrote {json_path}")
+    if csv_path is not None and not (refused and not force):
+        _write_table(found, csv_path)
+        click.echo(f"wrote {csv_path}")
+    return found.verdict.exit_code
+
+
+def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_missing: bool) -> tuple[Robot, Any]:
+    """The robot without its actuators, and what their file says of the logs."""
+    from functools import partial
+
+    from ..identification.log_side import motor_side
+    from ..motion.motion_log import joints_without_column, open_motion_file
+    from .common import bundled
+
+    held = (
+        partial(joints_without_column, open_motion_file(log), columns=parse_columns(columns)) if lock_missing else None
+    )
+    bare = replace(options, actuators=None)
+    robot, _ = bare.load_and_locked(held=held)
+    if options.actuators is None:
+        return robot, None
+    return robot, motor_side(robot.model, bundled(options.actuators, options.source, ".yaml", "actuator file"))
+
+
+def _number(text: str, option: str) -> float | None:
+    if text == _AUTO:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueRangeError(f"{option} {text!r} is neither a number nor {_AUTO}.") from None
+
+
+def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
+    from ..core.csv_writer import CsvWriter
+    from ..outputs import replacing
+
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        writer = CsvWriter(file)
+        writer.row(["group", "value", "deviation", "low", "high", "file"])
+        for name, value, deviation, (low, high), before in zip(
+            found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
+        ):
+            writer.row([name, *(repr(float(x)) for x in (value, deviation, low, high, before))])
