@@ -27,6 +27,19 @@ _AUTO = "auto"
 def identify_options(function: Callable[..., None]) -> Callable[..., None]:
     """The options of the command and its LOGs."""
     for option in (
+        click.option(
+            "--keep-close",
+            metavar="STRENGTH",
+            default=_AUTO,
+            show_default=True,
+            help="How strongly bodies are held near the file's, 0.01 to 100000.",
+        ),
+        click.option(
+            "--actuators-out", metavar="OUT.yaml", help="Write friction and motor inertias as an actuator file."
+        ),
+        click.option(
+            "--out", "out_path", metavar="OUT.urdf", help="Write the robot's file with the identified numbers."
+        ),
         click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
         click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
         click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the groups with their intervals as a table."),
@@ -80,6 +93,9 @@ def answer_identify(
     friction: str,
     csv_path: str | None,
     json_path: str | None,
+    out_path: str | None,
+    actuators_out: str | None,
+    keep_close: str,
     force: bool,
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
@@ -88,7 +104,8 @@ def answer_identify(
     from .tables.identify import identification_view
 
     inputs = {f"LOG {path}": path for path in (*logs, *tests)}
-    check_outputs({"--csv": csv_path, "--json": json_path}, {**inputs, **options.files})
+    outputs = {"--out": out_path, "--actuators-out": actuators_out, "--csv": csv_path, "--json": json_path}
+    check_outputs(outputs, {**inputs, **options.files})
     laws = () if friction.strip() == "none" else tuple(name.strip() for name in friction.split(","))
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     with share_done("identifying") as progress:
@@ -123,6 +140,17 @@ def answer_identify(
         with replacing(json_path) as scratch:
             scratch.write_text(found.to_json(), encoding="utf-8")
         click.echo(f"wrote {json_path}")
+    if refused and not force and (out_path or actuators_out or csv_path):
+        click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
+    elif out_path is not None or actuators_out is not None:
+        if (strength := _number(keep_close, "--keep-close")) is not None:
+            found.__dict__["consistent"] = found.consistent_at(strength)
+        for note in found.write(
+            out_path, actuators_out, given=_given(options), logs=[Path(x).name for x in logs], force=force
+        ):
+            click.echo(f"note: {note}", err=True)
+        for path in filter(None, (out_path, actuators_out)):
+            click.echo(f"wrote {path}")
     if csv_path is not None and not (refused and not force):
         _write_table(found, csv_path)
         click.echo(f"wrote {csv_path}")
@@ -145,6 +173,16 @@ def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_mi
     if options.actuators is None:
         return robot, None
     return robot, motor_side(robot.model, bundled(options.actuators, options.source, ".yaml", "actuator file"))
+
+
+def _given(options: RobotOptions) -> dict[str, Any] | None:
+    """What the actuator file says already."""
+    if options.actuators is None:
+        return None
+    from ..formats.actuator_file import actuator_content
+    from .common import bundled
+
+    return actuator_content(bundled(options.actuators, options.source, ".yaml", "actuator file"))
 
 
 def _number(text: str, option: str) -> float | None:

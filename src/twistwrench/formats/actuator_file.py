@@ -55,6 +55,14 @@ def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model
         raise type(error)(f"{origin}: {error}") from None
 
 
+def actuator_content(source: Source) -> dict[str, Any]:
+    """What an actuator file says, as text in mappings. Raises NotFoundError, and ModelError for what is no YAML."""
+    content, origin = _read(source)
+    if not isinstance(content, Mapping):
+        raise ModelError(f"{origin} is {_shown(content)}, expected entries 'name: value'.")
+    return dict(content)
+
+
 def _read(source: Source) -> tuple[object, str]:
     if isinstance(source, Mapping):
         return source, "the actuators given"

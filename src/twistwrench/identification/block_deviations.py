@@ -16,8 +16,10 @@ from ..sensing.covariance import by_witnesses
 from ..typing import Array
 from .normal_equations import Prior
 
-_MOST_BLOCKS, _FEWEST_BLOCKS = 120, 10
-_LENGTHS = 6.0
+_MOST_BLOCKS, _FEWEST_BLOCKS = 120, 15
+_SECONDS = 1.0
+"""s, that a block lasts at least, where the logs have enough of them."""
+_LENGTHS = 10.0
 """Times the length over which residuals hang together that a block lasts."""
 
 
@@ -80,7 +82,7 @@ def group_covariance(
     Q = (A @ half).reshape(n, nv, r)
     step = float(np.median(np.diff(time)[np.diff(log) == 0])) if n > 1 else 1.0
     textbook = np.sqrt(np.maximum(((half @ half.T).diagonal()) * float((left**2).sum()) / max(1, n * nv - r), 0.0))
-    rows = _LENGTHS * hanging(left)
+    rows = max(_LENGTHS * hanging(left), _SECONDS / step)
     rows = float(np.clip(rows, n / _MOST_BLOCKS, n / _FEWEST_BLOCKS))
     for _ in range(8):
         label = np.arange(n) // max(1, math.ceil(rows))

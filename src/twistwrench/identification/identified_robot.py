@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..errors import ValueRangeError
+from ..outputs import replacing
 from ..robot import Robot
 from ..typing import Array
-from ..verdict import Verdict
+from ..verdict import Verdict, Word
 from .block_deviations import GroupCovariance
+from .consistent_robot import ConsistentRobot, consistent_robot
 from .evidence import LogDoubt
 from .held_out import HeldOut
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
 from .setting_choice import FitSettings
 
+_SAME = 1e-12
 _VAGUE = 0.3
 """Share of its value, from which a group's deviation makes it vague."""
 
@@ -34,7 +40,7 @@ class IdentifiedRobot:
 
     Attributes
     ----------
-    robot : Robot, as its file has it
+    original : Robot, as its file has it
     base : BaseParameters
     values : (r,) array, of the groups
     covariance : GroupCovariance
@@ -45,11 +51,12 @@ class IdentifiedRobot:
     doubts : tuple of LogDoubt
     prior : Prior, weak, that directions without information keep to
     method : str
+    sizes : (p,) array, that each unknown parameter could have at most
     information : tuple, N, c and |τ|² of the weighted rows, in units of their residuals
     folds : tuple, the same of each fifth of the time
     """
 
-    robot: Robot
+    original: Robot
     base: BaseParameters
     values: Array
     covariance: GroupCovariance
@@ -60,12 +67,13 @@ class IdentifiedRobot:
     doubts: tuple[LogDoubt, ...]
     prior: Prior
     method: str
+    sizes: Array
     information: Information
     folds: tuple[Information, ...]
 
     def __repr__(self) -> str:
         return (
-            f"<IdentifiedRobot {self.robot.name!r}: {self.base.count} groups, {100 * self.held_out.all:.3g} % held out "
+            f"<IdentifiedRobot {self.original.name!r}: {self.base.count} groups, {100 * self.held_out.all:.3g} % held out "
             f"({self.held_out.kind}), {self.verdict.word}>"
         )
 
@@ -78,6 +86,50 @@ class IdentifiedRobot:
     def standard_deviations(self) -> Array:
         """(r,) of the groups, with residuals that hang together in time."""
         return self.covariance.deviations
+
+    @cached_property
+    def consistent(self) -> ConsistentRobot:
+        """The robot of bodies that can exist, as near to the file's as predicts rows held out as well as any."""
+        return self.consistent_at(None)
+
+    def consistent_at(self, strength: float | None) -> ConsistentRobot:
+        """Consistent robot at a strength of the pull to the file's bodies.
+
+        Parameters
+        ----------
+        strength : float or None, γ; None: chosen by rows held out
+
+        Returns
+        -------
+        robot : ConsistentRobot
+
+        Raises
+        ------
+        ValueRangeError
+            The strength is none that is offered.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = 1.1 * tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> found.consistent_at(1.0).inertias[0].defects()
+        []
+        """
+        from .positive_bodies import STRENGTHS
+
+        if strength is not None and not STRENGTHS[-1] <= strength <= STRENGTHS[0]:
+            raise ValueRangeError(
+                f"a strength of {strength!r} is not offered. Give one from {STRENGTHS[-1]:g} to {STRENGTHS[0]:g}."
+            )
+        return consistent_robot(self.base, self.values, self.sizes, self.folds, self.prior, strength)
+
+    @property
+    def robot(self) -> Robot:
+        """The identified robot: bodies that can exist, friction, motor inertias."""
+        return self.consistent.robot
 
     def interval(self, level: float = 0.95) -> Array:
         """Intervals of the groups.
@@ -123,6 +175,74 @@ class IdentifiedRobot:
         pairs = zip(self.values.tolist(), self.standard_deviations.tolist(), strict=True)
         return dict(zip(self.groups, pairs, strict=True))
 
+    def write(
+        self,
+        path: str | Path | None = None,
+        actuators: str | Path | None = None,
+        *,
+        given: Mapping[str, object] | None = None,
+        logs: Sequence[str] = (),
+        force: bool = False,
+    ) -> tuple[str, ...]:
+        """Write the consistent robot into the text of the robot's file, and drives into an actuator file.
+
+        Parameters
+        ----------
+        path : str or Path, optional, of the robot file
+        actuators : str or Path, optional, of the actuator file
+        given : mapping, optional, an actuator file's content that is kept besides
+        logs : sequence of str, names that a comment of the file says it comes from
+        force : bool, write in spite of the verdict LOOK AGAIN
+
+        Returns
+        -------
+        notes : tuple of str, what to know of what was written
+
+        Raises
+        ------
+        ValueRangeError
+            The verdict is LOOK AGAIN, or the robot would be no better than the file. Nothing is written then.
+        ModelError
+            The robot has no file, or its format has no place for a number.
+
+        Examples
+        --------
+        >>> import tempfile, numpy as np, twistwrench as tw
+        >>> arm, t = tw.load(tw.robots.path_of("planar_2r")), np.arange(0, 10, 0.01)
+        >>> q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+        >>> tau = 1.2 * tw.Motion(t, q, robot=arm).torques() + 0.05 * np.sin(np.outer(t, [41, 43]))
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     notes = found.write(f"{folder}/new.urdf", f"{folder}/new.yaml")
+        ...     tw.load(f"{folder}/new.urdf").nv
+        2
+        """
+        from .. import __version__
+        from .written_robot import actuator_text, check_written, same_actuators, written_robot
+
+        if self.verdict.word is Word.LOOK_AGAIN and not force:
+            raise ValueRangeError(f"nothing is written after {self.verdict}. Pass force=True to write all the same.")
+        found = self.consistent
+        notes = check_written(found)
+        of = f" from {', '.join(logs)}" if logs else ""
+        said = (
+            f"version {__version__}, {date.today().isoformat()}{of}: {found.base.count} groups, {100 * self.held_out.all:.3g} % "
+            f"of the torques left in rows held out ({self.held_out.kind}), pull to the file {found.fit.strength:g}"
+        )
+        made = None if path is None else written_robot(self.original, found, said)
+        text = None if actuators is None else actuator_text(self.original.model, found, given)
+        if text is not None and not same_actuators(text, found) <= _SAME:
+            raise ValueRangeError("what was written of the actuators does not come back. Please report it.")
+        if path is not None and made is not None:
+            with replacing(path) as scratch:
+                scratch.write_bytes(made.data)
+            notes += [f"{link} is part of the link that carries it now" for link in made.folded]
+            notes += made.notes
+        if actuators is not None and text is not None:
+            with replacing(actuators) as scratch:
+                scratch.write_text(text, encoding="utf-8")
+        return tuple(notes)
+
     def to_dict(self) -> dict[str, Any]:
         """The findings as plain data, in SI units: what ``--json`` writes.
 
@@ -140,10 +260,10 @@ class IdentifiedRobot:
         >>> found.to_dict()["base_parameters"]
         3
         """
-        names = self.robot.model.velocity_names
+        names = self.original.model.velocity_names
         speeds = dict(zip(names, self.settings.friction_speed.tolist(), strict=True))
         return {
-            "robot": self.robot.name,
+            "robot": self.original.name,
             "verdict": str(self.verdict.word),
             "doubts": [
                 {"kind": d.kind, "joints": list(d.joints), "sentence": d.sentence, "refuses": d.refuses}

@@ -110,7 +110,8 @@ def identify(
     if dead.all():
         raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
     source = SettingRows(base, samples, asked, dead)
-    prior = Prior(base.project(unknown.file_values), np.sqrt(base.grouping**2 @ unknown.scales(*source.typical()) ** 2))
+    sizes = unknown.scales(*source.typical())
+    prior = Prior(base.project(unknown.file_values), np.sqrt(base.grouping**2 @ sizes**2))
     tell(0.2)
     settings = source.choose(prior, range(FOLDS))
     tell(0.4)
@@ -140,7 +141,7 @@ def identify(
     )  # fmt: skip
     tell(1.0)
     return IdentifiedRobot(
-        robot=robot,
+        original=robot,
         base=base,
         values=x,
         covariance=covariance,
@@ -151,6 +152,7 @@ def identify(
         doubts=doubts_of(seen),
         prior=prior,
         method=method,
+        sizes=sizes,
         information=_information(trial.W, trial.tau, sigma, weights),
         folds=_fold_information(trial, fold, sigma, weights),
     )

@@ -28,7 +28,7 @@ def _parts(found: IdentifiedRobot) -> Iterator[RenderableType]:
     verdict = found.verdict
     yield Text.assemble(
         (str(verdict.word), _COLOURS.get(verdict.word, "bold yellow")),
-        f"  {found.robot.name}: {_percent(found.held_out.all)} of the torques left {_KINDS[found.held_out.kind]}",
+        f"  {found.original.name}: {_percent(found.held_out.all)} of the torques left {_KINDS[found.held_out.kind]}",
     )
     for doubt in found.doubts:
         yield Text(f"• {doubt.sentence}", "" if not doubt.refuses else "red")
