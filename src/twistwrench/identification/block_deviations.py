@@ -67,15 +67,50 @@ class GroupCovariance:
 
 
 def group_covariance(
-    W: Array, tau: Array, x: Array, sigma: Array, weights: Array, prior: Prior, time: Array, log: Array
+    W: Array,
+    tau: Array,
+    x: Array,
+    sigma: Array,
+    weights: Array,
+    prior: Prior,
+    time: Array,
+    log: Array,
+    chosen: Array,
 ) -> GroupCovariance:
     """Covariance of a fit: W (n, nv, r), τ (n, nv), at x (r,), with its residuals' sizes (nv,) and weights (n, nv).
 
-    ``time`` and ``log`` (n,) say when each row is, and of which log.
+    ``time`` and ``log`` (n,) say when each row is, and of which log. ``chosen`` (n, nv, k) is what the predicted torques change
+    by with each setting that was chosen on the same rows, such as the offset of the clock: the fit is no surer than they are.
     """
+    groups = W.shape[2]
+    left = tau - W @ x
+    size = np.sqrt((chosen**2).mean(axis=(0, 1)))
+    W = np.concatenate([W, chosen[..., size > 0] / size[size > 0]], axis=2)
+    prior = Prior(np.zeros(W.shape[2]), np.concatenate([prior.size, np.full(int((size > 0).sum()), sigma.max() * 1e3)]))
+    found = _covariance(W, left, sigma, weights, prior, time, log)
+    matrix = found.matrix[:groups, :groups] * _huber_factor(left, weights) ** 2
+    return GroupCovariance(matrix, found.freedom[:groups], found.textbook[:groups], found.block)
+
+
+def _huber_factor(left: Array, weights: Array) -> float:
+    """What the weights of large residuals make the equations seem steeper by than they are: mean weight over mean slope.
+
+    Huber's residuals count with ψ(u) = w u, whose slope is 1 up to k and 0 beyond. Source: Huber, "Robust Statistics", 1981,
+    section 7.6.
+    """
+    live = (left != 0).any(axis=0)
+    if not live.any() or (weights == 1.0).all():
+        return 1.0
+    return float(weights[:, live].mean() / (weights[:, live] == 1.0).mean())
+
+
+def _covariance(
+    W: Array, left: Array, sigma: Array, weights: Array, prior: Prior, time: Array, log: Array
+) -> GroupCovariance:
+    """The sandwich of all columns."""
     n, nv, r = W.shape
     root = np.sqrt(weights) / sigma
-    left = (tau - W @ x) * root
+    left = left * root
     A = (W * root[..., None]).reshape(n * nv, r)
     R = np.linalg.qr(np.concatenate([A * prior.size, np.eye(r)]), mode="r")
     half = prior.size[:, None] * np.linalg.inv(R)

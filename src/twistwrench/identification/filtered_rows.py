@@ -47,6 +47,7 @@ class FilteredRows:
     slices: list[slice]
     dead: Array | None = None
     _torques: list[Any] = field(default_factory=list)
+    _coulomb: dict[tuple[int, float], Array] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -105,6 +106,12 @@ class FilteredRows:
 
     def coulomb(self, column: int, joints: Array, friction_speed: Array) -> Array:
         """(m, nv) the column of Coulomb friction for other speeds of friction."""
+        key = (column, float(friction_speed[int(np.flatnonzero(joints)[-1])]))
+        if key not in self._coulomb:
+            self._coulomb[key] = self._coulomb_column(column, joints, friction_speed)
+        return self._coulomb[key]
+
+    def _coulomb_column(self, column: int, joints: Array, friction_speed: Array) -> Array:
         kept = self.base.kept[column : column + 1]
         found = list[Array]()
         for s, rows in zip(self.states, self.slices, strict=True):
@@ -144,7 +151,7 @@ def _columns(
         w, fixed = columns_in(base, s.q[a:b], s.dq[a:b], s.ddq[a:b], friction_speed)
         at = wanted[inner] - a
         for j in range(nv):
-            felt = np.flatnonzero(w[:, j].any(axis=0))
+            felt = np.flatnonzero(base.felt[j])
             if felt.size:
                 W[np.ix_(np.flatnonzero(inner), np.array([j]), felt)] = low_pass(w[:, j, felt], cutoff, s.rate)[at][
                     :, None

@@ -226,8 +226,9 @@ class IdentifiedRobot:
         notes = check_written(found)
         of = f" from {', '.join(logs)}" if logs else ""
         said = (
-            f"version {__version__}, {date.today().isoformat()}{of}: {found.base.count} groups, {100 * self.held_out.all:.3g} % "
-            f"of the torques left in rows held out ({self.held_out.kind}), pull to the file {found.fit.strength:g}"
+            f"version {__version__}, {date.today().isoformat()}{of}: {found.base.count} groups, "
+            f"{100 * self.held_out.all:.3g} % of the torques left in rows held out ({self.held_out.kind}), "
+            f"pull to the file {found.fit.strength:g}"
         )
         made = None if path is None else written_robot(self.original, found, said)
         text = None if actuators is None else actuator_text(self.original.model, found, given)

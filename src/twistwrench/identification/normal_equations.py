@@ -18,6 +18,9 @@ from ..typing import Array
 
 _ROUNDS = 6
 _LEAST_SHARE = 1e-12
+_LEAST_VARIANCE = 1e-7
+"""Of residuals, as a share of the torques' squares: weights of rows that are fitted without noise stay finite."""
+_ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +41,14 @@ class NormalEquations:
     rows: float
 
     @classmethod
-    def of(cls, W: Array, tau: Array) -> NormalEquations:
+    def of(cls, W: Array, tau: Array, felt: Array | None = None) -> NormalEquations:
         """Of rows W (n, nv, r) and τ (n, nv).
 
         Parameters
         ----------
         W : (n, nv, r) array
         tau : (n, nv) array
+        felt : (nv, r) bool array, optional, columns that are not zero in the rows of each joint
 
         Returns
         -------
@@ -55,8 +59,13 @@ class NormalEquations:
         >>> NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).squares(np.array([2.0])).tolist()
         [4.0]
         """
-        N = np.stack([W[:, j].T @ W[:, j] for j in range(W.shape[1])])
-        c = np.stack([W[:, j].T @ tau[:, j] for j in range(W.shape[1])])
+        nv, r = W.shape[1:]
+        N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
+        for j in range(nv):
+            which = np.arange(r) if felt is None else np.flatnonzero(felt[j])
+            mine = np.ascontiguousarray(W[:, j, which])
+            N[j][np.ix_(which, which)] = mine.T @ mine
+            c[j, which] = mine.T @ tau[:, j]
         return cls(N, c, (tau**2).sum(axis=0), float(len(W)))
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
@@ -107,7 +116,9 @@ class NormalEquations:
         x = prior.mean
         for _ in range(_ROUNDS):
             x = prior.solve(np.einsum("jkl,j->kl", self.N, 1.0 / variance), (self.c / variance[:, None]).sum(axis=0))
-            new = np.maximum(self.squares(x) / max(self.rows, 1.0), 1e-12 * self.y / max(self.rows, 1.0) + 1e-300)
+            new = np.maximum(
+                self.squares(x) / max(self.rows, 1.0), _LEAST_VARIANCE * self.y / max(self.rows, 1.0) + 1e-300
+            )
             close = bool(np.abs(np.log(new / variance)).max() < 1e-3)
             variance = new
             if close:
@@ -150,6 +161,7 @@ class Prior:
         S = self.size
         scaled = A * S[:, None] * S[None, :]
         scaled[np.diag_indices_from(scaled)] += 1.0
+        scaled[np.diag_indices_from(scaled)] *= 1.0 + _ROUNDING
         diagonal = np.sqrt(scaled.diagonal())
         factor = scipy.linalg.cho_factor(scaled / diagonal[:, None] / diagonal[None, :], check_finite=False)
         right = S * (b - A @ self.mean)

@@ -32,6 +32,7 @@ class BaseParameters:
     unknown : UnknownParameters
     kept : (r,) array, numbers of the parameters kept
     grouping : (r, p) array; the groups are ``grouping @ x``
+    felt : (nv, r) bool array, the kept columns that are not zero in the torque of each joint
 
     Examples
     --------
@@ -44,6 +45,7 @@ class BaseParameters:
     unknown: UnknownParameters
     kept: Array
     grouping: Array
+    felt: Array
 
     @classmethod
     def of(cls, unknown: UnknownParameters, *, seed: int = 0) -> BaseParameters:
@@ -73,11 +75,12 @@ class BaseParameters:
         q = np.where(turning, rng.uniform(-np.pi, np.pi, q.shape), q)
         dq, ddq = rng.normal(size=(2, states, nv)) * 2.0
         ones = np.ones(nv)
-        W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones).reshape(states * nv, p)
-        kept, grouping = _kept(W * unknown.scales(ones, ones, ones))
+        W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones)
         scale = unknown.scales(ones, ones, ones)
+        kept, grouping = _kept(W.reshape(states * nv, p) * scale)
         # W S z with x = S z: z_b + B z_d is the group, in units of x its kept parameter's.
-        return cls(unknown, kept, _rounded(grouping) * scale[kept][:, None] / scale[None, :])
+        felt = (W[..., kept] != 0).any(axis=0)
+        return cls(unknown, kept, _rounded(grouping) * scale[kept][:, None] / scale[None, :], felt)
 
     @property
     def count(self) -> int:

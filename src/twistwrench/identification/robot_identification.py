@@ -118,8 +118,8 @@ def identify(
     trial = Trial(source, settings)
     rows = source.rows(settings.cutoff)
     fold = source.folds(rows.log, rows.time)
-    x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method)
-    covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log)
+    x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, base.felt)
+    covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
     tell(0.5)
     names = unknown.model.velocity_names
     if tested:
@@ -213,7 +213,7 @@ def _five_fold(
         here = source.folds(rows.log, rows.time) == block
         if not here.any() or here.all():
             continue
-        x, _, _ = weighted_fit(trial.W[~here], trial.tau[~here], prior, method)
+        x, _, _ = weighted_fit(trial.W[~here], trial.tau[~here], prior, method, source.base.felt)
         one = HeldOut.of("five-fold", trial.tau[here] - trial.W[here] @ x, trial.tau[here], names)
         found = one if found is None else found + one
     if found is None:

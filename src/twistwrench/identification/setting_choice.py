@@ -7,7 +7,7 @@ Cut-offs are compared by torques below the highest of them: against torques of i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,10 @@ SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Speeds that friction turns at [rad/s, m/s] that are tried."""
 _USUAL_SPEED = 0.05
 _SHIFTS = tuple(1e-3 * s for s in (-40, -25, -15, -10, -7, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 10, 15, 25, 40))
+_ROWS = 10.0
+"""Equations for each group that a cut-off has to leave."""
+_KEPT = 64
+"""Settings whose normal equations are kept."""
 _WORTH = 2e-3
 """Of log |residual|², that another cut-off, offset or speed has to bring for each joint; else the first one stays."""
 
@@ -57,11 +61,16 @@ class SettingRows:
 
     def __init__(self, base: BaseParameters, samples: Sequence[SteadySamples], asked: Asked, dead: Array) -> None:
         self.base, self.samples, self.asked, self.dead = base, samples, asked, dead
-        self.tried = (asked.cutoff,) if asked.cutoff is not None else cutoffs(samples)
+        self.tried = (
+            (asked.cutoff,)
+            if asked.cutoff is not None
+            else cutoffs(samples, _ROWS * base.count / base.unknown.model.nv)
+        )
         speed = _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed
         self.usual_speed = np.full(base.unknown.model.nv, speed)
         self._rows: dict[float, FilteredRows] = {}
         self._judged: dict[float, JudgedStates] = {}
+        self._blocks: dict[tuple[float, float, bytes], tuple[NormalEquations, ...]] = {}
 
     def rows(self, cutoff: float) -> FilteredRows:
         """At that cut-off, with the usual speed of friction."""
@@ -83,6 +92,17 @@ class SettingRows:
         starts = np.array([s.start for s in self.samples])
         at = begins[log] + (time - starts[log])
         return np.minimum((FOLDS * at / begins[-1]).astype(int), FOLDS - 1)
+
+    def kept_blocks(
+        self, settings: FitSettings, make: Callable[[], list[NormalEquations]]
+    ) -> tuple[NormalEquations, ...]:
+        """Normal equations of the blocks at settings, made once; nothing changes them in place."""
+        key = (settings.cutoff, settings.shift, settings.friction_speed.tobytes())
+        if key not in self._blocks:
+            if len(self._blocks) >= _KEPT:
+                self._blocks.pop(next(iter(self._blocks)))
+            self._blocks[key] = tuple(make())
+        return self._blocks[key]
 
     def typical(self) -> tuple[Array, Array, Array]:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
@@ -180,18 +200,22 @@ class Trial:
     """Normal equations of all blocks under settings that change one at a time."""
 
     def __init__(self, source: SettingRows, settings: FitSettings) -> None:
-        self.settings = settings
+        self.settings, self._asked = settings, source.asked
         self._rows = source.rows(settings.cutoff)
         self._W = self._rows.W
         self.coulomb = source.base.unknown.coulomb_columns(source.base.kept)
         fold = source.folds(self._rows.log, self._rows.time)
-        self._places = [np.flatnonzero(fold == b) for b in range(FOLDS)]
+        self._places = [_as_slice(np.flatnonzero(fold == b)) for b in range(FOLDS)]
         self._tau = self._rows.torques(settings.shift)
         if not np.array_equal(settings.friction_speed, source.usual_speed):
             self._W = self._W.copy()
             for c, joints in self.coulomb:
                 self._W[:, :, c] = self._rows.coulomb(c, joints, settings.friction_speed)
-        self._blocks = [NormalEquations.of(self._W[p], self._tau[p]) for p in self._places]
+        self._felt = source.base.felt
+        self._blocks = list(source.kept_blocks(settings, self._made))
+
+    def _made(self) -> list[NormalEquations]:
+        return [NormalEquations.of(self._W[p], self._tau[p], self._felt) for p in self._places]
 
     @property
     def W(self) -> Array:
@@ -202,6 +226,24 @@ class Trial:
     def tau(self) -> Array:
         """(m, nv)."""
         return self._tau
+
+    def changes(self, x: Array) -> Array:
+        """(m, nv, k) what the predicted torques change by with each chosen setting: the clock's offset, speeds of friction."""
+        found = []
+        settings = self.settings
+        if self._asked.shift is None:
+            step = 0.1 / settings.cutoff
+            later, sooner = self._rows.torques(settings.shift + step), self._rows.torques(settings.shift - step)
+            found.append((later - sooner) / (2 * step))
+        if self._asked.friction_speed is None:
+            for j in range(self._W.shape[1]):
+                speed = np.where(np.arange(self._W.shape[1]) == j, 1.1, 1.0) * settings.friction_speed
+                mine = [(c, joints) for c, joints in self.coulomb if np.flatnonzero(joints)[-1] == j]
+                change = np.zeros(self._tau.shape)
+                for c, joints in mine:
+                    change += (self._rows.coulomb(c, joints, speed) - self._W[:, :, c]) * x[c]
+                found.append(change)
+        return np.stack(found, axis=-1) if found else np.zeros((*self._tau.shape, 0))
 
     def fits(self, prior: Prior, blocks: Sequence[int]) -> list[tuple[int, Array]]:
         """Each block, and what the others of ``blocks`` give."""
@@ -227,7 +269,8 @@ class Trial:
         self._tau = self._rows.torques(shift)
         self.settings = replace(self.settings, shift=shift)
         for k, p in enumerate(self._places):
-            c = np.stack([self._W[p, j].T @ self._tau[p, j] for j in range(self._W.shape[1])])
+            W, tau = self._W[p], self._tau[p]
+            c = np.stack([W[:, j].T @ tau[:, j] for j in range(W.shape[1])])
             self._blocks[k] = replace(self._blocks[k], c=c, y=(self._tau[p] ** 2).sum(axis=0))
 
     def speed(self, friction_speed: Array) -> None:
@@ -242,11 +285,18 @@ class Trial:
             self._W[:, :, c] = self._rows.coulomb(c, joints, friction_speed)
             for k, p in enumerate(self._places):
                 N, right = self._blocks[k].N.copy(), self._blocks[k].c.copy()
+                W, tau = self._W[p], self._tau[p]
                 for j in np.flatnonzero(joints):
-                    column = self._W[p, j].T @ self._W[p, j, c]
-                    N[j, :, c] = N[j, c, :] = column
-                    right[j, c] = self._W[p, j, c] @ self._tau[p, j]
+                    N[j, :, c] = N[j, c, :] = W[:, j].T @ W[:, j, c]
+                    right[j, c] = W[:, j, c] @ tau[:, j]
                 self._blocks[k] = replace(self._blocks[k], N=N, c=right)
+
+
+def _as_slice(places: Array) -> Array | slice:
+    """Rows that follow each other as a slice, which copies nothing."""
+    if len(places) and places[-1] - places[0] == len(places) - 1:
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places
 
 
 def _best_speed(trial: Trial, prior: Prior, blocks: tuple[int, ...], best: float, joints: Array, worth: float) -> float:

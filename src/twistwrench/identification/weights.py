@@ -18,17 +18,19 @@ _ROUNDS = 12
 Method = Literal["irls", "wls", "ols"]
 
 
-def weighted_fit(W: Array, tau: Array, prior: Prior, method: Method) -> tuple[Array, Array, Array]:
+def weighted_fit(
+    W: Array, tau: Array, prior: Prior, method: Method, felt: Array | None = None
+) -> tuple[Array, Array, Array]:
     """Parameters (r,), sizes of residuals by joint (nv,), and weights (n, nv) of the rows, 1 for whole ones.
 
-    ``W`` is (n, nv, r), ``tau`` (n, nv).
+    ``W`` is (n, nv, r), ``tau`` (n, nv); ``felt`` (nv, r) says which columns are not zero for each joint.
     """
     ones = np.ones(tau.shape)
     if method == "ols":
-        whole = NormalEquations.of(W, tau)
+        whole = NormalEquations.of(W, tau, felt)
         x = prior.solve(whole.N.sum(axis=0), whole.c.sum(axis=0))
         return x, np.sqrt(whole.squares(x) / max(1.0, whole.rows)), ones
-    x, sigma = NormalEquations.of(W, tau).solve(prior)
+    x, sigma = NormalEquations.of(W, tau, felt).solve(prior)
     weights = ones
     if method == "wls":
         return x, sigma, weights
@@ -38,7 +40,7 @@ def weighted_fit(W: Array, tau: Array, prior: Prior, method: Method) -> tuple[Ar
         weights = np.minimum(1.0, _HUBER / np.maximum(np.abs(left / sigma), 1e-300))
         root = np.sqrt(weights) / sigma
         A, b = W * root[..., None], tau * root
-        equations = NormalEquations.of(A, b)
+        equations = NormalEquations.of(A, b, felt)
         new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
         done = bool(np.abs(W @ (new - x)).max() <= 1e-6 * sigma.max())
         x = new

@@ -17,7 +17,7 @@ from ..typing import Array
 
 ORDER = 4
 """Of the filter; twice that, forward and backward."""
-_STATE_RATE, _ROW_RATE = 20.0, 4.0
+_STATE_RATE, _ROW_RATE = 20.0, 2.5
 """Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
 _STEADY = 1e-3
 """Share of the step that stamps may be off without being moved to a steady clock."""
@@ -164,17 +164,20 @@ def states_below(samples: SteadySamples, cutoff: float, rate: float | None = Non
 
 
 def kept_rows(states: Filtered, cutoff: float) -> slice:
-    """Which states become rows: four a period of the cut-off, without the first and the last, where filters begin."""
+    """Which states become rows: two and a half a period of the cut-off, without the first and the last, where filters begin."""
     every = max(1, math.floor(states.rate / (_ROW_RATE * cutoff)))
     border = math.ceil(states.rate / cutoff)
     border = min(border, len(states.time) // 10)
     return slice(border, len(states.time) - border, every)
 
 
-def cutoffs(samples: Sequence[SteadySamples]) -> tuple[float, ...]:
-    """Cut-offs worth trying [Hz]: steps of a third of a decade or less, up to a tenth of the slowest rate."""
+def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
+    """Cut-offs worth trying [Hz]: steps of a third of a decade or less, up to a tenth of the slowest rate.
+
+    At each of them there are ``rows`` rows at least.
+    """
     most = 0.1 * min(s.rate for s in samples)
-    least = 4.0 / min(s.seconds for s in samples)
+    least = max(4.0 / min(s.seconds for s in samples), rows / (_ROW_RATE * sum(s.seconds for s in samples)))
     steps = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
     found = tuple(f for f in steps if least <= f <= most)
     return found or (most,)
