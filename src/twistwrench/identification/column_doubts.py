@@ -15,7 +15,8 @@ _SATURATED, _SATURATED_ROWS = 0.02, 30
 _GAIN, _SURE_GAIN = 2.5, 6.0
 _TOLD = 0.5
 """Share of |residual|² that friction alone leaves, which the file's bodies have to take it below for a gain to say anything."""
-_EXCHANGED = 0.6
+_EXCHANGED, _SURELY_EXCHANGED, _GAINED = 0.5, 0.3, 0.7
+"""Shares of |residual|² that another column's is below: by the file's bodies, and by any; and log of what all gain."""
 _COARSE = 0.15
 
 
@@ -108,6 +109,13 @@ def _of_folds(seen: Evidence, columns: Array, tau: Array) -> tuple[Array, float]
     return least(total), left / max(float((tau**2).sum()), 1e-300)
 
 
+def _by_file(seen: Evidence, j: int, k: int) -> float:
+    """|residual|² / |τ|² of torque k by the file's bodies at joint j and its drive."""
+    own = [d for d in drive_places(seen.base) if seen.W[:, j, d].any()]
+    columns = np.concatenate([_file_part(seen)[:, j, None], seen.W[:, j][:, own]], axis=1)
+    return _of_folds(seen, columns, seen.tau[:, k])[1]
+
+
 def least(equations: NormalEquations) -> Array:
     """Plain least squares in scaled columns; what they cannot tell is zero."""
     N, c = equations.N.sum(axis=0), equations.c.sum(axis=0)
@@ -178,11 +186,16 @@ def _exchanged(seen: Evidence) -> list[LogDoubt]:
         felt = np.flatnonzero(seen.W[:, j].any(axis=0))
         for b, k in enumerate(live):
             left[a, b] = min(1.0, _of_folds(seen, seen.W[:, j][:, felt], seen.tau[:, k])[1])
-    rows, columns = linear_sum_assignment(left)
-    wrong = [(int(live[a]), int(live[b])) for a, b in zip(rows, columns, strict=True) if a != b]
-    own, best = np.diag(left), left[rows, columns]
+    size = np.log(np.maximum(left, 1e-12))
+    rows, columns = linear_sum_assignment(size)
     moved = [a for a in range(len(live)) if columns[a] != a]
-    if not wrong or not all(best[a] < _EXCHANGED * own[a] for a in moved):
+    if not moved:
+        return []
+    wrong = [(int(live[a]), int(live[columns[a]])) for a in moved]
+    own, best = np.diag(left), left[rows, columns]
+    gained = float(np.log(own[moved] / best[moved]).sum())
+    by_file = all(_by_file(seen, j, k) < _EXCHANGED * _by_file(seen, j, j) for j, k in wrong)
+    if not ((best[moved] < _SURELY_EXCHANGED * own[moved]).all() or (gained > _GAINED and by_file)):
         return []
     pairs = ", ".join(f"the column of {seen.names[k]} fits {seen.names[j]}" for j, k in wrong)
     return [

@@ -44,6 +44,9 @@ def doubts_of(seen: Evidence) -> tuple[LogDoubt, ...]:
 def _contradictions(seen: Evidence) -> list[LogDoubt]:
     """What reading the logs found."""
     said = [note.removeprefix(_SAID) for motion in seen.motions for note in motion.notes if note.startswith(_SAID)]
+    for motion in seen.motions:
+        if not motion.notes:  # those of files were looked at when they were read
+            said += motion.contradictions
     return [LogDoubt("contradiction", x, refuses=not any(word in x for word in _OF_RATES)) for x in said]
 
 
