@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -103,6 +104,7 @@ def answer_identify(
     from ..outputs import check_outputs, replacing
     from .tables.identify import identification_view
 
+    logs, tests = _expanded(logs), _expanded(tests)
     inputs = {f"LOG {path}": path for path in (*logs, *tests)}
     outputs = {"--out": out_path, "--actuators-out": actuators_out, "--csv": csv_path, "--json": json_path}
     check_outputs(outputs, {**inputs, **options.files})
@@ -155,6 +157,28 @@ def answer_identify(
         _write_table(found, csv_path)
         click.echo(f"wrote {csv_path}")
     return found.verdict.exit_code
+
+
+def _expanded(paths: tuple[str, ...]) -> tuple[str, ...]:
+    """Folders as the files in them, patterns as what they match, in the order of their names."""
+    from ..motion.ros_file import is_recording
+
+    found: list[str] = []
+    for text in paths:
+        path = Path(text)
+        if any(c in text for c in "*?[") and not path.exists():
+            matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
+            if not matches:
+                raise ValueRangeError(f"no file matches {text!r}.")
+            found += matches
+        elif path.is_dir() and not is_recording(path):
+            inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+            if not inside:
+                raise ValueRangeError(f"{text!r} is a folder without files.")
+            found += inside
+        else:
+            found.append(text)
+    return tuple(found)
 
 
 def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_missing: bool) -> tuple[Robot, Any]:

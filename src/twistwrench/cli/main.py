@@ -20,6 +20,7 @@ from .derive import derive_options
 from .doctor import doctor_options
 from .export import export_options
 from .identify import answer_identify, identify_options
+from .log import log_group
 from .move import move_options
 from .payload import payload_options
 from .sensor import sensor_group
@@ -284,3 +285,4 @@ def _console() -> Console:
 
 
 main.add_command(sensor_group(plain_errors, _console, check_extra))
+main.add_command(log_group(_console))
