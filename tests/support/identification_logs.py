@@ -30,7 +30,7 @@ class KnownLog:
                 values[k] = own[name]
         return found.base.project(values)
 
-    def changed(self, *, q=None, tau=None, rows=slice(None)):
+    def changed(self, *, q=None, tau=None, rows=slice(None), of=None):
         """The same motion with other columns."""
         motion = self.motion
         q = motion.q if q is None else q

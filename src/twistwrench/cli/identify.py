@@ -70,6 +70,13 @@ def identify_options(function: Callable[..., None]) -> Callable[..., None]:
             help="Which column is which: elbow=pos3, elbow.tau=i3, time=stamp; may be repeated.",
         ),
         click.option(
+            "--without",
+            "left_out",
+            metavar="LINK",
+            multiple=True,
+            help="The robot of the logs lacks this link; may be repeated.",
+        ),
+        click.option(
             "--test", "tests", metavar="LOG", multiple=True, help="A log that is only predicted; may be repeated."
         ),
         click.argument("logs", metavar="LOG...", nargs=-1, required=True),
@@ -84,6 +91,7 @@ def answer_identify(
     *,
     logs: tuple[str, ...],
     tests: tuple[str, ...],
+    left_out: tuple[str, ...],
     columns: tuple[str, ...],
     rate: float | None,
     lock_missing: bool,
@@ -100,16 +108,17 @@ def answer_identify(
     force: bool,
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
-    from ..identification import identify
+    from ..identification import identify, without_links
     from ..outputs import check_outputs, replacing
     from .tables.identify import identification_view
 
-    logs, tests = _expanded(logs), _expanded(tests)
+    logs, tests = _expanded(options, logs), _expanded(options, tests)
     inputs = {f"LOG {path}": path for path in (*logs, *tests)}
     outputs = {"--out": out_path, "--actuators-out": actuators_out, "--csv": csv_path, "--json": json_path}
     check_outputs(outputs, {**inputs, **options.files})
     laws = () if friction.strip() == "none" else tuple(name.strip() for name in friction.split(","))
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
+    robot = without_links(robot, left_out)
     with share_done("identifying") as progress:
         from ..identification.log_side import read_motion
 
@@ -159,13 +168,14 @@ def answer_identify(
     return found.verdict.exit_code
 
 
-def _expanded(paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Folders as the files in them, patterns as what they match, in the order of their names."""
+def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
+    """Folders as the files in them, patterns as what they match, in the order of their names; ``demo`` as the bundled log."""
     from ..motion.ros_file import is_recording
+    from .common import bundled
 
     found: list[str] = []
     for text in paths:
-        path = Path(text)
+        path = bundled(text, options.source, "_log.csv", "log")
         if any(c in text for c in "*?[") and not path.exists():
             matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
             if not matches:
@@ -177,7 +187,7 @@ def _expanded(paths: tuple[str, ...]) -> tuple[str, ...]:
                 raise ValueRangeError(f"{text!r} is a folder without files.")
             found += inside
         else:
-            found.append(text)
+            found.append(str(path))
     return tuple(found)
 
 

@@ -6,7 +6,8 @@ from .block_deviations import GroupCovariance
 from .evidence import LogDoubt
 from .held_out import HeldOut
 from .identified_robot import IdentifiedRobot
-from .log_side import MotorSide
+from .left_out import without_links
+from .log_side import MotorSide, motor_side, read_motion
 from .parameter_groups import BaseParameters
 from .robot_identification import identify
 from .setting_choice import FitSettings
@@ -22,4 +23,7 @@ __all__ = [
     "MotorSide",
     "UnknownParameters",
     "identify",
+    "motor_side",
+    "read_motion",
+    "without_links",
 ]

@@ -29,13 +29,16 @@ _SAID = "LOOK AGAIN: "
 
 def doubts_of(seen: Evidence) -> tuple[LogDoubt, ...]:
     """All doubts, those that refuse the log first."""
+    columns = column_doubts(seen)
+    signs = {joint for doubt in columns if doubt.kind == "sign" for joint in doubt.joints}
+    negative = [doubt for doubt in _negative(seen) if not signs >= set(doubt.joints)]  # said already
     found = [
         *_contradictions(seen),
-        *column_doubts(seen),
+        *columns,
         *_late(seen),
         *_without(seen),
         *_unexciting(seen),
-        *_negative(seen),
+        *negative,
         *_unexplained(seen),
     ]
     return tuple(sorted(found, key=lambda doubt: not doubt.refuses))

@@ -29,6 +29,8 @@ _ROWS = 10.0
 """Equations for each group that a cut-off has to leave."""
 _KEPT = 64
 """Settings whose normal equations are kept."""
+_NEAR = 1e-3
+"""s, about an offset that was found, where it is sought again."""
 _WORTH = 2e-3
 """Of log |residual|², that another cut-off, offset or speed has to bring for each joint; else the first one stays."""
 
@@ -148,16 +150,19 @@ class SettingRows:
             scores.append(trial.score(prior, blocks))
         k = int(np.argmin(scores))
         shift, least = _SHIFTS[k], scores[k]
-        if 0 < k < len(_SHIFTS) - 1:  # the vertex of the parabola through the best and its neighbours
-            a, b, c = _SHIFTS[k - 1 : k + 2]
-            d, e, f = scores[k - 1 : k + 2]
-            below = (b - a) * (e - f) - (b - c) * (e - d)
-            if below != 0:
-                vertex = b - 0.5 * ((b - a) ** 2 * (e - f) - (b - c) ** 2 * (e - d)) / below
-                vertex = float(np.clip(vertex, a, c))
+        if 0 < k < len(_SHIFTS) - 1:
+            around, of_these = _SHIFTS[k - 1 : k + 2], scores[k - 1 : k + 2]
+            for _ in range(2):
+                vertex = float(np.clip(_vertex(around, of_these), around[0], around[2]))
                 trial.shift(vertex)
-                if (found := trial.score(prior, blocks)) < least:
-                    shift, least = vertex, found
+                if (found := trial.score(prior, blocks)) >= least:
+                    break
+                shift, least = vertex, found
+                around = (vertex - _NEAR, vertex, vertex + _NEAR)
+                of_these = []
+                for s in around:
+                    trial.shift(s)
+                    of_these.append(trial.score(prior, blocks))
         if least > first - worth:
             shift, least = begun, first
         trial.shift(shift)
@@ -292,6 +297,13 @@ class Trial:
                     N[j, :, c] = N[j, c, :] = W[:, j].T @ W[:, j, c]
                     right[j, c] = W[:, j, c] @ tau[:, j]
                 self._blocks[k] = replace(self._blocks[k], N=N, c=right)
+
+
+def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
+    """Where the parabola through three points is least; the middle one where it has no such place."""
+    (a, b, c), (d, e, f) = x, y
+    below = (b - a) * (e - f) - (b - c) * (e - d)
+    return b - 0.5 * ((b - a) ** 2 * (e - f) - (b - c) ** 2 * (e - d)) / below if below < 0 else b
 
 
 def _as_slice(places: Array) -> Array | slice:

@@ -75,6 +75,10 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
     links = {element.text("name"): element for element in root.all("link")} if subject.robot.format == "urdf" else {}
     changes = _Changes()
     wanted = _link_inertias(found, changes)
+    model = found.base.unknown.model
+    for link, before in subject.robot.model.link_inertias.items():
+        if before.mass > 0 and link in model.link_inertias and not model.link_inertias[link].parameters.any():
+            wanted.setdefault(link, SpatialInertia.zero())  # left out: see without_links
     for link, inertia in wanted.items():
         _write_link(link, inertia, subject.robot, links.get(link), numbers, changes)
     if subject.robot.format == "urdf":
@@ -121,7 +125,11 @@ def _write_link(
     numbers: Mapping[int, int],
     changes: _Changes,
 ) -> None:
-    why = "identified from logs" if inertia.parameters.any() else "is part of the link that carries it"
+    why = (
+        "identified from logs"
+        if inertia.parameters.any()
+        else "in none of the logs, or part of the link that carries it"
+    )
     written = described.links[link].written if link in described.links else None
     if written is not None and not inertia.parameters.any():
         zero = {name: place for name, place in written.places.items() if name in ("mass", *PRODUCTS)}
