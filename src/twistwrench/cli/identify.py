@@ -12,7 +12,7 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode, Word
-from .common import RobotOptions
+from .common import RobotOptions, check_extra
 from .motion_options import parse_columns
 from .progress import share_done
 
@@ -43,6 +43,10 @@ def identify_options(function: Callable[..., None]) -> Callable[..., None]:
         ),
         click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
         click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
+        click.option(
+            "--plot", "plot_path", metavar="OUT.png", help="Draw measured and predicted torques, groups, and γ."
+        ),
+        click.option("--report", "report_path", metavar="OUT.html", help="Write all of it as one page."),
         click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the groups with their intervals as a table."),
         click.option(
             "--friction",
@@ -100,6 +104,8 @@ def answer_identify(
     method: Any,
     no_motor_inertia: bool,
     friction: str,
+    plot_path: str | None,
+    report_path: str | None,
     csv_path: str | None,
     json_path: str | None,
     out_path: str | None,
@@ -109,12 +115,21 @@ def answer_identify(
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
     from ..identification import identify, without_links
-    from ..outputs import check_outputs, replacing
+    from ..outputs import check_outputs, picture_path, replacing
     from .tables.identify import identification_view
 
     logs, tests = _expanded(options, logs), _expanded(options, tests)
     inputs = {f"LOG {path}": path for path in (*logs, *tests)}
-    outputs = {"--out": out_path, "--actuators-out": actuators_out, "--csv": csv_path, "--json": json_path}
+    check_extra(plot_path or report_path)
+    plot_path = None if plot_path is None else picture_path(plot_path)
+    outputs: dict[str, str | Path | None] = {
+        "--plot": plot_path,
+        "--report": report_path,
+        "--out": out_path,
+        "--actuators-out": actuators_out,
+        "--csv": csv_path,
+        "--json": json_path,
+    }
     check_outputs(outputs, {**inputs, **options.files})
     laws = () if friction.strip() == "none" else tuple(name.strip() for name in friction.split(","))
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
@@ -151,6 +166,10 @@ def answer_identify(
         with replacing(json_path) as scratch:
             scratch.write_text(found.to_json(), encoding="utf-8")
         click.echo(f"wrote {json_path}")
+    if plot_path is not None:
+        click.echo(f"wrote {found.plot(plot_path)}")
+    if report_path is not None:
+        click.echo(f"wrote {found.report(report_path)}")
     if refused and not force and (out_path or actuators_out or csv_path):
         click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
     elif out_path is not None or actuators_out is not None:

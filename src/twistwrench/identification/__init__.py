@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from .block_deviations import GroupCovariance
+from .consistent_robot import ConsistentRobot
 from .evidence import LogDoubt
-from .held_out import HeldOut
+from .held_out import HeldOut, HeldOutRows
 from .identified_robot import IdentifiedRobot
 from .left_out import without_links
 from .log_side import MotorSide, motor_side, read_motion
@@ -15,9 +16,11 @@ from .unknown_parameters import UnknownParameters
 
 __all__ = [
     "BaseParameters",
+    "ConsistentRobot",
     "FitSettings",
     "GroupCovariance",
     "HeldOut",
+    "HeldOutRows",
     "IdentifiedRobot",
     "LogDoubt",
     "MotorSide",

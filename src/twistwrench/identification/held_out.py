@@ -11,6 +11,24 @@ from ..typing import Array
 
 
 @dataclass(frozen=True, eq=False)
+class HeldOutRows:
+    """Rows that were predicted by a fit that has not seen them.
+
+    Attributes
+    ----------
+    time : (n,) array [s], of their own log
+    log : (n,) array, number of that log
+    measured : (n, nv) array, low-passed torques
+    predicted : (n, nv) array
+    """
+
+    time: Array
+    log: Array
+    measured: Array
+    predicted: Array
+
+
+@dataclass(frozen=True, eq=False)
 class HeldOut:
     """Residuals of rows that a fit has not seen, as |τ - τ̂| / |τ|.
 
@@ -20,22 +38,23 @@ class HeldOut:
     squares : (nv,) array, of residuals
     sizes : (nv,) array, squares of the torques
     names : sequence of str, of the joints
+    rows : tuple of HeldOutRows
     """
 
     kind: str
     squares: Array
     sizes: Array
     names: Sequence[str]
+    rows: tuple[HeldOutRows, ...] = ()
 
     @classmethod
-    def of(cls, kind: str, left: Array, tau: Array, names: Sequence[str]) -> HeldOut:
-        """From residuals and torques, (n, nv) each.
+    def of(cls, kind: str, rows: HeldOutRows, names: Sequence[str]) -> HeldOut:
+        """From rows and what they were predicted to be.
 
         Parameters
         ----------
         kind : str
-        left : (n, nv) array
-        tau : (n, nv) array
+        rows : HeldOutRows
         names : sequence of str
 
         Returns
@@ -44,13 +63,17 @@ class HeldOut:
 
         Examples
         --------
-        >>> HeldOut.of("test", np.ones((4, 1)), np.full((4, 1), 2.0), ["elbow"]).all
+        >>> rows = HeldOutRows(np.arange(4.0), np.zeros(4), np.full((4, 1), 2.0), np.ones((4, 1)))
+        >>> HeldOut.of("test", rows, ["elbow"]).all
         0.5
         """
-        return cls(kind, (left**2).sum(axis=0), (tau**2).sum(axis=0), names)
+        left = rows.measured - rows.predicted
+        return cls(kind, (left**2).sum(axis=0), (rows.measured**2).sum(axis=0), names, (rows,))
 
     def __add__(self, other: HeldOut) -> HeldOut:
-        return HeldOut(self.kind, self.squares + other.squares, self.sizes + other.sizes, self.names)
+        return HeldOut(
+            self.kind, self.squares + other.squares, self.sizes + other.sizes, self.names, self.rows + other.rows
+        )
 
     @property
     def all(self) -> float:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.files import as_path
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..robot import Robot
@@ -243,6 +244,76 @@ class IdentifiedRobot:
             with replacing(actuators) as scratch:
                 scratch.write_text(text, encoding="utf-8")
         return tuple(notes)
+
+    def plot(self, path: str | Path) -> Path:
+        """Plot of the torques of rows held out, measured and predicted, of the groups with their intervals, and of γ.
+
+        Parameters
+        ----------
+        path : str or Path; the suffix says the kind (.png, .pdf, .svg)
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError
+            There is no matplotlib.
+        ValueRangeError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found.plot(f"{folder}/fit.svg").name
+        'fit.svg'
+        """
+        from ..plotting.identification_report import plot_identification
+
+        return plot_identification(self, path)
+
+    def report(self, path: str | Path) -> Path:
+        """Report as one page of HTML: the verdict first, then doubts, residuals, pictures and all groups.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        path : Path of the file written
+
+        Raises
+        ------
+        MissingExtraError
+            There is no matplotlib.
+        ValueRangeError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, numpy as np, twistwrench as tw
+        >>> arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+        >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+        >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+        >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found.report(f"{folder}/report.html").read_text()[:15]
+        '<!doctype html>'
+        """
+        from ..plotting.identification_report import identification_page
+
+        target = as_path(path)
+        page = identification_page(self)
+        with replacing(target) as scratch:
+            scratch.write_text(page, encoding="utf-8")
+        return target
 
     def to_dict(self) -> dict[str, Any]:
         """The findings as plain data, in SI units: what ``--json`` writes.

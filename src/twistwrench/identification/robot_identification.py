@@ -13,7 +13,7 @@ from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .block_deviations import group_covariance
 from .evidence import Evidence
-from .held_out import HeldOut
+from .held_out import HeldOut, HeldOutRows
 from .identified_robot import IdentifiedRobot
 from .log_doubts import doubts_of
 from .log_side import MotorSide
@@ -214,7 +214,8 @@ def _five_fold(
         if not here.any() or here.all():
             continue
         x, _, _ = weighted_fit(trial.W[~here], trial.tau[~here], prior, method, source.base.felt)
-        one = HeldOut.of("five-fold", trial.tau[here] - trial.W[here] @ x, trial.tau[here], names)
+        left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
+        one = HeldOut.of("five-fold", left, names)
         found = one if found is None else found + one
     if found is None:
         raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
@@ -234,7 +235,8 @@ def _predicted(
     samples = [_samples(motion, k, "test") for k, motion in enumerate(tested)]
     source = SettingRows(base, samples, Asked(settings.cutoff, asked.friction_speed, settings.shift), dead)
     trial = Trial(source, settings)
-    return HeldOut.of("test", trial.tau - trial.W @ x, trial.tau, names)
+    rows = source.rows(settings.cutoff)
+    return HeldOut.of("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
 
 
 def _information(W: Array, tau: Array, sigma: Array, weights: Array) -> tuple[Array, Array, float]:
