@@ -93,6 +93,7 @@ if _typing.TYPE_CHECKING:
     from . import convert as convert
     from . import cuda as cuda
     from . import diagnosis as diagnosis
+    from . import identification as identification
     from . import modern_robotics as modern_robotics
     from . import sensing as sensing
     from . import simulation as simulation
@@ -109,6 +110,7 @@ _LATER = (
     "convert",
     "cuda",
     "diagnosis",
+    "identification",
     "modern_robotics",
     "sensing",
     "simulation",

@@ -70,7 +70,7 @@ def test_dir_has_every_public_name_and_nothing_else():
         "control",
         "convert",
         "cuda",
-        "diagnosis",
+        "diagnosis", "identification",
         "modern_robotics",
         "sensing",
         "simulation",

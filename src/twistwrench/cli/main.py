@@ -19,6 +19,8 @@ from .convert import convert_options
 from .derive import derive_options
 from .doctor import doctor_options
 from .export import export_options
+from .identify import answer_identify, identify_options
+from .log import log_group
 from .move import move_options
 from .payload import payload_options
 from .sensor import sensor_group
@@ -257,6 +259,19 @@ def doctor(**given: Any) -> None:
             sys.exit(code)
 
 
+@main.command()
+@robot_command
+@identify_options
+def identify(options: RobotOptions, **given: Any) -> None:
+    """The robot's masses, inertias, friction and motor inertias from logs, with intervals, and what speaks against the logs.
+
+    The first word is the verdict. OK ends with exit code 0; UNSURE and LOOK AGAIN with 1, and after LOOK AGAIN only --json is
+    written unless --force is given. Several files of one log are written a.csv+b.csv.
+    """
+    if code := answer_identify(options, _console().print, **given):
+        sys.exit(code)
+
+
 def _console() -> Console:
     from rich.console import Console
 
@@ -270,3 +285,4 @@ def _console() -> Console:
 
 
 main.add_command(sensor_group(plain_errors, _console, check_extra))
+main.add_command(log_group(_console))

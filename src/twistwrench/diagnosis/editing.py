@@ -27,12 +27,19 @@ class _Tag:
     """Where the text behind the tag ends."""
 
 
-def edited(text: str, edits: Sequence[tuple[Edit, str]]) -> str:
+def edited(
+    text: str,
+    edits: Sequence[tuple[Edit, str]],
+    *,
+    additions: Mapping[int, str] | None = None,
+    signature: str = _SIGNATURE,
+) -> str:
     """The text with some numbers changed; each edit comes with a sentence that says why, which goes into a comment.
 
-    Raises :class:`~twistwrench.RobotFileError` where a number is not found at its place.
+    ``additions`` are what goes first into elements, by the numbers of these. Raises :class:`~twistwrench.RobotFileError` where
+    a number is not found at its place.
     """
-    tags = _tags(text, {edit.place.element for edit, _ in edits})
+    tags = _tags(text, {edit.place.element for edit, _ in edits} | set(additions or {}))
     by_element: dict[int, list[tuple[Edit, str]]] = defaultdict(list)
     for edit, why in edits:
         by_element[edit.place.element].append((edit, why))
@@ -46,7 +53,17 @@ def edited(text: str, edits: Sequence[tuple[Edit, str]]) -> str:
             was.append(f"{which}{edit.place.attribute or 'its text'} was {text[start:end].strip()}")
             changes.append((start, end, edit.text))
         whys = dict.fromkeys(why for _, why in mine)
-        changes.append((tag.start, tag.start, _comment(text, tag.start, f"{', '.join(was)}: {'; '.join(whys)}")))
+        said = f"{signature}: {', '.join(was)}: {'; '.join(whys)}"
+        changes.append((tag.start, tag.start, _comment(text, tag.start, said)))
+    for element, addition in (additions or {}).items():
+        tag = tags[element]
+        blank = text[tag.end : tag.content_end]
+        before = blank[: len(blank) - len(blank.lstrip())]
+        if text[tag.end - 2] == "/":  # <link name="tool"/> gets an end of its own
+            name = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)[0]
+            changes.append((tag.end - 2, tag.end, f">{addition}</{name}>"))
+        else:
+            changes.append((tag.end, tag.end, f"{before}{addition}"))
     parts, at = [], 0
     for start, end, new in sorted(changes):
         if start < at:
@@ -148,7 +165,7 @@ def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
 def _comment(text: str, at: int, said: str) -> str:
     """A comment on a line of its own, as far in as the element; before it where that does not begin its line."""
     said = re.sub(r"-(?=-)", "- ", said).rstrip("-")
-    comment = f"<!-- {_SIGNATURE}: {said} -->"
+    comment = f"<!-- {said} -->"
     line = max(text.rfind("\n", 0, at), text.rfind("\r", 0, at)) + 1
     indent = text[line:at]
     if indent.strip(" \t"):

@@ -55,6 +55,14 @@ def add_actuators(model: Model, source: Source, *, stiff: bool = False) -> Model
         raise type(error)(f"{origin}: {error}") from None
 
 
+def actuator_content(source: Source) -> dict[str, Any]:
+    """What an actuator file says, as text in mappings. Raises NotFoundError, and ModelError for what is no YAML."""
+    content, origin = _read(source)
+    if not isinstance(content, Mapping):
+        raise ModelError(f"{origin} is {_shown(content)}, expected entries 'name: value'.")
+    return dict(content)
+
+
 def _read(source: Source) -> tuple[object, str]:
     if isinstance(source, Mapping):
         return source, "the actuators given"
@@ -156,9 +164,7 @@ class _Section:
 
 
 def _added(model: Model, file: _Section, stiff: bool) -> Model:
-    file.only("robot", "motors", "actuators")
-    if file.content.get("robot", model.name) != model.name:
-        raise ModelError(f"it is for robot {_shown(file.content['robot'])}, and this one is {model.name!r}.")
+    _check_whole(model, file)
     motors = _motors(file.section("motors")) if "motors" in file.content else {}
     if "actuators" not in file.content:
         raise ModelError("it has no entry 'actuators:' with the joints below it.")
@@ -185,6 +191,82 @@ def _added(model: Model, file: _Section, stiff: bool) -> Model:
         actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
     model = with_armature(with_friction(model, laws), armature)
     return with_link_friction(with_actuators(model, actuators), of_links)
+
+
+def _check_whole(model: Model, file: _Section) -> None:
+    file.only("robot", "motors", "actuators", "log")
+    if file.content.get("robot", model.name) != model.name:
+        raise ModelError(f"it is for robot {_shown(file.content['robot'])}, and this one is {model.name!r}.")
+
+
+@dataclass(frozen=True)
+class LogSide:
+    """What an actuator file says of the columns of logs, by joint."""
+
+    of_motors: bool
+    """Whether positions and torques are those of the motors, before their gears."""
+    ratios: Mapping[str, float]
+    coupled: Mapping[str, Mapping[str, float]]
+    """Turns of a joint's motor per turn of other joints."""
+    zero: Mapping[str, float]
+    """Position of the joint where the log says 0 [rad or m]."""
+    sign: Mapping[str, float]
+    gain: Mapping[str, float]
+    """N m (or N) of the motor, or of the joint, per unit of the column."""
+
+
+def read_log_side(model: Model, source: Source) -> LogSide:
+    """The entry ``log:`` of an actuator file, and the ratios of its actuators; nothing special where there is no entry.
+
+    Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` naming the file and the entry.
+    """
+    content, origin = _read(source)
+    try:
+        return _log_side(model, _Section(content, ""))
+    except (ModelError, UnknownNameError, ValueRangeError) as error:
+        raise type(error)(f"{origin}: {error}") from None
+
+
+def _log_side(model: Model, file: _Section) -> LogSide:
+    _check_whole(model, file)
+    names = model.velocity_names
+    sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
+    actuators = file.section("actuators").content if "actuators" in file.content else {}
+    ratios = {
+        name: _ratio(entry["ratio"], f"actuators → {name} → ratio", sliding=name in sliding)
+        for name, entry in actuators.items()
+        if isinstance(entry, Mapping) and "ratio" in entry
+    }
+    log = file.section("log") if "log" in file.content else _Section({}, "log")
+    log.only("side", "joints")
+    side = log.content.get("side", "joint")
+    if side not in ("joint", "motor"):
+        raise ModelError(f"log → side is {_shown(side)}, expected joint or motor.")
+    joints = log.section("joints") if "joints" in log.content else _Section({}, "log → joints")
+    given: dict[str, dict[str, Any]] = {"coupled": {}, "zero": {}, "sign": {}, "gain": {}}
+    for name in joints.content:
+        if name not in names:
+            raise UnknownNameError.of("joint", name, names)
+        entry = joints.section(name)
+        entry.only(*given)
+        if "coupled" in entry.content:
+            others = entry.section("coupled")
+            for other in others.content:
+                if other not in names or other == name:
+                    raise UnknownNameError.of("other joint", other, [n for n in names if n != name])
+            given["coupled"][name] = {
+                o: _ratio(others.content[o], others.where(o), sliding=o in sliding) for o in others.content
+            }
+        given["zero"] |= (
+            {name: entry.number("zero", "length" if name in sliding else "angle")} if "zero" in entry.content else {}
+        )
+        given["gain"] |= {name: entry.number("gain", "torque constant")} if "gain" in entry.content else {}
+        if "sign" in entry.content:
+            sign = entry.number("sign", "")
+            if abs(sign) != 1.0:
+                raise ModelError(f"{entry.where('sign')} is {sign:g}, expected 1 or -1.")
+            given["sign"][name] = sign
+    return LogSide(side == "motor", ratios, given["coupled"], given["zero"], given["sign"], given["gain"])
 
 
 def _law(section: _Section, kinds: Mapping[str, str]) -> dict[str, float]:

@@ -14,18 +14,21 @@ from ..core.files import as_path
 from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
 from ..model.model import Limits, Model
 from ..typing import Array
+from .array_file import array_file
 from .column_choice import absent_joints
 from .columns import Columns
 from .contradictions import Contradictions
 from .coordinates import Coordinates
 from .csv_file import CsvFile
+from .joined_files import JOINS, JoinedFile
 from .npz_file import NpzFile, is_archive
 from .repeats import Repeats
+from .ros_file import is_recording, ros_file
 from .row_block import Block
 
 _NO_ROTATION = 1e-6  # norm of a quaternion
 
-MotionFile = CsvFile | NpzFile
+MotionFile = CsvFile | NpzFile | JoinedFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +83,9 @@ class MotionLog:
         Parameters
         ----------
         path : str, Path or MotionFile
-            A CSV file (see :meth:`CsvFile.open <twistwrench.motion.csv_file.CsvFile.open>` for what is understood), or
-            an archive that ``simulate --npz`` wrote.
+            A CSV file (see :meth:`CsvFile.open <twistwrench.motion.csv_file.CsvFile.open>` for what is understood), an
+            archive that ``simulate --npz`` wrote, npz, npy, MAT, HDF5, parquet, feather, MCAP, or a bag of ROS (with the
+            extra ``logs``); several files of one motion as ``a.csv+b.csv``.
         model : Model, of the robot that moves
         degrees : bool, angles are in degrees wherever the column does not name its unit
         locked : sequence of str, joints whose columns are ignored
@@ -341,8 +345,21 @@ class MotionLog:
 
 
 def open_motion_file(path: str | Path) -> MotionFile:
-    """The motion file at that path, of any robot: CSV, or an archive that ``simulate --npz`` wrote."""
+    """The motion file at that path, of any robot: CSV, an archive of ``simulate --npz``, or several, ``a.csv+b.csv``."""
+    if JOINS in str(path) and not _is_there(as_path(path)):
+        return JoinedFile.open(path, open_motion_file)
+    if is_recording(as_path(path)):
+        return ros_file(as_path(path))
+    if (arrays := array_file(as_path(path))) is not None:
+        return arrays
     return NpzFile.open(path) if is_archive(as_path(path)) else CsvFile.open(path)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # no path at all
+        return False
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:

@@ -33,6 +33,15 @@ def is_archive(path: Path) -> bool:
         return False
 
 
+def is_simulation(path: Path) -> bool:
+    """Whether the archive is one that ``simulate --npz`` wrote; False for what cannot be read."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return "format" in archive and str(archive["format"]).startswith(_MARK)
+    except Exception:  # whatever NumPy raises: reading it says what is wrong
+        return True
+
+
 @dataclass(frozen=True, eq=False)
 class NpzFile:
     """A motion that is in memory whole."""

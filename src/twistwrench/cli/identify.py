@@ -1,0 +1,260 @@
+"""The command ``twistwrench identify``: its options, and its run from the logs to the files."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import ValueRangeError
+from ..verdict import ExitCode, Word
+from .common import RobotOptions, check_extra
+from .motion_options import parse_columns
+from .progress import share_done
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from ..identification import IdentifiedRobot
+    from ..robot import Robot
+
+_AUTO = "auto"
+
+
+def identify_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of the command and its LOGs."""
+    for option in (
+        click.option(
+            "--keep-close",
+            metavar="STRENGTH",
+            default=_AUTO,
+            show_default=True,
+            help="How strongly bodies are held near the file's, 0.01 to 100000.",
+        ),
+        click.option(
+            "--actuators-out", metavar="OUT.yaml", help="Write friction and motor inertias as an actuator file."
+        ),
+        click.option(
+            "--out", "out_path", metavar="OUT.urdf", help="Write the robot's file with the identified numbers."
+        ),
+        click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
+        click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
+        click.option(
+            "--plot", "plot_path", metavar="OUT.png", help="Draw measured and predicted torques, groups, and γ."
+        ),
+        click.option("--report", "report_path", metavar="OUT.html", help="Write all of it as one page."),
+        click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the groups with their intervals as a table."),
+        click.option(
+            "--friction",
+            metavar="LAWS",
+            default="viscous,coulomb,offset",
+            show_default=True,
+            help="What each joint has besides its bodies; 'none' for nothing.",
+        ),
+        click.option("--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."),
+        click.option("--method", type=click.Choice(["irls", "wls", "ols"]), default="irls", show_default=True),
+        click.option(
+            "--shift", metavar="SECONDS", default=_AUTO, show_default=True, help="Torques later than positions."
+        ),
+        click.option(
+            "--cutoff", metavar="HZ", default=_AUTO, show_default=True, help="Of the low-pass, without delay."
+        ),
+        click.option(
+            "--lock-missing", is_flag=True, help="Hold joints still, at neutral, that the logs have no column for."
+        ),
+        click.option("--rate", type=float, metavar="HZ", help="Rows a second, where a log has no column of time."),
+        click.option(
+            "--columns",
+            metavar="JOINT=COLUMN",
+            multiple=True,
+            help="Which column is which: elbow=pos3, elbow.tau=i3, time=stamp; may be repeated.",
+        ),
+        click.option(
+            "--without",
+            "left_out",
+            metavar="LINK",
+            multiple=True,
+            help="The robot of the logs lacks this link; may be repeated.",
+        ),
+        click.option(
+            "--test", "tests", metavar="LOG", multiple=True, help="A log that is only predicted; may be repeated."
+        ),
+        click.argument("logs", metavar="LOG...", nargs=-1, required=True),
+    ):
+        function = option(function)
+    return function
+
+
+def answer_identify(
+    options: RobotOptions,
+    show: Callable[[RenderableType], None],
+    *,
+    logs: tuple[str, ...],
+    tests: tuple[str, ...],
+    left_out: tuple[str, ...],
+    columns: tuple[str, ...],
+    rate: float | None,
+    lock_missing: bool,
+    cutoff: str,
+    shift: str,
+    method: Any,
+    no_motor_inertia: bool,
+    friction: str,
+    plot_path: str | None,
+    report_path: str | None,
+    csv_path: str | None,
+    json_path: str | None,
+    out_path: str | None,
+    actuators_out: str | None,
+    keep_close: str,
+    force: bool,
+) -> ExitCode:
+    """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
+    from ..identification import identify, without_links
+    from ..outputs import check_outputs, picture_path, replacing
+    from .tables.identify import identification_view
+
+    logs, tests = _expanded(options, logs), _expanded(options, tests)
+    inputs = {f"LOG {path}": path for path in (*logs, *tests)}
+    check_extra(plot_path or report_path)
+    plot_path = None if plot_path is None else picture_path(plot_path)
+    outputs: dict[str, str | Path | None] = {
+        "--plot": plot_path,
+        "--report": report_path,
+        "--out": out_path,
+        "--actuators-out": actuators_out,
+        "--csv": csv_path,
+        "--json": json_path,
+    }
+    check_outputs(outputs, {**inputs, **options.files})
+    laws = () if friction.strip() == "none" else tuple(name.strip() for name in friction.split(","))
+    robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
+    robot = without_links(robot, left_out)
+    with share_done("identifying") as progress:
+        from ..identification.log_side import read_motion
+
+        told = parse_columns(columns)
+        motions = {
+            path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+            for path in dict.fromkeys((*logs, *tests))
+        }
+        for path, motion in motions.items():
+            if motion.tau is None:
+                raise ValueRangeError(
+                    f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+                    f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
+                )
+        found = identify(
+            robot,
+            [motions[path] for path in logs],
+            test=[motions[path] for path in tests],
+            motor_inertia=not no_motor_inertia,
+            friction=laws,
+            cutoff=_number(cutoff, "--cutoff"),
+            shift=_number(shift, "--shift"),
+            method=method,
+            motor_side=side,
+            progress=progress,
+        )
+    show(identification_view(found))
+    refused = found.verdict.word is Word.LOOK_AGAIN
+    if json_path is not None:
+        with replacing(json_path) as scratch:
+            scratch.write_text(found.to_json(), encoding="utf-8")
+        click.echo(f"wrote {json_path}")
+    if plot_path is not None:
+        click.echo(f"wrote {found.plot(plot_path)}")
+    if report_path is not None:
+        click.echo(f"wrote {found.report(report_path)}")
+    if refused and not force and (out_path or actuators_out or csv_path):
+        click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
+    elif out_path is not None or actuators_out is not None:
+        if (strength := _number(keep_close, "--keep-close")) is not None:
+            found.__dict__["consistent"] = found.consistent_at(strength)
+        for note in found.write(
+            out_path, actuators_out, given=_given(options), logs=[Path(x).name for x in logs], force=force
+        ):
+            click.echo(f"note: {note}", err=True)
+        for path in filter(None, (out_path, actuators_out)):
+            click.echo(f"wrote {path}")
+    if csv_path is not None and not (refused and not force):
+        _write_table(found, csv_path)
+        click.echo(f"wrote {csv_path}")
+    return found.verdict.exit_code
+
+
+def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
+    """Folders as the files in them, patterns as what they match, in the order of their names; ``demo`` as the bundled log."""
+    from ..motion.ros_file import is_recording
+    from .common import bundled
+
+    found: list[str] = []
+    for text in paths:
+        path = bundled(text, options.source, "_log.csv", "log")
+        if any(c in text for c in "*?[") and not path.exists():
+            matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
+            if not matches:
+                raise ValueRangeError(f"no file matches {text!r}.")
+            found += matches
+        elif path.is_dir() and not is_recording(path):
+            inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+            if not inside:
+                raise ValueRangeError(f"{text!r} is a folder without files.")
+            found += inside
+        else:
+            found.append(str(path))
+    return tuple(found)
+
+
+def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_missing: bool) -> tuple[Robot, Any]:
+    """The robot without its actuators, and what their file says of the logs."""
+    from functools import partial
+
+    from ..identification.log_side import motor_side
+    from ..motion.motion_log import joints_without_column, open_motion_file
+    from .common import bundled
+
+    held = (
+        partial(joints_without_column, open_motion_file(log), columns=parse_columns(columns)) if lock_missing else None
+    )
+    bare = replace(options, actuators=None)
+    robot, _ = bare.load_and_locked(held=held)
+    if options.actuators is None:
+        return robot, None
+    return robot, motor_side(robot.model, bundled(options.actuators, options.source, ".yaml", "actuator file"))
+
+
+def _given(options: RobotOptions) -> dict[str, Any] | None:
+    """What the actuator file says already."""
+    if options.actuators is None:
+        return None
+    from ..formats.actuator_file import actuator_content
+    from .common import bundled
+
+    return actuator_content(bundled(options.actuators, options.source, ".yaml", "actuator file"))
+
+
+def _number(text: str, option: str) -> float | None:
+    if text == _AUTO:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueRangeError(f"{option} {text!r} is neither a number nor {_AUTO}.") from None
+
+
+def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
+    from ..core.csv_writer import CsvWriter
+    from ..outputs import replacing
+
+    with replacing(path) as scratch, scratch.open("wb") as file:
+        writer = CsvWriter(file)
+        writer.row(["group", "value", "deviation", "low", "high", "file"])
+        for name, value, deviation, (low, high), before in zip(
+            found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
+        ):
+            writer.row([name, *(repr(float(x)) for x in (value, deviation, low, high, before))])

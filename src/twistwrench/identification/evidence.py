@@ -1,0 +1,64 @@
+"""A doubt about a log, and what doubts are judged from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..motion.motion import Motion
+from ..typing import Array
+from .held_out import HeldOut
+from .normal_equations import Prior
+from .parameter_groups import BaseParameters
+from .setting_choice import FitSettings
+
+
+@dataclass(frozen=True)
+class LogDoubt:
+    """A doubt about a log.
+
+    Attributes
+    ----------
+    kind : str, one word for the cause, such as ``sign`` or ``late``
+    sentence : str, with the evidence
+    joints : tuple of str, those concerned
+    refuses : bool, whether no number can be trusted while it stands
+    """
+
+    kind: str
+    sentence: str
+    joints: tuple[str, ...] = ()
+    refuses: bool = False
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What doubts are judged from: rows (m, nv, r), (m, nv) at the settings chosen, and what was fitted to them."""
+
+    base: BaseParameters
+    motions: Sequence[Motion]
+    W: Array
+    tau: Array
+    fold: Array
+    settings: FitSettings
+    prior: Prior
+    x: Array
+    deviations: Array
+    held_out: HeldOut
+    trained: HeldOut
+    acceleration: Array
+    rate: float
+    dead: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the joints."""
+        return self.base.unknown.model.velocity_names
+
+
+def percent(share: float) -> str:
+    """In words."""
+    return f"{100 * share:.3g} %"

@@ -1,0 +1,88 @@
+"""How well rows are predicted that a fit has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..typing import Array
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutRows:
+    """Rows that were predicted by a fit that has not seen them.
+
+    Attributes
+    ----------
+    time : (n,) array [s], of their own log
+    log : (n,) array, number of that log
+    measured : (n, nv) array, low-passed torques
+    predicted : (n, nv) array
+    """
+
+    time: Array
+    log: Array
+    measured: Array
+    predicted: Array
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Residuals of rows that a fit has not seen, as |τ - τ̂| / |τ|.
+
+    Attributes
+    ----------
+    kind : str, ``test`` for logs of their own, ``five-fold`` for fifths of the training logs in time
+    squares : (nv,) array, of residuals
+    sizes : (nv,) array, squares of the torques
+    names : sequence of str, of the joints
+    rows : tuple of HeldOutRows
+    """
+
+    kind: str
+    squares: Array
+    sizes: Array
+    names: Sequence[str]
+    rows: tuple[HeldOutRows, ...] = ()
+
+    @classmethod
+    def of(cls, kind: str, rows: HeldOutRows, names: Sequence[str]) -> HeldOut:
+        """From rows and what they were predicted to be.
+
+        Parameters
+        ----------
+        kind : str
+        rows : HeldOutRows
+        names : sequence of str
+
+        Returns
+        -------
+        found : HeldOut
+
+        Examples
+        --------
+        >>> rows = HeldOutRows(np.arange(4.0), np.zeros(4), np.full((4, 1), 2.0), np.ones((4, 1)))
+        >>> HeldOut.of("test", rows, ["elbow"]).all
+        0.5
+        """
+        left = rows.measured - rows.predicted
+        return cls(kind, (left**2).sum(axis=0), (rows.measured**2).sum(axis=0), names, (rows,))
+
+    def __add__(self, other: HeldOut) -> HeldOut:
+        return HeldOut(
+            self.kind, self.squares + other.squares, self.sizes + other.sizes, self.names, self.rows + other.rows
+        )
+
+    @property
+    def all(self) -> float:
+        """Of all joints together."""
+        return float(np.sqrt(self.squares.sum() / max(float(self.sizes.sum()), 1e-300)))
+
+    @property
+    def joints(self) -> dict[str, float]:
+        """Of each joint; not a number where its torque is zero."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found = np.sqrt(self.squares / self.sizes)
+        return dict(zip(self.names, found.tolist(), strict=True))

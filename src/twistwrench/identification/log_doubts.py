@@ -1,0 +1,204 @@
+"""What speaks against a log, or against reading it so, each with its evidence."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..model.model import BASE
+from ..typing import Array
+from .column_doubts import column_doubts, drive_places, least
+from .evidence import Evidence, LogDoubt, percent
+from .normal_equations import NormalEquations
+from .parameter_groups import BaseParameters
+
+_LATE = 8e-3
+_UNTOLD = 0.2
+_WITHOUT = 0.5
+_UNEXPLAINED, _UNEXPLAINED_JOINT = 0.35, 0.6
+_OTHERS = 2.5, 0.12
+_NEGATIVE = 4.0
+_NOTABLE = 0.1
+"""Share of the torques, that is worth a word where rigid bodies with friction leave it unexplained."""
+_OF_RATES = ("velocity column", "acceleration column", "velocities make")
+"""What contradictions of columns say that identification does not use: it derives from positions."""
+_SAID = "LOOK AGAIN: "
+
+
+def doubts_of(seen: Evidence) -> tuple[LogDoubt, ...]:
+    """All doubts, those that refuse the log first."""
+    columns = column_doubts(seen)
+    signs = {joint for doubt in columns if doubt.kind == "sign" for joint in doubt.joints}
+    negative = [doubt for doubt in _negative(seen) if not signs >= set(doubt.joints)]  # said already
+    found = [
+        *_contradictions(seen),
+        *columns,
+        *_late(seen),
+        *_without(seen),
+        *_unexciting(seen),
+        *negative,
+        *_unexplained(seen),
+    ]
+    return tuple(sorted(found, key=lambda doubt: not doubt.refuses))
+
+
+def _contradictions(seen: Evidence) -> list[LogDoubt]:
+    """What reading the logs found."""
+    said = [note.removeprefix(_SAID) for motion in seen.motions for note in motion.notes if note.startswith(_SAID)]
+    for motion in seen.motions:
+        if not motion.notes:  # those of files were looked at when they were read
+            said += motion.contradictions
+    return [LogDoubt("contradiction", x, refuses=not any(word in x for word in _OF_RATES)) for x in said]
+
+
+def _late(seen: Evidence) -> list[LogDoubt]:
+    shift = seen.settings.shift
+    if abs(shift) < _LATE:
+        return []
+    when = "after" if shift > 0 else "before"
+    return [
+        LogDoubt(
+            "late",
+            f"torques fit best {abs(shift) * 1e3:.3g} ms {when} the positions of their rows: the two were stamped by different "
+            "clocks, or filtered differently. The offset is taken off.",
+        )
+    ]
+
+
+def _without(seen: Evidence) -> list[LogDoubt]:
+    """Fixed links that the file has, and the robot of the log does not carry."""
+    base, model = seen.base, seen.base.unknown.model
+    drives = drive_places(base)
+    live = ~seen.dead
+
+    def left_by(values: Array) -> float:
+        rest = seen.tau - seen.W @ base.project(values)
+        x = least(NormalEquations.of(seen.W[:, :, drives], rest))
+        return float(((rest - seen.W[:, :, drives] @ x)[:, live] ** 2).sum())
+
+    whole = left_by(base.unknown.file_values)
+    names = {body.link for body in model.bodies}
+    best: tuple[float, str] | None = None
+    for link, frame in model.frames.items():
+        G = model.link_inertias.get(link)
+        if frame.body == BASE or link in names or G is None or not G.mass > 0:
+            continue
+        left = left_by(_less(base, frame.body, G.in_frame(frame.pose)))
+        if left < _WITHOUT**2 * whole and (best is None or left < best[0]):
+            best = (left, link)
+    if best is None:
+        return []
+    size = float((seen.tau[:, live] ** 2).sum())
+    return [
+        LogDoubt(
+            "missing-link",
+            f"without {best[1]}, which is fixed to the robot in the file, the file explains the torques to "
+            f"{percent(np.sqrt(best[0] / size))} in place of {percent(np.sqrt(whole / size))}: the robot of the log did not "
+            f"carry it. Say --without {best[1]}.",
+        )
+    ]
+
+
+def _less(base: BaseParameters, body: int, G: SpatialInertia) -> Array:
+    """The file's values with an inertia taken from a body."""
+    values = base.unknown.file_values.copy()
+    places = base.unknown.of_bodies
+    for k in np.flatnonzero((places >= 10 * body) & (places < 10 * body + 10)):
+        values[k] -= G.parameters[places[k] - 10 * body]
+    return values
+
+
+def _unexciting(seen: Evidence) -> list[LogDoubt]:
+    unknown = seen.deviations > _UNTOLD * seen.prior.size
+    if unknown.sum() <= _UNTOLD * len(unknown):
+        return []
+    worst = np.argsort(-(seen.deviations / seen.prior.size))[:3]
+    names = "; ".join(seen.base.names[k].split(" ")[0] for k in worst)
+    return [
+        LogDoubt(
+            "unexciting",
+            f"the motion tells {len(unknown) - int(unknown.sum())} of {len(unknown)} groups of parameters only, least {names} "
+            "and what is grouped with them: these keep the file's values. Move all joints, far, fast and slow, in both ways.",
+        )
+    ]
+
+
+def _negative(seen: Evidence) -> list[LogDoubt]:
+    kinds = np.array(seen.base.unknown.kinds)[seen.base.kept]
+    drive = np.isin(kinds, ("coulomb", "viscous", "motor_inertia"))
+    bad = np.flatnonzero(drive & (seen.x < -_NEGATIVE * seen.deviations))
+    if not bad.size:
+        return []
+    said = ", ".join(f"{seen.base.names[k]} = {seen.x[k]:.3g} ± {seen.deviations[k]:.2g}" for k in bad[:4])
+    joints = tuple(dict.fromkeys(seen.base.names[k].split(".")[0] for k in bad))
+    count = Counter(seen.base.names[k].split(".")[0] for k in bad)
+    turned = tuple(name for name, n in count.items() if n > 1)
+    if turned:
+        return [
+            LogDoubt(
+                "sign",
+                f"friction and motors' inertias of {', '.join(turned)} come out negative: {said}. The torque, or the position, "
+                "has the wrong sign there.",
+                turned,
+                refuses=True,
+            )
+        ]
+    return [
+        LogDoubt(
+            "negative",
+            f"friction and motors' inertias cannot be negative, and come out so: {said}. Was friction compensated by the "
+            "controller, or is a unit wrong?",
+            joints,
+        )
+    ]
+
+
+def _unexplained(seen: Evidence) -> list[LogDoubt]:
+    found = []
+    held = seen.held_out
+    if held.all > _UNEXPLAINED:
+        found.append(
+            LogDoubt(
+                "unexplained",
+                f"rigid bodies with friction leave {percent(held.all)} of the torques unexplained in rows held out: these are "
+                "no torques of this robot's joints, or positions are not theirs.",
+                refuses=True,
+            )
+        )
+    elif held.kind == "test" and held.all > max(_OTHERS[0] * seen.trained.all, _OTHERS[1]):
+        found.append(
+            LogDoubt(
+                "other-torques",
+                f"the logs held out are explained to {percent(held.all)}, and the training logs among themselves to "
+                f"{percent(seen.trained.all)}: their torques are not those of the same rigid bodies. Was friction "
+                "compensated, or something carried, in one of them?",
+                refuses=True,
+            )
+        )
+    share = held.sizes / max(float(held.sizes.sum()), 1e-300)
+    bad = [
+        name
+        for k, (name, left) in enumerate(held.joints.items())
+        if left > _UNEXPLAINED_JOINT and not seen.dead[k] and share[k] > 0
+    ]
+    if not found and held.all > _NOTABLE:
+        worst = max(
+            (name for k, name in enumerate(held.joints) if not seen.dead[k]), key=lambda name: held.joints[name]
+        )
+        found.append(
+            LogDoubt(
+                "partly-unexplained",
+                f"rigid bodies with friction leave {percent(held.all)} of the torques unexplained in rows held out, most at "
+                f"{worst} ({percent(held.joints[worst])}): elasticity, friction of another law, or torques that are not all "
+                "that acts, as where the controller compensates friction.",
+                (worst,),
+            )
+        )
+    if bad and not any(doubt.refuses for doubt in found):
+        said = ", ".join(f"{name} {percent(held.joints[name])}" for name in bad)
+        found.append(
+            LogDoubt("unexplained-joint", f"torques are left unexplained in rows held out: {said}.", tuple(bad))
+        )
+    return found

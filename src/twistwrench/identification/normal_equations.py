@@ -1,0 +1,170 @@
+"""Least squares by normal equations, joint by joint: what many settings are tried with.
+
+For joint j, W_j (n, r) and τ_j (n): N_j = W_j' W_j, c_j = W_j' τ_j, y_j = |τ_j|². Weighted, x solves
+
+    (Σ_j N_j / σ_j² + D^-2) (x - x_0) = Σ_j (c_j - N_j x_0) / σ_j²,      σ_j² = |τ_j - W_j x|² / n
+
+with a weak prior: D the size that each group could have at most, x_0 what the file says. Directions that a log does not tell
+keep the file's values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..typing import Array
+
+_ROUNDS = 6
+_LEAST_SHARE = 1e-12
+_LEAST_VARIANCE = 1e-7
+"""Of residuals, as a share of the torques' squares: weights of rows that are fitted without noise stay finite."""
+_ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Normal equations of some rows, (nv, r, r), (nv, r), (nv,), and how many rows of each joint; they add up.
+
+    Attributes
+    ----------
+    N : (nv, r, r) array
+    c : (nv, r) array
+    y : (nv,) array
+    rows : float
+    """
+
+    N: Array
+    c: Array
+    y: Array
+    rows: float
+
+    @classmethod
+    def of(cls, W: Array, tau: Array, felt: Array | None = None) -> NormalEquations:
+        """Of rows W (n, nv, r) and τ (n, nv).
+
+        Parameters
+        ----------
+        W : (n, nv, r) array
+        tau : (n, nv) array
+        felt : (nv, r) bool array, optional, columns that are not zero in the rows of each joint
+
+        Returns
+        -------
+        equations : NormalEquations
+
+        Examples
+        --------
+        >>> NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).squares(np.array([2.0])).tolist()
+        [4.0]
+        """
+        nv, r = W.shape[1:]
+        N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
+        for j in range(nv):
+            which = np.arange(r) if felt is None else np.flatnonzero(felt[j])
+            mine = np.ascontiguousarray(W[:, j, which])
+            N[j][np.ix_(which, which)] = mine.T @ mine
+            c[j, which] = mine.T @ tau[:, j]
+        return cls(N, c, (tau**2).sum(axis=0), float(len(W)))
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(self.N + other.N, self.c + other.c, self.y + other.y, self.rows + other.rows)
+
+    def __sub__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(self.N - other.N, self.c - other.c, self.y - other.y, self.rows - other.rows)
+
+    def squares(self, x: Array) -> Array:
+        """Sums of squared residuals (nv,) at x (r,).
+
+        Parameters
+        ----------
+        x : (r,) array
+
+        Returns
+        -------
+        squares : (nv,) array
+
+        Examples
+        --------
+        >>> NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).squares(np.array([1.0])).tolist()
+        [16.0]
+        """
+        found = self.y - 2.0 * self.c @ x + np.einsum("jkl,k,l->j", self.N, x, x)
+        return np.asarray(np.maximum(found, _LEAST_SHARE * self.y))
+
+    def solve(self, prior: Prior) -> tuple[Array, Array]:
+        """Weighted least squares.
+
+        Parameters
+        ----------
+        prior : Prior
+
+        Returns
+        -------
+        x : (r,) array
+        sigma : (nv,) array, standard deviations of the residuals by joint
+
+        Examples
+        --------
+        >>> prior = Prior(np.zeros(1), np.full(1, 1e6))
+        >>> x, _ = NormalEquations.of(np.ones((4, 1, 1)), np.full((4, 1), 3.0)).solve(prior)
+        >>> round(float(x[0]), 6)
+        3.0
+        """
+        variance = np.maximum(self.y / max(self.rows, 1.0), 1e-300)
+        x = prior.mean
+        for _ in range(_ROUNDS):
+            x = prior.solve(np.einsum("jkl,j->kl", self.N, 1.0 / variance), (self.c / variance[:, None]).sum(axis=0))
+            new = np.maximum(
+                self.squares(x) / max(self.rows, 1.0), _LEAST_VARIANCE * self.y / max(self.rows, 1.0) + 1e-300
+            )
+            close = bool(np.abs(np.log(new / variance)).max() < 1e-3)
+            variance = new
+            if close:
+                break
+        return x, np.sqrt(variance)
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Weak prior: values that groups have where the rows say nothing, and the size that they could have at most.
+
+    Attributes
+    ----------
+    mean : (r,) array
+    size : (r,) array, above 0
+    """
+
+    mean: Array
+    size: Array
+
+    def solve(self, A: Array, b: Array) -> Array:
+        """x of (A + size⁻²) x = b + size⁻² mean, in units in which sizes are 1.
+
+        Parameters
+        ----------
+        A : (r, r) array
+        b : (r,) array
+
+        Returns
+        -------
+        x : (r,) array
+
+        Examples
+        --------
+        >>> Prior(np.zeros(1), np.ones(1)).solve(np.ones((1, 1)), np.array([2.0])).round(6).tolist()
+        [1.0]
+        """
+        import scipy.linalg
+
+        S = self.size
+        scaled = A * S[:, None] * S[None, :]
+        scaled[np.diag_indices_from(scaled)] += 1.0
+        scaled[np.diag_indices_from(scaled)] *= 1.0 + _ROUNDING
+        diagonal = np.sqrt(scaled.diagonal())
+        factor = scipy.linalg.cho_factor(scaled / diagonal[:, None] / diagonal[None, :], check_finite=False)
+        right = S * (b - A @ self.mean)
+        return np.asarray(
+            self.mean + S * scipy.linalg.cho_solve(factor, right / diagonal, check_finite=False) / diagonal
+        )

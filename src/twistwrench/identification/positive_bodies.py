@@ -1,0 +1,273 @@
+"""Bodies that can exist: least squares of the groups, near the file's bodies in the divergence of their pseudo-inertias.
+
+Over pseudo-inertias J_i of the bodies, above 0, and positive numbers d_k of the drives:
+
+    f = ½ |W x - τ|² + γ Σ_i D(J_i, J_i0) + γ Σ_k (d_k / d_k0 - log d_k / d_k0 - 1)
+    D(J, J0) = tr(J0^-1 J) - log det(J0^-1 J) - 4
+
+D is the Bregman divergence of -log det (Lee, Wensing and Park, "Geometric robot dynamic identification: a convex programming
+approach", IEEE T-RO 36(2), 2020). f is convex, and f / γ self-concordant: Newton's method from a large γ, where the minimum is
+the file itself, down to the one wanted, each from the minimum before, keeps all J_i positive by construction. Steps are taken
+as J = L (1 + X) L' about J = L L', in which the divergence's own Hessian is γ times the unit matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bodies.inertia import SpatialInertia
+from ..typing import Array
+from .parameter_groups import BaseParameters
+
+STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))
+"""Weights γ of the divergence that are offered, in units of the squared residuals; from large to small."""
+MOST_STEPS = 50
+_BETWEEN = 3
+"""Steps of γ to a tenth, each from the minimum before."""
+_DONE = 1e-10
+_THIN, _LIGHT, _RADIUS = 1e-3, 1e-3, 0.05
+"""Shares that a prior body has at least: of its own second moments, of the robot's mass, and of its reach as a radius."""
+_SMALL_DRIVE = 1e-3
+
+
+def _basis() -> Array:
+    """(10, 4, 4) orthonormal symmetric matrices."""
+    found = []
+    for i in range(4):
+        for j in range(i, 4):
+            E = np.zeros((4, 4))
+            E[i, j] = E[j, i] = 1.0 if i == j else math.sqrt(0.5)
+            found.append(E)
+    return np.array(found)
+
+
+_E = _basis()
+_TO_PSEUDO = np.stack([SpatialInertia.from_parameters(e).pseudo_inertia for e in np.eye(10)])
+"""(10, 4, 4): J = Σ_k π_k of these."""
+_FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))
+"""(10, 10): π from the ten coordinates of J."""
+
+
+def pseudo_inertia(parameters: Array) -> Array:
+    """(4, 4) of ten parameters."""
+    return np.einsum("k,kij->ij", parameters, _TO_PSEUDO)
+
+
+@dataclass(frozen=True, eq=False)
+class PositiveFit:
+    """Parameters of bodies that can exist, of one strength.
+
+    Attributes
+    ----------
+    strength : float, γ
+    values : (p,) array, of all unknown parameters
+    cost : float, f there, the constant of the residuals included
+    steps : int, Newton's steps of this strength
+    """
+
+    strength: float
+    values: Array
+    cost: float
+    steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class PositivePrior:
+    """What bodies and drives are kept near to.
+
+    Attributes
+    ----------
+    bodies : (nbodies, 4, 4) array, pseudo-inertias above 0
+    drives : (p,) array, positive; 1 where the parameter is free
+    positive : (p,) bool array, parameters of drives that cannot be negative
+    repaired : tuple of str, links whose inertia in the file is on the border of what can exist
+    """
+
+    bodies: Array
+    drives: Array
+    positive: Array
+    repaired: tuple[str, ...]
+
+    @classmethod
+    def of(cls, base: BaseParameters, values: Array, sizes: Array) -> PositivePrior:
+        """The file's bodies, thickened where they have no extent, and the drives as the groups have them.
+
+        Parameters
+        ----------
+        base : BaseParameters
+        values : (r,) array, of the groups
+        sizes : (p,) array, that parameters could have at most
+
+        Returns
+        -------
+        prior : PositivePrior
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> from twistwrench.identification.unknown_parameters import UnknownParameters
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> PositivePrior.of(base, np.ones(base.count), np.ones(28)).repaired
+        ('link1', 'link2')
+        """
+        model = base.unknown.model
+        mass, length = base.unknown.lengths
+        bodies, repaired = [], []
+        for body in model.bodies:
+            J, changed = _thickened(body.inertia, mass, length)
+            bodies.append(J)
+            if changed:
+                repaired.append(body.link)
+        kinds = np.array(base.unknown.kinds)
+        positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb"))
+        drives = np.where(positive, _SMALL_DRIVE * sizes, 1.0)
+        lacking = values - base.project(base.unknown.file_values)  # what the file's bodies leave to the drives
+        for k in np.flatnonzero(positive):
+            rows = np.flatnonzero(base.grouping[:, k])
+            if rows.size:
+                drives[k] = max(drives[k], float(lacking[rows[0]] / base.grouping[rows[0], k]))
+        return cls(np.array(bodies), drives, positive, tuple(repaired))
+
+
+def _thickened(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool]:
+    """A pseudo-inertia above 0 near that of a body, and whether it had to be changed."""
+    m = float(G.mass)
+    changed = not m > 1e-9 * mass
+    if changed:
+        m, c, S = _LIGHT * mass, np.zeros(3), np.zeros((3, 3))
+    else:
+        c = G.com
+        S = G.second_moment - m * np.outer(c, c)
+    least = m * min((_RADIUS * length) ** 2, _THIN * max(float(np.trace(S)) / m, (_RADIUS * length) ** 2 / _THIN))
+    moments, axes = np.linalg.eigh(0.5 * (S + S.T))
+    floor = max(_THIN * float(moments.max(initial=0.0)), 1e-3 * least)
+    if moments.min() < floor:
+        changed = True
+        moments = np.maximum(moments, floor if moments.max() > least else least)
+    S = (axes * moments) @ axes.T + m * np.outer(c, c)
+    return np.block([[S, m * c[:, None]], [m * c[None, :], np.array([[m]])]]), changed
+
+
+class PositiveProblem:
+    """The cost of one set of rows: N (r, r), c (r,) and y = |τ|² of the groups."""
+
+    def __init__(self, base: BaseParameters, prior: PositivePrior, N: Array, c: Array, y: float, sizes: Array) -> None:
+        self.base, self.prior, self.y = base, prior, y
+        K = base.grouping
+        self.H, self.g = K.T @ N @ K, K.T @ c
+        of_bodies = base.unknown.of_bodies
+        self._bodies = [
+            np.array([int(np.flatnonzero(of_bodies == 10 * i + k)[0]) for k in range(10)])
+            for i in range(len(prior.bodies))
+        ]
+        self._drives = np.flatnonzero(prior.positive)
+        self._free = np.flatnonzero((of_bodies < 0) & ~prior.positive)
+        self._size = sizes
+        self._inverse = np.linalg.inv(prior.bodies)
+
+    def path(self, strengths: Sequence[float]) -> list[PositiveFit]:
+        """The minima for strengths from large to small, each begun at the one before."""
+        J, x = self.prior.bodies.copy(), np.zeros(len(self.base.unknown.names))
+        x[self._drives] = self.prior.drives[self._drives]
+        found = []
+        last = max(strengths)
+        for strength in strengths:
+            ways = max(1, math.ceil(_BETWEEN * math.log10(last / strength)))
+            for k in range(1, ways):
+                J, x, _, _ = self._minimum(J, x, last * (strength / last) ** (k / ways))
+            J, x, cost, steps = self._minimum(J, x, strength)
+            found.append(PositiveFit(strength, self._values(J, x), cost, steps))
+            last = strength
+        return found
+
+    def _values(self, J: Array, x: Array) -> Array:
+        values = x.copy()
+        for places, body in zip(self._bodies, J, strict=True):
+            values[places] = _FROM_PSEUDO @ np.einsum("aij,ij->a", _E, body)
+        return values
+
+    def cost(self, J: Array, x: Array, strength: float) -> float:
+        """f; infinite where something is not positive."""
+        values = self._values(J, x)
+        divergence = 0.0
+        for inverse, body in zip(self._inverse, J, strict=True):
+            sign, size = np.linalg.slogdet(inverse @ body)
+            if sign <= 0 or np.linalg.eigvalsh(body)[0] <= 0:
+                return math.inf
+            divergence += float(np.trace(inverse @ body)) - size - 4.0
+        share = x[self._drives] / self.prior.drives[self._drives]
+        if (share <= 0).any():
+            return math.inf
+        divergence += float((share - np.log(share) - 1.0).sum())
+        offsets = 0.5 * float(((x[self._free] / self._size[self._free]) ** 2).sum())
+        return (
+            0.5 * (self.y - 2.0 * float(self.g @ values) + float(values @ self.H @ values))
+            + strength * divergence
+            + offsets
+        )
+
+    def _minimum(self, J: Array, x: Array, strength: float) -> tuple[Array, Array, float, int]:
+        cost = self.cost(J, x, strength)
+        for step in range(MOST_STEPS):
+            L = np.linalg.cholesky(J)
+            T = self._tangents(L, x)
+            gradient = T.T @ (self.H @ self._values(J, x) - self.g)
+            hessian = T.T @ self.H @ T
+            n = 10 * len(J)
+            for i in range(len(J)):
+                pulled = L[i].T @ self._inverse[i] @ L[i]
+                gradient[10 * i : 10 * i + 10] += strength * np.einsum("aij,ij->a", _E, pulled - np.eye(4))
+            drives = slice(n, n + len(self._drives))
+            gradient[drives] += strength * (x[self._drives] / self.prior.drives[self._drives] - 1.0)
+            gradient[n + len(self._drives) :] += x[self._free] / self._size[self._free]
+            diagonal = np.full(len(gradient), strength)
+            diagonal[n + len(self._drives) :] = 1.0
+            hessian[np.diag_indices_from(hessian)] += diagonal
+            direction = -_solved(hessian, gradient)
+            fall = -float(gradient @ direction)
+            if fall <= _DONE * max(abs(cost), strength, 1e-300):
+                return J, x, cost, step
+            scale = 1.0
+            while True:
+                J_new, x_new = self._moved(L, x, scale * direction)
+                new = self.cost(J_new, x_new, strength)
+                if new <= cost - 1e-4 * scale * fall or scale < 1e-10:
+                    break
+                scale *= 0.5
+            if not new < cost:
+                return J, x, cost, step
+            J, x, cost = J_new, x_new, new
+        return J, x, cost, MOST_STEPS
+
+    def _tangents(self, L: Array, x: Array) -> Array:
+        """(p, n) what each coordinate of a step adds to the parameters."""
+        n = 10 * len(L)
+        T = np.zeros((len(x), n + len(self._drives) + len(self._free)))
+        for i, (places, half) in enumerate(zip(self._bodies, L, strict=True)):
+            moved = half @ _E @ half.T  # (10, 4, 4)
+            T[np.ix_(places, np.arange(10 * i, 10 * i + 10))] = _FROM_PSEUDO @ np.einsum("bij,aij->ba", _E, moved)
+        T[self._drives, n + np.arange(len(self._drives))] = x[self._drives]
+        at = n + len(self._drives)
+        T[self._free, at + np.arange(len(self._free))] = self._size[self._free]
+        return T
+
+    def _moved(self, L: Array, x: Array, step: Array) -> tuple[Array, Array]:
+        n = 10 * len(L)
+        X = np.einsum("na,aij->nij", step[:n].reshape(-1, 10), _E)
+        J = L @ (np.eye(4) + X) @ L.transpose(0, 2, 1)
+        x = x.copy()
+        x[self._drives] *= 1.0 + step[n : n + len(self._drives)]
+        x[self._free] += self._size[self._free] * step[n + len(self._drives) :]
+        return 0.5 * (J + J.transpose(0, 2, 1)), x
+
+
+def _solved(hessian: Array, gradient: Array) -> Array:
+    import scipy.linalg
+
+    size = np.sqrt(hessian.diagonal())
+    factor = scipy.linalg.cho_factor(hessian / size[:, None] / size[None, :], check_finite=False)
+    return np.asarray(scipy.linalg.cho_solve(factor, gradient / size, check_finite=False) / size)

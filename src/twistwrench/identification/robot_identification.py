@@ -1,0 +1,255 @@
+"""Identification of a robot from logs: rows, settings, fit, how sure it is, what it predicts, and what speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
+from ..motion.motion import Motion
+from ..robot import Robot
+from ..robot.robot_argument import require_robot
+from ..typing import Array
+from .block_deviations import group_covariance
+from .evidence import Evidence
+from .held_out import HeldOut, HeldOutRows
+from .identified_robot import IdentifiedRobot
+from .log_doubts import doubts_of
+from .log_side import MotorSide
+from .normal_equations import Prior
+from .parameter_groups import BaseParameters
+from .setting_choice import FOLDS, Asked, FitSettings, SettingRows, Trial
+from .unknown_parameters import UnknownParameters, check_speed
+from .weights import Method, weighted_fit
+from .zero_phase import SteadySamples
+
+_METHODS = ("irls", "wls", "ols")
+_DEAD = 0.95
+"""Share of the rows, in which a torque that is measured is one number at most."""
+
+
+def identify(
+    robot: Robot,
+    logs: Motion | Sequence[Motion],
+    *,
+    test: Motion | Sequence[Motion] = (),
+    motor_inertia: bool = True,
+    friction: Sequence[str] = ("viscous", "coulomb", "offset"),
+    cutoff: float | None = None,
+    friction_speed: float | None = None,
+    shift: float | None = None,
+    method: Method = "irls",
+    motor_side: MotorSide | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> IdentifiedRobot:
+    """Identify masses, inertias, friction and motor inertias of a robot from logs of positions and torques.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file has it, without actuators; groups that the logs do not tell keep its values.
+    logs : Motion or sequence of Motion
+        With torques, on a fixed base.
+    test : Motion or sequence of Motion, optional
+        Logs that are only predicted. Without any, fifths of the others in time are predicted from the rest, settings chosen
+        on the rest as well.
+    motor_inertia : bool, whether each joint has a motor's inertia besides its bodies
+    friction : sequence of str, of ``viscous``, ``coulomb``, ``offset``
+    cutoff : float, optional [Hz]; None: chosen
+    friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
+    shift : float, optional, by how much torques are later than positions [s]; None: chosen
+    method : "irls", "wls" or "ols", weights of the rows
+    motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
+    progress : callable, optional, told the share that is done
+
+    Returns
+    -------
+    found : IdentifiedRobot
+
+    Raises
+    ------
+    ShapeError
+        A log has no torques.
+    TrajectoryError
+        A log is too short, or of another robot.
+    ValueRangeError
+        An option is out of range.
+
+    Notes
+    -----
+    Equations and sources: the modules of this package, and the page on identification.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.planar_2r(), np.arange(0, 10, 0.01)
+    >>> q = np.stack([np.sin(1.3 * t) + 0.5 * np.sin(3.1 * t), np.cos(1.9 * t) + np.sin(4.3 * t)], axis=1)
+    >>> motion = tw.Motion(t, q, robot=arm)
+    >>> log = tw.Motion(t, q, tau=motion.torques() + 0.2 * np.sign(motion.dq), robot=arm)
+    >>> found = tw.identification.identify(arm, log, motor_inertia=False)
+    >>> found.held_out.all < 0.05, found.base.count
+    (True, 12)
+    """
+    require_robot(robot, "identify")
+    trained, tested = _motions(robot, logs, "logs"), _motions(robot, test, "test")
+    if not trained:
+        raise ShapeError("identify: there is no log. Give one with torques at least.")
+    if method not in _METHODS:
+        raise UnknownNameError.of("method", method, _METHODS)
+    asked = Asked(
+        None if cutoff is None else check_speed(cutoff),
+        None if friction_speed is None else check_speed(friction_speed),
+        None if shift is None else _finite(shift),
+    )
+    tell = progress or (lambda _share: None)
+    unknown = UnknownParameters(robot, motor_inertia, tuple(friction), motor_side)
+    base = BaseParameters.of(unknown)
+    samples = [_samples(motion, k, "logs") for k, motion in enumerate(trained)]
+    dead = _dead(trained)
+    if dead.all():
+        raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
+    source = SettingRows(base, samples, asked, dead)
+    sizes = unknown.scales(*source.typical())
+    prior = Prior(base.project(unknown.file_values), np.sqrt(base.grouping**2 @ sizes**2))
+    tell(0.2)
+    settings = source.choose(prior, range(FOLDS))
+    tell(0.4)
+    trial = Trial(source, settings)
+    rows = source.rows(settings.cutoff)
+    fold = source.folds(rows.log, rows.time)
+    x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, base.felt)
+    covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
+    tell(0.5)
+    names = unknown.model.velocity_names
+    if tested:
+        among = _five_fold(source, prior, method, names, lambda _: settings)
+        held_out = _predicted(base, tested, asked, dead, settings, x, names)
+    else:
+        chosen: dict[int, FitSettings] = {}
+
+        def nested(block: int) -> FitSettings:
+            if block not in chosen:
+                chosen[block] = source.choose(prior, [b for b in range(FOLDS) if b != block])
+                tell(0.5 + 0.1 * len(chosen))
+            return chosen[block]
+
+        among = held_out = _five_fold(source, prior, method, names, nested)
+    seen = Evidence(
+        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.deviations, held_out, among,
+        rows.acceleration, min(s.rate for s in samples), dead,
+    )  # fmt: skip
+    tell(1.0)
+    return IdentifiedRobot(
+        original=robot,
+        base=base,
+        values=x,
+        covariance=covariance,
+        sigma=sigma,
+        settings=settings,
+        held_out=held_out,
+        trained=among,
+        doubts=doubts_of(seen),
+        prior=prior,
+        method=method,
+        sizes=sizes,
+        information=_information(trial.W, trial.tau, sigma, weights),
+        folds=_fold_information(trial, fold, sigma, weights),
+    )
+
+
+def _motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -> tuple[Motion, ...]:
+    motions = (given,) if isinstance(given, Motion) else tuple(given)
+    for k, motion in enumerate(motions):
+        if not isinstance(motion, Motion):
+            raise ShapeError(
+                f"identify: {what} number {k + 1} is no tw.Motion. tw.Motion.from_file(path, robot) reads one."
+            )
+        if motion.tau is None:
+            raise ShapeError(
+                f"identify: {what} number {k + 1} has no torques for every joint. Name their columns JOINT.torque, or say "
+                "which they are: columns={'JOINT.tau': 'COLUMN'}."
+            )
+        if motion.robot.coordinate_names != robot.coordinate_names:
+            raise TrajectoryError(
+                f"identify: {what} number {k + 1} is of {motion.robot.name!r}, whose joints are not those of {robot.name!r}."
+            )
+    return motions
+
+
+def _samples(motion: Motion, number: int, what: str) -> SteadySamples:
+    from ..motion.spline import continuous
+
+    q = continuous(motion.robot.model, motion.q)
+    return SteadySamples.of(motion.time, q, np.asarray(motion.tau), f"{what} number {number + 1}")
+
+
+def _dead(motions: Sequence[Motion]) -> Array:
+    """(nv,) bool: the torque of the joint is one number in nearly all rows, as of a channel that is not connected."""
+    tau = np.concatenate([np.asarray(m.tau) for m in motions])
+    moved = np.any([np.any(np.diff(m.q, axis=0) != 0, axis=0) for m in motions], axis=0)
+    share = (tau == np.median(tau, axis=0)).mean(axis=0)
+    return np.asarray((np.ptp(tau, axis=0) == 0) | (moved & (share > _DEAD)))
+
+
+def _finite(value: float) -> float:
+    if not np.isfinite(value):
+        raise ValueRangeError(f"shift {value!r} is no time. Give seconds, such as -0.002.")
+    return float(value)
+
+
+def _five_fold(
+    source: SettingRows,
+    prior: Prior,
+    method: Method,
+    names: Sequence[str],
+    settings_of: Callable[[int], FitSettings],
+) -> HeldOut:
+    """Each fifth of the time predicted from the others."""
+    found: HeldOut | None = None
+    for block in range(FOLDS):
+        trial = Trial(source, settings_of(block))
+        rows = source.rows(trial.settings.cutoff)
+        here = source.folds(rows.log, rows.time) == block
+        if not here.any() or here.all():
+            continue
+        x, _, _ = weighted_fit(trial.W[~here], trial.tau[~here], prior, method, source.base.felt)
+        left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
+        one = HeldOut.of("five-fold", left, names)
+        found = one if found is None else found + one
+    if found is None:
+        raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
+    return found
+
+
+def _predicted(
+    base: BaseParameters,
+    tested: Sequence[Motion],
+    asked: Asked,
+    dead: Array,
+    settings: FitSettings,
+    x: Array,
+    names: Sequence[str],
+) -> HeldOut:
+    """Logs of their own, with the settings of the training logs."""
+    samples = [_samples(motion, k, "test") for k, motion in enumerate(tested)]
+    source = SettingRows(base, samples, Asked(settings.cutoff, asked.friction_speed, settings.shift), dead)
+    trial = Trial(source, settings)
+    rows = source.rows(settings.cutoff)
+    return HeldOut.of("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
+
+
+def _information(W: Array, tau: Array, sigma: Array, weights: Array) -> tuple[Array, Array, float]:
+    """N (r, r), c (r,) and y of all weighted rows, in units in which residuals have size 1."""
+    root = np.sqrt(weights) / sigma
+    A, b = W * root[..., None], tau * root
+    A, b = A.reshape(-1, W.shape[-1]), b.reshape(-1)
+    return A.T @ A, A.T @ b, float(b @ b)
+
+
+def _fold_information(
+    trial: Trial, fold: Array, sigma: Array, weights: Array
+) -> tuple[tuple[Array, Array, float], ...]:
+    return tuple(
+        _information(trial.W[fold == b], trial.tau[fold == b], sigma, weights[fold == b]) for b in range(FOLDS)
+    )

@@ -1,0 +1,325 @@
+"""The choice of cut-off, clock offset and speeds of friction, on training rows alone.
+
+Blocks of time are left out in turn and predicted from the others. A setting is the better the smaller Σ_j log |τ_j - τ̂_j|², the
+likelihood of normal residuals whose size differs from joint to joint, so that no joint counts more for its larger torques.
+Cut-offs are compared by torques below the highest of them: against torques of its own, the lowest would always win.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..typing import Array
+from .filtered_rows import FilteredRows, JudgedStates
+from .normal_equations import NormalEquations, Prior
+from .parameter_groups import BaseParameters
+from .zero_phase import SteadySamples, cutoffs, states_below
+
+FOLDS = 5
+SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+"""Speeds that friction turns at [rad/s, m/s] that are tried."""
+_USUAL_SPEED = 0.05
+_SHIFTS = tuple(
+    1e-3 * s for s in (-60, -40, -25, -15, -10, -7, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60)
+)
+_ROWS = 10.0
+"""Equations for each group that a cut-off has to leave."""
+_KEPT = 64
+"""Settings whose normal equations are kept."""
+_NEAR = 1e-3
+"""s, about an offset that was found, where it is sought again."""
+_WORTH = 2e-3
+"""Of log |residual|², that another cut-off, offset or speed has to bring for each joint; else the first one stays."""
+
+
+@dataclass(frozen=True, eq=False)
+class FitSettings:
+    """What a fit is made with.
+
+    Attributes
+    ----------
+    cutoff : float [Hz]
+    friction_speed : (nv,) array, v_0 [rad/s or m/s]
+    shift : float, by how much torques are later in the log than the positions they belong to [s]
+    """
+
+    cutoff: float
+    friction_speed: Array
+    shift: float
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the user fixes; None: chosen."""
+
+    cutoff: float | None = None
+    friction_speed: float | None = None
+    shift: float | None = None
+
+
+class SettingRows:
+    """The rows of logs at each cut-off that is tried, made once; ``dead`` (nv,) bool are joints without a torque."""
+
+    def __init__(self, base: BaseParameters, samples: Sequence[SteadySamples], asked: Asked, dead: Array) -> None:
+        self.base, self.samples, self.asked, self.dead = base, samples, asked, dead
+        self.tried = (
+            (asked.cutoff,)
+            if asked.cutoff is not None
+            else cutoffs(samples, _ROWS * base.count / base.unknown.model.nv)
+        )
+        speed = _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed
+        self.usual_speed = np.full(base.unknown.model.nv, speed)
+        self._rows: dict[float, FilteredRows] = {}
+        self._judged: dict[float, JudgedStates] = {}
+        self._blocks: dict[tuple[float, float, bytes], tuple[NormalEquations, ...]] = {}
+
+    def rows(self, cutoff: float) -> FilteredRows:
+        """At that cut-off, with the usual speed of friction."""
+        if cutoff not in self._rows:
+            made = FilteredRows.of(self.base, self.samples, cutoff, self.usual_speed)
+            made.W[:, self.dead], made.dead = 0.0, self.dead
+            self._rows[cutoff] = made
+        return self._rows[cutoff]
+
+    def judged(self, cutoff: float) -> JudgedStates:
+        """States of positions below that cut-off."""
+        if cutoff not in self._judged:
+            self._judged[cutoff] = JudgedStates.of(self.base, self.samples, cutoff, self.usual_speed)
+        return self._judged[cutoff]
+
+    def folds(self, log: Array, time: Array) -> Array:
+        """(m,) the block of time that each row belongs to, 0 to 4: fifths of all logs together."""
+        begins = np.concatenate([[0.0], np.cumsum([s.seconds for s in self.samples])])
+        starts = np.array([s.start for s in self.samples])
+        at = begins[log] + (time - starts[log])
+        return np.minimum((FOLDS * at / begins[-1]).astype(int), FOLDS - 1)
+
+    def kept_blocks(
+        self, settings: FitSettings, make: Callable[[], list[NormalEquations]]
+    ) -> tuple[NormalEquations, ...]:
+        """Normal equations of the blocks at settings, made once; nothing changes them in place."""
+        key = (settings.cutoff, settings.shift, settings.friction_speed.tobytes())
+        if key not in self._blocks:
+            if len(self._blocks) >= _KEPT:
+                self._blocks.pop(next(iter(self._blocks)))
+            self._blocks[key] = tuple(make())
+        return self._blocks[key]
+
+    def typical(self) -> tuple[Array, Array, Array]:
+        """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
+        rows = self.rows(self.tried[len(self.tried) // 2])
+        found = [np.sqrt((x**2).mean(axis=0)) for x in (rows.torques(0.0), rows.speed, rows.acceleration)]
+        usual = [max(float(np.median(x)), 1e-6) for x in found]
+        return tuple(np.maximum(x, 1e-2 * u) for x, u in zip(found, usual, strict=True))
+
+    def choose(self, prior: Prior, blocks: Iterable[int]) -> FitSettings:
+        """The settings that predict each of some blocks of time best from the others of them."""
+        blocks = tuple(blocks)
+        settings = FitSettings(self.tried[-1], self.usual_speed.copy(), self.asked.shift or 0.0)
+        for _ in range(2):
+            cutoff = self._best_cutoff(prior, blocks, settings) if len(self.tried) > 1 else settings.cutoff
+            again = cutoff != settings.cutoff
+            settings = self._tuned(replace(settings, cutoff=cutoff), prior, blocks)
+            if not again:
+                break
+        return settings
+
+    def _tuned(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
+        """Offset of the clock and speeds of friction, one after another, at one cut-off."""
+        trial = Trial(self, settings)
+        best = trial.score(prior, blocks)
+        if self.asked.shift is None:
+            best = self._best_shift(trial, prior, blocks, best)
+        if self.asked.friction_speed is None and trial.coulomb:
+            nv = len(settings.friction_speed)
+            for joints in (np.ones(nv, bool), *np.eye(nv, dtype=bool)):
+                best = _best_speed(trial, prior, blocks, best, joints, _WORTH * nv)
+        if self.asked.shift is None:
+            self._best_shift(trial, prior, blocks, best)
+        return trial.settings
+
+    def _best_shift(self, trial: Trial, prior: Prior, blocks: tuple[int, ...], best: float) -> float:
+        worth = _WORTH * len(trial.settings.friction_speed)
+        begun, first = trial.settings.shift, best
+        scores = []
+        for shift in _SHIFTS:
+            trial.shift(shift)
+            scores.append(trial.score(prior, blocks))
+        k = int(np.argmin(scores))
+        shift, least = _SHIFTS[k], scores[k]
+        if 0 < k < len(_SHIFTS) - 1:
+            around, of_these = _SHIFTS[k - 1 : k + 2], scores[k - 1 : k + 2]
+            for _ in range(2):
+                vertex = float(np.clip(_vertex(around, of_these), around[0], around[2]))
+                trial.shift(vertex)
+                if (found := trial.score(prior, blocks)) >= least:
+                    break
+                shift, least = vertex, found
+                around = (vertex - _NEAR, vertex, vertex + _NEAR)
+                of_these = []
+                for s in around:
+                    trial.shift(s)
+                    of_these.append(trial.score(prior, blocks))
+        if least > first - worth:
+            shift, least = begun, first
+        trial.shift(shift)
+        return least
+
+    def _best_cutoff(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
+        """By predictions of torques below the highest cut-off."""
+        scores = []
+        live = ~self.dead
+        top = max(self.tried)
+        reference = [states_below(s, top, None) for s in self.samples]
+        for cutoff in self.tried:
+            trial = Trial(self, replace(settings, cutoff=cutoff))
+            judged = self.judged(cutoff)
+            tau = np.concatenate(
+                [
+                    np.stack([np.interp(s.time + settings.shift, r.time, x) for x in r.tau.T], axis=1)
+                    for s, r in zip(judged.states, reference, strict=True)
+                ]
+            )
+            fold = self.folds(judged.log, judged.time)
+            W = judged.W
+            for c, joints in trial.coulomb:
+                W = W.copy()
+                kept = self.base.kept[c : c + 1]
+                new = [
+                    self.base.unknown.columns(kept, s.q, s.dq, s.ddq, settings.friction_speed)[..., 0]
+                    for s in judged.states
+                ]
+                W[:, joints, c] = np.concatenate(new)[:, joints]
+            left = np.zeros(W.shape[1])
+            for block, x in trial.fits(prior, blocks):
+                here = fold == block
+                left += ((tau[here] - judged.known[here] - W[here] @ x) ** 2).sum(axis=0)
+            scores.append(float(np.log(np.maximum(left[live], 1e-300)).sum()))
+        order = np.array(scores)
+        good = np.flatnonzero(order <= order.min() + _WORTH * W.shape[1])
+        return self.tried[int(good[0])]
+
+
+class Trial:
+    """Normal equations of all blocks under settings that change one at a time."""
+
+    def __init__(self, source: SettingRows, settings: FitSettings) -> None:
+        self.settings, self._asked = settings, source.asked
+        self._rows = source.rows(settings.cutoff)
+        self._W = self._rows.W
+        self.coulomb = source.base.unknown.coulomb_columns(source.base.kept)
+        fold = source.folds(self._rows.log, self._rows.time)
+        self._places = [_as_slice(np.flatnonzero(fold == b)) for b in range(FOLDS)]
+        self._tau = self._rows.torques(settings.shift)
+        if not np.array_equal(settings.friction_speed, source.usual_speed):
+            self._W = self._W.copy()
+            for c, joints in self.coulomb:
+                self._W[:, :, c] = self._rows.coulomb(c, joints, settings.friction_speed)
+        self._felt = source.base.felt
+        self._blocks = list(source.kept_blocks(settings, self._made))
+
+    def _made(self) -> list[NormalEquations]:
+        return [NormalEquations.of(self._W[p], self._tau[p], self._felt) for p in self._places]
+
+    @property
+    def W(self) -> Array:
+        """(m, nv, r)."""
+        return self._W
+
+    @property
+    def tau(self) -> Array:
+        """(m, nv)."""
+        return self._tau
+
+    def changes(self, x: Array) -> Array:
+        """(m, nv, k) what the predicted torques change by with each chosen setting: the clock's offset, speeds of friction."""
+        found = []
+        settings = self.settings
+        if self._asked.shift is None:
+            step = 0.1 / settings.cutoff
+            later, sooner = self._rows.torques(settings.shift + step), self._rows.torques(settings.shift - step)
+            found.append((later - sooner) / (2 * step))
+        if self._asked.friction_speed is None:
+            for j in range(self._W.shape[1]):
+                speed = np.where(np.arange(self._W.shape[1]) == j, 1.1, 1.0) * settings.friction_speed
+                mine = [(c, joints) for c, joints in self.coulomb if np.flatnonzero(joints)[-1] == j]
+                change = np.zeros(self._tau.shape)
+                for c, joints in mine:
+                    change += (self._rows.coulomb(c, joints, speed) - self._W[:, :, c]) * x[c]
+                found.append(change)
+        return np.stack(found, axis=-1) if found else np.zeros((*self._tau.shape, 0))
+
+    def fits(self, prior: Prior, blocks: Sequence[int]) -> list[tuple[int, Array]]:
+        """Each block, and what the others of ``blocks`` give."""
+        total = self._blocks[blocks[0]]
+        for b in blocks[1:]:
+            total = total + self._blocks[b]
+        x, sigma = total.solve(prior)
+        found = []
+        for b in blocks:
+            rest = total - self._blocks[b] if len(blocks) > 1 else total
+            weight = 1.0 / sigma**2
+            x = prior.solve(np.einsum("jkl,j->kl", rest.N, weight), (rest.c * weight[:, None]).sum(axis=0))
+            found.append((b, x))
+        return found
+
+    def score(self, prior: Prior, blocks: Sequence[int]) -> float:
+        """The sum of log |residual|² over the joints, of blocks predicted from the others."""
+        left = sum((self._blocks[b].squares(x) for b, x in self.fits(prior, blocks)), np.zeros(self._W.shape[1]))
+        return float(np.log(np.maximum(left, 1e-300)).sum())
+
+    def shift(self, shift: float) -> None:
+        """Take torques from another time."""
+        self._tau = self._rows.torques(shift)
+        self.settings = replace(self.settings, shift=shift)
+        for k, p in enumerate(self._places):
+            W, tau = self._W[p], self._tau[p]
+            c = np.stack([W[:, j].T @ tau[:, j] for j in range(W.shape[1])])
+            self._blocks[k] = replace(self._blocks[k], c=c, y=(self._tau[p] ** 2).sum(axis=0))
+
+    def speed(self, friction_speed: Array) -> None:
+        """Take other speeds of friction."""
+        changed = friction_speed != self.settings.friction_speed
+        self.settings = replace(self.settings, friction_speed=friction_speed)
+        if self._W is self._rows.W:
+            self._W = self._W.copy()
+        for c, joints in self.coulomb:
+            if not changed[int(np.flatnonzero(joints)[-1])]:
+                continue
+            self._W[:, :, c] = self._rows.coulomb(c, joints, friction_speed)
+            for k, p in enumerate(self._places):
+                N, right = self._blocks[k].N.copy(), self._blocks[k].c.copy()
+                W, tau = self._W[p], self._tau[p]
+                for j in np.flatnonzero(joints):
+                    N[j, :, c] = N[j, c, :] = W[:, j].T @ W[:, j, c]
+                    right[j, c] = W[:, j, c] @ tau[:, j]
+                self._blocks[k] = replace(self._blocks[k], N=N, c=right)
+
+
+def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
+    """Where the parabola through three points is least; the middle one where it has no such place."""
+    (a, b, c), (d, e, f) = x, y
+    below = (b - a) * (e - f) - (b - c) * (e - d)
+    return b - 0.5 * ((b - a) ** 2 * (e - f) - (b - c) ** 2 * (e - d)) / below if below < 0 else b
+
+
+def _as_slice(places: Array) -> Array | slice:
+    """Rows that follow each other as a slice, which copies nothing."""
+    if len(places) and places[-1] - places[0] == len(places) - 1:
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places
+
+
+def _best_speed(trial: Trial, prior: Prior, blocks: tuple[int, ...], best: float, joints: Array, worth: float) -> float:
+    begun = trial.settings.friction_speed
+    found, least = begun, best - worth
+    for value in SPEEDS:
+        tried = np.where(joints, value, begun)
+        trial.speed(tried)
+        if (score := trial.score(prior, blocks)) < least:
+            found, least = tried, score
+    trial.speed(found)
+    return least if found is not begun else best

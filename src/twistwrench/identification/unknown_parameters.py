@@ -1,0 +1,264 @@
+"""The unknown parameters of a robot: ten of each moving body, and of each joint its motor's inertia, friction and offset.
+
+Row j of τ = W x, with Y the regressor of the bodies (Atkeson, An and Hollerbach, 1986) and v_0 the speed of friction:
+
+    τ_j = Y_j π + Ia_j ddq_j + fv_j dq_j + fc_j tanh(dq_j / v_0j) + off_j
+
+A motor k that turns with several joints, at the rate s_k · dq of the joint it drives, adds s_k (Ia_k s_k·ddq + fv_k s_k·dq +
+fc_k tanh(s_k·dq / v_0)) to all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..algorithms.regressor import PARAMETER_NAMES
+from ..errors import ModelError, UnknownNameError, ValueRangeError
+from ..model.model import BASE, Model
+from ..robot import Robot
+from ..robot.robot_argument import require_robot
+from ..typing import Array
+
+if TYPE_CHECKING:
+    from .log_side import MotorSide
+
+DRIVE = ("motor_inertia", "viscous", "coulomb", "offset")
+"""What a joint may have besides its bodies, in the order of the columns."""
+_BODY = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
+"""The order in which the ten of a body are kept or grouped: moments first, as papers on base parameters list them."""
+_SMALLEST_LENGTH, _SMALLEST_MASS = 0.05, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownParameters:
+    """Unknown parameters of a robot, and the columns of its torques that belong to them.
+
+    Parameters
+    ----------
+    robot : Robot
+        Every joint has one degree of freedom. Its own friction and armature count as unknown.
+    motor_inertia : bool, a motor inertia for each joint, as the joint feels it
+    friction : sequence of str, ``viscous``, ``coulomb``, ``offset``
+    motor_side : MotorSide, optional; motors that turn with several joints have parameters of their own
+
+    Raises
+    ------
+    ModelError
+        A joint has several degrees of freedom, or the robot has rotors already.
+    UnknownNameError
+        ``friction`` names something else.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> unknown = UnknownParameters(tw.robots.planar_2r())
+    >>> len(unknown.names), unknown.names[-1]
+    (28, 'joint2.offset')
+    """
+
+    robot: Robot
+    motor_inertia: bool = True
+    friction: Sequence[str] = ("viscous", "coulomb", "offset")
+    motor_side: MotorSide | None = None
+
+    def __post_init__(self) -> None:
+        robot = require_robot(self.robot, "identification")
+        for name in self.friction:
+            if name not in DRIVE[1:]:
+                raise UnknownNameError.of("friction column", name, DRIVE[1:])
+        wide = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
+        if wide:
+            raise ModelError(
+                f"joint {wide[0]!r} of {robot.name!r} has several degrees of freedom, whose forces no motor measures. Identify "
+                "the robot on a stand: load it without a floating base."
+            )
+        if robot.nv == 0:
+            raise ModelError(f"robot {robot.name!r} has no joint that moves, so there is nothing to identify.")
+        if robot.actuators:
+            raise ModelError(
+                f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "
+                "robot without them, and their file as actuators=…."
+            )
+        bare = replace(robot.model, armature=np.zeros(robot.nv))
+        object.__setattr__(self, "robot", Robot(bare))
+
+    @property
+    def model(self) -> Model:
+        """The robot's model, without armature."""
+        return self.robot.model
+
+    @cached_property
+    def coupled(self) -> Array:
+        """(k, nv) what each motor that turns with several joints turns at, per rate of each of them; 1 for its own."""
+        nv = self.model.nv
+        return np.zeros((0, nv)) if self.motor_side is None else self.motor_side.coupled_rates
+
+    @cached_property
+    def _entries(self) -> tuple[tuple[str, str, int], ...]:
+        """Name, kind and place (column of the regressor, joint, or coupled motor) of each."""
+        model, found = self.model, list[tuple[str, str, int]]()
+        drive = (["motor_inertia"] if self.motor_inertia else []) + [f for f in DRIVE[1:] if f in self.friction]
+        for i, body in enumerate(model.bodies):
+            found += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
+            if not body.follows:
+                found += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive]
+        names = model.velocity_names
+        for k, rates in enumerate(self.coupled):
+            who = "+".join(names[j] for j in np.flatnonzero(rates))
+            found += [(f"{who}.{kind}", f"coupled {kind}", k) for kind in drive if kind != "offset"]
+        return tuple(found)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for each, such as ``link_2.Ixx`` and ``joint_2.coulomb``, from the base outward."""
+        return tuple(name for name, _, _ in self._entries)
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """What each is: ``m``, ``mcx``, …, ``Izz``, ``motor_inertia``, ``viscous``, ``coulomb``, ``offset``."""
+        return tuple(kind.removeprefix("coupled ") for _, kind, _ in self._entries)
+
+    @cached_property
+    def of_bodies(self) -> Array:
+        """(p,) the column of the regressor that each has; -1 where it is a drive's."""
+        return np.array([place if kind in PARAMETER_NAMES else -1 for _, kind, place in self._entries])
+
+    @cached_property
+    def file_values(self) -> Array:
+        """(p,) what the robot's file says; 0 for drives."""
+        own = self.robot.parameters
+        return np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
+
+    @cached_property
+    def lengths(self) -> tuple[float, float]:
+        """Mass [kg] and length [m] that are typical of the whole robot: what weak priors and scales are made from."""
+        model = self.model
+        reach = np.zeros(len(model.bodies))
+        for i, body in enumerate(model.bodies):
+            base = 0.0 if body.parent == BASE else reach[body.parent]
+            reach[i] = base + (float(np.linalg.norm(body.placement[:3, 3])) if body.parent != BASE else 0.0)
+        coms = [float(np.linalg.norm(body.inertia.com)) for body in model.bodies]
+        length = float(max((reach + coms).max(), _SMALLEST_LENGTH))
+        mass = float(sum(body.inertia.mass for body in model.bodies))
+        return max(mass, _SMALLEST_MASS) if mass > 0 else 1.0, length
+
+    def scales(self, torque: Array, speed: Array, acceleration: Array) -> Array:
+        """Scales: the size that each could have at most, by the robot's mass and reach and by the torques measured.
+
+        Parameters
+        ----------
+        torque, speed, acceleration : (nv,) array, typical of the log, above 0
+
+        Returns
+        -------
+        scales : (p,) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> UnknownParameters(tw.robots.pendulum()).scales(*np.ones((3, 1))).shape
+        (14,)
+        """
+        mass, length = self.lengths
+        by_kind = {"m": mass, **dict.fromkeys(("mcx", "mcy", "mcz"), mass * length)}
+        of_drive = {
+            "motor_inertia": torque / acceleration,
+            "viscous": torque / speed,
+            "coulomb": torque,
+            "offset": torque,
+        }
+        found = []
+        for _, kind, place in self._entries:
+            plain = kind.removeprefix("coupled ")
+            if plain not in DRIVE:
+                found.append(by_kind.get(kind, mass * length**2))
+            elif plain != kind:
+                found.append(float(of_drive[plain][self.coupled[place] != 0].max()))
+            else:
+                found.append(float(of_drive[plain][place]))
+        return np.array(found)
+
+    def columns(self, which: Array, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
+        """Columns of the torques that belong to some of the parameters.
+
+        Parameters
+        ----------
+        which : (k,) array, numbers of parameters
+        q : (n, nq) array
+        dq, ddq : (n, nv) array
+        friction_speed : (nv,) array, v_0 [rad/s or m/s]
+
+        Returns
+        -------
+        W : (n, nv, k) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> unknown = UnknownParameters(tw.robots.pendulum())
+        >>> unknown.columns(np.arange(14), *np.zeros((3, 5, 1)), np.ones(1)).shape
+        (5, 1, 14)
+        """
+        W = np.zeros((*dq.shape, len(which)))
+        places = self.of_bodies[which]
+        mine = np.flatnonzero(places >= 0)
+        if mine.size:
+            W[:, :, mine] = self.robot.regressor(q, dq, ddq)[..., places[mine]]
+        for c in np.flatnonzero(places < 0):
+            self._drive_column(W[:, :, c], int(which[c]), dq, ddq, friction_speed)
+        return W
+
+    def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
+        """Columns of Coulomb friction among some of the parameters.
+
+        Parameters
+        ----------
+        which : (k,) array, numbers of parameters
+
+        Returns
+        -------
+        found : list of (column, joints), with the joints (nv,) bool that the column is in
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> UnknownParameters(tw.robots.pendulum()).coulomb_columns(np.arange(14))
+        [(12, array([ True]))]
+        """
+        found = []
+        for c, k in enumerate(which):
+            _, kind, place = self._entries[int(k)]
+            if kind == "coulomb":
+                found.append((c, np.arange(self.model.nv) == place))
+            elif kind == "coupled coulomb":
+                found.append((c, self.coupled[place] != 0))
+        return found
+
+    def _drive_column(self, out: Array, k: int, dq: Array, ddq: Array, friction_speed: Array) -> None:
+        """Fill the column (n, nv) of one parameter of a drive."""
+        _, kind, place = self._entries[k]
+        together = kind.startswith("coupled ")
+        s = self.coupled[place] if together else np.eye(self.model.nv)[place]
+        plain = kind.removeprefix("coupled ")
+        speed = dq @ s
+        if plain == "motor_inertia":
+            value = ddq @ s
+        elif plain == "viscous":
+            value = speed
+        elif plain == "coulomb":
+            value = np.tanh(speed / friction_speed[int(np.flatnonzero(s)[-1])])
+        else:
+            value = np.ones(len(dq))
+        out[...] = value[:, None] * s
+
+
+def check_speed(value: float) -> float:
+    """A friction speed or cut-off that is a number above 0. Raises ValueRangeError."""
+    if not (np.isfinite(value) and value > 0):
+        raise ValueRangeError(f"{value!r} is no speed or frequency. Give a number above 0, or leave it to the program.")
+    return float(value)

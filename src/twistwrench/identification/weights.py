@@ -1,0 +1,49 @@
+"""Weighted least squares of rows: each joint by its own size of residual, and large residuals less than small ones.
+
+Iteratively reweighted least squares with Huber's weights min(1, k / |u|), u = r / s, k = 1.345 and s = 1.4826 median |r|
+(Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from ..typing import Array
+from .normal_equations import NormalEquations, Prior
+
+_HUBER, _MAD = 1.345, 1.4826
+_ROUNDS = 12
+Method = Literal["irls", "wls", "ols"]
+
+
+def weighted_fit(
+    W: Array, tau: Array, prior: Prior, method: Method, felt: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Parameters (r,), sizes of residuals by joint (nv,), and weights (n, nv) of the rows, 1 for whole ones.
+
+    ``W`` is (n, nv, r), ``tau`` (n, nv); ``felt`` (nv, r) says which columns are not zero for each joint.
+    """
+    ones = np.ones(tau.shape)
+    if method == "ols":
+        whole = NormalEquations.of(W, tau, felt)
+        x = prior.solve(whole.N.sum(axis=0), whole.c.sum(axis=0))
+        return x, np.sqrt(whole.squares(x) / max(1.0, whole.rows)), ones
+    x, sigma = NormalEquations.of(W, tau, felt).solve(prior)
+    weights = ones
+    if method == "wls":
+        return x, sigma, weights
+    for _ in range(_ROUNDS):
+        left = tau - W @ x
+        sigma = np.maximum(_MAD * np.median(np.abs(left), axis=0), 1e-9 * np.abs(tau).max(axis=0) + 1e-300)
+        weights = np.minimum(1.0, _HUBER / np.maximum(np.abs(left / sigma), 1e-300))
+        root = np.sqrt(weights) / sigma
+        A, b = W * root[..., None], tau * root
+        equations = NormalEquations.of(A, b, felt)
+        new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
+        done = bool(np.abs(W @ (new - x)).max() <= 1e-6 * sigma.max())
+        x = new
+        if done:
+            break
+    return x, sigma, weights

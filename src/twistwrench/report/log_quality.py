@@ -1,0 +1,161 @@
+"""What is in a file of a motion, without a robot: its clock, and of each column its range, its grid and where it is cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import TrajectoryError
+from ..motion.column_names import time_meaning
+from ..motion.column_units import split_unit, time_factor
+from ..motion.log_noise import noise, quantum
+from ..motion.motion_log import MotionFile, open_motion_file
+from ..typing import Array
+
+_GAP = 3.0
+"""Times the usual step, from which a step is a gap."""
+_CUT, _CUT_ROWS = 0.01, 20
+"""Share of the rows, and rows, that are at an extreme where a column is cut off there."""
+
+
+@dataclass(frozen=True)
+class LogColumn:
+    """One column.
+
+    Attributes
+    ----------
+    name : str
+    least, most : float, in the file's unit
+    grid : float, step of the grid that the numbers lie on; 0 where none shows
+    noise : float, standard deviation of what is not smooth; 0 where none shows
+    cut : float, share of the rows at the extreme that has most of them, where it is cut off there; 0 where it is not
+    dead : bool, whether it is one number throughout
+    """
+
+    name: str
+    least: float
+    most: float
+    grid: float
+    noise: float
+    cut: float
+    dead: bool
+
+
+@dataclass(frozen=True)
+class LogQuality:
+    """Quality of a log.
+
+    Attributes
+    ----------
+    path : Path
+    rows : int
+    time : str, the column of time; empty where there is none
+    seconds : float, from the first stamp to the last; not a number without a column of time
+    rate : float, rows a second by the usual step [Hz]
+    gaps : int, steps of three usual ones and more
+    longest : float, step [s]
+    repeated : int, rows with the stamp of the row before
+    backward : int, rows whose stamp is before that of the row above
+    jitter : float, standard deviation of the steps that are no gaps [s]
+    columns : tuple of LogColumn
+    """
+
+    path: Path
+    rows: int
+    time: str
+    seconds: float
+    rate: float
+    gaps: int
+    longest: float
+    repeated: int
+    backward: int
+    jitter: float
+    columns: tuple[LogColumn, ...]
+
+    @classmethod
+    def of(cls, path: str | Path) -> LogQuality:
+        """Read a file of a motion whole.
+
+        Parameters
+        ----------
+        path : str or Path, as :meth:`twistwrench.Motion.from_file` takes it
+
+        Returns
+        -------
+        quality : LogQuality
+
+        Raises
+        ------
+        NotFoundError, TrajectoryError
+            The file cannot be read.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> quality = LogQuality.of(tw.robots.path_of("ur5").with_name("ur5_demo.csv"))
+        >>> quality.rows, round(quality.rate), quality.repeated
+        (751, 125, 0)
+        """
+        file = open_motion_file(path)
+        table = np.concatenate([block.table for block in file.blocks(range(len(file.header)))] or [np.zeros((0, 1))])
+        if not len(table):
+            raise TrajectoryError(f"{path}: no rows after the header.")
+        place = _time_of(file)
+        clock = _clock(table[:, place[0]] * place[1]) if place is not None else _no_clock()
+        return cls(
+            file.path,
+            len(table),
+            "" if place is None else file.header[place[0]],
+            *clock,
+            tuple(
+                _column(file.header[k], table[:, k]) for k in range(table.shape[1]) if place is None or k != place[0]
+            ),
+        )
+
+
+def _time_of(file: MotionFile) -> tuple[int, float] | None:
+    """The column of time and what takes it to seconds."""
+    ranked = []
+    for k, cell in enumerate(file.header):
+        name, unit = split_unit(cell)
+        meant = time_meaning(name)
+        if meant is not None:
+            ranked.append((meant[0], k, time_factor(unit or meant[1] or "s") or 1.0))
+    if not ranked:
+        return None
+    _, k, factor = min(ranked)
+    return k, factor
+
+
+def _clock(t: Array) -> tuple[float, float, int, float, int, int, float]:
+    steps = np.diff(t)
+    ahead = steps[steps > 0]
+    usual = float(np.median(ahead)) if ahead.size else np.nan
+    regular = ahead[ahead < _GAP * usual] if ahead.size else ahead
+    return (
+        float(t[-1] - t[0]),
+        1.0 / usual,
+        int((ahead >= _GAP * usual).sum()),
+        float(ahead.max(initial=0.0)),
+        int((steps == 0).sum()),
+        int((steps < 0).sum()),
+        float(regular.std()) if regular.size else np.nan,
+    )
+
+
+def _no_clock() -> tuple[float, float, int, float, int, int, float]:
+    return np.nan, np.nan, 0, np.nan, 0, 0, np.nan
+
+
+def _column(name: str, x: Array) -> LogColumn:
+    least, most = float(x.min()), float(x.max())
+    dead = least == most
+    counts = [int((x == extreme).sum()) for extreme in (least, most) if extreme != 0]
+    cut = max(counts, default=0)
+    rows = np.arange(len(x), dtype=float)
+    grid = 0.0 if dead else quantum([x])
+    size = 0.0 if dead or len(x) < 16 else float(noise([rows], [x[:, None]], grid)[0])
+    share = cut / len(x) if not dead and cut >= _CUT_ROWS and cut >= _CUT * len(x) else 0.0
+    return LogColumn(name, least, most, grid, size, share, dead)

@@ -1,0 +1,195 @@
+"""Identification of robots whose parameters are known: intervals that hold, doubts that are raised, and none that is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from identification_logs import coloured, known_log
+
+import twistwrench as tw
+from twistwrench.bodies.inertia import SpatialInertia
+from twistwrench.identification import identify, without_links
+
+ARM = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
+LOG = known_log(ARM, 1, seconds=15.0)
+GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
+"""Hz and rad/s: what the program chooses is tested apart."""
+
+
+def kinds(found, *, refusing=False):
+    return {doubt.kind for doubt in found.doubts if doubt.refuses or not refusing}
+
+
+def test_a_clean_log_raises_no_doubt_and_gives_the_truth():
+    found = identify(ARM, LOG.motion, **GIVEN)
+    assert found.verdict.ok and found.doubts == ()
+    assert found.held_out.all < 0.03
+    off = (found.values - LOG.truth(found)) / found.standard_deviations
+    assert np.sqrt((off**2).mean()) < 2.0
+
+
+def test_settings_are_chosen():
+    """The speed at which friction turns, and a torque that is three samples late."""
+    arm = tw.robots.planar_3r()
+    log = known_log(arm, 2)
+    found = identify(arm, log.changed(tau=np.roll(log.motion.tau, 3, axis=0), rows=slice(10, None)))
+    assert abs(found.settings.shift - 0.015) < 0.002
+    assert (found.settings.friction_speed == 0.05).all()
+    assert 5.0 <= found.settings.cutoff <= 20.0
+
+
+def _coverage(robot, count, cutoff):
+    inside = []
+    for seed in range(count):
+        log = known_log(robot, seed)
+        found = identify(robot, log.motion, cutoff=cutoff)
+        low, high = found.interval().T
+        truth = log.truth(found)
+        inside.append((low <= truth) & (truth <= high))
+    return float(np.mean(inside))
+
+
+def test_intervals_hold_the_truth_and_those_of_the_textbook_do_not():
+    """Noise that forgets itself in 30 ms, at rows of 20 ms: what the textbook takes for independent is not."""
+    arm = tw.robots.planar_2r()
+    runs = [
+        (identify(arm, log.motion, cutoff=20.0), log) for log in (known_log(arm, s, seconds=15.0) for s in range(12))
+    ]
+    truths = [log.truth(found) for found, log in runs]
+    inside = [(f.interval()[:, 0] <= x) & (x <= f.interval()[:, 1]) for (f, _), x in zip(runs, truths, strict=True)]
+    assert np.mean(inside) >= 0.85  # of 156 intervals, of which those of a log hang together
+    spread = np.sqrt(np.mean([(f.values - x) ** 2 for (f, _), x in zip(runs, truths, strict=True)], axis=0))
+    ours = np.median([found.standard_deviations for found, _ in runs], axis=0)
+    textbook = np.median([found.covariance.textbook for found, _ in runs], axis=0)
+    assert 0.7 < np.median(spread / ours) < 1.5 < np.median(spread / textbook)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["planar_2r", "planar_3r", "cart_pole", "ur5"])
+def test_intervals_hold_the_truth_in_nine_of_ten_logs(name):
+    robot = getattr(tw.robots, name)()
+    assert 0.90 <= _coverage(robot, 200 if robot.nv < 6 else 40, 20.0) <= 0.98
+
+
+# ── what is wrong with a log ──
+
+
+@pytest.mark.parametrize("joint", [0, 3])
+def test_a_torque_of_the_wrong_sign(joint):
+    tau = LOG.motion.tau.copy()
+    tau[:, joint] *= -1
+    found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
+    signs = [doubt for doubt in found.doubts if doubt.kind == "sign" and doubt.refuses]
+    assert [doubt.joints for doubt in signs] == [(ARM.joint_names[joint],)]
+    assert found.verdict.word == "LOOK AGAIN"
+
+
+def test_a_torque_in_another_unit():
+    tau = LOG.motion.tau.copy()
+    tau[:, 2] *= 50
+    found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
+    gain = next(doubt for doubt in found.doubts if doubt.kind == "gain")
+    assert (
+        gain.refuses
+        and gain.joints == (ARM.joint_names[2],)
+        and 1.0 < float(gain.sentence.split(" times")[0].split()[-1]) / 49.0 < 1.05
+    )
+
+
+def test_exchanged_torque_columns():
+    tau = LOG.motion.tau.copy()
+    tau[:, [1, 3]] = tau[:, [3, 1]]
+    found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
+    exchanged = next(doubt for doubt in found.doubts if doubt.kind == "exchanged")
+    assert exchanged.refuses and set(exchanged.joints) == {ARM.joint_names[1], ARM.joint_names[3]}
+
+
+@pytest.mark.parametrize("rows", [2, 10])
+def test_late_torques(rows):
+    """10 and 50 ms at 200 Hz; found, taken off, and said."""
+    found = identify(ARM, LOG.changed(tau=np.roll(LOG.motion.tau, rows, axis=0), rows=slice(20, None)), **GIVEN)
+    assert abs(found.settings.shift - 0.005 * rows) < 0.002
+    assert kinds(found) == {"late"} and found.held_out.all < 0.03
+
+
+def test_saturated_torques():
+    most = 0.6 * np.abs(LOG.motion.tau).max(axis=0)
+    found = identify(ARM, LOG.changed(tau=np.clip(LOG.motion.tau, -most, most)), **GIVEN)
+    assert "saturated" in kinds(found)
+
+
+def test_coarse_positions():
+    assert "quantised" not in kinds(identify(ARM, LOG.changed(q=LOG.motion.q.round(4)), **GIVEN))
+    assert "quantised" in kinds(identify(ARM, LOG.changed(q=LOG.motion.q.round(2)), **GIVEN))
+
+
+def test_degrees_in_place_of_radians():
+    m = LOG.motion
+    found = identify(ARM, tw.Motion(m.time, np.degrees(m.q), tau=m.tau, robot=ARM, in_seconds=True), **GIVEN)
+    assert "contradiction" in kinds(found, refusing=True)
+
+
+def test_a_motion_too_short_to_tell():
+    assert "unexciting" in kinds(identify(ARM, LOG.changed(rows=slice(0, 250)), **GIVEN))
+
+
+def test_a_dead_torque_channel():
+    tau = LOG.motion.tau.copy()
+    tau[:, 3] = 0.1
+    found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
+    dead = next(doubt for doubt in found.doubts if doubt.kind == "dead-torque")
+    assert dead.joints == (ARM.joint_names[3],) and np.isfinite(found.values).all()
+
+
+def test_torques_of_something_else():
+    tau = coloured(len(LOG.motion), ARM.nv, 200.0, np.random.default_rng(5), memory=0.3)
+    found = identify(ARM, LOG.changed(tau=tau), **GIVEN)
+    assert "unexplained" in kinds(found, refusing=True) and not found.verdict.ok
+
+
+def test_a_hand_that_the_file_has_and_the_log_lacks():
+    """The file's robot carries a kilogram at its flange, on a fixed link; the robot of the log does not."""
+    held = {"wrist_1_joint": 0.2, "wrist_2_joint": 0.3, "wrist_3_joint": 0.0}
+    text = tw.robots.path_of("ur5").read_text()
+    hand = (
+        '<link name="hand"><inertial><origin xyz="0 0 0.08"/><mass value="1.5"/><inertia ixx="0.002" ixy="0" ixz="0" iyy="0.002" '
+        'iyz="0" izz="0.001"/></inertial></link><joint name="mount" type="fixed"><parent link="wrist_3_link"/><child '
+        'link="hand"/></joint></robot>'
+    )
+    whole = tw.load(text.replace("</robot>", hand)).lock(held)
+    log = known_log(tw.robots.ur5().lock(held), 3, of=whole)
+    found = identify(whole, log.motion, **GIVEN)
+    missing = next(doubt for doubt in found.doubts if doubt.kind == "missing-link")
+    assert "without hand" in missing.sentence
+    again = identify(without_links(whole, ["hand"]), log.changed(of=without_links(whole, ["hand"])), **GIVEN)
+    assert again.verdict.ok
+
+
+def test_logs_that_do_not_belong_together():
+    """A test log of a robot that carries something is announced."""
+    arm = tw.robots.planar_3r()
+    loaded = arm.with_payload(SpatialInertia.from_com(0.4))
+    found = identify(arm, known_log(arm, 1).motion, test=known_log(loaded, 2, of=arm).motion, **GIVEN)
+    assert {"other-torques"} <= kinds(found, refusing=True)
+
+
+# ── what is no log ──
+
+
+def test_bad_input_is_one_clear_error():
+    arm = tw.robots.planar_2r()
+    log = known_log(arm, 0)
+    with pytest.raises(tw.ShapeError, match="no torques"):
+        identify(arm, tw.Motion(log.motion.time, log.motion.q, robot=arm))
+    with pytest.raises(tw.TrajectoryError, match="not those of"):
+        identify(tw.robots.ur5(), log.motion)
+    with pytest.raises(tw.TrajectoryError, match="too few"):
+        identify(arm, log.motion[:40])
+    with pytest.raises(tw.TrajectoryError, match="one number throughout"):
+        identify(arm, log.changed(tau=np.zeros_like(log.motion.tau)))
+    with pytest.raises(tw.ShapeError, match=r"tw\.Motion"):
+        identify(arm, [1.0])
+    with pytest.raises(tw.UnknownNameError, match="friction column"):
+        identify(arm, log.motion, friction=("sticky",))
+    with pytest.raises(tw.ValueRangeError, match="above 0"):
+        identify(arm, log.motion, cutoff=-1.0)

@@ -1,0 +1,172 @@
+"""Bodies that can exist, and files that come back as they were written."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from identification_logs import known_log
+
+import twistwrench as tw
+from twistwrench.bodies.inertia import SpatialInertia
+from twistwrench.identification import BaseParameters, UnknownParameters, identify
+from twistwrench.identification.positive_bodies import MOST_STEPS, STRENGTHS, PositivePrior, PositiveProblem
+from twistwrench.testing.robots import random_robot
+
+GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
+
+
+def random_problem(seed, joints=4, rows=60):
+    """A random robot, and rows of torques that no robot has: noise as large as the torques."""
+    robot = random_robot(seed, joints, kinds=("revolute", "prismatic"))
+    unknown = UnknownParameters(robot)
+    base = BaseParameters.of(unknown)
+    rng = np.random.default_rng(seed)
+    q = np.stack([robot.random_configuration(rng) for _ in range(rows)])
+    dq, ddq = rng.normal(size=(2, rows, robot.nv))
+    W = unknown.columns(base.kept, q, dq, ddq, np.full(robot.nv, 0.1)).reshape(rows * robot.nv, -1)
+    tau = W @ base.project(unknown.file_values)
+    tau = tau + rng.normal(size=tau.shape) * np.sqrt((tau**2).mean())
+    ones = np.ones(robot.nv)
+    sizes = unknown.scales(ones, ones, ones)
+    prior = PositivePrior.of(base, np.zeros(base.count), sizes)
+    return PositiveProblem(base, prior, W.T @ W, W.T @ tau, float(tau @ tau), sizes), base, prior, sizes
+
+
+def bodies(base, fit):
+    places = base.unknown.of_bodies
+    values = np.zeros(10 * len(base.unknown.model.bodies))
+    values[places[places >= 0]] = fit.values[places >= 0]
+    return [SpatialInertia.from_parameters(p) for p in values.reshape(-1, 10)]
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(12), pytest.param(range(12, 1000), marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_every_body_can_exist(seeds):
+    for seed in seeds:
+        problem, base, _, _ = random_problem(seed)
+        for fit in problem.path(STRENGTHS):
+            assert fit.steps <= MOST_STEPS
+            assert min(np.linalg.eigvalsh(G.pseudo_inertia)[0] for G in bodies(base, fit)) > 0
+            assert (fit.values[np.isin(base.unknown.kinds, ("viscous", "coulomb", "motor_inertia"))] > 0).all()
+
+
+def test_a_strong_pull_is_the_file_and_a_weak_one_the_least_squares():
+    problem, base, _, _ = random_problem(1)
+    far = problem.path((1e9,))[-1]
+    file = base.unknown.file_values[base.unknown.of_bodies >= 0]
+    assert np.allclose(far.values[base.unknown.of_bodies >= 0], file, rtol=1e-4, atol=1e-4 * np.abs(file).max())
+    costs = [fit.cost for fit in problem.path(STRENGTHS)]
+    assert (np.diff(costs) <= 1e-9 * np.abs(costs[:-1])).all()
+
+
+@pytest.mark.slow
+def test_the_cost_is_that_of_a_conic_solver():
+    """Clarabel by way of cvxpy, at every strength that is offered."""
+    cp = pytest.importorskip("cvxpy")
+    problem, base, prior, sizes = random_problem(2, joints=3)
+    unknown = base.unknown
+    kinds = np.array(unknown.kinds)
+    from twistwrench.algorithms.regressor import PARAMETER_NAMES
+    from twistwrench.identification.positive_bodies import pseudo_inertia
+
+    units = [pseudo_inertia(e) for e in np.eye(10)]
+    x = cp.Variable(len(unknown.names))
+    terms = []
+    for i in range(len(unknown.model.bodies)):
+        places = [int(np.flatnonzero(unknown.of_bodies == 10 * i + k)[0]) for k in range(len(PARAMETER_NAMES))]
+        L = np.linalg.inv(np.linalg.cholesky(prior.bodies[i]))
+        J = sum(x[p] * (L @ E @ L.T) for p, E in zip(places, units, strict=True))
+        terms.append(cp.trace(J) - cp.log_det(J) - 4)
+    drives = np.flatnonzero(prior.positive)
+    terms += [x[k] / prior.drives[k] - cp.log(x[k] / prior.drives[k]) - 1 for k in drives]
+    free = np.flatnonzero(kinds == "offset")
+    root = np.linalg.cholesky(problem.H + 1e-12 * np.trace(problem.H) * np.eye(len(problem.H))).T
+    for strength, fit in zip(STRENGTHS, problem.path(STRENGTHS), strict=True):
+        squares = 0.5 * (cp.sum_squares(root @ x) - 2 * problem.g @ x + problem.y)
+        cost = squares + strength * cp.sum(terms) + 0.5 * cp.sum_squares(x[free] / sizes[free])
+        best = cp.Problem(cp.Minimize(cost)).solve(solver=cp.CLARABEL)
+        assert fit.cost <= best * 1.01
+
+
+ARM = tw.load(tw.robots.path_of("ur5"))
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Of a robot whose forearm is 20 % heavier than in its file."""
+    heavy = tw.robots.ur5().with_payload(SpatialInertia.from_com(0.5, (0.0, 0.0, 0.1)), "forearm_link")
+    return identify(ARM, known_log(heavy, 4, of=ARM).motion, **GIVEN)
+
+
+def test_the_robot_predicts_what_the_file_does_not(found):
+    assert found.consistent.held_out < 0.5 * found.consistent.of_file
+    names = [body.link for body in ARM.model.bodies]
+    gained = [G.mass - b.inertia.mass for G, b in zip(found.consistent.inertias, ARM.model.bodies, strict=True)]
+    assert not any(defect for G in found.consistent.inertias for defect in G.defects())
+    assert names[int(np.argmax(gained))] in ("upper_arm_link", "forearm_link")
+
+
+def test_files_come_back_as_they_were_written(found, tmp_path):
+    found.write(tmp_path / "new.urdf", tmp_path / "new.yaml", logs=["log.csv"])
+    again = tw.load(tmp_path / "new.urdf").with_actuators(tmp_path / "new.yaml")
+    robot = found.robot
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.normal(size=(3, 500, 6))
+    ours, theirs = (r.inverse_dynamics(q, dq, ddq, friction=True) for r in (robot, again))
+    assert np.abs(ours - theirs).max() <= 1e-12 * np.abs(ours).max()
+
+
+def test_everything_else_stays_as_it_was(found, tmp_path):
+    found.write(tmp_path / "new.urdf")
+    before, after = (p.read_text() for p in (tw.robots.path_of("ur5"), tmp_path / "new.urdf"))
+    kept = [
+        line
+        for line in before.splitlines()
+        if not any(w in line for w in ("<mass", "<inertia", "<origin", "<dynamics"))
+    ]
+    lines = after.splitlines()
+    at = 0
+    for line in kept:
+        at = next(k for k in range(at, len(lines)) if line.strip() in lines[k]) + 1
+    assert "twistwrench identify: version" in after
+
+
+def test_links_without_an_inertial_or_an_origin_get_one(tmp_path):
+    text = tw.robots.path_of("planar_2r").read_text()
+    import re
+
+    first = re.search(r"<inertial>.*?</inertial>", text, re.DOTALL)[0]
+    bare = text.replace(first, re.sub(r"<origin[^>]*/>", "", first), 1)
+    arm = tw.load(bare.replace("\t", " "), inertia="accept")
+    path = tmp_path / "arm.urdf"
+    path.write_text(bare)
+    arm = tw.load(path, inertia="accept")
+    found = identify(arm, known_log(tw.robots.planar_2r(), 1, of=arm).motion, **GIVEN)
+    found.write(tmp_path / "new.urdf", force=True)
+    assert tw.load(tmp_path / "new.urdf").nv == 2
+
+
+def test_nothing_is_written_after_look_again(tmp_path):
+    log = known_log(ARM, 1)
+    tau = log.motion.tau.copy()
+    tau[:, 1] *= -1
+    found = identify(ARM, log.changed(tau=tau), **GIVEN)
+    with pytest.raises(tw.ValueRangeError, match="LOOK AGAIN"):
+        found.write(tmp_path / "new.urdf")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_robot_without_a_file_says_so(tmp_path):
+    arm = tw.robots.planar_2r()
+    found = identify(
+        tw.Robot(_without_source(arm.model)), known_log(arm, 1, of=tw.Robot(_without_source(arm.model))).motion, **GIVEN
+    )
+    with pytest.raises(tw.ModelError, match="not read from a file"):
+        found.write(tmp_path / "new.urdf")
+
+
+def _without_source(model):
+    from dataclasses import replace
+
+    return replace(model, source="")

@@ -1,0 +1,189 @@
+"""One motion in every format that logs come in gives the same states."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+
+ARM = tw.robots.planar_2r()
+TIME = np.arange(50) * 0.01
+Q = np.stack([np.sin(3 * TIME), np.cos(2 * TIME)], axis=1)
+TAU = np.stack([TIME, -(TIME**2)], axis=1)
+NAMES = ARM.joint_names
+
+
+def columns():
+    found = {"time": TIME}
+    found |= {name: Q[:, k] for k, name in enumerate(NAMES)}
+    return found | {f"{name}.torque": TAU[:, k] for k, name in enumerate(NAMES)}
+
+
+def write_npz(path):
+    np.savez(path, time=TIME, q=Q, tau=TAU, remark=np.array("a log"))
+
+
+def write_npy(path):
+    kinds = [(name, float) for name in columns()]
+    rows = np.zeros(len(TIME), kinds)
+    for name, values in columns().items():
+        rows[name] = values
+    np.save(path, rows)
+
+
+def write_mat(path):
+    from scipy.io import savemat
+
+    savemat(path, {"t": TIME[:, None], "q": Q, "tau": TAU})
+
+
+def write_hdf5(path):
+    with pytest.importorskip("h5py").File(path, "w") as file:
+        file["time"], file["joint_states/position"], file["joint_states/effort"] = TIME, Q, TAU
+
+
+def write_parquet(path):
+    pytest.importorskip("pyarrow")
+    import pyarrow
+    import pyarrow.feather
+    import pyarrow.parquet
+
+    table = pyarrow.table(columns() | {"mode": ["run"] * len(TIME)})
+    (pyarrow.parquet.write_table if path.suffix == ".parquet" else pyarrow.feather.write_feather)(table, path)
+
+
+JOINT_STATE = """
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+
+def write_mcap(path):
+    writer = pytest.importorskip("mcap_ros2.writer").Writer(str(path))
+    schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+    for t, q, tau in zip(TIME, Q, TAU, strict=True):
+        nano = round(t * 1e9) + 1_700_000_000 * 10**9
+        stamp = {"sec": nano // 10**9, "nanosec": nano % 10**9}
+        message = {"header": {"stamp": stamp, "frame_id": ""}, "name": list(NAMES)[::-1]}
+        message |= {"position": q[::-1].tolist(), "velocity": [], "effort": tau[::-1].tolist()}
+        writer.write_message("/joint_states", schema, message, log_time=nano, publish_time=nano)
+    writer.finish()
+
+
+def write_bag(path):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state, header, stamp = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    with rosbag2.Writer(path, version=8) as writer:
+        connection = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        for t, q, tau in zip(TIME, Q, TAU, strict=True):
+            nano = round(t * 1e9)
+            at = header(stamp=stamp(sec=nano // 10**9, nanosec=nano % 10**9), frame_id="")
+            message = state(header=at, name=list(NAMES), position=q, velocity=np.zeros(0), effort=tau)
+            writer.write(connection, nano, store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
+
+
+FORMATS = {
+    "log.npz": write_npz, "log.npy": write_npy, "log.mat": write_mat, "log.h5": write_hdf5, "log.parquet": write_parquet,
+    "log.feather": write_parquet, "log.mcap": write_mcap, "bag": write_bag,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_motion(name, tmp_path):
+    FORMATS[name](tmp_path / name)
+    motion = tw.Motion.from_file(tmp_path / name, ARM)
+    assert np.allclose(motion.time - motion.time[0], TIME, atol=1e-12)
+    assert (motion.q == Q).all() and (motion.tau == TAU).all()
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.npy", "log.mat", "log.h5", "log.parquet", "log.feather", "log.mcap"])
+def test_a_file_cut_short_is_one_clear_error(name, tmp_path):
+    FORMATS[name](tmp_path / name)
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(whole[: len(whole) // 3])
+    with pytest.raises(tw.TrajectoryError, match=name):
+        tw.Motion.from_file(tmp_path / name, ARM)
+
+
+def test_a_plain_array_is_told_by_columns(tmp_path):
+    np.save(tmp_path / "log.npy", np.column_stack([TIME, Q]))
+    told = {"time": "column1", "joint1": "column2", "joint2": "column3"}
+    assert (tw.Motion.from_file(tmp_path / "log.npy", ARM, columns=told).q == Q).all()
+
+
+# ── several files of one motion ──
+
+
+def write_csv(path, names, values):
+    np.savetxt(path, values, delimiter=",", header=",".join(names), comments="")
+    return str(path)
+
+
+def test_files_without_time_are_joined_row_by_row(tmp_path):
+    """Columns that are called alike are told apart by the names of the files."""
+    a = write_csv(tmp_path / "pos_data.csv", NAMES, Q)
+    b = write_csv(tmp_path / "motor_currents.csv", NAMES, TAU)
+    motion = tw.Motion.from_file(f"{a}+{b}", ARM, rate=100.0)
+    assert np.allclose(motion.q, Q) and np.allclose(motion.tau, TAU) and np.allclose(motion.time, TIME)
+    short = write_csv(tmp_path / "torques.csv", NAMES, TAU[:-1])
+    with pytest.raises(tw.TrajectoryError, match="rows differ"):
+        tw.Motion.from_file(f"{a}+{short}", ARM, rate=100.0)
+
+
+def test_files_with_time_are_joined_by_their_stamps(tmp_path):
+    a = write_csv(tmp_path / "a.csv", ["time", *NAMES], np.column_stack([TIME, Q]))
+    b = write_csv(tmp_path / "b.csv", ["t", *(f"{n}.torque" for n in NAMES)], np.column_stack([TIME[5:], TAU[5:]]))
+    motion = tw.Motion.from_file(f"{a}+{b}", ARM)
+    assert np.allclose(motion.time, TIME[5:]) and np.allclose(motion.tau, TAU[5:]) and np.allclose(motion.q, Q[5:])
+    bare = write_csv(tmp_path / "bare.csv", NAMES, TAU)
+    with pytest.raises(tw.TrajectoryError, match="no column of time"):
+        tw.Motion.from_file(f"{a}+{bare}", ARM)
+    late = write_csv(tmp_path / "late.csv", ["t", *(f"{n}.torque" for n in NAMES)], np.column_stack([TIME + 9, TAU]))
+    with pytest.raises(tw.TrajectoryError, match="do not overlap"):
+        tw.Motion.from_file(f"{a}+{late}", ARM)
+
+
+def test_a_file_with_a_plus_in_its_name_is_itself(tmp_path):
+    path = write_csv(tmp_path / "a+b.csv", ["time", *NAMES], np.column_stack([TIME, Q]))
+    assert np.allclose(tw.Motion.from_file(path, ARM).q, Q)
+
+
+# ── twistwrench log info ──
+
+
+def test_log_info_says_what_is_in_a_file(tmp_path):
+    t = np.delete(TIME, slice(20, 30))
+    t[5] = t[4]
+    rng = np.random.default_rng(0)
+    table = np.column_stack([t, np.minimum(rng.normal(size=len(t)), -0.2), np.full(len(t), 3.0)])
+    path = write_csv(tmp_path / "log.csv", ["time", "clipped", "dead"], table)
+    result = CliRunner().invoke(main, ["log", "info", path, "--json"])
+    assert result.exit_code == 0, result.output
+    (found,) = json.loads(result.output)
+    assert found["rows"] == 40 and abs(found["rate"] - 100) < 1e-6 and found["gaps"] == 1 and found["repeated"] == 1
+    assert found["columns"][0]["cut"] > 0.2 and found["columns"][1]["dead"]
+    shown = CliRunner().invoke(main, ["log", "info", path])
+    assert "one number throughout" in shown.output and "1 gaps" in shown.output
+    assert CliRunner().invoke(main, ["log", "info", str(tmp_path / "none.csv")]).exit_code == 2
