@@ -20,6 +20,8 @@ _CHUNK = 8192
 """States that columns are made for at a time."""
 _PERIODS = 12
 """Of the cut-off, that a filter reaches to either side."""
+MOST_ROWS = 10_000
+"""Of all logs together: 46 MB for seven joints."""
 _JUDGED_ROWS = 2500
 """States of all logs that predictions of different cut-offs are compared in."""
 
@@ -68,9 +70,10 @@ class FilteredRows:
         """
         W, known, times, logs = list[Array](), list[Array](), list[Array](), list[Array]()
         states, slices = list[Filtered](), list[slice]()
+        total = sum(log.seconds for log in samples)
         for k, log in enumerate(samples):
             s = states_below(log, cutoff)
-            rows = kept_rows(s, cutoff)
+            rows = kept_rows(s, cutoff, max(1.0, MOST_ROWS * log.seconds / total))
             w, fixed = _columns(base, s, rows, cutoff, friction_speed)
             W.append(w)
             known.append(fixed)

@@ -163,9 +163,12 @@ def states_below(samples: SteadySamples, cutoff: float, rate: float | None = Non
     return Filtered(time[rows], samples.rate / every, q[rows], dq[rows], ddq[rows], tau[rows])
 
 
-def kept_rows(states: Filtered, cutoff: float) -> slice:
-    """Which states become rows: two and a half a period of the cut-off, without the first and the last, where filters begin."""
-    every = max(1, math.floor(states.rate / (_ROW_RATE * cutoff)))
+def kept_rows(states: Filtered, cutoff: float, most: float) -> slice:
+    """Which states become rows: two and a half a period of the cut-off, without the first and the last, where filters begin.
+
+    Of long logs fewer, ``most``, spread evenly: rows that are near each other hang together anyway.
+    """
+    every = max(1, math.floor(states.rate / (_ROW_RATE * cutoff)), math.ceil(len(states.time) / most))
     border = math.ceil(states.rate / cutoff)
     border = min(border, len(states.time) // 10)
     return slice(border, len(states.time) - border, every)

@@ -1,0 +1,115 @@
+"""The command: which files it writes when, what it takes for a log, and what it says of bad input."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from identification_logs import known_log
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+
+ARM = tw.robots.planar_2r()
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["identify", *map(str, arguments)])
+
+
+@pytest.fixture
+def logs(tmp_path):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for seed in (1, 2):
+        m = known_log(ARM, seed, seconds=8.0, rate=100.0).motion
+        m.to_csv(folder / f"log{seed}.csv")
+    return folder
+
+
+def test_every_file_that_is_asked_for(tmp_path):
+    """Of the bundled log."""
+    outs = {"--json": "a.json", "--csv": "a.csv", "--out": "a.urdf", "--actuators-out": "a.yaml", "--report": "a.html"}
+    asked = [x for option, name in outs.items() for x in (option, tmp_path / name)]
+    result = run("planar_2r", "demo", "--cutoff", 10, *asked)
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert {"verdict", "doubts", "base_parameters", "held_out", "settings", "parameters"} <= set(found)
+    assert {"all", "joints"} <= set(found["held_out"]) and set(found["held_out"]["joints"]) == set(ARM.joint_names)
+    assert all({"value", "deviation"} <= set(one) for one in found["parameters"].values())
+    assert len((tmp_path / "a.csv").read_text().splitlines()) == 1 + found["base_parameters"]
+    assert "<h1>OK</h1>" in (tmp_path / "a.html").read_text()
+    assert tw.load(tmp_path / "a.urdf").with_actuators(tmp_path / "a.yaml").nv == 2
+
+
+def test_folders_and_patterns_are_the_files_in_them(logs, tmp_path):
+    out = [tmp_path / "a.json", tmp_path / "b.json", tmp_path / "c.json"]
+    for path, what in zip(out, ([logs], [logs / "*.csv"], [logs / "log1.csv", logs / "log2.csv"]), strict=True):
+        run("planar_2r", *what, "--cutoff", 10, "--json", path)
+    first = out[0].read_text()
+    assert all(path.read_text() == first for path in out[1:])
+
+
+def test_look_again_writes_nothing_but_json(logs, tmp_path):
+    m = tw.Motion.from_file(logs / "log1.csv", ARM)
+    tw.Motion(m.time, m.q, m.dq, m.ddq, m.tau * [1, -1], robot=ARM, in_seconds=True).to_csv(logs / "turned.csv")
+    out, told = tmp_path / "new.urdf", tmp_path / "found.json"
+    result = run("planar_2r", logs / "turned.csv", "--cutoff", 10, "--out", out, "--json", told)
+    assert result.exit_code == 1 and "LOOK AGAIN" in result.output
+    assert told.is_file() and not out.exists()
+
+
+def test_logs_of_motors(logs, tmp_path):
+    """Motors with gears, one of them turned and coupled, a zero and currents: the same numbers as of the joints."""
+    m = tw.Motion.from_file(logs / "log1.csv", ARM)
+    R = np.array([[50.0, 0.0], [30.0, -20.0]])
+    zero, gain = np.array([0.0, np.pi / 2]), np.array([0.5, 1.0])
+    q = (m.q - zero) @ R.T
+    tau = np.linalg.solve(R.T, m.tau.T).T / gain
+    columns = np.column_stack([m.time, q, tau])
+    np.savetxt(
+        logs / "motors.csv", columns, delimiter=",", header="time,joint1,joint2,joint1.tau,joint2.tau", comments=""
+    )
+    (tmp_path / "arm.yaml").write_text(
+        "actuators:\n  joint1: {ratio: 50}\n  joint2: {ratio: -20}\nlog:\n  side: motor\n  joints:\n"
+        "    joint1: {gain: 0.5 N m/A}\n    joint2: {zero: 90 deg, coupled: {joint1: 30}}\n"
+    )
+    found = []
+    for log, options in ((logs / "log1.csv", ()), (logs / "motors.csv", ("--actuators", tmp_path / "arm.yaml"))):
+        path = tmp_path / f"{log.stem}.json"
+        run("planar_2r", log, "--cutoff", 10, "--json", path, *options)
+        found.append(json.loads(path.read_text()))
+    assert found[1]["held_out"]["all"] < 1.5 * found[0]["held_out"]["all"]
+    one, other = (f["parameters"]["link2.mcx"] for f in found)
+    assert abs(one["value"] - other["value"]) < 4 * one["deviation"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["planar_2r", "none.csv"], "none.csv"),
+        (["planar_2r", "demo", "--cutoff", "fast"], "neither a number"),
+        (["planar_2r", "demo", "--cutoff", "-1"], "above 0"),
+        (["planar_2r", "demo", "--friction", "sticky"], "friction column"),
+        (["planar_2r", "demo", "--without", "hand"], "link that moves"),
+        (["planar_2r", "demo", "--keep-close", "1e9", "--out", "x.urdf"], "not offered"),
+        (["planar_2r", "demo", "--out", "no/such/folder.urdf"], "no such folder"),
+        (["ur5", "ur5_log.csv"], "ur5_log.csv"),
+        (["floating_box", "demo"], "floating_box"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run(*arguments)
+    assert result.exit_code == 2 and said in result.output
+    assert len([line for line in result.output.splitlines() if line.startswith("error:")]) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_log_without_torques_says_which_columns_are_missing(tmp_path):
+    m = tw.Motion.from_file(tw.robots.path_of("planar_2r").with_name("planar_2r_demo_log.csv"), ARM)
+    tw.Motion(m.time, m.q, robot=ARM).to_csv(tmp_path / "bare.csv")
+    result = run("planar_2r", tmp_path / "bare.csv")
+    assert result.exit_code == 2 and "joint1.tau=COLUMN" in result.output
