@@ -164,7 +164,7 @@ def _add_inertial(
     origin = inertial.child("origin")
     if origin is not None:
         raise ModelError(f'the <origin> of {link!r} has no xyz, so its centre of mass has no place. Add xyz="0 0 0".')
-    R, _ = origin_of(inertial)
+    R = origin_of(inertial)[:3, :3]
     moments = R.T @ inertia.moment_about_com @ R
     changes.additions[numbers[id(inertial)]] = f'<origin xyz="{com}" rpy="0 0 0"/>'
     mass, tensor_element = inertial.required("mass", "a mass"), inertial.required("inertia", "an inertia")

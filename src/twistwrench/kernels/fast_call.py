@@ -31,7 +31,7 @@ from ..targets.fast_call_text import (
     call_assembly,
 )
 from ..targets.processor import DOUBLE, SINGLE
-from .asked import Asked
+from .call_form import CallForm
 from .interpreter import runs_machine_code
 from .jit import assembled
 from .ufunc import owner_of
@@ -90,7 +90,7 @@ def _same(owner: Any) -> Any:
 
 
 def make_call(
-    ufunc: Any, method: Callable[..., Any], name: str, asked: Asked | None = None
+    ufunc: Any, method: Callable[..., Any], name: str, asked: CallForm | None = None
 ) -> Callable[..., Any] | None:
     """A builtin that does what ``method``, a bound one, does by ``ufunc`` in the calls that are ``asked`` for.
 
@@ -100,7 +100,7 @@ def make_call(
     owner = owner_of(ufunc)
     if owner is None or not _understood():
         return None
-    asked, parameters = asked or Asked(), _Parameters.of(method)
+    asked, parameters = asked or CallForm(), _Parameters.of(method)
     way = _way(owner.program, parameters, asked)
     if way is None:
         return None
@@ -176,7 +176,7 @@ def calls_before(ufunc: Any) -> int:
     return 2 if length < LONG else length // EACH
 
 
-def _way(program: Program, parameters: _Parameters, asked: Asked) -> Way | None:
+def _way(program: Program, parameters: _Parameters, asked: CallForm) -> Way | None:
     """How the builtin is called; None where none can be."""
     ports = (*program.inputs, *program.outputs)
     count = len(program.inputs) - len(asked.keys)

@@ -15,7 +15,7 @@ import numpy as np
 from ..core import lazy
 from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..kernels import threads
-from ..kernels.asked import Asked
+from ..kernels.call_form import CallForm
 from ..kernels.interpreter import compiles
 from ..model.configuration import random_configuration
 from ..model.model import Model
@@ -32,7 +32,7 @@ from .state_arguments import brought, misfit, numbers
 from .wrench_arguments import Wrenches, by_frame
 
 Options = Mapping[str, Any]
-CalledAgain = Callable[[str, Any, Asked, int], bool]
+CalledAgain = Callable[[str, Any, CallForm, int], bool]
 """Takes the name and the kernel of a quantity, what was asked for, and how often; says whether it knows enough."""
 
 ENOUGH = -1
@@ -183,7 +183,7 @@ class Engine:
         if (tell := self._called_again()) is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
             return
         rest = tuple((option, value) for option, value in options.items() if option != "wrenches")
-        asked = Asked(rest, wrenches, options.get("wrenches", ()), wrenches == "wrench_on_robot", batch, char)
+        asked = CallForm(rest, wrenches, options.get("wrenches", ()), wrenches == "wrench_on_robot", batch, char)
         kernel = self._called[key if options else name]
         self._calls[key, wrenches, kind] = ENOUGH if tell(name, kernel, asked, calls + 1) else calls + 1
 

@@ -18,7 +18,7 @@ from ..algorithms.regressor import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..kernels.asked import Asked
+from ..kernels.call_form import CallForm
 from ..model import configuration, edit
 from ..model.actuator import Actuator
 from ..model.closure import OfferedClosure
@@ -83,7 +83,7 @@ class Robot(
     def __setstate__(self, model: Model) -> None:
         self.__init__(model)  # type: ignore[misc]
 
-    def _put_in_front(self, name: str, kernel: Any, asked: Asked, calls: int) -> bool:
+    def _put_in_front(self, name: str, kernel: Any, asked: CallForm, calls: int) -> bool:
         """Let calls with plain arrays of one state reach the kernel at once; all others come to the method as before.
 
         Whether there is no more to be done about calls of this kind: they are few yet, or a builtin is there or cannot be.

@@ -9,6 +9,8 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ..program.program import FUSED, Program
 
 Functions = Mapping[str, Callable[..., Any]]
@@ -18,11 +20,16 @@ Functions = Mapping[str, Callable[..., Any]]
 def functions_of(namespace: Any, where: Callable[[Any, Any, Any], Any]) -> Functions:
     """The operations in the functions of a package: its sqrt, sin, cos, exp and sign; ``where`` picks by a condition."""
     return {
-        "add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": operator.truediv, "neg": operator.neg,
+        "add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": _quotient, "neg": operator.neg,
         **{name: getattr(namespace, name) for name in ("sqrt", "sin", "cos", "exp", "sign")},
         "min": lambda a, b: where(a < b, a, b), "max": lambda a, b: where(a > b, a, b),
         **{op: _fused(*signs) for op, signs in FUSED.items()},
     }  # fmt: skip
+
+
+def _quotient(a: Any, b: Any) -> Any:
+    """Of two constants too, where Python would raise for a divisor of 0."""
+    return float(np.divide(a, b)) if isinstance(a, float) and isinstance(b, float) else a / b
 
 
 def _fused(product: int, addend: int) -> Callable[..., Any]:

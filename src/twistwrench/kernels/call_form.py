@@ -7,7 +7,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Asked:
+class CallForm:
     """One kind of calls with one sample: its options, its dict of arrays, the type and the batch shape of all arrays."""
 
     options: tuple[tuple[str, Any], ...] = ()
