@@ -25,7 +25,7 @@ from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples
 
 _METHODS = ("irls", "wls", "ols")
-_DEAD = 0.95
+_DEAD = 0.8
 """Share of the rows, in which a torque that is measured is one number at most."""
 
 
