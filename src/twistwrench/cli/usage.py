@@ -109,12 +109,15 @@ def _terminable() -> Iterator[None]:
 def in_shell_words(text: str, command: click.Command | None = None) -> str:
     """A sentence of the library with its keyword arguments as options of the command that runs, where it has them.
 
-    An option stands for the keyword argument of its own name, or of the name its parameter has.
+    An option stands for the keyword argument of its own name, or of the name its parameter has. Commands of one group, such
+    as ``sensor``, advise each other's.
     """
     context = click.get_current_context(silent=True)
     command = command or (context.command if context else None)
+    group = context.parent.command if context and context.parent and context.parent.parent else None
+    siblings = list(group.commands.values()) if isinstance(group, click.Group) else []
     known: dict[str, click.Option] = {}
-    for option in command.params if command else ():
+    for option in (option for each in (*siblings, command) if each for option in each.params):
         if isinstance(option, click.Option):
             known |= {option.opts[0].removeprefix("--").replace("-", "_"): option, str(option.name): option}
 
