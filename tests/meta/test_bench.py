@@ -119,6 +119,7 @@ class Timed:
     pass
 
 
+@pytest.mark.slow
 def test_fresh_results_are_measured_in_processes_of_their_own(bench, monkeypatch, capsys):
     fresh = bench("fresh")
     monkeypatch.setattr(fresh, "ASKED", (("panda", "inverse_dynamics_derivatives", 200), ("talos", "mass_matrix", 10)))
