@@ -18,7 +18,7 @@ from ..robot import Robot
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .motion_information import MotionInformation
-from .motion_room import Clear, MotionRoom, shared_bounds
+from .motion_room import Clear, MotionRoom, half_and_middle, shared_bounds
 from .motion_search import MotionSearch
 from .parameter_groups import BaseParameters
 from .rest_series import RestSeries
@@ -209,21 +209,27 @@ def exciting_trajectory(
     ()
     """
     require_robot(robot, "exciting_trajectory")
-    search, rng = _search(
+    unknown = UnknownParameters(robot, arguments.flag(motor_inertia, "motor_inertia"), tuple(friction))
+    height = None if floor is None else arguments.number(floor, "floor")
+    if height is not None and not np.isfinite(height):
+        raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
+    rng = arguments.generator(seed, "seed")
+    search = _search(
         robot,
         RestSeries(arguments.positive(duration, "duration", "s"), _harmonics(harmonics)),
         _bounds(robot, share, velocity, acceleration, effort),
-        BaseParameters.of(UnknownParameters(robot, arguments.flag(motor_inertia, "motor_inertia"), tuple(friction))),
+        BaseParameters.of(unknown),
         np.full(robot.nv, check_speed(arguments.number(friction_speed, "friction_speed"))),
         _noise(robot, noise),
-        None if floor is None else float(arguments.finite(floor, "floor")),
+        height,
         clear,
-    ), arguments.generator(seed, "seed")
+    )
     times = arguments.whole(restarts, "restarts")
     step = arguments.positive(step, "step", "s")
     if step > search.series.duration / 20:
         raise ValueRangeError(f"step is {step:g} s: a motion of {search.series.duration:g} s needs 20 samples at least.")
-    tell, best = progress or (lambda _share: None), None
+    tell = progress or (lambda _share: None)
+    best: Array | None = None
     for k in range(times):
         z = search.best(rng, lambda done, k=k: tell((k + done) / times))  # type: ignore[misc]
         if z is not None and (best is None or search.log_det(z) > search.log_det(best)):
@@ -249,19 +255,18 @@ def _search(
     if clear is not None and not callable(clear):
         raise ValueRangeError(f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances.")
     turning = np.array([b.joint.turning[0] for b in robot.model.leaders])
-    half, middle = (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
+    half, middle = half_and_middle(bounds)
     both = np.isfinite(half)
     rate = 2.0 * np.pi * series.harmonics / series.duration
     wide = np.where(both, half, np.where(turning, np.pi, 1.0))
     fast = np.minimum(bounds.velocity, wide * rate)
     typical = np.stack([wide, fast, np.minimum(bounds.acceleration, fast * rate)])
-    one_sided = np.clip(0.0, bounds.lower, bounds.upper)
     return MotionSearch(
         series,
         MotionInformation(base, noise, friction_speed, series.duration),
         MotionRoom(robot, bounds, friction_speed, floor, clear),
         typical,
-        np.where(both, middle, one_sided),
+        np.where(both, middle, np.clip(0.0, bounds.lower, bounds.upper)),
     )
 
 

@@ -140,6 +140,12 @@ def _both_ways(limit: Array) -> Band:
     return Band(-limit, limit, np.where(np.isfinite(limit), limit, 1.0))
 
 
+def half_and_middle(bounds: Bounds) -> tuple[Array, Array]:
+    """Half the way between the limits of positions, inf where one is missing, and the middle, meant where both are there."""
+    with np.errstate(invalid="ignore"):
+        return (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
+
+
 def shared_bounds(bounds: Bounds, share: float) -> Bounds:
     """A share of the limits of positions, about their middle, of velocities and of torques; accelerations as they are.
 
@@ -159,7 +165,7 @@ def shared_bounds(bounds: Bounds, share: float) -> Bounds:
     >>> found.velocity.tolist()
     [1.0, 1.0]
     """
-    half, middle = (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
+    half, middle = half_and_middle(bounds)
     both = np.isfinite(half)
     with np.errstate(invalid="ignore"):
         lower = np.where(both, middle - share * half, bounds.lower)
