@@ -24,7 +24,9 @@ def excite_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--step", type=float, default=0.01, show_default=True, metavar="SECONDS", help="Between rows of --out."
         ),
-        click.option("--noise", type=float, metavar="NM", help="Of the torques [N m, N]; a hundredth of each limit if not given."),
+        click.option(
+            "--noise", type=float, metavar="NM", help="Of the torques [N m, N]; a hundredth of each limit if not given."
+        ),
         click.option("--restarts", type=int, default=1, show_default=True, help="How often the search begins anew."),
         click.option("--seed", type=int, default=0, show_default=True, help="Of the motions it begins with."),
         click.option("--floor", type=float, metavar="Z", help="Height that no moving link's origin goes below [m]."),

@@ -107,9 +107,7 @@ class ExcitingMotion:
         """Largest ``velocity``, ``acceleration`` and ``torque`` (nv,) each, and ``lower`` and ``upper`` positions."""
         q, dq, ddq = self(np.linspace(0.0, self.duration, _JUDGED))
         tau = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=True))
-        found = {
-            name: np.abs(x).max(axis=0) for name, x in (("velocity", dq), ("acceleration", ddq), ("torque", tau))
-        }
+        found = {name: np.abs(x).max(axis=0) for name, x in (("velocity", dq), ("acceleration", ddq), ("torque", tau))}
         return {"lower": q.min(axis=0), "upper": q.max(axis=0), **found}
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
@@ -227,7 +225,9 @@ def exciting_trajectory(
     times = arguments.whole(restarts, "restarts")
     step = arguments.positive(step, "step", "s")
     if step > search.series.duration / 20:
-        raise ValueRangeError(f"step is {step:g} s: a motion of {search.series.duration:g} s needs 20 samples at least.")
+        raise ValueRangeError(
+            f"step is {step:g} s: a motion of {search.series.duration:g} s needs 20 samples at least."
+        )
     tell = progress or (lambda _share: None)
     best: Array | None = None
     for k in range(times):
@@ -253,7 +253,9 @@ def _search(
     clear: Clear | None,
 ) -> MotionSearch:
     if clear is not None and not callable(clear):
-        raise ValueRangeError(f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances.")
+        raise ValueRangeError(
+            f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances."
+        )
     turning = np.array([b.joint.turning[0] for b in robot.model.leaders])
     half, middle = half_and_middle(bounds)
     both = np.isfinite(half)

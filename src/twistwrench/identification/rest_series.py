@@ -79,7 +79,7 @@ class RestSeries:
         (True, [1.0, 1.0])
         """
         t = np.asarray(t, float)
-        x, w, n = np.clip(t / self.duration, 0.0, 1.0), self._rates, self.harmonics
+        x, w = np.clip(t / self.duration, 0.0, 1.0), self._rates
         sin, cos = np.sin(np.outer(x, w)), np.cos(np.outer(x, w))
         found = np.zeros((3, len(x), self.count))
         found[0, :, 0] = 1.0
@@ -88,7 +88,7 @@ class RestSeries:
             ends = polynomial.polyder(self._ends, m) if m else self._ends
             found[m, :, 1:] = np.concatenate([of_sine, of_cosine], axis=1) - polynomial.polyval(x, ends).T
             found[m] /= self.duration**m
-        found[1:, (t <= 0.0) | (t >= self.duration)] = 0.0
+        found[:, (t <= 0.0) | (t >= self.duration), 1:] = 0.0
         return found
 
     def states(self, coefficients: Array, t: Array) -> tuple[Array, Array, Array]:

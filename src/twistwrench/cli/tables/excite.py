@@ -39,9 +39,19 @@ def _joints(found: ExcitingMotion, *, degrees: bool) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("joint", no_wrap=True)
     torque = "N m" if turning.all() else "N m, N"
-    for name in (f"from \\[{angle}]", "to", f"peak \\[{angle}/s]", "share", f"\\[{angle}/s²]", f"\\[{torque}]", "share"):
+    for name in (
+        f"from \\[{angle}]",
+        "to",
+        f"peak \\[{angle}/s]",
+        "share",
+        f"\\[{angle}/s²]",
+        f"\\[{torque}]",
+        "share",
+    ):
         table.add_column(name, justify="right", no_wrap=True)
-    speed, effort = (_share(peaks[k], x) for k, x in (("velocity", robot.limits.velocity), ("torque", robot.limits.effort)))
+    speed, effort = (
+        _share(peaks[k], x) for k, x in (("velocity", robot.limits.velocity), ("torque", robot.limits.effort))
+    )
     for k, name in enumerate(robot.model.velocity_names):
         ends, rates = (
             [f"{float(peaks[key][k] * unit[k]):.4g}" for key in keys]
