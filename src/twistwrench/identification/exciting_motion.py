@@ -294,7 +294,7 @@ def _bounds(
     still = (bounds.upper - bounds.lower <= 0) | (bounds.velocity <= 0) | (bounds.effort <= 0)
     if still.any():
         raise ValueRangeError(
-            f"joint {names[still][0]!r} has no room to move: its limits of position are one, or that of velocity or torque is 0. "
+            f"joint {names[still][0]!r} has no room to move: its limits of position are one, or another is 0. "
             "Lock it: robot.lock({name: position})."
         )
     free = ~np.isfinite(bounds.upper - bounds.lower) & np.isinf(bounds.velocity) & np.isinf(bounds.acceleration)
