@@ -167,8 +167,9 @@ def exciting_trajectory(
     duration : float, T, the period of the first harmonic [s]
     harmonics : int, N
     share : float, up to 1, of the limits of positions (about their middle), velocities and torques that is used
-    velocity, effort : (nv,) array_like or float, optional, limits in place of the robot's [rad/s, m/s; N m, N]
+    velocity : (nv,) array_like or float, optional, limits in place of the robot's [rad/s, m/s]
     acceleration : (nv,) array_like or float, optional, limits, used wholly [rad/s², m/s²]
+    effort : (nv,) array_like or float, optional, limits in place of the robot's [N m, sliding joints: N]
     floor : float, optional, height in the base frame that no moving link's origin goes below [m]
     clear : callable, optional
         Given configurations (n, nq), tells distances (n, ...) [m], below 0 where something touches.
