@@ -233,6 +233,15 @@ def _parse_lock(text: str) -> tuple[str, float]:
         raise ValueRangeError(f"lock {text!r} is not JOINT=VALUE, for example gripper=0.02.") from None
 
 
+def parse_friction(text: str) -> tuple[str, ...]:
+    """Laws of friction, ``viscous,coulomb``; ``none`` is none of them.
+
+    >>> parse_friction("viscous, offset"), parse_friction("none")
+    (('viscous', 'offset'), ())
+    """
+    return () if text.strip() == "none" else tuple(name.strip() for name in text.split(","))
+
+
 def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
     """The path given, or for ``demo`` the file of that kind bundled with that robot."""
     if name != _DEMO or Path(name).is_file():

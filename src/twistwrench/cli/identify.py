@@ -12,7 +12,7 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode, Word
-from .common import RobotOptions, check_extra
+from .common import RobotOptions, check_extra, parse_friction
 from .motion_options import parse_columns
 from .progress import share_done
 
@@ -131,7 +131,7 @@ def answer_identify(
         "--json": json_path,
     }
     check_outputs(outputs, {**inputs, **options.files})
-    laws = () if friction.strip() == "none" else tuple(name.strip() for name in friction.split(","))
+    laws = parse_friction(friction)
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     robot = without_links(robot, left_out)
     with share_done("identifying") as progress:

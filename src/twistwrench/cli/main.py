@@ -18,6 +18,7 @@ from .common import RobotOptions, check_extra, motion_path, plain_errors, robot_
 from .convert import convert_options
 from .derive import derive_options
 from .doctor import doctor_options
+from .excite import answer_excite, excite_options
 from .export import export_options
 from .identify import answer_identify, identify_options
 from .log import log_group
@@ -269,6 +270,19 @@ def identify(options: RobotOptions, **given: Any) -> None:
     written unless --force is given. Several files of one log are written a.csv+b.csv.
     """
     if code := answer_identify(options, _console().print, **given):
+        sys.exit(code)
+
+
+@main.command()
+@robot_command
+@excite_options
+def excite(options: RobotOptions, **given: Any) -> None:
+    """A motion whose log tells the robot's masses, inertias and friction best, at rest at both ends and within all limits.
+
+    The limits are those of positions, velocities, accelerations and torques, and the floor if one is given. Whether links
+    touch each other is not looked at.
+    """
+    if code := answer_excite(options, _console().print, **given):
         sys.exit(code)
 
 

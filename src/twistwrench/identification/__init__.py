@@ -1,10 +1,11 @@
-"""Identification: masses, inertias, friction and motor inertias of a robot from logs of its motion, with honest intervals."""
+"""Identification: numbers of a robot from logs of its motion, with honest intervals, and motions whose logs tell most."""
 
 from __future__ import annotations
 
 from .block_deviations import GroupCovariance
 from .consistent_robot import ConsistentRobot
 from .evidence import LogDoubt
+from .exciting_motion import ExcitingMotion, exciting_trajectory
 from .held_out import HeldOut, HeldOutRows
 from .identified_robot import IdentifiedRobot
 from .left_out import without_links
@@ -17,6 +18,7 @@ from .unknown_parameters import UnknownParameters
 __all__ = [
     "BaseParameters",
     "ConsistentRobot",
+    "ExcitingMotion",
     "FitSettings",
     "GroupCovariance",
     "HeldOut",
@@ -25,6 +27,7 @@ __all__ = [
     "LogDoubt",
     "MotorSide",
     "UnknownParameters",
+    "exciting_trajectory",
     "identify",
     "motor_side",
     "read_motion",

@@ -1,0 +1,99 @@
+"""The command ``twistwrench excite``: its options, and its run from the robot to the file of the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import click
+
+from ..verdict import ExitCode
+from .common import RobotOptions, parse_friction
+from .progress import share_done
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+def excite_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of the command, all but the robot's own."""
+    for option in (
+        click.option(
+            "--out", "out_path", metavar="OUT.csv", help="Write the motion, as 'torques', 'view' and 'plot' read it."
+        ),
+        click.option(
+            "--step", type=float, default=0.01, show_default=True, metavar="SECONDS", help="Between rows of --out."
+        ),
+        click.option(
+            "--noise", type=float, metavar="NM", help="Of the torques [N m, N]; a hundredth of each limit if not given."
+        ),
+        click.option("--restarts", type=int, default=1, show_default=True, help="How often the search begins anew."),
+        click.option("--seed", type=int, default=0, show_default=True, help="Of the motions it begins with."),
+        click.option("--floor", type=float, metavar="Z", help="Height that no moving link's origin goes below [m]."),
+        click.option(
+            "--acceleration", type=float, metavar="A", help="Limit every joint to it, used wholly [rad/s², m/s²]."
+        ),
+        click.option(
+            "--share", type=float, default=0.9, show_default=True, help="Of the robot's limits that the motion uses."
+        ),
+        click.option(
+            "--friction",
+            metavar="LAWS",
+            default="viscous,coulomb,offset",
+            show_default=True,
+            help="What each joint has besides its bodies; 'none' for nothing.",
+        ),
+        click.option("--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."),
+        click.option("--harmonics", type=int, default=5, show_default=True, help="Of the Fourier series."),
+        click.option(
+            "--seconds", "duration", type=float, default=20.0, show_default=True, help="How long, the first harmonic."
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def answer_excite(
+    options: RobotOptions,
+    show: Callable[[RenderableType], None],
+    *,
+    duration: float,
+    harmonics: int,
+    share: float,
+    acceleration: float | None,
+    floor: float | None,
+    friction: str,
+    no_motor_inertia: bool,
+    noise: float | None,
+    seed: int,
+    restarts: int,
+    step: float,
+    out_path: str | None,
+) -> ExitCode:
+    """Print what the motion will tell with ``show``, and write it. Raises errors of the library."""
+    from ..identification import exciting_trajectory
+    from ..outputs import check_outputs
+    from .tables.excite import excitation_view
+
+    check_outputs({"--out": out_path}, options.files)
+    robot = options.load()
+    with share_done("looking for a motion") as progress:
+        found = exciting_trajectory(
+            robot,
+            duration,
+            harmonics,
+            share=share,
+            acceleration=acceleration,
+            floor=floor,
+            motor_inertia=not no_motor_inertia,
+            friction=parse_friction(friction),
+            noise=noise,
+            seed=seed,
+            restarts=restarts,
+            step=step,
+            progress=progress,
+        )
+    show(excitation_view(found, degrees=options.degrees))
+    if out_path is not None:
+        click.echo(f"wrote {found.to_csv(out_path, degrees=options.degrees)}")
+    return ExitCode.FINE
