@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -178,7 +179,7 @@ class MotionSearch:
             value, slope = self.cost_and_slope(x.reshape(z.shape), mu, width)
             return value, slope.ravel()
 
-        options = {"maxiter": steps, "maxcor": 30, "ftol": 1e-8, "gtol": 1e-4}
+        options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-8, "gtol": 1e-4}
         found = minimize(cost, z.ravel(), jac=True, method="L-BFGS-B", callback=tick, options=options)
         return np.asarray(found.x.reshape(z.shape))
 
