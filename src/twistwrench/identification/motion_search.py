@@ -180,7 +180,8 @@ class MotionSearch:
             return value, slope.ravel()
 
         options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-8, "gtol": 1e-4}
-        found = minimize(cost, z.ravel(), jac=True, method="L-BFGS-B", callback=tick, options=options)
+        called: Any = tick  # the stubs of SciPy know no callback of arrays of any rank
+        found = minimize(cost, z.ravel(), jac=True, method="L-BFGS-B", callback=called, options=options)
         return np.asarray(found.x.reshape(z.shape))
 
     def cost_and_slope(self, z: Array, mu: float, width: float) -> tuple[float, Array]:
