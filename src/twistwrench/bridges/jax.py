@@ -15,11 +15,9 @@ from collections.abc import Callable, Sequence
 from math import prod
 from typing import Any
 
-import numpy as np
-
-from ..errors import MissingExtraError, ModelWarning, ShapeError
+from ..errors import MissingExtraError, ModelWarning
 from ..program.program import Port, Program
-from ..targets.elementwise import evaluated, functions_of
+from ..targets.elementwise import batch_shape, evaluated, functions_of
 from .quantity import BridgedQuantity
 from .xla_call import xla_target
 
@@ -69,11 +67,8 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
 
     def function(*arrays: Any) -> Any:
         dtype = _dtype(jax, jnp, precision)
-        if len(arrays) != len(inputs):
-            raise ShapeError(f"to_jax {quantity.name}: {len(arrays)} arrays given, {', '.join(names)} wanted.")
         given = [jnp.asarray(a, dtype) for a in arrays]
-        for a, port in zip(given, inputs, strict=True):
-            _check_shape(quantity.name, a.shape, port)
+        quantity.require_shapes("to_jax", [a.shape for a in given])
         return values(*given)
 
     function.__name__ = function.__qualname__ = quantity.name
@@ -93,7 +88,7 @@ def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
     def by_kernel(*arrays: Any) -> Any:
         if not targets:
             targets.append(xla_target(jax, quantity.name, quantity.kernel, len(program.inputs)))
-        batch = _batch(arrays, program)
+        batch = batch_shape(arrays, program)
         dtype = jnp.result_type(*arrays)
         whole = [jnp.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
         results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
@@ -101,7 +96,7 @@ def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
 
     @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
     def run(*arrays: Any) -> Any:
-        if prod(_batch(arrays, program)) < BATCH:
+        if prod(batch_shape(arrays, program)) < BATCH:
             return plain(*arrays)
         return jax.lax.platform_dependent(*arrays, cpu=by_kernel, default=plain)
 
@@ -121,16 +116,12 @@ def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
     return result
 
 
-def _batch(arrays: Sequence[Any], program: Program) -> tuple[int, ...]:
-    return np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, program.inputs, strict=True)))
-
-
 def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
     """The program on arrays whose last axes are its own."""
     functions = functions_of(jnp, jnp.where)
 
     def run(*arrays: Any) -> Any:
-        batch = _batch(arrays, program)
+        batch = batch_shape(arrays, program)
         elements: list[Any] = []
         for a, port in zip(arrays, program.inputs, strict=True):
             flat = a.reshape((*a.shape[: a.ndim - len(port.shape)], port.size))
@@ -163,13 +154,6 @@ def _contracted(jnp: Any, J: Any, v: Any, rank: int) -> Any:
 
 def _alone(results: tuple[Any, ...]) -> Any:
     return results[0] if len(results) == 1 else results
-
-
-def _check_shape(name: str, shape: tuple[int, ...], port: Port) -> None:
-    if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
-        raise ShapeError(
-            f"to_jax {name}: {port.name} has shape {shape}, (…, {', '.join(map(str, port.shape))}) wanted."
-        )
 
 
 def _dtype(jax: Any, jnp: Any, precision: str) -> Any:

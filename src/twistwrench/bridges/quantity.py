@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core import arguments
-from ..errors import KernelError
+from ..errors import KernelError, ShapeError
 from ..model.model import Model
 from ..program.program import Port, Program
 from ..program.trace import trace
@@ -63,6 +63,17 @@ class BridgedQuantity:
     def inputs(self) -> tuple[Port, ...]:
         """Names and shapes of what goes in."""
         return self.program.inputs
+
+    def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
+        """Raise ShapeError unless these are the inputs' shapes behind any batch shape."""
+        ports = self.inputs
+        if len(shapes) != len(ports):
+            names = ", ".join(port.name for port in ports)
+            raise ShapeError(f"{what} {self.name}: {len(shapes)} arrays given, {names} wanted.")
+        for shape, port in zip(shapes, ports, strict=True):
+            if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
+                wanted = ", ".join(["…", *map(str, port.shape)])
+                raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
 
     @property
     def curved(self) -> tuple[str, ...]:

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import MissingExtraError, ShapeError, ValueRangeError
-from ..program.program import Port, Program
-from ..targets.elementwise import evaluated, functions_of
+from ..errors import MissingExtraError, ValueRangeError
+from ..program.program import Program
+from ..targets.elementwise import batch_shape, evaluated, functions_of
 from .quantity import BridgedQuantity
 
 
@@ -33,12 +33,10 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
 
     def function(*tensors: Any) -> Any:
-        if len(tensors) != len(inputs):
-            names = ", ".join(port.name for port in inputs)
-            raise ShapeError(f"to_torch {quantity.name}: {len(tensors)} tensors given, {names} wanted.")
         given = [t if isinstance(t, torch.Tensor) else torch.as_tensor(np.asarray(t, float)) for t in tensors]
+        quantity.require_shapes("to_torch", [tuple(t.shape) for t in given])
         for t, port in zip(given, inputs, strict=True):
-            _check(torch, quantity.name, t, port)
+            _require_computable(torch, quantity.name, t, port.name)
         dtype = torch.float32 if all(t.dtype == torch.float32 for t in given) else torch.float64
         return compute(*(t.to(dtype) for t in given))
 
@@ -142,9 +140,7 @@ def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> An
 
 def _on_tensors(torch: Any, program: Program, tensors: Sequence[Any]) -> list[Any]:
     """The program in PyTorch's operations, which PyTorch differentiates."""
-    batch = np.broadcast_shapes(
-        *(t.shape[: t.ndim - len(p.shape)] for t, p in zip(tensors, program.inputs, strict=True))
-    )
+    batch = batch_shape(tensors, program)
     flat = [
         t.reshape((*t.shape[: t.ndim - len(p.shape)], p.size)) for t, p in zip(tensors, program.inputs, strict=True)
     ]
@@ -176,16 +172,11 @@ def _summed(gradient: Any, tensor: Any) -> Any:
     return gradient.sum_to_size(tensor.shape) if gradient.shape != tensor.shape else gradient
 
 
-def _check(torch: Any, name: str, tensor: Any, port: Port) -> None:
+def _require_computable(torch: Any, name: str, tensor: Any, label: str) -> None:
     if tensor.device.type != "cpu":
         raise ValueRangeError(
-            f"to_torch {name}: {port.name} is on {tensor.device}, and this computes on the processor. "
-            f"Pass {port.name}.cpu(), or compute on the GPU by robot.cuda, which takes such tensors and gives no gradients."
+            f"to_torch {name}: {label} is on {tensor.device}, and this computes on the processor. Pass {label}.cpu(), or "
+            "compute on the GPU by robot.cuda, which takes such tensors and gives no gradients."
         )
     if not (tensor.dtype.is_floating_point or tensor.dtype in (torch.int32, torch.int64)):
-        raise ValueRangeError(f"to_torch {name}: {port.name} is {tensor.dtype}, real numbers wanted.")
-    wanted = port.shape
-    if tensor.ndim < len(wanted) or tuple(tensor.shape[tensor.ndim - len(wanted) :]) != wanted:
-        raise ShapeError(
-            f"to_torch {name}: {port.name} has shape {tuple(tensor.shape)}, (…, {', '.join(map(str, wanted))}) wanted."
-        )
+        raise ValueRangeError(f"to_torch {name}: {label} is {tensor.dtype}, real numbers wanted.")

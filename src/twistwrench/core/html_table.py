@@ -7,7 +7,7 @@ from typing import Any
 
 
 def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table with a title; numbers in four digits, what is None as a dash, all else escaped.
+    """A table with a title, if it is not empty; numbers in four digits, what is None as a dash, all else escaped.
 
     >>> html_table("a < b", ["x"], [[0.123456], [None]])
     '<p>a &lt; b</p><table><thead><tr><th>x</th></tr></thead><tbody><tr><td>0.1235</td></tr><tr><td>–</td></tr></tbody></table>'
@@ -16,7 +16,8 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
 
     head = "".join(f"<th>{html.escape(name)}</th>" for name in header)
     body = "".join(f"<tr>{''.join(f'<td>{html.escape(_said(x))}</td>' for x in row)}</tr>" for row in rows)
-    return f"<p>{html.escape(title)}</p><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    above = f"<p>{html.escape(title)}</p>" if title else ""
+    return f"{above}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _said(value: Any) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ..core.html_table import html_table
 from .style import (
     AXIS,
     BLUE,
@@ -133,23 +134,20 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     yield _svg(10.0, 2.6, lambda drawn: _bars(drawn.subplots(), found))
     yield "<h2>Groups of parameters</h2>"
     yield _svg(10.0, 3.2, lambda drawn: _groups(drawn.subplots(), found))
-    yield "<table><tr><th>group<th>value<th>deviation<th>95 % from<th>to<th>file</tr>"
     rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
-    for group, value, deviation, (low, high), before in rows:
-        cells = "".join(f"<td>{x:.4g}" for x in (value, deviation, low, high, before))
-        yield f"<tr><td>{html.escape(group)}{cells}</tr>"
-    yield "</table><h2>Bodies that can exist</h2>"
+    cells = ((group, *map(float, (value, sigma, *ends, before))) for group, value, sigma, ends, before in rows)
+    yield html_table("", ("group", "value", "deviation", "95 % from", "to", "file"), cells)
+    yield "<h2>Bodies that can exist</h2>"
     yield _svg(7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found))
     consistent = found.consistent
     yield (
         f"<p>Pull γ = {consistent.fit.strength:g}: {100 * consistent.held_out:.3g} % left in fifths held out, weighted; by "
         f"the file's own bodies with friction {100 * consistent.of_file:.3g} %.</p>"
     )
-    yield "<table><tr><th>link<th>mass [kg]<th>in the file<th>centre of mass [m]</tr>"
-    for body, G in zip(found.base.unknown.model.bodies, consistent.inertias, strict=True):
-        com = ", ".join(f"{x:.3g}" for x in G.com)
-        yield f"<tr><td>{html.escape(body.link)}<td>{G.mass:.4g}<td>{body.inertia.mass:.4g}<td>{com}</tr>"
-    yield "</table></html>"
+    bodies = zip(found.base.unknown.model.bodies, consistent.inertias, strict=True)
+    links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(f"{x:.3g}" for x in G.com)) for b, G in bodies)
+    yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
+    yield "</html>"
 
 
 def _rows(drawn: Figure, count: int) -> Any:

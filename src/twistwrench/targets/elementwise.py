@@ -58,6 +58,11 @@ def evaluated(
     return [values[result] for result in program.results]
 
 
+def batch_shape(arrays: Sequence[Any], program: Program) -> tuple[int, ...]:
+    """The shape that the axes before the program's own broadcast to; raises ValueError where they do not."""
+    return np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, program.inputs, strict=True)))
+
+
 def last_uses(program: Program) -> dict[int, list[int]]:
     """After which instruction which values are not needed any more, so that memory stays bounded."""
     last = {a: k for k, i in enumerate(program.instructions) for a in i.args}

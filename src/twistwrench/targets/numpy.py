@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..program.program import Program
 from ..typing import Array
-from .elementwise import evaluated, functions_of, last_uses
+from .elementwise import batch_shape, evaluated, functions_of, last_uses
 
 CHUNK = 4096
 """Samples computed at a time: intermediates stay in the cache, and memory stays bounded."""
@@ -49,9 +49,7 @@ class NumpyKernel:
             np.can_cast(a.dtype, np.float32) for a in arrays
         )  # the loop that NumPy would take of a ufunc's two
         dtype: Any = np.float32 if single else np.float64
-        batch = np.broadcast_shapes(
-            *(a.shape[: a.ndim - len(p.shape)] for a, p in zip(arrays, self.program.inputs, strict=True))
-        )
+        batch = batch_shape(arrays, self.program)
         samples = int(np.prod(batch))
         rows = [
             np.broadcast_to(a, (*batch, *p.shape)).reshape(samples, p.size).astype(dtype, copy=False)
