@@ -22,11 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .core import arguments
-from .errors import ModelError, UnknownNameError
+from .errors import ModelError, ShapeError, UnknownNameError, ValueRangeError
 from .formats.urdf import rotation_of_rpy, rpy_of_rotation
 from .lie import quaternion
 from .model.model import BASE, Body
 from .robot import Robot
+from .robot.robot_argument import require_robot
 from .typing import Array
 
 __all__ = [
@@ -45,23 +46,40 @@ __all__ = [
 ]
 
 
-def swap_halves(rows: ArrayLike) -> Array:
+def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
     """Twists, wrenches or Jacobians from linear part first to angular part first, or back.
 
     Parameters
     ----------
-    rows : (6, ...) array_like
+    rows : (..., 6) array_like twists or wrenches, (..., 6, n) array_like Jacobians
+    axis : int, optional; which axis has the six rows; None: the only one of the last two that is 6 long
 
     Returns
     -------
-    rows : (6, ...) array
+    rows : array of the same shape
+
+    Raises
+    ------
+    ShapeError
+        No axis is 6 long, or two are and ``axis`` does not say which one.
 
     Examples
     --------
     >>> swap_halves([1, 2, 3, 4, 5, 6]).tolist()
     [4, 5, 6, 1, 2, 3]
+    >>> import numpy as np
+    >>> swap_halves(np.eye(6), axis=-2)[0].tolist()  # a Jacobian of six joints
+    [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]
     """
-    return np.roll(arguments.plain(rows, "swap_halves: rows"), 3, axis=0)
+    x = arguments.plain(rows, "swap_halves: rows")
+    allowed = range(-min(x.ndim, 2), 0) if axis is None else (axis,)
+    found = [k for k in allowed if -x.ndim <= k < x.ndim and x.shape[k] == 6]
+    if len(found) != 1:
+        several = "both of the last two axes are 6 long: say axis=-1 for twists, axis=-2 for a Jacobian"
+        raise ShapeError(
+            f"swap_halves: rows has shape {x.shape}, and {several if found else 'no axis of 6 where they are wanted'}."
+        )
+    return np.roll(x, 3, axis=found[0])
 
 
 # ── Pinocchio ──
@@ -88,9 +106,11 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
     ShapeError
         The last axes are not the robot's sizes, or batch shapes do not broadcast.
     """
+    require_robot(robot, "to_pinocchio")
     q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
+    joints = list(_pinocchio_joints(robot, model))
     theirs = np.zeros((*q.shape[:-1], model.nq))
-    for body, joint in _pinocchio_joints(robot, model):
+    for body, joint in joints:
         mine = body.ratio * _part(body, q) + body.offset if body.follows else _part(body, q)
         if body.joint.quaternion is not None:
             mine = body.joint.to_pinocchio(mine)
@@ -98,7 +118,7 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
             mine = np.concatenate([mine[..., :-1], np.cos(mine[..., -1:]), np.sin(mine[..., -1:])], axis=-1)
         theirs[..., joint.idx_q : joint.idx_q + joint.nq] = mine
     P = pinocchio_rates(robot, model)
-    names = robot.model.velocity_names
+    names = robot.velocity_names
     return theirs, *(
         arguments.real(x, "to_pinocchio: a rate", robot.nv, names=names).astype(float) @ P.T for x in rates
     )
@@ -129,9 +149,10 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
     -----
     Angles kept there as (cos, sin) come out within ±π; mimic joints are taken to follow.
     """
+    joints = list(_pinocchio_joints(robot, model))
     q = arguments.real(q, "from_pinocchio: q", model.nq).astype(float)
     ours = np.zeros((*q.shape[:-1], robot.nq))
-    for body, joint in _pinocchio_joints(robot, model):
+    for body, joint in joints:
         if body.follows:
             continue
         theirs = q[..., joint.idx_q : joint.idx_q + joint.nq]
@@ -175,6 +196,9 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
 
 def _pinocchio_joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
     """Each body with Pinocchio's joint of the same name."""
+    require_robot(robot, "tw.convert")
+    if not hasattr(model, "names"):
+        raise ValueRangeError(f"tw.convert: the model is {arguments.shown(model)}, and a pinocchio.Model is wanted.")
     names = list(model.names)[1:]
     _check_names(robot, names, "Pinocchio")
     for body in robot.model.bodies:
