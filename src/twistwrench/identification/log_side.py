@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ValueRangeError
-from ..formats.log_side import read_log_side
+from ..formats.log_entry import read_log_side
 from ..formats.yaml_text import Source
 from ..model.model import Model
 from ..motion.contradictions import Contradictions
