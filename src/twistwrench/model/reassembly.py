@@ -20,6 +20,7 @@ def assembled(found: Outline) -> Model:
     """The model of an outline: the way back. Nothing is judged again, and nothing is said of it.
 
     >>> import twistwrench as tw
+    >>> from twistwrench.model.outline import outline
     >>> arm = tw.robots.ur5().model
     >>> assembled(outline(arm)).joint_names == arm.joint_names
     True
