@@ -57,11 +57,9 @@ class MathML(Notation):
         """The negative."""
         return f'<mo form="prefix">−</mo>{inner}'
 
-    def join(self, terms: list[tuple[str, str]]) -> str:
-        """A sum."""
-        first, *rest = terms
-        head = self.minus(first[1]) if first[0] == "-" else first[1]
-        return head + "".join(f"<mo>{self.operator(sign)}</mo>{term}" for sign, term in rest)
+    def between(self, sign: str) -> str:
+        """Plus or minus with what is around it."""
+        return f"<mo>{self.operator(sign)}</mo>"
 
     def matrix(self, rows: list[list[str]]) -> str:
         """A matrix."""

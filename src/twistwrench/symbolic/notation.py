@@ -154,7 +154,11 @@ class Notation:
         """A sum."""
         first, *rest = terms
         head = self.minus(first[1]) if first[0] == "-" else first[1]
-        return head + "".join(f" {self.operator(sign)} {term}" for sign, term in rest)
+        return head + "".join(self.between(sign) + term for sign, term in rest)
+
+    def between(self, sign: str) -> str:
+        """Plus or minus with what is around it."""
+        return f" {self.operator(sign)} "
 
     def operator(self, sign: str) -> str:
         """Plus or minus between terms."""

@@ -34,8 +34,6 @@ class _Operators:
             return self._joined(expr)
         if expr.is_Pow and expr.exp.is_Integer and 0 < int(expr.exp) <= 8:
             return "*".join([self._factor(expr.base)] * int(expr.exp))
-        if expr.is_Pow and expr.exp == -1:
-            return f"1.0/{self._divisor(expr.base)}"
         if expr.is_Pow and expr.exp.is_Integer and int(expr.exp) < 0:
             return f"1.0/{self._divisor(expr.base**-expr.exp)}"
         if expr.is_Symbol:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from ..errors import UnknownNameError, ValueRangeError
 from ..model.model import Model
-from .symbols import BodyEntries, Entries, Entry, ModelEntries, Namer, Parameter
+from .symbols import BodyEntries, Entry, ModelEntries, Namer, Parameter
 
 KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
 """What ``symbols=`` can name as a whole; ``"all"`` and ``"none"`` beside them."""
@@ -20,27 +21,18 @@ def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEn
     every = Namer(model).entries()
     chosen = _chosen(symbols, every.parameters)
 
-    def kept(entry: Entry) -> Entry:
-        return entry if entry.parameter is None or entry.parameter.name in chosen else Entry(entry.value)
-
-    def all_kept(entries: Entries) -> Entries:
-        return tuple(map(kept, entries))
+    def kept(entries: Any) -> Any:
+        """An entry, or entries in tuples, as plain numbers where no symbol was chosen."""
+        if isinstance(entries, tuple):
+            return tuple(map(kept, entries))
+        return entries if entries.parameter is None or entries.parameter.name in chosen else Entry(entries.value)
 
     bodies = tuple(
-        BodyEntries(
-            tag=b.tag,
-            place=all_kept(b.place),
-            point=all_kept(b.point),
-            pitch=kept(b.pitch),
-            mass=kept(b.mass),
-            com=all_kept(b.com),
-            inertia=tuple(map(all_kept, b.inertia)),
-            ratio=kept(b.ratio),
-        )
+        BodyEntries(b.tag, **{name: kept(entry) for name, entry in vars(b).items() if name != "tag"})
         for b in every.bodies
     )
     parameters = tuple(p for p in every.parameters if p.name in chosen)
-    return ModelEntries(bodies, all_kept(every.gravity), all_kept(every.springs), all_kept(every.armature), parameters)
+    return ModelEntries(bodies, kept(every.gravity), kept(every.springs), kept(every.armature), parameters)
 
 
 def _chosen(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> set[str]:
