@@ -15,12 +15,8 @@ they begin; velocities of ball, planar and floating joints along the parent's ax
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from ..core import arguments
-from ..typing import Array
 from .drake_order import drake_rates, from_drake, to_drake
+from .halves import swap_halves
 from .mujoco_order import from_mujoco, mujoco_rates, to_mujoco
 from .pinocchio_order import from_pinocchio, pinocchio_rates, to_pinocchio
 from .scipy_order import from_scipy_quaternion, to_scipy_quaternion
@@ -39,22 +35,3 @@ __all__ = [
     "to_pinocchio",
     "to_scipy_quaternion",
 ]
-
-
-def swap_halves(rows: ArrayLike) -> Array:
-    """Twists, wrenches or Jacobians from linear part first to angular part first, or back.
-
-    Parameters
-    ----------
-    rows : (6, ...) array_like
-
-    Returns
-    -------
-    rows : (6, ...) array
-
-    Examples
-    --------
-    >>> swap_halves([1, 2, 3, 4, 5, 6]).tolist()
-    [4, 5, 6, 1, 2, 3]
-    """
-    return np.roll(arguments.plain(rows, "swap_halves: rows"), 3, axis=0)

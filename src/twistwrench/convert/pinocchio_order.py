@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..errors import ModelError
+from ..errors import ModelError, ValueRangeError
 from ..model.model import Body
 from ..robot import Robot
+from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .matched_joints import check_names, positions
 
@@ -37,9 +38,11 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
     ShapeError
         The last axes are not the robot's sizes, or batch shapes do not broadcast.
     """
+    require_robot(robot, "to_pinocchio")
     q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
+    joints = list(_joints(robot, model))
     theirs = np.zeros((*q.shape[:-1], model.nq))
-    for body, joint in _joints(robot, model):
+    for body, joint in joints:
         mine = positions(body, q)
         if body.joint.quaternion is not None:
             mine = body.joint.to_pinocchio(mine)
@@ -47,7 +50,7 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
             mine = np.concatenate([mine[..., :-1], np.cos(mine[..., -1:]), np.sin(mine[..., -1:])], axis=-1)
         theirs[..., joint.idx_q : joint.idx_q + joint.nq] = mine
     P = pinocchio_rates(robot, model)
-    names = robot.model.velocity_names
+    names = robot.velocity_names
     return theirs, *(
         arguments.real(x, "to_pinocchio: a rate", robot.nv, names=names).astype(float) @ P.T for x in rates
     )
@@ -78,9 +81,10 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
     -----
     Angles kept there as (cos, sin) come out within ±π; mimic joints are taken to follow.
     """
+    joints = list(_joints(robot, model))
     q = arguments.real(q, "from_pinocchio: q", model.nq).astype(float)
     ours = np.zeros((*q.shape[:-1], robot.nq))
-    for body, joint in _joints(robot, model):
+    for body, joint in joints:
         if body.follows:
             continue
         theirs = q[..., joint.idx_q : joint.idx_q + joint.nq]
@@ -124,6 +128,9 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
 
 def _joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
     """Each body with Pinocchio's joint of the same name."""
+    require_robot(robot, "tw.convert")
+    if not hasattr(model, "names"):
+        raise ValueRangeError(f"tw.convert: the model is {arguments.shown(model)}, and a pinocchio.Model is wanted.")
     names = list(model.names)[1:]
     check_names(robot, names, "Pinocchio")
     for body in robot.model.bodies:

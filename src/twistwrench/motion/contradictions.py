@@ -14,6 +14,7 @@ from .coordinates import Coordinates
 from .gain_text import described_gain, near
 from .rate_delay import RateDelay
 from .rate_gain import RateGain, segments
+from .single_row_glitches import SingleRowGlitches
 
 if TYPE_CHECKING:
     from ..model.model import Limits
@@ -62,6 +63,7 @@ class Contradictions:
         self._velocity, self._acceleration = RateGain(count), RateGain(len(self._names))
         self._derived = RateGain(count)
         self._delay = RateDelay(count)
+        self._glitches = SingleRowGlitches(count, self._turns)
         self._last: tuple[float, Array] | None = None
         self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
         self._wraps = np.zeros(count, int)
@@ -79,6 +81,7 @@ class Contradictions:
         if not len(t):
             return
         self.look_at_steps(t, q)
+        self._glitches.add(t, q)
         curves = q.copy()
         curves[:, self._turns] = np.unwrap(q[:, self._turns], axis=0)
         dq, ddq = motion.dq, motion.ddq
@@ -129,11 +132,11 @@ class Contradictions:
             for k in found.tolist()
         ]
 
-    def sentences(self, limits: Limits | None = None) -> tuple[str, ...]:
+    def sentences(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
         """A sentence for each contradiction; limits of velocity help to tell a jump from a fast motion."""
         of_time = tuple(self._of_time(limits))
         angles = self._angle_units(limits).contradictions
-        jumps = () if angles else tuple(self._of_jumps(limits))
+        jumps = () if angles else (*self._of_jumps(limits), *(self._of_glitches() if glitches else ()))
         delays = self._delay.result() if not of_time else np.zeros(len(self._single))
         of_rates = tuple(self._of_rates(time_told=bool(of_time), late=delays != 0.0))
         return (*of_time, *angles, *jumps, *of_rates, *self._of_delays(delays))
@@ -212,6 +215,9 @@ class Contradictions:
                     f"{self._names[joint]} jumps by {jump[2]:.4g} rad after t = {jump[1]:.4f} s, at {jump[0]:.3g} rad/s, "
                     "and is no joint that turns on for ever: remove the rows, or add the turns that the log left out"
                 )
+
+    def _of_glitches(self) -> list[str]:
+        return self._glitches.sentences([self._names[k] for k in self._single.tolist()], self._turns)
 
     def _of_rates(self, *, time_told: bool, late: Array) -> Iterable[str]:
         """``late`` (k,) bool are joints whose velocity is the slope of another time, so that its size says nothing."""

@@ -135,6 +135,11 @@ class Robot(
         return self.model.coordinate_names
 
     @property
+    def velocity_names(self) -> tuple[str, ...]:
+        """A name for each entry of dq, ddq and tau: the joint's, with a suffix where it has several."""
+        return self.model.velocity_names
+
+    @property
     def body_names(self) -> tuple[str, ...]:
         """The moving bodies, each by the link its joint carries, in the order of :meth:`joint_wrenches`."""
         return tuple(body.link for body in self.model.bodies)
