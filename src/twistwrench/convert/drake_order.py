@@ -15,7 +15,7 @@ from ..lie import quaternion
 from ..model.model import Body
 from ..robot import Robot
 from ..typing import Array
-from .matched_joints import positions, rates_from, rates_to
+from .matched_joints import positions, rates_from, rates_to, require_pair
 
 
 def to_drake(
@@ -44,6 +44,7 @@ def to_drake(
     ShapeError
         An array is of another size.
     """
+    require_pair(robot, plant, "Drake")
     q = arguments.one(q, "to_drake: q", robot.nq, names=robot.coordinate_names)
     theirs = np.zeros(plant.num_positions())
     for body, joint, k in _joints(robot, plant):
@@ -84,6 +85,7 @@ def from_drake(
     ShapeError
         An array is of another size.
     """
+    require_pair(robot, plant, "Drake")
     theirs = arguments.one(q, "from_drake: q", plant.num_positions())
     ours = robot.neutral
     for body, joint, k in _joints(robot, plant):
@@ -121,6 +123,7 @@ def drake_rates(robot: Robot, plant: Any, q: ArrayLike) -> Array:
     -----
     Drake takes velocities of ball, planar and floating joints along the parent's axes, angular part first.
     """
+    require_pair(robot, plant, "Drake")
     q = arguments.one(q, "drake_rates: q", robot.nq, names=robot.coordinate_names)
     P = np.zeros((plant.num_velocities(), robot.nv))
     for body, joint, k in _joints(robot, plant):

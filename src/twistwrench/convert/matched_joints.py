@@ -8,13 +8,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..errors import ModelError, UnknownNameError
+from ..errors import ModelError, UnknownNameError, ValueRangeError
 from ..model.model import Body
 from ..robot import Robot
+from ..robot.robot_argument import require_robot
 from ..typing import Array
 
 Turning = Callable[[Robot, Array], Array]
 """What P ddq lacks of d(P dq)/dt, in our axes (nv,), of a robot and dq."""
+
+
+_MARKS = {"Pinocchio": "getJointId", "MuJoCo": "njnt", "Drake": "num_positions"}
+"""What the models of each library have."""
+
+
+def require_pair(robot: Robot, model: object, library: str) -> None:
+    """Raise ValueRangeError unless the first is a robot and the second a model of that library."""
+    require_robot(robot, "tw.convert")
+    if not hasattr(model, _MARKS[library]):
+        raise ValueRangeError(f"tw.convert: the model is {arguments.shown(model)}, and one of {library}'s is wanted.")
 
 
 def check_names(robot: Robot, theirs: list[str], library: str) -> None:
@@ -42,7 +54,7 @@ def rates_to(
     """Velocities and accelerations there, where they are given: dq* = P dq."""
     if dq is None:
         return
-    names = robot.model.velocity_names
+    names = robot.velocity_names
     dq = arguments.one(dq, f"{caller}: dq", robot.nv, names=names)
     yield P @ dq
     if ddq is not None:

@@ -13,7 +13,7 @@ from ..errors import ModelError
 from ..model.model import BASE, Body
 from ..robot import Robot
 from ..typing import Array
-from .matched_joints import check_names, positions, rates_from, rates_to
+from .matched_joints import check_names, positions, rates_from, rates_to, require_pair
 
 
 def to_mujoco(
@@ -40,6 +40,7 @@ def to_mujoco(
     ShapeError
         The last axes are not the robot's sizes, or batch shapes do not broadcast.
     """
+    require_pair(robot, model, "MuJoCo")
     q = arguments.one(q, "to_mujoco: q", robot.nq, names=robot.coordinate_names)
     theirs = np.zeros(model.nq)
     for body, joint in _joints(robot, model):
@@ -76,6 +77,7 @@ def from_mujoco(
     -----
     Mimic joints are taken to follow.
     """
+    require_pair(robot, model, "MuJoCo")
     theirs = arguments.one(q, "from_mujoco: q", model.nq)
     ours = np.zeros(robot.nq)
     for body, joint in _joints(robot, model):
@@ -108,6 +110,7 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
     -----
     MuJoCo takes the linear velocity of floating joints along the world's axes.
     """
+    require_pair(robot, model, "MuJoCo")
     q = arguments.one(q, "mujoco_rates: q", robot.nq, names=robot.coordinate_names)
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _joints(robot, model):

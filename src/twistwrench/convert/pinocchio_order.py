@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..errors import ModelError, ValueRangeError
+from ..errors import ModelError
 from ..model.model import Body
 from ..robot import Robot
-from ..robot.robot_argument import require_robot
 from ..typing import Array
-from .matched_joints import check_names, positions
+from .matched_joints import check_names, positions, require_pair
 
 
 def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
@@ -38,11 +37,10 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
     ShapeError
         The last axes are not the robot's sizes, or batch shapes do not broadcast.
     """
-    require_robot(robot, "to_pinocchio")
+    require_pair(robot, model, "Pinocchio")
     q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
-    joints = list(_joints(robot, model))
     theirs = np.zeros((*q.shape[:-1], model.nq))
-    for body, joint in joints:
+    for body, joint in _joints(robot, model):
         mine = positions(body, q)
         if body.joint.quaternion is not None:
             mine = body.joint.to_pinocchio(mine)
@@ -81,10 +79,10 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
     -----
     Angles kept there as (cos, sin) come out within ±π; mimic joints are taken to follow.
     """
-    joints = list(_joints(robot, model))
+    require_pair(robot, model, "Pinocchio")
     q = arguments.real(q, "from_pinocchio: q", model.nq).astype(float)
     ours = np.zeros((*q.shape[:-1], robot.nq))
-    for body, joint in joints:
+    for body, joint in _joints(robot, model):
         if body.follows:
             continue
         theirs = q[..., joint.idx_q : joint.idx_q + joint.nq]
@@ -119,6 +117,7 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
     -----
     It is constant: both take the twist of a joint in the moving frame.
     """
+    require_pair(robot, model, "Pinocchio")
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _joints(robot, model):
         turn = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
@@ -128,9 +127,6 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
 
 def _joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
     """Each body with Pinocchio's joint of the same name."""
-    require_robot(robot, "tw.convert")
-    if not hasattr(model, "names"):
-        raise ValueRangeError(f"tw.convert: the model is {arguments.shown(model)}, and a pinocchio.Model is wanted.")
     names = list(model.names)[1:]
     check_names(robot, names, "Pinocchio")
     for body in robot.model.bodies:

@@ -223,7 +223,8 @@ class Differentiation:
 def _too_few(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
     return TrajectoryError(
         f"{trajectory.path}: {rows} row{'s are' if rows != 1 else ' is'} too few to derive {wanted} from. "
-        f"Give at least {FEWEST} rows, or '.vel' and '.acc' columns for every joint."
+        f"Give at least {FEWEST} rows, or '.vel' and '.acc' columns for every joint. A motion between a few poses is made by "
+        "twistwrench move, or tw.trajectories.move."
     )
 
 

@@ -483,7 +483,8 @@ def _derived(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array,
     """Velocities and accelerations (n, nv) by a quintic spline through q, or through the velocities where they are known."""
     if len(t) < FEWEST:
         raise ValueRangeError(
-            f"Motion: {len(t)} samples are too few to derive rates from; give dq and ddq, or {FEWEST} samples."
+            f"Motion: {len(t)} samples are too few to derive rates from; give dq and ddq, or {FEWEST} samples. "
+            "tw.trajectories.move makes a motion between a few poses."
         )
     if dq is not None:
         return dq, spline_rates(t, dq)[0]
