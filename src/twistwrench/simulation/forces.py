@@ -137,6 +137,12 @@ class System:
         force = self.forces(t, q, dq, powers)
         out[self.moving] = self.robot.forward_dynamics(q, dq, force)
 
+    def accelerations(self, t: float, y: Array) -> Array:
+        """Of a state, (nv,)."""
+        rate = np.zeros(self.size)
+        self.rates(t, y, rate)
+        return rate[self.moving]
+
 
 def torque_law(tau: Any, nv: int) -> tuple[Array, Law | None]:
     """Constant torques (nv), and torques as a function; one of them is nothing."""

@@ -12,20 +12,19 @@ from ..errors import SimulationError
 from ..typing import Array
 from .accuracy import Accuracy, Extent
 from .adaptive import Stepper
+from .compiled_steps import CompiledSteps
 from .contact_steps import Touches
 from .events import Watch
 from .force_probes import ForceProbes, UnseenForces
 from .forces import WORKS, System
 from .result import Record, SimulationResult
-from .schemes import ADAPTIVE, Scheme
-from .step_doubling import StepDoubling
+from .schemes import ADAPTIVE, OneByOne, Scheme
+from .step_blocks import FASTEST, take_blocks
+from .step_doubling import Flow, StepDoubling
 from .user_functions import Law
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-_FASTEST = 1e6
-"""rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
 
 
 class Run:
@@ -51,7 +50,9 @@ class Run:
         self.watch: Watch | None = None
         self.controller: Law | None = None
         self.constant = system.held
-        self.tick: Callable[[float], None] = lambda _t: None
+        self.tick: Callable[[float], None] | None = None
+        self.compiled: CompiledSteps | None = None
+        """Its steps in machine code, where nothing asks Python for a force or looks at a step."""
         self.stopped = ""
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
@@ -66,7 +67,12 @@ class Run:
     def fixed(self) -> None:
         """Steps of one length."""
         y = self._begin()
-        for k in range(self.n):
+        if self.compiled is not None:
+            take_blocks(self, self.compiled)
+            if self.steps == self.n:
+                return
+            y = self.last[1].copy()
+        for k in range(self.steps, self.n):
             t = k * self.h
             self._sample(t, y)
             self.system.rates(t, y, self.rate)
@@ -125,7 +131,7 @@ class Run:
 
     def result(self, stopped: str, *, completed: bool) -> SimulationResult:
         """All up to here, the last good state included."""
-        if not self.record.rows or self.last[0] > self.record.rows[-1][0]:
+        if self.last[0] > self.record.last:
             self._keep_rough(*self.last)
         said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
@@ -134,13 +140,13 @@ class Run:
 
     def judge(self) -> None:
         """Find what the steps so far are off by."""
-        if not self.record.rows:
+        if not self.record.blocks:
             return
-        extent = Extent.of(self.robot, np.array(self.record.states))
+        extent = Extent.of(self.robot, self.record.states)
         if self.stepper is not None:
             error: Array | None = self.stepper.judged(extent.spans)
         else:
-            error = self.doubling.errors(self.system, self.scheme, extent.spans) if self.doubling.steps else None
+            error = self.doubling.errors(self.system, self.flow, extent.spans) if self.doubling.steps else None
         if error is not None:
             self.accuracy = Accuracy.of(extent, error)
         left_out = self.unseen.error(extent, self.last[0])
@@ -149,6 +155,11 @@ class Run:
             self.accuracy = Accuracy.of(extent, np.fmax(self.accuracy.error, left_out))
 
     # ── parts of a step ──
+
+    @property
+    def flow(self) -> Flow:
+        """The steps of its method from any state."""
+        return self.compiled or OneByOne(self.system, self.scheme)
 
     def _begin(self) -> Array:
         y = self.last[1].copy()
@@ -183,7 +194,8 @@ class Run:
     def _advance(self, t: float, y: Array) -> None:
         self.steps += 1
         self.last = (t, y)
-        self.tick(t)
+        if self.tick is not None:
+            self.tick(t)
 
     def _keep(self, t: float, y: Array) -> None:
         """Keep a state whose rates were computed last."""
@@ -207,7 +219,7 @@ class Run:
         s = self.system
         s.manifold.normalise(y[: s.nq])
         speed = np.abs(y[s.moving])
-        if not (speed.max() < _FASTEST and np.isfinite(y).all()):
+        if not (speed.max() < FASTEST and np.isfinite(y).all()):
             bad = int(np.argmax(np.where(np.isfinite(speed), speed, np.inf)))
             advice = f"Take a smaller dt than {self.h:g} s, or method={ADAPTIVE!r}."
             if self.method == ADAPTIVE:

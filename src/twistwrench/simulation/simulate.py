@@ -16,6 +16,7 @@ from ..model.friction import NONE_GIVEN
 from ..typing import Array
 from .adaptive import Stepper
 from .braked_step import BrakedStep
+from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
 from .events import Event, Watch
@@ -154,6 +155,8 @@ def simulate(
             if adapts:
                 run.adaptive(Stepper(system, *tolerances, longest, probe_spacing(h, end), end))
             else:
+                if run.watch is None and run.controller is None:
+                    run.compiled = CompiledSteps.of(system, method, scheme.order, h)
                 run.fixed()
             run.judge()
     except SimulationError as problem:
