@@ -7,7 +7,7 @@ from small_trees import tree
 import twistwrench as tw
 from twistwrench.testing import random_state
 
-METHODS = ["euler", "semi_implicit", "rk4"]
+METHODS = ["euler", "semi_implicit", "rk4", "dopri5"]
 
 
 def never(t, q, dq):
@@ -49,7 +49,7 @@ def test_the_arm(method):
 
 
 @pytest.mark.parametrize("name", ["floating base", "planar", "mimic", "driven"])
-@pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
+@pytest.mark.parametrize("method", METHODS[1:])
 def test_trees_of_all_joints_with_their_friction_pushed_at_two_frames(name, method):
     robot = tree(name)
     q0, dq0, _ = random_state(robot, np.random.default_rng(3), ())

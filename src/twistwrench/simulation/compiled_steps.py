@@ -19,6 +19,25 @@ _NUMBERS = 2_000_000
 """Numbers that the states of one call may be."""
 
 
+def asks_nothing(system: System) -> bool:
+    """Whether all that acts on a robot is constant, or follows from its state by laws of its own."""
+    varies = system.tau is not None or any(law.varies for law in system.wrenches.values())
+    return not (varies or system.contacts)
+
+
+def rubs(system: System) -> bool:
+    """Whether there is friction."""
+    return system.friction is not None or (system.braked is not None and system.braked.friction)
+
+
+def constants(system: System, plan: SimulatedStep) -> list[Array]:
+    """What a step is given but its length."""
+    given = [system.held, *(law(0.0, np.zeros(0), np.zeros(0)) for law in system.wrenches.values())]
+    if plan.eases and system.friction is not None:
+        given.append(system.friction.creep)
+    return given
+
+
 class CompiledSteps:
     """The steps of one method under the constant torques and wrenches of a system."""
 
@@ -30,20 +49,16 @@ class CompiledSteps:
         """Evaluations of forward dynamics in a step."""
         self.most = max(1, int(min(_IN_ONE_CALL / (effort * self.stages), _NUMBERS / (system.size + system.nv))))
         """Steps to take in one call."""
-        given = [system.held, *(law(0.0, np.zeros(0), np.zeros(0)) for law in system.wrenches.values())]
-        if plan.eases and system.friction is not None:
-            given.append(system.friction.creep)
-        self.given = given
+        self.given = constants(system, plan)
 
     @classmethod
     def of(cls, system: System, method: str, order: int, h: float) -> CompiledSteps | None:
         """The steps of a system in machine code; None where something is a function, a contact, or cannot be compiled."""
-        varies = system.tau is not None or any(law.varies for law in system.wrenches.values())
-        if method not in SIMULATED or varies or system.contacts:
+        if method not in SIMULATED or not asks_nothing(system):
             return None
-        rubs = system.friction is not None or (system.braked is not None and system.braked.friction)
-        plan = SimulatedStep(system.robot.model, GivenTorque(), method, frames=tuple(system.wrenches), friction=rubs)
         robot = system.robot
+        frames = tuple(system.wrenches)
+        plan = SimulatedStep(robot.model, GivenTorque(), method, frames=frames, friction=rubs(system))
 
         def made() -> Any:
             robot.engine.require_invertible()

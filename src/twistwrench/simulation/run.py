@@ -17,6 +17,7 @@ from .contact_steps import Touches
 from .events import Watch
 from .force_probes import ForceProbes, UnseenForces
 from .forces import WORKS, System
+from .free_steps import take_freely
 from .result import Record, SimulationResult
 from .schemes import ADAPTIVE, OneByOne, Scheme
 from .step_blocks import FASTEST, take_blocks
@@ -79,14 +80,14 @@ class Run:
             if k % self.every == 0:
                 self._keep(t, y)
             t1 = (k + 1) * self.h if k + 1 < self.n else self.end
-            y1 = self._checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
+            y1 = self.checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
             if (k == 0 and self._leaves_at_once(y, y1, self.h)) or self._ended(t, y, [(self.h, y1)]):
                 return
             changed = self._touched(t1, y, y1) or self._stuck_or_slid(y, y1)
             self.doubling.note(t, y, y1, self.system.held, changed=changed)
             self.unseen.note(t, y, y1)
             y = y1
-            self._advance(t1, y)
+            self.advance(t1, y)
         self.system.rates(self.end, y, self.rate)
         self._keep(self.end, y)
 
@@ -99,24 +100,28 @@ class Run:
         self._sample(t, y)
         self.system.rates(t, y, self.rate)
         self._keep(t, y)
+        if stepper.attempts is not None:
+            take_freely(self, stepper)
+            return
         kept = 1
         while t < end:
             until = (k + 1) * self.h if self.controller is not None and k + 1 < self.n else end
             t1, y1 = stepper.step(t, y, self.rate, until)
             self.rejected, rate1 = stepper.rejected, stepper.rate_after
-            y1 = self._checked(t, t1, y1)
+            y1 = self.checked(t, t1, y1)
             if t == 0.0 and self._leaves_at_once(y, y1, t1):
                 return
-            points = []
+            begin = kept
             while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
-                points.append((kept * spacing - t, stepper.between(kept * spacing)))
                 kept += 1
+            times = np.arange(begin, kept) * spacing
+            points = list(zip((times - t).tolist(), stepper.between(times), strict=True))
             if self._ended(t, y, [*points, (t1 - t, y1)], points):
                 return
             for s, between in points:
                 self._keep_at(t + s, between)
             t, y = t1, y1
-            self._advance(t, y)
+            self.advance(t, y)
             if self.controller is not None and t == until and t < end:
                 k += 1
                 self._sample(t, y)
@@ -191,7 +196,8 @@ class Run:
         braked, moving = self.system.braked, self.system.moving
         return braked is not None and bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
 
-    def _advance(self, t: float, y: Array) -> None:
+    def advance(self, t: float, y: Array) -> None:
+        """Take note of a step that is good, to y at t."""
         self.steps += 1
         self.last = (t, y)
         if self.tick is not None:
@@ -214,7 +220,7 @@ class Run:
             unknown = np.full(self.robot.nv, np.nan)
             self.record.keep(t, y, unknown, unknown)
 
-    def _checked(self, t0: float, t1: float, y: Array) -> Array:
+    def checked(self, t0: float, t1: float, y: Array) -> Array:
         """The state with its quaternions of unit length; SimulationError where a step was unstable."""
         s = self.system
         s.manifold.normalise(y[: s.nq])

@@ -16,6 +16,7 @@ from ..model.friction import NONE_GIVEN
 from ..typing import Array
 from .adaptive import Stepper
 from .braked_step import BrakedStep
+from .compiled_attempts import CompiledAttempts
 from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
@@ -150,13 +151,17 @@ def simulate(
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
         run.tick = lambda t: progress(min(t / end, 1.0))
+    alone = (
+        run.watch is None and controller is None
+    )  # nothing looks at its steps, or gives torques from one to the next
     try:
         with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
             if adapts:
-                run.adaptive(Stepper(system, *tolerances, longest, probe_spacing(h, end), end))
+                stepper = Stepper(system, *tolerances, longest, probe_spacing(h, end), end)
+                stepper.attempts = CompiledAttempts.of(system, tolerances) if alone else None
+                run.adaptive(stepper)
             else:
-                if run.watch is None and run.controller is None:
-                    run.compiled = CompiledSteps.of(system, method, scheme.order, h)
+                run.compiled = CompiledSteps.of(system, method, scheme.order, h) if alone else None
                 run.fixed()
             run.judge()
     except SimulationError as problem:

@@ -88,20 +88,23 @@ class SimulatedStep(Plan):
     ) -> tuple[Array, ...]:  # fmt: skip
         """One stage of a Runge-Kutta method, by its row of :func:`.step_program.stages`."""
         keep, weight, last, all_of_them, ends = row
-        _, plant, rest = self._models(given)
-        tau, force = rest["tau"], rest["tau"]
-        if self.friction:
-            force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
-        ddq = forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
-        powers = self._powers(plant, angles, dq, tau, force - tau, rest)
-        rates = coordinate_rates(self.model, angles) @ dq, ddq, powers
+        rates = self.rates(angles, dq, given)
         pairs = list(zip((q_sum, dq_sum, work_sum), rates, strict=True))
         sums = [keep * total + weight * rate for total, rate in pairs]
         ends_at = [
             x0 + h * (last * rate + all_of_them * total)
             for x0, rate, total in zip((q0, dq0, work0), rates, sums, strict=True)
         ]
-        return integration.normalised(self.model, ends_at[0], ends), *ends_at[1:], *sums, ddq
+        return integration.normalised(self.model, ends_at[0], ends), *ends_at[1:], *sums, rates[1]
+
+    def rates(self, angles: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """Of coordinates, velocities and works, dry friction eased off; ``given`` is what a step is given but its length."""
+        _, plant, rest = self._models(given)
+        tau = force = rest["tau"]
+        if self.friction:
+            force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
+        ddq = forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
+        return coordinate_rates(self.model, angles) @ dq, ddq, self._powers(plant, angles, dq, tau, force - tau, rest)
 
     def _powers(self, plant: Model, at: Array, dq: Array, tau: Array, lost: Array, rest: dict[str, Array]) -> Array:
         """Of torques, friction, wrenches and contacts, in the order of :data:`.forces.WORKS`, (4,)."""
