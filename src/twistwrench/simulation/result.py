@@ -159,12 +159,13 @@ class SimulationResult:
             )
         return replace(self, simulated=robot)
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
         """Write a CSV file that ``twistwrench torques`` reads as a motion, and :meth:`load` gives back to the last bit.
 
         Parameters
         ----------
         path : str or Path
+        degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
         Returns
         -------
@@ -173,12 +174,13 @@ class SimulationResult:
         Raises
         ------
         ValueRangeError
-            Nothing can be written.
+            Nothing can be written; or degrees are asked for of a result from a file, which has no robot.
 
         Notes
         -----
         Columns: time, each coordinate, ``.vel``, ``.acc`` and ``.torque`` of each velocity, energies, works and
-        momentum. What else there is stands in comments before the header.
+        momentum. What else there is stands in comments before the header. What is written in degrees comes back with the
+        rounding of the conversion.
 
         Examples
         --------
@@ -191,7 +193,7 @@ class SimulationResult:
         """
         from .result_files import write_csv
 
-        return write_csv(self, path)
+        return write_csv(self, path, degrees=degrees)
 
     def to_npz(self, path: str | Path) -> Path:
         """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit.

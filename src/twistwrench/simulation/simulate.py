@@ -117,6 +117,8 @@ def simulate(
     remarks = (
         [] if abs(h - dt) <= 1e-9 * dt else [f"states {h:.6g} s apart, not {dt:.6g} s, so that a whole number fills it"]
     )
+    planes = [contact for contact in surfaces if isinstance(contact, PlaneContact)]
+    remarks += [said for plane in planes if (said := plane.buried(y0[: robot.nq]))]
     friction = arguments.flag(friction, "friction")
     rubs, gains = friction and robot.model.friction.any, _rate_gains(robot, tau)
     if friction and not rubs:
