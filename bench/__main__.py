@@ -16,7 +16,18 @@ from bench.side_by_side import all_peers, measured
 from bench.timing import ROUNDS, pin_to_one_core
 
 HERE = Path(__file__).parent
-SECTIONS = ("bounds", "compile", "derivatives", "float32", "fresh", "one_body", "one_call", "rollout", "threads")
+SECTIONS = (
+    "bounds",
+    "compile",
+    "derivatives",
+    "float32",
+    "fresh",
+    "one_body",
+    "one_call",
+    "rollout",
+    "simulate",
+    "threads",
+)
 ALL_CORES = ("threads",)  # the others keep to one
 
 
@@ -59,6 +70,11 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
 
         return rollout.times(options.rounds)
 
+    def simulate() -> dict[str, Any]:
+        from bench import simulate  # needs MuJoCo too
+
+        return simulate.times(options.rounds)
+
     if name not in ALL_CORES:
         pin_to_one_core()
     cases, rounds = _cases(options), options.rounds
@@ -71,6 +87,7 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "one_body": lambda: one_body.times(rounds),
         "one_call": lambda: one_call.times(rounds, cases),
         "rollout": rollout,
+        "simulate": simulate,
         "threads": lambda: threads.times(rounds),
     }[name]()
 
@@ -99,6 +116,7 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
             results[section] = _part(section, options)
         with suppress(ImportError):  # the robots say what is missing
             results["rollout"] = _part("rollout", options)
+            results["simulate"] = _part("simulate", options)
         results["kernels"] = {case.name: footprint.kernel_times(case) for case in _cases(options)}
         panda = next(c for c in CASES if c.name == "panda")
         results["start"] = footprint.start_times(panda, max(options.rounds // 2, 3))

@@ -22,7 +22,10 @@ def write(results: dict[str, Any]) -> str:
         part(results)
         for part in (sections.derivatives, sections.single, sections.one_call, sections.fresh, limits.limits)
     ]
-    parts += [part(results) for part in (_agreement, _builds, _operations, _one_body, _threads, sections.rollouts)]
+    parts += [
+        part(results)
+        for part in (_agreement, _builds, _operations, _one_body, _threads, sections.rollouts, sections.simulations)
+    ]
     parts += [part(results) for part in (sections.compiling, _kernels, _start)]
     return "\n\n".join([*filter(None, parts), METHOD.read_text()])
 

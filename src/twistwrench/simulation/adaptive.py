@@ -36,7 +36,7 @@ class Stepper:
         self.speed = 0.0
         """The square of all velocities after the last of these."""
         self.rate_after = np.zeros(0)
-        """f at the end of the last step."""
+        """f at the end of the last step; a part of what the dense output is made of."""
         self.errors = np.zeros(system.size)
         """What the steps were judged to be off by, one by one, added up."""
         self.last: tuple[float, float, Array, Array] = (0.0, 0.0, np.zeros(0), np.zeros(0))
@@ -67,8 +67,9 @@ class Stepper:
                 if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
                     self.h = step * factor
                 self.errors += np.abs(error)
-                self.rate_after = scheme.K[-1].copy()
-                self.last = (t, step, y, scheme.K if self.attempts else scheme.K.copy())
+                K = scheme.K if self.attempts else scheme.K.copy()  # machine code has new arrays each time
+                self.rate_after = K[-1]
+                self.last = (t, step, y, K)
                 return t1, y1
             self.rejected += 1
             grow = 1.0

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..kernels.interpreter import compiles
 from ..kernels.ufunc import owner_of
 from ..robot.engine import compiled
 from ..typing import Array
@@ -20,9 +21,9 @@ _NUMBERS = 2_000_000
 
 
 def asks_nothing(system: System) -> bool:
-    """Whether all that acts on a robot is constant, or follows from its state by laws of its own."""
+    """Whether all that acts on a robot is constant, or follows from its state by laws of its own, and steps can be compiled."""
     varies = system.tau is not None or any(law.varies for law in system.wrenches.values())
-    return not (varies or system.contacts)
+    return not (varies or system.contacts) and compiles()
 
 
 def rubs(system: System) -> bool:
@@ -50,6 +51,7 @@ class CompiledSteps:
         self.most = max(1, int(min(_IN_ONE_CALL / (effort * self.stages), _NUMBERS / (system.size + system.nv))))
         """Steps to take in one call."""
         self.given = constants(system, plan)
+        self._given: tuple[int, list[Array]] = (-1, [])
 
     @classmethod
     def of(cls, system: System, method: str, order: int, h: float) -> CompiledSteps | None:
@@ -72,13 +74,18 @@ class CompiledSteps:
         """States after each step, (..., steps, size), and accelerations as each begins, (..., steps, nv); y (..., size)."""
         s = self.system
         Y, ddq = np.empty((*y.shape[:-1], steps, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
-        lengths = np.broadcast_to(np.float64(self.h if h is None else h), steps)
-        given = [np.broadcast_to(x, (steps, *x.shape)) for x in self.given]
+        lengths = np.full(steps, self.h if h is None else h)
+        given = self._given_for(steps)
         cuts = slice(0, s.nq), s.moving, slice(s.nq + s.nv, s.size)
-        with np.errstate(all="ignore"):
-            self.kernel(*(y[..., cut] for cut in cuts), lengths, *given, out=(*(Y[..., cut] for cut in cuts), ddq))
+        self.kernel(*(y[..., cut] for cut in cuts), lengths, *given, out=(*(Y[..., cut] for cut in cuts), ddq))
         s.evaluations += self.stages * steps
         return Y, ddq
+
+    def _given_for(self, steps: int) -> list[Array]:
+        """What is given for each of so many steps."""
+        if self._given[0] != steps:
+            self._given = steps, [np.broadcast_to(x, (steps, *x.shape)) for x in self.given]
+        return self._given[1]
 
     def after(self, _t: float, y: Array, h: float) -> Array:
         """The states a time h after states (..., size)."""

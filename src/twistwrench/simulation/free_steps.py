@@ -33,6 +33,7 @@ def take_freely(run: Run, stepper: Stepper) -> None:
             waiting.steps.append(stepper.last)
             t, y, rate = t1, y1, stepper.rate_after
             if not system.manifold.flat:
+                rate = rate.copy()
                 system.manifold.rates(*system.split(y), out=rate[: system.nq])
             run.advance(t, y)
             if len(waiting.steps) == _STEPS:
