@@ -5,7 +5,8 @@ from __future__ import annotations
 from .block_deviations import GroupCovariance
 from .consistent_robot import ConsistentRobot
 from .evidence import LogDoubt
-from .exciting_motion import ExcitingMotion, exciting_trajectory
+from .exciting_motion import ExcitingMotion
+from .exciting_trajectory import exciting_trajectory
 from .held_out import HeldOut, HeldOutRows
 from .identified_robot import IdentifiedRobot
 from .left_out import without_links
