@@ -13,6 +13,7 @@ import click
 from ..errors import ValueRangeError
 from ..verdict import ExitCode, Word
 from .common import RobotOptions, check_extra, parse_friction
+from .known_values import check_payload, parse_known
 from .motion_options import parse_columns
 from .progress import share_done
 
@@ -55,6 +56,18 @@ def identify_options(function: Callable[..., None]) -> Callable[..., None]:
             show_default=True,
             help="What each joint has besides its bodies; 'none' for nothing.",
         ),
+        click.option(
+            "--payload-only",
+            metavar="FRAME",
+            help="Only seek the body fixed to FRAME: all other numbers, friction too, are as the robot's file has them.",
+        ),
+        click.option(
+            "--known",
+            metavar="NAME=VALUE",
+            multiple=True,
+            help="Hold a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2; SI units; may be repeated.",
+        ),
+        click.option("--essential", is_flag=True, help="Print the fewest groups that predict as well as all of them."),
         click.option("--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."),
         click.option("--method", type=click.Choice(["irls", "wls", "ols"]), default="irls", show_default=True),
         click.option(
@@ -112,6 +125,9 @@ def answer_identify(
     actuators_out: str | None,
     keep_close: str,
     force: bool,
+    known: tuple[str, ...],
+    payload_only: str | None,
+    essential: bool,
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
     from ..identification import identify, without_links
@@ -131,7 +147,8 @@ def answer_identify(
         "--json": json_path,
     }
     check_outputs(outputs, {**inputs, **options.files})
-    laws = parse_friction(friction)
+    laws, held = parse_friction(friction), parse_known(known)
+    check_payload(payload_only, [name for name, path in outputs.items() if path is not None])
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     robot = without_links(robot, left_out)
     with share_done("identifying") as progress:
@@ -158,13 +175,15 @@ def answer_identify(
             shift=_number(shift, "--shift"),
             method=method,
             motor_side=side,
+            known=held,
+            payload_only=payload_only,
             progress=progress,
         )
-    show(identification_view(found))
+    show(identification_view(found, essential=essential))
     refused = found.verdict.word is Word.LOOK_AGAIN
     if json_path is not None:
         with replacing(json_path) as scratch:
-            scratch.write_text(found.to_json(), encoding="utf-8")
+            scratch.write_text(found.to_json(essential=essential), encoding="utf-8")
         click.echo(f"wrote {json_path}")
     if plot_path is not None:
         click.echo(f"wrote {found.plot(plot_path)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .block_deviations import GroupCovariance
 from .consistent_robot import ConsistentRobot
+from .essential_groups import EssentialGroups
 from .evidence import LogDoubt
 from .exciting_motion import ExcitingMotion
 from .exciting_trajectory import exciting_trajectory
@@ -12,6 +13,7 @@ from .identified_robot import IdentifiedRobot
 from .left_out import without_links
 from .log_side import MotorSide, motor_side, read_motion
 from .parameter_groups import BaseParameters
+from .payload import Payload
 from .robot_identification import identify
 from .setting_choice import FitSettings
 from .unknown_parameters import UnknownParameters
@@ -19,6 +21,7 @@ from .unknown_parameters import UnknownParameters
 __all__ = [
     "BaseParameters",
     "ConsistentRobot",
+    "EssentialGroups",
     "ExcitingMotion",
     "FitSettings",
     "GroupCovariance",
@@ -27,6 +30,7 @@ __all__ = [
     "IdentifiedRobot",
     "LogDoubt",
     "MotorSide",
+    "Payload",
     "UnknownParameters",
     "exciting_trajectory",
     "identify",
