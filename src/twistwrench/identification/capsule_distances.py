@@ -131,13 +131,28 @@ class CapsuleRoom:
         """How many distances there are: m + 2 k."""
         return len(self.pairs) + 2 * len(self.above)
 
-    def distances(self, q: Array) -> Array:
-        """(n, m + 2 k) distances of the pairs, and of the ends above the floor [m]; below 0 where capsules overlap."""
+    def distances(self, q: Array, near: float = np.inf) -> Array:
+        """(n, m + 2 k) distances of the pairs, and of the ends above the floor [m]; below 0 where capsules overlap.
+
+        Parameters
+        ----------
+        q : (n, nq) array
+        near : float, beyond which a bound from below will do [m]
+
+        Returns
+        -------
+        distances : (n, m + 2 k) array
+        """
         ends = self.capsules.placed(self.robot.link_poses(q))
         i, j = self.pairs.T
-        a, b, r = ends[..., i], ends[..., j], self.capsules.radii
+        middle, r = ends.mean(axis=0), self.capsules.radii
+        half = r + 0.5 * np.linalg.norm(self.capsules.ends[:, 1] - self.capsules.ends[:, 0], axis=1)
+        d = middle[..., j] - middle[..., i]
+        found = np.sqrt(_dot(d, d)) - half[i] - half[j]
+        rows, which = np.nonzero(found < near)
+        a, b = ends[:, :, rows, i[which]], ends[:, :, rows, j[which]]
         d = _between(a, b, *nearest_points(a, b))
-        found = np.sqrt(_dot(d, d)) - r[i] - r[j]
+        found[rows, which] = np.sqrt(_dot(d, d)) - r[i[which]] - r[j[which]]
         if self.floor is None:
             return np.asarray(found)
         heights = ends[:, 2][..., self.above] - r[self.above] - self.floor

@@ -12,6 +12,7 @@ Source: Ericson, "Real-Time Collision Detection", 2005, 4.5, for the capsules of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,10 @@ from ..model.model import BASE
 from ..robot import Robot
 from ..typing import Array
 
+_WORTH = 0.6
+"""Share of the volume of capsules around single shapes, which overlap, up to which one around all takes their place."""
+_FACETS = 0.015
+"""Share of a radius that facets are within the round, 0.012 at most."""
 _STEPS = 200
 """Of the search for the least volume."""
 
@@ -69,7 +74,7 @@ class LinkCapsules:
         for k, name in enumerate(robot.link_names):
             link = described.links.get(name)
             shapes = LinkShapes() if link is None else link.shapes
-            found = [_around(solid) for solid in _looked_at(shapes)]
+            found = _of_solids(_looked_at(shapes))
             heavy = link is None or (link.written is not None and link.written.mass > 0)
             if heavy and not (found and shapes.complete) and robot.model.frames[name].body != BASE:
                 bare.append(name)
@@ -109,6 +114,21 @@ def _looked_at(shapes: LinkShapes) -> list[Solid]:
     return []
 
 
+def _of_solids(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
+    """A capsule around each shape, or one around all of them where it is hardly larger than what they hold."""
+    each = [_around(solid) for solid in solids]
+    if len(each) < 2:
+        return each
+    ends, radius = capsule_around(np.concatenate([solid.points for solid in solids]))
+    whole = ends, radius + max(_bulge(solid) for solid in solids)
+    return [whole] if _volume(*whole) <= _WORTH * sum(_volume(*one) for one in each) else each
+
+
+def _bulge(solid: Solid) -> float:
+    """How far a round shape reaches beyond the facets between its corners [m]."""
+    return 0.0 if solid.spec.kind in ("box", "mesh") else _FACETS * max(solid.spec.sizes)
+
+
 def _around(solid: Solid) -> tuple[Array, float]:
     """Segment (2, 3) and radius of a capsule that holds a shape."""
     spec = solid.spec
@@ -116,7 +136,8 @@ def _around(solid: Solid) -> tuple[Array, float]:
         half = 0.5 * spec.sizes[1] if spec.kind == "capsule" else 0.0
         along = spec.pose[:3, 2] * half
         return spec.pose[:3, 3] + np.array([-along, along]), spec.sizes[0]
-    return capsule_around(solid.points)
+    ends, radius = capsule_around(solid.points)
+    return ends, radius + _bulge(solid)
 
 
 def _volume(ends: Array, r: float) -> float:

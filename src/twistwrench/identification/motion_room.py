@@ -95,7 +95,7 @@ class MotionRoom:
 
     def clearances(self, q: Array) -> Array:
         """(n, m) distances [m]: those of the capsules, and those of ``clear``."""
-        return np.concatenate([self.capsules.distances(q), self._told(q)], axis=1)
+        return np.concatenate([self.capsules.distances(q, _NEAR), self._told(q)], axis=1)
 
     def clearance_slopes(self, q: Array, weights: Array) -> Array:
         """(n, nq) derivative by the joints of a sum of the clearances with weights (n, m)."""
