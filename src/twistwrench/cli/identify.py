@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ValueRangeError
-from ..verdict import ExitCode, Word
+from ..verdict import ExitCode
 from .common import RobotOptions, check_extra, parse_friction
+from .identified_files import AskedFiles
 from .known_values import check_payload, parse_known
 from .motion_options import parse_columns
 from .progress import share_done
@@ -20,7 +21,6 @@ from .progress import share_done
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..identification import IdentifiedRobot
     from ..robot import Robot
 
 _AUTO = "auto"
@@ -131,7 +131,7 @@ def answer_identify(
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
     from ..identification import identify, without_links
-    from ..outputs import check_outputs, picture_path, replacing
+    from ..outputs import check_outputs, picture_path
     from .tables.identify import identification_view
 
     logs, tests = _expanded(options, logs), _expanded(options, tests)
@@ -147,7 +147,7 @@ def answer_identify(
         "--json": json_path,
     }
     check_outputs(outputs, {**inputs, **options.files})
-    laws, held = parse_friction(friction), parse_known(known)
+    laws, held, strength = parse_friction(friction), parse_known(known), _number(keep_close, "--keep-close")
     check_payload(payload_only, [name for name, path in outputs.items() if path is not None])
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     robot = without_links(robot, left_out)
@@ -180,29 +180,8 @@ def answer_identify(
             progress=progress,
         )
     show(identification_view(found, essential=essential))
-    refused = found.verdict.word is Word.LOOK_AGAIN
-    if json_path is not None:
-        with replacing(json_path) as scratch:
-            scratch.write_text(found.to_json(essential=essential), encoding="utf-8")
-        click.echo(f"wrote {json_path}")
-    if plot_path is not None:
-        click.echo(f"wrote {found.plot(plot_path)}")
-    if report_path is not None:
-        click.echo(f"wrote {found.report(report_path)}")
-    if refused and not force and (out_path or actuators_out or csv_path):
-        click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
-    elif out_path is not None or actuators_out is not None:
-        if (strength := _number(keep_close, "--keep-close")) is not None:
-            found.__dict__["consistent"] = found.consistent_at(strength)
-        for note in found.write(
-            out_path, actuators_out, given=_given(options), logs=[Path(x).name for x in logs], force=force
-        ):
-            click.echo(f"note: {note}", err=True)
-        for path in filter(None, (out_path, actuators_out)):
-            click.echo(f"wrote {path}")
-    if csv_path is not None and not (refused and not force):
-        _write_table(found, csv_path)
-        click.echo(f"wrote {csv_path}")
+    asked = AskedFiles(json_path, plot_path, report_path, out_path, actuators_out, csv_path, strength)
+    asked.write(found, [Path(x).name for x in logs], _given(options), essential=essential, force=force)
     return found.verdict.exit_code
 
 
@@ -264,16 +243,3 @@ def _number(text: str, option: str) -> float | None:
         return float(text)
     except ValueError:
         raise ValueRangeError(f"{option} {text!r} is neither a number nor {_AUTO}.") from None
-
-
-def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
-    from ..core.csv_writer import CsvWriter
-    from ..outputs import replacing
-
-    with replacing(path) as scratch, scratch.open("wb") as file:
-        writer = CsvWriter(file)
-        writer.row(["group", "value", "deviation", "low", "high", "file"])
-        for name, value, deviation, (low, high), before in zip(
-            found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
-        ):
-            writer.row([name, *(repr(float(x)) for x in (value, deviation, low, high, before))])

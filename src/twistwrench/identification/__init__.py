@@ -9,11 +9,11 @@ from .evidence import LogDoubt
 from .exciting_motion import ExcitingMotion
 from .exciting_trajectory import exciting_trajectory
 from .held_out import HeldOut, HeldOutRows
+from .identified_payload import IdentifiedPayload
 from .identified_robot import IdentifiedRobot
 from .left_out import without_links
 from .log_side import MotorSide, motor_side, read_motion
 from .parameter_groups import BaseParameters
-from .payload import Payload
 from .robot_identification import identify
 from .setting_choice import FitSettings
 from .unknown_parameters import UnknownParameters
@@ -30,7 +30,7 @@ __all__ = [
     "IdentifiedRobot",
     "LogDoubt",
     "MotorSide",
-    "Payload",
+    "IdentifiedPayload",
     "UnknownParameters",
     "exciting_trajectory",
     "identify",

@@ -24,9 +24,9 @@ from .consistent_robot import ConsistentRobot, consistent_robot
 from .essential_groups import EssentialGroups, essential_groups
 from .evidence import LogDoubt
 from .held_out import HeldOut
+from .identified_payload import IdentifiedPayload, payload_from
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
-from .payload import Payload, payload_from
 from .setting_choice import FitSettings
 
 _SAME = 1e-12
@@ -139,7 +139,7 @@ class IdentifiedRobot:
         return self.consistent.robot
 
     @cached_property
-    def payload(self) -> Payload | None:
+    def payload(self) -> IdentifiedPayload | None:
         """The payload, where ``payload_only`` was asked for."""
         if self.payload_frame is None:
             return None

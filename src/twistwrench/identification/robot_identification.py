@@ -14,12 +14,12 @@ from ..typing import Array
 from .block_deviations import group_covariance
 from .evidence import Evidence
 from .held_out import HeldOut, HeldOutRows
+from .identified_payload import known_but_for, payload_body
 from .identified_robot import IdentifiedRobot
 from .log_doubts import doubts_of
 from .log_side import MotorSide
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
-from .payload import known_but_for, payload_body
 from .setting_choice import FOLDS, Asked, FitSettings, SettingRows, Trial
 from .unknown_parameters import UnknownParameters, check_speed
 from .weights import Method, weighted_fit

@@ -17,7 +17,7 @@ from .parameter_groups import BaseParameters
 
 
 @dataclass(frozen=True, eq=False)
-class Payload:
+class IdentifiedPayload:
     """Payload that was identified.
 
     Attributes
@@ -46,6 +46,12 @@ class Payload:
         Returns
         -------
         findings : dict, which ``json.dumps`` takes
+
+        Examples
+        --------
+        >>> one = IdentifiedPayload("tool0", SpatialInertia.from_com(2.0, (0, 0, 0.1)), 0.01, np.zeros(3))
+        >>> one.to_dict()["com"]
+        [0.0, 0.0, 0.1]
         """
         return {
             "frame": self.frame,
@@ -126,7 +132,7 @@ def known_but_for(robot: Robot, link: str) -> dict[str, float]:
     return known
 
 
-def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, covariance: Array) -> Payload:
+def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, covariance: Array) -> IdentifiedPayload:
     """The payload: what the groups have beyond the file, of the ten parameters of the body that carries it.
 
     Parameters
@@ -139,7 +145,7 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
 
     Returns
     -------
-    payload : Payload
+    payload : IdentifiedPayload
     """
     place, names = robot.model.frames[frame], list(base.unknown.names)
     ten = [f"{payload_body(robot, frame)}.{name}" for name in PARAMETER_NAMES]
@@ -155,4 +161,4 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
     J = np.zeros((3, 10))  # c = (m c) / m
     J[:, mc : mc + 3], J[:, m] = np.eye(3) / G.mass, -np.asarray(G.com) / G.mass
     untold = tuple(name for name, row in zip(ten, S, strict=True) if not row.any())
-    return Payload(frame, G, float(np.sqrt(C[m, m])), np.sqrt((J @ C @ J.T).diagonal()), untold)
+    return IdentifiedPayload(frame, G, float(np.sqrt(C[m, m])), np.sqrt((J @ C @ J.T).diagonal()), untold)
