@@ -75,5 +75,5 @@ def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
         for name, value, deviation, (low, high), before in zip(
             found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
         ):
-            writer.row([name, *(repr(float(x)) for x in (value, deviation, low, high, before))])
+            writer.row([name, *map(float, (value, deviation, low, high, before))])
     click.echo(f"wrote {path}")

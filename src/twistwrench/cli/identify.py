@@ -181,7 +181,13 @@ def answer_identify(
         )
     show(identification_view(found, essential=essential))
     asked = AskedFiles(json_path, plot_path, report_path, out_path, actuators_out, csv_path, strength)
-    asked.write(found, [Path(x).name for x in logs], _given(options), essential=essential, force=force)
+    asked.write(
+        found,
+        ["+".join(Path(part).name for part in x.split("+")) for x in logs],
+        _given(options),
+        essential=essential,
+        force=force,
+    )
     return found.verdict.exit_code
 
 

@@ -253,6 +253,17 @@ class IdentifiedRobot:
             f"{100 * self.held_out.all:.3g} % of the torques left in rows held out ({self.held_out.kind}), "
             f"pull to the file {found.fit.strength:g}"
         )
+        if together := found.of_several_joints:
+            numbers = ", ".join(f"{name} {value:.4g}" for name, value in together.items())
+            notes.append(
+                f"no file can say what one motor does to several joints: {numbers}. Without it the torques of these joints are "
+                "not predicted as they are here"
+            )
+            said += f"; not in it: {numbers}"
+        if actuators is None and (inertia := found.of_joints("motor_inertia")):
+            listed = ", ".join(f"{joint} {value:.4g}" for joint, value in inertia.items())
+            notes.append(f"motor inertias stand in an actuator file only, and none is written: {listed}")
+            said += "; motor inertias are not in it"
         made = None if path is None else written_robot(self.original, found, said)
         text = None if actuators is None else actuator_text(self.original.model, found, given)
         if text is not None and not same_actuators(text, found) <= _SAME:
