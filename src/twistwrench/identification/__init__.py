@@ -6,8 +6,10 @@ from .block_deviations import GroupCovariance
 from .consistent_robot import ConsistentRobot
 from .evidence import LogDoubt
 from .exciting_motion import ExcitingMotion, exciting_trajectory
+from .gathering import gather
 from .held_out import HeldOut, HeldOutRows
 from .identified_robot import IdentifiedRobot
+from .information import Information
 from .left_out import without_links
 from .log_side import MotorSide, motor_side, read_motion
 from .parameter_groups import BaseParameters
@@ -24,10 +26,12 @@ __all__ = [
     "HeldOut",
     "HeldOutRows",
     "IdentifiedRobot",
+    "Information",
     "LogDoubt",
     "MotorSide",
     "UnknownParameters",
     "exciting_trajectory",
+    "gather",
     "identify",
     "motor_side",
     "read_motion",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
 from ..typing import Array
-from .block_deviations import group_covariance
+from .block_deviations import group_covariance, hanging
 from .evidence import Evidence
+from .filtered_rows import FilteredRows
 from .held_out import HeldOut, HeldOutRows
 from .identified_robot import IdentifiedRobot
 from .log_doubts import doubts_of
@@ -24,7 +26,7 @@ from .unknown_parameters import UnknownParameters, check_speed
 from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples
 
-_METHODS = ("irls", "wls", "ols")
+METHODS = ("irls", "wls", "ols")
 _DEAD = 0.8
 """Share of the rows, in which a torque that is measured is one number at most."""
 
@@ -92,18 +94,38 @@ def identify(
     (True, 12)
     """
     require_robot(robot, "identify")
-    trained, tested = _motions(robot, logs, "logs"), _motions(robot, test, "test")
+    trained, tested = checked_motions(robot, logs, "logs"), checked_motions(robot, test, "test")
     if not trained:
         raise ShapeError("identify: there is no log. Give one with torques at least.")
-    if method not in _METHODS:
-        raise UnknownNameError.of("method", method, _METHODS)
-    asked = Asked(
-        None if cutoff is None else check_speed(cutoff),
-        None if friction_speed is None else check_speed(friction_speed),
-        None if shift is None else _finite(shift),
-    )
-    tell = progress or (lambda _share: None)
+    if method not in METHODS:
+        raise UnknownNameError.of("method", method, METHODS)
+    asked = asked_settings(cutoff, friction_speed, shift)
     unknown = UnknownParameters(robot, motor_inertia, tuple(friction), motor_side)
+    return identified(unknown, robot, trained, tested, asked, method, progress or (lambda _share: None)).robot
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What was identified, and of what rows."""
+
+    robot: IdentifiedRobot
+    dead: Array
+    rows: FilteredRows
+    hanging: float
+
+
+def identified(
+    unknown: UnknownParameters,
+    robot: Robot,
+    trained: Sequence[Motion],
+    tested: Sequence[Motion],
+    asked: Asked,
+    method: Method,
+    tell: Callable[[float], None],
+    *,
+    nested: bool = True,
+) -> Identified:
+    """The identification of checked logs; settings are chosen anew for each fifth held out where that is ``nested``."""
     base = BaseParameters.of(unknown)
     samples = [_samples(motion, k, "logs") for k, motion in enumerate(trained)]
     dead = _dead(trained)
@@ -122,9 +144,9 @@ def identify(
     covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
     tell(0.5)
     names = unknown.model.velocity_names
-    if tested:
+    if tested or not nested:
         among = _five_fold(source, prior, method, names, lambda _: settings)
-        held_out = _predicted(base, tested, asked, dead, settings, x, names)
+        held_out = _predicted(base, tested, asked, dead, settings, x, names) if tested else among
     else:
         chosen: dict[int, FitSettings] = {}
 
@@ -140,7 +162,7 @@ def identify(
         rows.acceleration, min(s.rate for s in samples), dead,
     )  # fmt: skip
     tell(1.0)
-    return IdentifiedRobot(
+    found = IdentifiedRobot(
         original=robot,
         base=base,
         values=x,
@@ -156,9 +178,20 @@ def identify(
         information=_information(trial.W, trial.tau, sigma, weights),
         folds=_fold_information(trial, fold, sigma, weights),
     )
+    return Identified(found, dead, rows, hanging((trial.tau - trial.W @ x) / sigma))
 
 
-def _motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -> tuple[Motion, ...]:
+def asked_settings(cutoff: float | None, friction_speed: float | None, shift: float | None) -> Asked:
+    """What the user fixes; raises ValueRangeError for what is no frequency, speed or time."""
+    return Asked(
+        None if cutoff is None else check_speed(cutoff),
+        None if friction_speed is None else check_speed(friction_speed),
+        None if shift is None else _finite(shift),
+    )
+
+
+def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -> tuple[Motion, ...]:
+    """The logs, if they are motions of the robot with torques; raises ShapeError and TrajectoryError."""
     motions = (given,) if isinstance(given, Motion) else tuple(given)
     for k, motion in enumerate(motions):
         if not isinstance(motion, Motion):

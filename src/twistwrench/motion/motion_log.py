@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
 from ..model.model import Limits, Model
 from ..typing import Array
 from .array_file import array_file
+from .array_stream import ArrayStream
 from .column_choice import absent_joints
 from .columns import Columns
 from .contradictions import Contradictions
@@ -28,7 +29,7 @@ from .row_block import Block
 
 _NO_ROTATION = 1e-6  # norm of a quaternion
 
-MotionFile = CsvFile | NpzFile | JoinedFile
+MotionFile = CsvFile | NpzFile | JoinedFile | ArrayStream
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,8 @@ class MotionLog:
     """Which column is which."""
     coordinates: Coordinates
     """Names and units of the robot's coordinates."""
+    first_row: int = 0
+    """Number of the first row that is given, of a part of a file."""
     _last: _Pass = field(default_factory=_Pass)
 
     @classmethod
@@ -172,7 +175,7 @@ class MotionLog:
             angle=self.columns.angle,
             angle_stated=self.columns.angle_stated,
         )
-        last, rows = -math.inf, 0
+        last, rows = -math.inf, self.first_row
         for block in self.file.blocks(self.columns.used):
             table = self._timed(block, rows, last)
             if len(table):
@@ -189,6 +192,53 @@ class MotionLog:
             raise TrajectoryError(f"{self.path}: no rows after the header of line {line}. Give at least one.")
         found.add(self.motion(final))
         yield final
+
+    def part(self, begin: int, end: int) -> MotionLog | None:
+        """Rows of the log from one to another, with their own times; None where the file is read from its beginning only.
+
+        Parameters
+        ----------
+        begin, end : int, numbers of rows
+
+        Returns
+        -------
+        part : MotionLog or None
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> log.part(0, 10) is None
+        True
+        """
+        if isinstance(self.file, NpzFile):
+            rows = replace(self.file, table=self.file.table[max(0, begin) : end])
+            return replace(self, file=rows, first_row=max(0, begin), _last=_Pass())
+        if isinstance(self.file, ArrayStream):
+            return replace(self, file=self.file.part(begin, end), first_row=max(0, begin), _last=_Pass())
+        return None
+
+    def stamps(self) -> Iterator[Array]:
+        """Times of all rows, in blocks [s], as they stand in the file.
+
+        Returns
+        -------
+        times : iterator of (n,) arrays
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> sum(len(times) for times in log.stamps())
+        751
+        """
+        rows = 0
+        for block in self.file.blocks(self.columns.used[:1]):
+            if self.columns.counted:
+                yield (rows + np.arange(len(block.table))) * self.columns.seconds
+            else:
+                yield block.table[:, 0] * self.columns.seconds
+            rows += len(block.table)
 
     def excerpts(self, count: int, rows: int) -> list[Array]:
         """Runs of consecutive rows spread evenly over the file, its ends included.
@@ -350,6 +400,8 @@ def open_motion_file(path: str | Path) -> MotionFile:
         return JoinedFile.open(path, open_motion_file)
     if is_recording(as_path(path)):
         return ros_file(as_path(path))
+    if (stream := ArrayStream.open(as_path(path))) is not None:
+        return stream
     if (arrays := array_file(as_path(path))) is not None:
         return arrays
     return NpzFile.open(path) if is_archive(as_path(path)) else CsvFile.open(path)

@@ -1,0 +1,262 @@
+"""Gathering information of logs of any length: settings from an excerpt, then one pass over all rows, piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.cluster import Failure, Workers
+from ..errors import ShapeError, TrajectoryError, UnknownNameError
+from ..motion.motion import Motion
+from ..robot import Robot
+from ..robot.robot_argument import require_robot
+from ..typing import Array
+from .evidence import LogDoubt
+from .held_out import HeldOutRows
+from .information import SHOWN, Information, added
+from .joint_moments import MOST_BLOCKS, JointMoments
+from .log_chunks import chunks
+from .log_side import MotorSide
+from .log_source import PIECE, LogClock, LogSource
+from .robot_identification import METHODS, asked_settings, checked_motions, identified
+from .streamed_rows import RowFrame, rows_of
+from .unknown_parameters import UnknownParameters
+from .weights import Method
+
+_WINDOWS, _WINDOW = 16, 4096
+"""Runs of rows that settings are chosen on."""
+_CORE, _LEAST_CORE = 8192, 1 << 15
+"""States, and rows, that a chunk has besides its margins."""
+_FEW_BYTES = 1 << 18
+"""Rows of a chunk at most, unless margins ask for more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A piece of work: some rows of a log, in so many blocks of time."""
+
+    frame: RowFrame
+    source: LogSource
+    clock: LogClock
+    begin: int
+    end: int | None
+    blocks: int
+
+    def moments(self) -> JointMoments:
+        """Sums over its rows, read with what filters reach on both sides."""
+        frame, clock = self.frame, self.clock
+        rate = clock.rate
+        margin = frame.margin(rate)
+        every = max(1, int(rate / (20.0 * frame.settings.cutoff)))
+        core = max(_LEAST_CORE, min(_CORE * every, _FEW_BYTES), 2 * margin)
+        span = (-np.inf, np.inf)
+        if self.end is not None:
+            span = (
+                float(clock.marks[self.begin // PIECE]) if self.begin else -np.inf,
+                float(clock.marks[self.end // PIECE]) if self.end < clock.rows else np.inf,
+            )
+            portions = self.source.portions(self.begin - 2 * margin, self.end + 2 * margin)
+        else:
+            portions = self.source.portions()
+        first = float(clock.marks[self.begin // PIECE])
+        last = span[1] if np.isfinite(span[1]) else float(clock.ends[-1])
+        edges = np.linspace(first, last, self.blocks + 1)[1:-1]
+        found = JointMoments.none(frame, self.blocks)
+        for chunk in chunks(portions, clock, frame.base.unknown.model, core, margin, span):
+            for rows in rows_of(frame, chunk):
+                found = found.added(frame, rows, np.searchsorted(edges, rows.time, side="right"))
+        return found
+
+
+def gather(
+    robot: Robot,
+    logs: Motion | str | Path | Sequence[Motion | str | Path],
+    *,
+    like: Information | None = None,
+    motor_inertia: bool = True,
+    friction: Sequence[str] = ("viscous", "coulomb", "offset"),
+    cutoff: float | None = None,
+    friction_speed: float | None = None,
+    shift: float | None = None,
+    method: Method = "irls",
+    motor_side: MotorSide | None = None,
+    columns: Mapping[str, str] | None = None,
+    rate: float | None = None,
+    degrees: bool = False,
+    workers: Workers | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Information:
+    """Gather the information of logs of any length, in memory that does not grow with them.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file has it, without actuators.
+    logs : Motion, path, or sequence of them
+        Files are read in portions where their format allows it: CSV, npy, parquet, HDF5.
+    like : Information, optional
+        Settings are taken from it in place of an excerpt, so that the new information can be added to it.
+    motor_inertia : bool
+    friction : sequence of str, ``viscous``, ``coulomb``, ``offset``
+    cutoff : float, optional, of the low-pass [Hz]; None: chosen
+    friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
+    shift : float, optional, by how much torques are later than positions [s]; None: chosen
+    method : "irls", "wls" or "ols", weights of the rows
+    motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
+    columns, rate, degrees : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
+    workers : Workers, optional, of :func:`~twistwrench.core.cluster.workers_of`; bits do not depend on them
+    progress : callable, optional, told the share that is done
+
+    Returns
+    -------
+    information : Information
+
+    Raises
+    ------
+    ShapeError
+        There is no log, or one has no torques.
+    TrajectoryError
+        No log can be read. One of several that cannot is left out, and a doubt says so.
+    ValueRangeError
+        An option is out of range.
+
+    Notes
+    -----
+    Settings are chosen on 16 runs of 4096 rows spread over the logs. What they are off is an unknown of the fit of all rows,
+    to first order. Large residuals are weighted by the excerpt's fit, so that one pass is enough.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.arange(0, 40, 0.01)
+    >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+    >>> log = tw.Motion(t, q, tau=tau, robot=arm)
+    >>> week = tw.identification.gather(arm, log[:2000], friction=())
+    >>> both = week + tw.identification.gather(arm, log[2000:], like=week)
+    >>> both.samples, bool(abs(both.identified().held_out.all) < 0.01)
+    (4000, True)
+    """
+    require_robot(robot, "gather")
+    given = [logs] if isinstance(logs, Motion | str | Path) else list(logs)
+    if not given:
+        raise ShapeError("gather: there is no log. Give one with torques at least.")
+    if method not in METHODS:
+        raise UnknownNameError.of("method", method, METHODS)
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "side": motor_side}
+    sources = [LogSource.of(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
+    checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
+    team, tell = workers or Workers(), progress or (lambda _share: None)
+    failed: dict[str, str] = {}
+    clocks = dict(_kept(sources, team.results(LogSource.clock, sources, lambda s: tell(0.1 * s)), failed))
+    if like is None:
+        asked = asked_settings(cutoff, friction_speed, shift)
+        unknown = UnknownParameters(robot, motor_inertia, tuple(friction), motor_side)
+        start = _from_excerpt(unknown, robot, [sources[k] for k in clocks], asked, method, failed)
+    else:
+        start = replace(like, moments=JointMoments.none(like.frame, 0), doubts=(), logs=())
+    tell(0.2)
+    pieces = _pieces(start.frame, sources, clocks)
+    made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
+    of_logs: dict[int, list[JointMoments]] = {}
+    for (k, _), moments in zip(pieces, made, strict=True):
+        if isinstance(moments, Failure):
+            failed[sources[k].path] = moments.reason
+        elif sources[k].path not in failed:
+            of_logs[k] = [_sum([*of_logs.get(k, []), moments])]
+    parts = [
+        replace(start, moments=own[0], seconds=clocks[k].seconds, samples=clocks[k].rows, logs=(sources[k].path,), doubts=())
+        for k, own in of_logs.items()
+        if sources[k].path not in failed
+    ]
+    if not parts or not any(p.moments.counts.sum() for p in parts):
+        raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
+    left_out = tuple(
+        LogDoubt("left-out", f"{path} is left out, as it cannot be read: {reason}") for path, reason in failed.items()
+    )
+    return replace(added(parts), doubts=(*start.doubts, *left_out))
+
+
+def _kept(sources: Sequence[LogSource], results: Any, failed: dict[str, str]) -> list[tuple[int, Any]]:
+    """What did not fail, by the number of its source."""
+    found = []
+    for k, (source, result) in enumerate(zip(sources, results, strict=True)):
+        if isinstance(result, Failure):
+            failed[source.path] = result.reason
+        else:
+            found.append((k, result))
+    if not found:
+        raise TrajectoryError(next(iter(failed.values())))
+    return found
+
+
+def _sum(parts: Sequence[JointMoments]) -> JointMoments:
+    return parts[0] if len(parts) == 1 else parts[0] + parts[1]
+
+
+def _pieces(
+    frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]
+) -> list[tuple[int, Piece]]:
+    """Pieces of all logs, by the number of the log: the same whoever works."""
+    cuts: list[tuple[int, int, int | None]] = []
+    for k, clock in clocks.items():
+        whole = clock.rows <= PIECE or not sources[k].in_parts
+        cuts += [(k, 0, None)] if whole else [(k, a, min(a + PIECE, clock.rows)) for a in range(0, clock.rows, PIECE)]
+    found = []
+    for k, begin, end in cuts:
+        clock = clocks[k]
+        seconds = clock.seconds * ((clock.rows if end is None else end) - begin) / clock.rows
+        blocks = int(np.clip(min(MOST_BLOCKS // len(cuts), seconds / _BLOCK), 1, MOST_BLOCKS))
+        found.append((k, Piece(frame, sources[k], clock, begin, end, blocks)))
+    return found
+
+
+_BLOCK = 2.0
+"""s that a block of time lasts at least."""
+
+
+def _from_excerpt(
+    unknown: UnknownParameters,
+    robot: Robot,
+    sources: Sequence[LogSource],
+    asked: Any,
+    method: Method,
+    failed: dict[str, str],
+) -> Information:
+    """No rows yet, with the settings that some rows of the logs ask for."""
+    some = [sources[k] for k in np.unique(np.linspace(0, len(sources) - 1, _WINDOWS).astype(int))]
+    windows: list[Motion] = []
+    for source, result in zip(some, Workers().results(_Windows(-(-_WINDOWS // len(some))).of, some), strict=True):
+        if isinstance(result, Failure):
+            failed[source.path] = result.reason
+        else:
+            windows += result
+    if not windows:
+        raise TrajectoryError(next(iter(failed.values())))
+    moving = [w for w in windows if np.ptp(w.q, axis=0).any()] or windows
+    seen = identified(unknown, robot, moving, (), asked, method, lambda _share: None, nested=False)
+    found = seen.robot
+    free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
+    frame = RowFrame(found.base, found.settings, found.values, found.sigma, seen.dead, *free, method == "irls")
+    shown = found.held_out.rows
+    rows = HeldOutRows(*(np.concatenate([getattr(x, k) for x in shown]) for k in SHOWN)) if shown else None
+    return Information(
+        robot, frame, JointMoments.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.hanging, (), found.doubts, rows,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Windows:
+    count: int
+
+    def of(self, source: LogSource) -> list[Motion]:
+        """Runs of rows of one log, cut to no more than asked for."""
+        found = source.excerpts(max(2, self.count), _WINDOW)
+        whole = found[0]
+        if len(found) == 1 and len(whole) > self.count * _WINDOW:
+            return LogSource(source.robot, source.path, motion=whole).excerpts(self.count, _WINDOW)
+        return found[: self.count] if len(found) > self.count else found
