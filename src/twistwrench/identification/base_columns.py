@@ -88,12 +88,10 @@ class BaseColumns:
         ).astype(int)
         if bodies.size:
             found[:, bodies] = self._kernel(q, dq, ddq)
-        drives = [k for k in range(len(kept)) if unknown.of_bodies[kept[k]] < 0]
-        if drives:
-            beside = unknown.columns(kept[drives], q, dq, ddq, friction_speed)
-            for j, (g, s) in enumerate(zip(self.groups, self.slices, strict=True)):
-                mine = np.flatnonzero(np.isin(g, drives))
-                found[:, s.start + mine] = beside[:, j, np.searchsorted(drives, g[mine])]
+        for k in np.flatnonzero(unknown.of_bodies[kept] < 0).tolist():
+            beside = unknown.columns(kept[k : k + 1], q, dq, ddq, friction_speed)[..., 0]
+            for j in np.flatnonzero(self.base.felt[:, k]).tolist():
+                found[:, self.slices[j].start + int(np.searchsorted(self.groups[j], k))] = beside[:, j]
         return found
 
     @property

@@ -29,6 +29,8 @@ from .weights import Method
 
 _WINDOWS, _WINDOW = 16, 4096
 """Runs of rows that settings are chosen on."""
+_MOST_ROWS = 4000
+"""Of equations of an excerpt."""
 _CORE, _LEAST_CORE = 8192, 1 << 15
 """States, and rows, that a chunk has besides its margins."""
 _FEW_BYTES = 1 << 18
@@ -238,7 +240,7 @@ def _from_excerpt(
     if not windows:
         raise TrajectoryError(next(iter(failed.values())))
     moving = [w for w in windows if np.ptp(w.q, axis=0).any()] or windows
-    seen = identified(unknown, robot, moving, (), asked, method, lambda _share: None, nested=False)
+    seen = identified(unknown, robot, moving, (), asked, method, lambda _share: None, nested=False, most_rows=_MOST_ROWS)
     found = seen.robot
     free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
     frame = RowFrame(found.base, found.settings, found.values, found.sigma, seen.dead, *free, method == "irls")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .block_deviations import group_covariance, hanging
 from .evidence import Evidence
-from .filtered_rows import FilteredRows
+from .filtered_rows import MOST_ROWS, FilteredRows
 from .held_out import HeldOut, HeldOutRows
 from .identified_robot import IdentifiedRobot
 from .log_doubts import doubts_of
@@ -26,6 +27,8 @@ from .unknown_parameters import UnknownParameters, check_speed
 from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples
 
+MOST_SAMPLES = 100_000
+"""Of all logs, from which their rows are gathered in portions."""
 METHODS = ("irls", "wls", "ols")
 _DEAD = 0.8
 """Share of the rows, in which a torque that is measured is one number at most."""
@@ -100,6 +103,13 @@ def identify(
     if method not in METHODS:
         raise UnknownNameError.of("method", method, METHODS)
     asked = asked_settings(cutoff, friction_speed, shift)
+    if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES:
+        from .gathering import gather
+
+        same: dict[str, Any] = {"motor_side": motor_side, "method": method, "motor_inertia": motor_inertia}
+        same |= {"friction": friction, "cutoff": cutoff, "friction_speed": friction_speed, "shift": shift}
+        whole = gather(robot, trained, **same, progress=progress)
+        return whole.identified(gather(robot, tested, like=whole) if tested else None)
     unknown = UnknownParameters(robot, motor_inertia, tuple(friction), motor_side)
     return identified(unknown, robot, trained, tested, asked, method, progress or (lambda _share: None)).robot
 
@@ -124,6 +134,7 @@ def identified(
     tell: Callable[[float], None],
     *,
     nested: bool = True,
+    most_rows: float = MOST_ROWS,
 ) -> Identified:
     """The identification of checked logs; settings are chosen anew for each fifth held out where that is ``nested``."""
     base = BaseParameters.of(unknown)
@@ -131,7 +142,7 @@ def identified(
     dead = _dead(trained)
     if dead.all():
         raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
-    source = SettingRows(base, samples, asked, dead)
+    source = SettingRows(base, samples, asked, dead, most_rows)
     sizes = unknown.scales(*source.typical())
     prior = Prior(base.project(unknown.file_values), np.sqrt(base.grouping**2 @ sizes**2))
     tell(0.2)

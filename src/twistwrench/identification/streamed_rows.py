@@ -17,7 +17,7 @@ import numpy as np
 
 from ..typing import Array
 from .base_columns import BaseColumns
-from .filtered_rows import columns_in
+from .filtered_rows import of_springs
 from .log_chunks import Chunk
 from .parameter_groups import BaseParameters
 from .setting_choice import FitSettings
@@ -144,7 +144,7 @@ def _portion(frame: RowFrame, s: Filtered, torques: _Torques, span: slice, wante
     entries = low_pass(columns.rows(q, dq, ddq, settings.friction_speed), settings.cutoff, s.rate)[at]
     tau, slope = torques.at(s.time[wanted])
     if base.unknown.model.springs:
-        tau = tau - low_pass(columns_in(base, q, dq, ddq, settings.friction_speed)[1], settings.cutoff, s.rate)[at]
+        tau = tau - low_pass(of_springs(base, q, dq, ddq), settings.cutoff, s.rate)[at]
     changes = [_slower(frame, s, span, c, joints)[at] for c, joints in frame.speeds]
     found = []
     for j, place in enumerate(columns.slices):
