@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from identification_logs import known_log
@@ -89,7 +91,7 @@ def test_chunks_own_every_sample_once(log):
         assert sum(b - a for _, a, b in owned) == len(motion)
         for s in range(len(clock.begins)):
             mine = [(a, b) for stretch, a, b in owned if stretch == s and a < b]
-            assert all(b == c for (_, b), (c, _) in zip(mine[:-1], mine[1:], strict=True))
+            assert all(b == c for (_, b), (c, _) in pairwise(mine))
     assert source.path == "log"
 
 

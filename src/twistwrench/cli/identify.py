@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +12,10 @@ import click
 from ..errors import ValueRangeError
 from ..verdict import ExitCode, Word
 from .common import RobotOptions, check_extra, parse_friction
+from .gathered_logs import LARGE, robot_from_portions
 from .motion_options import parse_columns
 from .progress import share_done
+from .work import bytes_of, files_in, worker_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -41,6 +42,11 @@ def identify_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--out", "out_path", metavar="OUT.urdf", help="Write the robot's file with the identified numbers."
         ),
+        click.option(
+            "--information", "information_path", metavar="OUT.npz", help="Save what all rows say, to be added to later."
+        ),
+        click.option("--add", "old_path", metavar="OLD.npz", help="Add the logs to what was saved with --information."),
+        worker_options,
         click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
         click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
         click.option(
@@ -112,6 +118,10 @@ def answer_identify(
     actuators_out: str | None,
     keep_close: str,
     force: bool,
+    information_path: str | None,
+    old_path: str | None,
+    workers: int | None,
+    scheduler: str | None,
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
     from ..identification import identify, without_links
@@ -129,8 +139,10 @@ def answer_identify(
         "--actuators-out": actuators_out,
         "--csv": csv_path,
         "--json": json_path,
+        "--information": information_path,
     }
-    check_outputs(outputs, {**inputs, **options.files})
+    updated = old_path == information_path  # the one output that may be an input: it is replaced when it is whole
+    check_outputs(outputs, {**inputs, **options.files, "--add": None if updated else old_path})
     laws = parse_friction(friction)
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     robot = without_links(robot, left_out)
@@ -138,28 +150,37 @@ def answer_identify(
         from ..identification.log_side import read_motion
 
         told = parse_columns(columns)
-        motions = {
-            path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
-            for path in dict.fromkeys((*logs, *tests))
+        same: dict[str, Any] = {
+            "motor_inertia": not no_motor_inertia,
+            "friction": laws,
+            "cutoff": _number(cutoff, "--cutoff"),
+            "shift": _number(shift, "--shift"),
+            "method": method,
+            "motor_side": side,
         }
-        for path, motion in motions.items():
-            if motion.tau is None:
-                raise ValueRangeError(
-                    f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
-                    f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
-                )
-        found = identify(
-            robot,
-            [motions[path] for path in logs],
-            test=[motions[path] for path in tests],
-            motor_inertia=not no_motor_inertia,
-            friction=laws,
-            cutoff=_number(cutoff, "--cutoff"),
-            shift=_number(shift, "--shift"),
-            method=method,
-            motor_side=side,
-            progress=progress,
-        )
+        asked = any(x is not None for x in (information_path, old_path, workers, scheduler))
+        if asked or bytes_of((*logs, *tests)) > LARGE:
+            given: dict[str, Any] = {"columns": told, "rate": rate, "degrees": options.degrees, "progress": progress}
+            files: dict[str, Any] = {
+                "old": old_path,
+                "out": information_path,
+                "workers": workers,
+                "scheduler": scheduler,
+            }
+            found = robot_from_portions(robot, logs, tests, {**same, **given}, **files)
+        else:
+            motions = {
+                path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+                for path in dict.fromkeys((*logs, *tests))
+            }
+            for path, motion in motions.items():
+                if motion.tau is None:
+                    raise ValueRangeError(
+                        f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+                        f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
+                    )
+            train, test = [motions[path] for path in logs], [motions[path] for path in tests]
+            found = identify(robot, train, test=test, **same, progress=progress)
     show(identification_view(found))
     refused = found.verdict.word is Word.LOOK_AGAIN
     if json_path is not None:
@@ -189,24 +210,11 @@ def answer_identify(
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     """Folders as the files in them, patterns as what they match, in the order of their names; ``demo`` as the bundled log."""
-    from ..motion.ros_file import is_recording
     from .common import bundled
 
     found: list[str] = []
     for text in paths:
-        path = bundled(text, options.source, "_log.csv", "log")
-        if any(c in text for c in "*?[") and not path.exists():
-            matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
-            if not matches:
-                raise ValueRangeError(f"no file matches {text!r}.")
-            found += matches
-        elif path.is_dir() and not is_recording(path):
-            inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
-            if not inside:
-                raise ValueRangeError(f"{text!r} is a folder without files.")
-            found += inside
-        else:
-            found.append(str(path))
+        found += files_in(bundled(text, options.source, "_log.csv", "log"), text)
     return tuple(found)
 
 

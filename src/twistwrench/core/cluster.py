@@ -73,7 +73,7 @@ class Workers:
             future = waiting.pop(0)
             try:
                 yield future.result()
-            except Exception as problem:  # noqa: BLE001  whatever a cluster raises: workers that died, data that got lost
+            except Exception as problem:  # whatever a cluster raises: workers that died, data that got lost
                 yield Failure(_said(problem))
             future.release()
             tell((k + 1) / len(items))
@@ -107,7 +107,9 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
     if workers is not None and scheduler is not None:
         raise ValueRangeError("workers of this machine and a scheduler's are both asked for. Choose one.")
     if workers is not None and not 1 <= workers <= 4096:
-        raise ValueRangeError(f"{workers!r} is no number of workers. Give 1 or more; this machine has {os.cpu_count()} cores.")
+        raise ValueRangeError(
+            f"{workers!r} is no number of workers. Give 1 or more; this machine has {os.cpu_count()} cores."
+        )
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -117,7 +119,9 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
     with dask.config.set(settings):
         if workers is not None:
             with (
-                LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
+                LocalCluster(
+                    n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50
+                ) as cluster,
                 Client(cluster) as client,
             ):
                 yield Workers(client, 3 * workers)
@@ -126,8 +130,8 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
             client = Client(scheduler, timeout=_PATIENCE)
         except (OSError, TimeoutError, ValueError, TypeError) as problem:
             raise ValueRangeError(
-                f"no Dask scheduler answers at {scheduler!r}: {str(problem).splitlines()[0]}. Start one with `dask scheduler` and "
-                "workers with `dask worker ADDRESS`, and give the address that it prints, such as tcp://10.0.0.1:8786."
+                f"no Dask scheduler answers at {scheduler!r}: {str(problem).splitlines()[0]}. Start one with `dask scheduler` "
+                "and workers with `dask worker ADDRESS`, and give the address that it prints, such as tcp://10.0.0.1:8786."
             ) from None
         with client:
             threads = sum(client.nthreads().values())

@@ -7,6 +7,7 @@ are left. The kernel gives those of the bodies, traced with all else folded away
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,7 @@ class BaseColumns:
         """
         groups = tuple(np.flatnonzero(felt) for felt in base.felt)
         ends = np.cumsum([0, *(len(g) for g in groups)]).tolist()
-        return cls(base, groups, tuple(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)))
+        return cls(base, groups, tuple(slice(a, b) for a, b in pairwise(ends)))
 
     @property
     def count(self) -> int:
@@ -84,7 +85,10 @@ class BaseColumns:
         unknown, kept = self.base.unknown, self.base.kept
         found = np.empty((len(q), self.count))
         bodies = np.concatenate(
-            [s.start + np.flatnonzero(unknown.of_bodies[kept[g]] >= 0) for g, s in zip(self.groups, self.slices, strict=True)]
+            [
+                s.start + np.flatnonzero(unknown.of_bodies[kept[g]] >= 0)
+                for g, s in zip(self.groups, self.slices, strict=True)
+            ]
         ).astype(int)
         if bodies.size:
             found[:, bodies] = self._kernel(q, dq, ddq)
@@ -113,6 +117,8 @@ class BaseColumns:
                 return regressor(model, q, dq, ddq)[rows, columns]
 
             inputs = [("q", (model.nq,)), ("dq", (model.nv,)), ("ddq", (model.nv,))]
-            return compiled(trace(entries, inputs, ["entries"]), "base_columns", f"Columns of the groups of {model.name}.")
+            return compiled(
+                trace(entries, inputs, ["entries"]), "base_columns", f"Columns of the groups of {model.name}."
+            )
 
         return unknown.robot.engine.kept(("base columns", tuple(pairs)), made)

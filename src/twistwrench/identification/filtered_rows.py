@@ -167,7 +167,7 @@ def _columns(
         states, at = (s.q[a:b], s.dq[a:b], s.ddq[a:b]), wanted[inner] - a
         entries = low_pass(columns.rows(*states, friction_speed), cutoff, s.rate)[at]
         for j, (groups, place) in enumerate(zip(columns.groups, columns.slices, strict=True)):
-            W[np.ix_(inner, [j], groups)] = entries[:, None, place]
+            W[np.ix_(inner, np.array([j]), groups)] = entries[:, None, place]
         if base.unknown.model.springs:
             known[inner] = low_pass(of_springs(base, *states), cutoff, s.rate)[at]
     return W, known

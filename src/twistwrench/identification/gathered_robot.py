@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .consistent_robot import sum_of
 from .evidence import LogDoubt, percent
 from .held_out import HeldOut
 from .identified_robot import IdentifiedRobot
@@ -31,7 +32,6 @@ def gathered_robot(information: Information, test: Information | None = None) ->
     if information.shown is not None:
         held_out = replace(held_out, rows=(information.shown,))
     folds = fit.folded(x, sigma)
-    N, c, y = (sum(part[k] for part in folds[1:]) + folds[0][k] for k in range(3))  # type: ignore[misc]
     return IdentifiedRobot(
         original=information.robot,
         base=frame.base,
@@ -45,7 +45,7 @@ def gathered_robot(information: Information, test: Information | None = None) ->
         prior=information.weak,
         method=information.method,
         sizes=information.sizes,
-        information=(N, c, y),
+        information=sum_of(folds),
         folds=tuple(folds),
     )
 
@@ -77,8 +77,8 @@ def _doubts(information: Information, held: HeldOut, among: HeldOut, x: np.ndarr
         found.append(
             LogDoubt(
                 "other-settings",
-                f"all rows ask for another {far} than the excerpt did, so that they are not alike. Set it, or identify parts of "
-                "the logs apart.",
+                f"all rows ask for another {far} than the excerpt did, so that they are not alike. Set it, or identify "
+                "parts of the logs apart.",
             )
         )
     return tuple(sorted(found, key=lambda doubt: not doubt.refuses))

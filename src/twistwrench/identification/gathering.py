@@ -14,7 +14,6 @@ from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
-from ..typing import Array
 from .evidence import LogDoubt
 from .held_out import HeldOutRows
 from .information import SHOWN, Information, added
@@ -171,7 +170,9 @@ def gather(
         elif sources[k].path not in failed:
             of_logs[k] = [_sum([*of_logs.get(k, []), moments])]
     parts = [
-        replace(start, moments=own[0], seconds=clocks[k].seconds, samples=clocks[k].rows, logs=(sources[k].path,), doubts=())
+        replace(
+            start, moments=own[0], seconds=clocks[k].seconds, samples=clocks[k].rows, logs=(sources[k].path,), doubts=()
+        )
         for k, own in of_logs.items()
         if sources[k].path not in failed
     ]
@@ -200,9 +201,7 @@ def _sum(parts: Sequence[JointMoments]) -> JointMoments:
     return parts[0] if len(parts) == 1 else parts[0] + parts[1]
 
 
-def _pieces(
-    frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]
-) -> list[tuple[int, Piece]]:
+def _pieces(frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]) -> list[tuple[int, Piece]]:
     """Pieces of all logs, by the number of the log: the same whoever works."""
     cuts: list[tuple[int, int, int | None]] = []
     for k, clock in clocks.items():
@@ -240,14 +239,15 @@ def _from_excerpt(
     if not windows:
         raise TrajectoryError(next(iter(failed.values())))
     moving = [w for w in windows if np.ptp(w.q, axis=0).any()] or windows
-    seen = identified(unknown, robot, moving, (), asked, method, lambda _share: None, nested=False, most_rows=_MOST_ROWS)
+    seen = identified(unknown, robot, moving, (), asked, method, lambda _share: None, anew=False, most_rows=_MOST_ROWS)
     found = seen.robot
     free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
     frame = RowFrame(found.base, found.settings, found.values, found.sigma, seen.dead, *free, method == "irls")
     shown = found.held_out.rows
     rows = HeldOutRows(*(np.concatenate([getattr(x, k) for x in shown]) for k in SHOWN)) if shown else None
     return Information(
-        robot, frame, JointMoments.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.hanging, (), found.doubts, rows,
+        robot, frame, JointMoments.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.hanging, (),
+        found.doubts, rows,
     )  # fmt: skip
 
 

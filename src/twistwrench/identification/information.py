@@ -1,4 +1,4 @@
-"""Information: what all rows of logs say of a robot's groups, as sums that add up, in a file of a few MB in place of the logs."""
+"""Information: what all rows of logs say of a robot's groups, as sums that add up, in a small file in place of the logs."""
 
 from __future__ import annotations
 
@@ -274,11 +274,12 @@ class Information:
         base = BaseParameters.of(UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side))
         if list(base.names) != said["groups"]:
             raise ValueRangeError(
-                f"{path}: is of {said['robot']!r} with {len(said['groups'])} groups of parameters, and {robot.name!r} has others "
-                f"({base.count}). Give the robot file that it was made with."
+                f"{path}: is of {said['robot']!r} with {len(said['groups'])} groups of parameters, and {robot.name!r} has "
+                f"others ({base.count}). Give the robot file that it was made with."
             )
         settings = FitSettings(said["cutoff"], arrays["friction_speed"], said["shift"])
-        frame = RowFrame(base, settings, arrays["x"], arrays["sigma"], arrays["dead"], *said["chosen"], said["robust"])
+        chosen = bool(said["chosen"][0]), bool(said["chosen"][1])
+        frame = RowFrame(base, settings, arrays["x"], arrays["sigma"], arrays["dead"], *chosen, said["robust"])
         factors = tuple(arrays[f"factor{j}"] for j in range(len(frame.felt)))
         return cls(
             robot,

@@ -90,9 +90,7 @@ class InformationFit:
     def covariance(self, x: Array, sigma: Array, seconds: float) -> GroupCovariance:
         """By the sandwich over the blocks, as :func:`group_covariance` has it of rows; ``seconds`` is what a block lasts."""
         r, prior = self.frame.base.count, self.prior
-        parts = [
-            _whitened(self.moments.equations(self.frame, 1, [b]), sigma) for b in range(len(self.moments.counts))
-        ]
+        parts = [_whitened(self.moments.equations(self.frame, 1, [b]), sigma) for b in range(len(self.moments.counts))]
         N, total = np.stack([n for n, _ in parts]), sum((n for n, _ in parts), np.zeros((len(x), len(x))))
         scores = np.stack([c - n @ x for n, c in parts])
         scaled = total * prior.size[:, None] * prior.size

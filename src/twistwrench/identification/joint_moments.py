@@ -59,7 +59,7 @@ class JointMoments:
                 self.sums[b, 1, place] += (heavy.T @ heavy)[corner]
                 if not frame.dead[j]:
                     self.counts[b, 1:] += weights[block == b].sum(), (weights[block == b] == 1.0).sum()
-            factors.append(np.linalg.qr(np.concatenate([self.factors[j], A * root]), mode="r"))
+            factors.append(_factor(self.factors[j], A * root))
         self.counts[:, 0] += np.bincount(block, minlength=len(self.counts))
         return JointMoments(self.sums, self.counts, tuple(factors))
 
@@ -74,9 +74,9 @@ class JointMoments:
             counts[k] += counts[k + 1]
             sums, counts = np.delete(sums, k + 1, axis=0), np.delete(counts, k + 1, axis=0)
         pairs = zip(self.factors, other.factors, strict=True)
-        return JointMoments(sums, counts, tuple(np.linalg.qr(np.concatenate(pair), mode="r") for pair in pairs))
+        return JointMoments(sums, counts, tuple(_factor(a, b) for a, b in pairs))
 
-    def equations(self, frame: RowFrame, which: int, blocks: slice | Sequence[int]) -> NormalEquations:
+    def equations(self, frame: RowFrame, which: int, blocks: slice | Sequence[int] | Array) -> NormalEquations:
         """Normal equations of some blocks together: plain ones (0), or weighted (1)."""
         nv, width = len(frame.felt), frame.base.count + frame.extra
         sums, rows = self.sums[blocks, which].sum(axis=0), self.counts[blocks, 0].sum()
@@ -98,3 +98,8 @@ def _weights(frame: RowFrame, j: int, A: Array) -> Array:
     groups = frame.columns.groups[j]
     left = np.abs(A[:, -1] - A[:, : len(groups)] @ frame.x[groups]) / frame.sigma[j]
     return np.asarray(np.minimum(1.0, HUBER / np.maximum(left, 1e-300)))
+
+
+def _factor(above: Array, below: Array) -> Array:
+    """R of both one above the other."""
+    return np.asarray(np.linalg.qr(np.concatenate([above, below]), mode="r"))

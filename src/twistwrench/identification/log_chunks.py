@@ -44,7 +44,9 @@ class Chunk:
     own: tuple[int, int]
 
 
-def overlapping(portions: Iterable[LogRows], core: int, margin: int) -> Iterator[tuple[Array, Array, Array, float, float]]:
+def overlapping(
+    portions: Iterable[LogRows], core: int, margin: int
+) -> Iterator[tuple[Array, Array, Array, float, float]]:
     """Times, q and τ of about ``core`` rows with up to ``margin`` more on each side, and the times from and until that count.
 
     Times at the ends of the log are infinite: its first and last chunk own all that is before and after.

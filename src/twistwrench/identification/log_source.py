@@ -147,9 +147,7 @@ class LogSource:
 
     def log(self) -> MotionLog:
         """The file, opened; raises what opening it raises."""
-        return MotionLog.open(
-            self.path, self.robot.model, columns=self.columns, rate=self.rate, degrees=self.degrees
-        )
+        return MotionLog.open(self.path, self.robot.model, columns=self.columns, rate=self.rate, degrees=self.degrees)
 
     def clock(self) -> LogClock:
         """One pass over the stamps."""
@@ -184,8 +182,9 @@ class LogSource:
         log = self.log()
         found = [self._sided(log.motion(table)) for table in log.excerpts(count, rows)]
         return [
-            Motion(x.time, x.q, dq=x.dq, ddq=x.ddq, tau=x.tau, robot=self.robot, notes=log.notes, in_seconds=True)
+            Motion(x.time, x.q, tau=x.tau, robot=self.robot, in_seconds=True)
             for x in found
+            if len(x.time) > 1
         ]
 
     def _sided(self, rows: LogRows) -> LogRows:

@@ -133,10 +133,10 @@ def identified(
     method: Method,
     tell: Callable[[float], None],
     *,
-    nested: bool = True,
+    anew: bool = True,
     most_rows: float = MOST_ROWS,
 ) -> Identified:
-    """The identification of checked logs; settings are chosen anew for each fifth held out where that is ``nested``."""
+    """The identification of checked logs; settings are chosen anew for each fifth held out where ``anew``."""
     base = BaseParameters.of(unknown)
     samples = [_samples(motion, k, "logs") for k, motion in enumerate(trained)]
     dead = _dead(trained)
@@ -155,7 +155,7 @@ def identified(
     covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
     tell(0.5)
     names = unknown.model.velocity_names
-    if tested or not nested:
+    if tested or not anew:
         among = _five_fold(source, prior, method, names, lambda _: settings)
         held_out = _predicted(base, tested, asked, dead, settings, x, names) if tested else among
     else:

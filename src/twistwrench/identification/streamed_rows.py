@@ -119,7 +119,9 @@ def _states(chunk: Chunk, cutoff: float, every: int) -> tuple[Filtered, int]:
     """States on the stretch's own grid of every so many samples, and the number of the first."""
     number = -(-chunk.first // every)
     time = chunk.begin + chunk.step * (chunk.first + np.arange(len(chunk.q)))
-    return states_below_of(time, chunk.q, chunk.tau, chunk.step, cutoff, slice(number * every - chunk.first, None, every)), number
+    return states_below_of(
+        time, chunk.q, chunk.tau, chunk.step, cutoff, slice(number * every - chunk.first, None, every)
+    ), number
 
 
 class _Torques:

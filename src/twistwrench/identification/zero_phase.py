@@ -159,13 +159,15 @@ def states_below(samples: SteadySamples, cutoff: float, rate: float | None = Non
 
 
 def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: float, rows: slice) -> Filtered:
-    """States below a cut-off [Hz] at some of the samples, which are a ``step`` apart [s]; a part of a log that hangs together."""
+    """States below a cut-off [Hz] at some of the samples, which are a ``step`` apart [s]."""
     rate = 1.0 / step
     states = np.empty((4, len(time[rows]), q.shape[1]))
     for j in range(q.shape[1]):  # one joint after another: what is in between stays small
         x = low_pass(q[:, j], cutoff, rate)
         rates = np.gradient(x, step)
-        for out, values in zip(states, (x, rates, np.gradient(rates, step), low_pass(tau[:, j], cutoff, rate)), strict=True):
+        for out, values in zip(
+            states, (x, rates, np.gradient(rates, step), low_pass(tau[:, j], cutoff, rate)), strict=True
+        ):
             out[:, j] = values[rows]
     return Filtered(time[rows], rate / (rows.step or 1), *states)
 

@@ -151,7 +151,8 @@ def _parquet(path: Path) -> tuple[list[str], int, Read] | None:
                 if a < b:
                     part = batch.slice(a, b - a)
                     yield np.stack(
-                        [part.column(name).to_numpy(zero_copy_only=False).astype(float, copy=False) for name in names], axis=1
+                        [part.column(name).to_numpy(zero_copy_only=False).astype(float, copy=False) for name in names],
+                        axis=1,
                     )
 
     return header, int(starts[-1]), read
@@ -187,9 +188,9 @@ def _hdf5(path: Path) -> tuple[list[str], int, Read] | None:
             for first in range(begin, end, _ROWS):
                 last = min(end, first + _ROWS)
                 parts = {name: file[name][first:last] for name in dict.fromkeys(name for name, _ in wanted)}
-                yield np.stack(
-                    [parts[name] if k is None else parts[name][:, k] for name, k in wanted], axis=1
-                ).astype(float, copy=False)
+                yield np.stack([parts[name] if k is None else parts[name][:, k] for name, k in wanted], axis=1).astype(
+                    float, copy=False
+                )
 
     return [label for _, _, label in places], rows, read
 
