@@ -62,9 +62,12 @@ class Workers:
                 yield work(item)
                 tell(k / len(items))
             return
-        from distributed.client import Future
+        from concurrent.futures import CancelledError
 
-        waiting: list[Future] = []
+        from distributed.comm import CommClosedError
+        from distributed.scheduler import KilledWorker
+
+        waiting: list[Any] = []
         given = 0
         for k in range(len(items)):
             while given < len(items) and given < k + self.ahead:
@@ -73,7 +76,7 @@ class Workers:
             future = waiting.pop(0)
             try:
                 yield future.result()
-            except Exception as problem:  # whatever a cluster raises: workers that died, data that got lost
+            except (KilledWorker, CommClosedError, CancelledError, MemoryError, OSError) as problem:
                 yield Failure(_said(problem))
             future.release()
             tell((k + 1) / len(items))

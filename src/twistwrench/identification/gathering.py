@@ -28,7 +28,7 @@ from .weights import Method
 
 _WINDOWS, _WINDOW = 16, 4096
 """Runs of rows that settings are chosen on."""
-_MOST_ROWS = 4000
+_MOST_ROWS = 3000
 """Of equations of an excerpt."""
 _CORE, _LEAST_CORE = 8192, 1 << 15
 """States, and rows, that a chunk has besides its margins."""

@@ -181,11 +181,7 @@ class LogSource:
             return [self.motion[first : first + rows] for first in firsts]
         log = self.log()
         found = [self._sided(log.motion(table)) for table in log.excerpts(count, rows)]
-        return [
-            Motion(x.time, x.q, tau=x.tau, robot=self.robot, in_seconds=True)
-            for x in found
-            if len(x.time) > 1
-        ]
+        return [Motion(x.time, x.q, tau=x.tau, robot=self.robot, in_seconds=True) for x in found if len(x.time) > 1]
 
     def _sided(self, rows: LogRows) -> LogRows:
         if rows.tau is None:

@@ -31,7 +31,7 @@ _ROWS = 10.0
 """Equations for each group that a cut-off has to leave."""
 _KEPT = 64
 """Settings whose normal equations are kept."""
-_BYTES = 80 * 2**20
+_BYTES = 64 * 2**20
 """Of rows at several cut-offs that are kept at a time; beyond, those used longest ago are made again."""
 _NEAR = 1e-3
 """s, about an offset that was found, where it is sought again."""
