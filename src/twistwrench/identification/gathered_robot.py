@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,10 @@ from .consistent_robot import sum_of
 from .evidence import LogDoubt, percent
 from .held_out import HeldOut
 from .identified_robot import IdentifiedRobot
-from .information import Information
+from .information_fit import fit_of
+
+if TYPE_CHECKING:
+    from .information import Information
 
 _UNEXPLAINED, _OTHERS, _NOTABLE = 0.35, 2.5, 0.12
 """Shares of the torques left in rows held out: that refuse the logs; of the training logs', that of others'; and at least."""
@@ -20,7 +24,7 @@ _OFF = 0.5
 
 def gathered_robot(information: Information, test: Information | None = None) -> IdentifiedRobot:
     """The robot that all rows tell; ``test`` is only predicted."""
-    fit, frame = information.fit, information.frame
+    fit, frame = fit_of(information), information.frame
     blocks = len(information.moments.counts)
     x, sigma = fit.solved(np.arange(blocks))
     r = frame.base.count
@@ -28,7 +32,7 @@ def gathered_robot(information: Information, test: Information | None = None) ->
     held_out = among
     if test is not None:
         _ = information + test  # raises where they are not alike
-        held_out = test.fit.predicted(x, "test")
+        held_out = fit_of(test).predicted(x, "test")
     if information.shown is not None:
         held_out = replace(held_out, rows=(information.shown,))
     folds = fit.folded(x, sigma)

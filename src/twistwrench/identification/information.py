@@ -18,7 +18,7 @@ from ..robot import Robot
 from ..typing import Array
 from .evidence import LogDoubt
 from .held_out import HeldOutRows
-from .information_fit import InformationFit
+from .information_fit import fit_of
 from .joint_moments import JointMoments
 from .log_side import MotorSide
 from .normal_equations import Prior
@@ -101,14 +101,9 @@ class Information:
         )
 
     @property
-    def fit(self) -> InformationFit:
-        """Least squares of all rows."""
-        return InformationFit(self.frame, self.moments, self.weak, self.method, self.hanging)
-
-    @property
     def values(self) -> Array:
         """(r,) values of the groups."""
-        return self.fit.solved(np.arange(len(self.moments.counts)))[0][: self.frame.base.count]
+        return fit_of(self).solved(np.arange(len(self.moments.counts)))[0][: self.frame.base.count]
 
     def identified(self, test: Information | None = None) -> IdentifiedRobot:
         """The robot that all rows together tell.
@@ -158,10 +153,11 @@ class Information:
         >>> information.check() < 1e-6
         True
         """
-        x, sigma = self.fit.solved(np.arange(len(self.moments.counts)))
-        deviations = self.fit.covariance(x, sigma, 0.0).deviations
+        fit = fit_of(self)
+        x, sigma = fit.solved(np.arange(len(self.moments.counts)))
+        deviations = fit.covariance(x, sigma, 0.0).deviations
         r = self.frame.base.count
-        return float((np.abs(self.fit.by_factors() - x)[:r] / np.maximum(deviations, 1e-300)).max(initial=0.0))
+        return float((np.abs(fit.by_factors() - x)[:r] / np.maximum(deviations, 1e-300)).max(initial=0.0))
 
     def save(self, path: str | Path) -> Path:
         """Save as a small file, whole or not at all.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -17,6 +18,9 @@ from .normal_equations import NormalEquations, Prior
 from .setting_choice import FOLDS, FitSettings
 from .streamed_rows import FASTER, RowFrame
 from .weights import Method
+
+if TYPE_CHECKING:
+    from .information import Information
 
 _SPEED_SIZE = 3.0
 """What a friction speed could be off by at most, in units of its step."""
@@ -131,7 +135,7 @@ class InformationFit:
 
     def by_factors(self) -> Array:
         """The unknowns by the triangular factors in place of the normal equations: digits that these lose, it keeps."""
-        prior, _ = self.prior, None
+        prior = self.prior
         x, sigma = self.solved(np.arange(len(self.moments.counts)))
         sigma = np.ones_like(sigma) if self.method == "ols" else sigma
         rows, right = [np.diag(1.0 / prior.size)], [prior.mean / prior.size]
@@ -142,6 +146,12 @@ class InformationFit:
             right.append(R[:, -1] / size)
         A, b = np.concatenate(rows) * prior.size, np.concatenate(right)
         return np.asarray(scipy.linalg.lstsq(A, b)[0] * prior.size)
+
+
+def fit_of(information: Information) -> InformationFit:
+    """Least squares of all rows of an information."""
+    i = information
+    return InformationFit(i.frame, i.moments, i.weak, i.method, i.hanging)
 
 
 def _whitened(equations: NormalEquations, sigma: Array) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
 from ..model.model import Limits, Model
 from ..typing import Array
 from .array_file import array_file
-from .array_stream import ArrayStream
+from .array_stream import LARGE, ArrayStream
 from .column_choice import absent_joints
 from .columns import Columns
 from .contradictions import Contradictions
@@ -234,10 +234,9 @@ class MotionLog:
         """
         rows = 0
         for block in self.file.blocks(self.columns.used[:1]):
-            if self.columns.counted:
-                yield (rows + np.arange(len(block.table))) * self.columns.seconds
-            else:
-                yield block.table[:, 0] * self.columns.seconds
+            yield (
+                np.arange(rows, rows + len(block.table)) if self.columns.counted else block.table[:, 0]
+            ) * self.columns.seconds
             rows += len(block.table)
 
     def excerpts(self, count: int, rows: int) -> list[Array]:
@@ -267,7 +266,7 @@ class MotionLog:
         try:
             blocks = self.file.excerpts(self.columns.used, count, rows)
             if blocks is None:
-                return [np.concatenate(list(self.tables()))]
+                return self._passing(count, rows) if self.size > LARGE else [np.concatenate(list(self.tables()))]
             found = []
             for block in blocks:
                 repeats = self._repeats()
@@ -279,6 +278,22 @@ class MotionLog:
                 pass
             raise
         return [table for table in found if len(table)]
+
+    def _passing(self, count: int, rows: int) -> list[Array]:
+        """Excerpts of a long file that is read from its beginning only."""
+        whole = sum(len(table) for table in self.tables())
+        if whole <= count * rows:
+            return [np.concatenate(list(self.tables()))]
+        firsts = [(whole - rows) * k // max(1, count - 1) for k in range(count)]
+        parts: list[list[Array]] = [[] for _ in firsts]
+        at = 0
+        for table in self.tables():
+            for k, first in enumerate(firsts):
+                inside = table[max(0, first - at) : max(0, first + rows - at)]
+                if len(inside):
+                    parts[k].append(inside.copy())
+            at += len(table)
+        return [np.concatenate(part) for part in parts]
 
     def motion(self, table: Array) -> LogRows:
         """Columns of a table sorted into q, dq, ddq and torques, in SI units.
