@@ -69,7 +69,7 @@ def read(folder: Path, cutoff: float | None, workers: int | None) -> dict[str, o
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     wall, begun = time.perf_counter(), time.process_time()
     with workers_of(workers) as team:
-        information = tw.identification.gather(robot, sorted(folder.glob("*.npy")), cutoff=cutoff, workers=team)
+        information = tw.identification.gather(robot, sorted(folder.glob("*.npy")), cutoff=cutoff, client=team.client)
     gathered = time.process_time() - begun
     found = information.identified()
     consistent = found.consistent

@@ -79,7 +79,7 @@ def test_bits_do_not_depend_on_workers_nor_on_their_death(team):
             killed.append(team.client.submit(os.getpid, pure=False).result())
             os.kill(killed[0], signal.SIGKILL)
 
-    shared = tw.identification.gather(ARM, logs, cutoff=8.0, workers=team, progress=kill)
+    shared = tw.identification.gather(ARM, logs, cutoff=8.0, client=team.client, progress=kill)
     assert killed
     np.testing.assert_array_equal(shared.moments.sums, alone.moments.sums)
     np.testing.assert_array_equal(shared.values, alone.values)

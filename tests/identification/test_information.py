@@ -135,3 +135,47 @@ def test_large_motions_are_gathered_by_identify(log, monkeypatch):
     found = tw.identification.identify(ARM, log, cutoff=8.0)
     assert found.held_out.all < 0.05
     assert_array_equal(found.values, gather(ARM, log, cutoff=8.0).values)
+
+
+@pytest.mark.parametrize("when", ["writing", "closing"])
+def test_a_full_disk_leaves_the_old_file(log, tmp_path, monkeypatch, when):
+    """Whatever the moment, what was saved before is there, and nothing beside it."""
+    import errno
+
+    path = gather(ARM, log[:6000], **FIXED).save(tmp_path / "week.npz")
+    before = path.read_bytes()
+
+    def full(file, **arrays):
+        if when == "closing":
+            file.write(b"PK")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(tw.ValueRangeError, match=r"No space left on device\. Free space"):
+        gather(ARM, log[:6000], **FIXED).save(path)
+    assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["week.npz"]
+
+
+def test_a_dead_channel_is_announced_and_counts_nothing(log):
+    tau = log.tau.copy()
+    tau[:, 1] = 0.25
+    dead = tw.Motion(log.time, log.q, log.dq, log.ddq, tau, robot=ARM, in_seconds=True)
+    information = gather(ARM, dead, cutoff=8.0)
+    assert "dead-torque" in {d.kind for d in information.doubts}
+    assert equations(information).y[1] == 0
+    assert information.identified().held_out.sizes[1] == 0
+
+
+def test_logs_cut_short_are_said_to_be(log, tmp_path, monkeypatch):
+    """A large file that ends before its header says, and one with a number missing in its middle."""
+    monkeypatch.setattr("twistwrench.motion.array_stream.LARGE", 0)
+    path = recorded(tmp_path / "log.npy", log)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(tw.TrajectoryError, match="cut short"):
+        gather(ARM, path)
+    holed = tw.Motion(log.time, log.q, log.dq, log.ddq, log.tau.copy(), robot=ARM, in_seconds=True)
+    holed.tau[20_000, 0] = np.nan
+    recorded(path, holed)
+    with pytest.raises(tw.TrajectoryError, match="row 20001 has a number that is not finite"):
+        gather(ARM, path)

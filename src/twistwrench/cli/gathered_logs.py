@@ -32,7 +32,7 @@ def robot_from_portions(
     from ..identification import gather
 
     with workers_of(workers, scheduler) as team:
-        given = {**options, "workers": team}
+        given = {**options, "client": team.client}
         information = _gathered(robot, logs, old, given)
         tested = gather(robot, tests, like=information, **given) if tests else None
     found = information.identified(tested)

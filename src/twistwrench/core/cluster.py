@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
@@ -44,7 +44,11 @@ class Workers:
 
     client: Any = None
     ahead: int = 1
-    _shared: dict[int, Any] = field(default_factory=dict)
+
+    @classmethod
+    def on(cls, client: Any) -> Workers:
+        """Those of a Dask client; this process where it is None."""
+        return cls() if client is None else cls(client, 3 * max(1, sum(client.nthreads().values())))
 
     def results(
         self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
@@ -127,7 +131,7 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
                 ) as cluster,
                 Client(cluster) as client,
             ):
-                yield Workers(client, 3 * workers)
+                yield Workers.on(client)
             return
         try:
             client = Client(scheduler, timeout=_PATIENCE)
@@ -137,12 +141,11 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
                 "and workers with `dask worker ADDRESS`, and give the address that it prints, such as tcp://10.0.0.1:8786."
             ) from None
         with client:
-            threads = sum(client.nthreads().values())
-            if not threads:
+            if not client.nthreads():
                 raise ValueRangeError(
                     f"the Dask scheduler at {scheduler!r} has no workers. Start some with `dask worker {scheduler}`."
                 )
-            yield Workers(client, 3 * threads)
+            yield Workers.on(client)
 
 
 def _guarded(function: Callable[[Item], Result], item: Item) -> Result | Failure:

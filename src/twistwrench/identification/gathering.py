@@ -88,7 +88,7 @@ def gather(
     columns: Mapping[str, str] | None = None,
     rate: float | None = None,
     degrees: bool = False,
-    workers: Workers | None = None,
+    client: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> Information:
     """Gather the information of logs of any length, in memory that does not grow with them.
@@ -109,7 +109,7 @@ def gather(
     method : "irls", "wls" or "ols", weights of the rows
     motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
     columns, rate, degrees : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
-    workers : Workers, optional, of :func:`~twistwrench.core.cluster.workers_of`; bits do not depend on them
+    client : dask.distributed.Client, optional, whose workers read the files; bits do not depend on them
     progress : callable, optional, told the share that is done
 
     Returns
@@ -151,7 +151,7 @@ def gather(
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "side": motor_side}
     sources = [LogSource.of(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
     checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
-    team, tell = workers or Workers(), progress or (lambda _share: None)
+    team, tell = Workers.on(client), progress or (lambda _share: None)
     failed: dict[str, str] = {}
     clocks = dict(_kept(sources, team.results(LogSource.clock, sources, lambda s: tell(0.1 * s)), failed))
     if like is None:
@@ -242,7 +242,15 @@ def _from_excerpt(
     seen = identified(unknown, robot, moving, (), asked, method, lambda _share: None, anew=False, most_rows=_MOST_ROWS)
     found = seen.robot
     free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
-    frame = RowFrame(found.base, found.settings, found.values, found.sigma, seen.dead, *free, method == "irls")
+    frame = RowFrame(
+        found.base,
+        found.settings,
+        found.values,
+        np.where(seen.dead, 1.0, found.sigma),
+        seen.dead,
+        *free,
+        method == "irls",
+    )
     shown = found.held_out.rows
     rows = HeldOutRows(*(np.concatenate([getattr(x, k) for x in shown]) for k in SHOWN)) if shown else None
     return Information(
