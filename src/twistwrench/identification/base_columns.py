@@ -93,9 +93,9 @@ class BaseColumns:
         if bodies.size:
             found[:, bodies] = self._kernel(q, dq, ddq)
         for k in np.flatnonzero(unknown.of_bodies[kept] < 0).tolist():
-            beside = unknown.columns(kept[k : k + 1], q, dq, ddq, friction_speed)[..., 0]
+            value, share = unknown.drive(int(kept[k]), dq, ddq, friction_speed)
             for j in np.flatnonzero(self.base.felt[:, k]).tolist():
-                found[:, self.slices[j].start + int(np.searchsorted(self.groups[j], k))] = beside[:, j]
+                found[:, self.slices[j].start + int(np.searchsorted(self.groups[j], k))] = value * share[j]
         return found
 
     @property

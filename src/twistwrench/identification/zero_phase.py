@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -120,13 +121,20 @@ class Filtered:
     tau: Array
 
 
+@lru_cache(maxsize=32)
+def _filter(cutoff: float, rate: float) -> Array:
+    from scipy.signal import butter
+
+    return np.asarray(butter(ORDER, cutoff, fs=rate, output="sos"))
+
+
 def low_pass(x: Array, cutoff: float, rate: float) -> Array:
     """Samples (n, ...) below a cut-off [Hz], without delay; as they are where the cut-off is above what they can show."""
     if cutoff >= 0.45 * rate:
         return x
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sos = butter(ORDER, cutoff, fs=rate, output="sos")
+    sos = _filter(float(cutoff), float(rate))
     pad = min(len(x) - 1, int(3 * rate / cutoff) + 1)
     return np.asarray(sosfiltfilt(sos, x, axis=0, padlen=pad))
 
