@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from numbers import Rational
 from typing import Any
@@ -48,8 +49,9 @@ def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _N
         raise
     except Exception as error:  # rows of different lengths, integers beyond floats, whatever another library raises
         raise ShapeError(f"{what} {complaint}: {error}") from None
-    if isinstance(x, np.ma.MaskedArray) and np.ma.is_masked(x):
-        count = int(np.ma.getmaskarray(x).sum())
+    masked = sys.modules.get("numpy.ma")  # NumPy imports it when asked for it
+    if masked and isinstance(x, masked.MaskedArray) and masked.is_masked(x):
+        count = int(masked.getmaskarray(x).sum())
         raise ValueRangeError(
             f"{what} has {count} masked entries, which are no numbers. Fill them: x.filled(np.nan) makes gaps of them."
         )

@@ -508,6 +508,31 @@ class Motion:
         columns = self.columns()
         return pandas.DataFrame(columns).set_index(next(iter(columns)))
 
+    def to_xarray(self) -> Any:
+        """Dataset of q, dq, ddq, and tau where it is known, whose axes are named: time, coordinate, joint.
+
+        Returns
+        -------
+        dataset : xarray.Dataset
+
+        Raises
+        ------
+        MissingExtraError
+            There is no xarray.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> t = np.linspace(0, 1, 101)
+        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
+        >>> motion.to_xarray().dq.sel(joint="joint2").shape
+        (101,)
+        """
+        from .labelled_dataset import labelled_dataset
+
+        arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq, **({} if self.tau is None else {"tau": self.tau})}
+        return labelled_dataset(self.robot.model, self.time, arrays)
+
     def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
         """Plot of velocities and torques as shares of their limits.
 
