@@ -10,7 +10,7 @@ from identification_logs import known_log
 from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
-from twistwrench.identification import Information, gather, gathering, log_source
+from twistwrench.identification import Information, gather, gathering, log_piece, log_source
 from twistwrench.identification.filtered_rows import FilteredRows
 from twistwrench.identification.log_chunks import chunks
 from twistwrench.identification.log_source import LogClock, LogSource
@@ -29,10 +29,10 @@ def log():
 @pytest.fixture
 def small_pieces(monkeypatch):
     """Pieces and chunks far shorter than the log."""
-    for module in (log_source, gathering):
+    for module in (log_source, log_piece, gathering):
         monkeypatch.setattr(module, "PIECE", 7000)
-    monkeypatch.setattr(gathering, "_LEAST_CORE", 2000)
-    monkeypatch.setattr(gathering, "_CORE", 500)
+    monkeypatch.setattr(log_piece, "_LEAST_CORE", 2000)
+    monkeypatch.setattr(log_piece, "_CORE", 500)
 
 
 def equations(information):
@@ -71,6 +71,7 @@ def test_pieces_say_what_the_whole_says(log, small_pieces, monkeypatch, tmp_path
     """A file read in seventeen chunks of five pieces, against the motion in one."""
     monkeypatch.setattr("twistwrench.motion.array_stream.LARGE", 0)
     in_pieces = gather(ARM, recorded(tmp_path / "log.npy", log), **FIXED)
+    assert in_pieces.moments.counts.shape[0] == 60
     monkeypatch.undo()
     whole = gather(ARM, log, **FIXED)
     a, b = equations(in_pieces), equations(whole)
@@ -179,3 +180,28 @@ def test_logs_cut_short_are_said_to_be(log, tmp_path, monkeypatch):
     recorded(path, holed)
     with pytest.raises(tw.TrajectoryError, match="row 20001 has a number that is not finite"):
         gather(ARM, path)
+
+
+def test_a_log_of_other_torques_is_named(log, tmp_path):
+    """Next week, something is carried; the second joint's torque is turned."""
+    first = gather(ARM, log[:15000], **FIXED)
+    tau = log.tau[15000:] * [1.0, -1.0]
+    half = log[15000:]
+    turned = tw.Motion(half.time, half.q, half.dq, half.ddq, tau, robot=ARM, in_seconds=True)
+    assert gather(ARM, half, like=first).doubts == ()
+    (doubt,) = gather(ARM, turned, like=first).doubts
+    assert doubt.kind == "other-torques" and "number 1" in doubt.sentence
+
+
+def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
+    """Far from what settings were chosen on."""
+    monkeypatch.setattr(gathering, "_WINDOW", 300)
+    monkeypatch.setattr("twistwrench.motion.motion_log.LARGE", 0)
+    arm = tw.robots.ur5()
+    motion = known_log(arm, 1, seconds=120.0, rate=100.0).motion
+    q = motion.q.copy()
+    q[5_345:, 0] += 4.0
+    jumped = tw.Motion(motion.time, q, motion.dq, motion.ddq, motion.tau, robot=arm, in_seconds=True)
+    jumped.to_csv(tmp_path / "log.csv")
+    doubts = gather(arm, tmp_path / "log.csv", **FIXED).doubts
+    assert any("log.csv: " in d.sentence and "jump" in d.sentence for d in doubts if d.kind == "contradiction"), doubts

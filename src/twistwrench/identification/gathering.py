@@ -14,63 +14,25 @@ from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
-from .evidence import LogDoubt
+from .evidence import LogDoubt, percent
 from .held_out import HeldOutRows
 from .information import SHOWN, Information, added
+from .information_fit import fit_of
 from .joint_moments import MOST_BLOCKS, JointMoments
-from .log_chunks import chunks
+from .log_piece import Piece
 from .log_side import MotorSide
 from .log_source import PIECE, LogClock, LogSource
 from .robot_identification import METHODS, asked_settings, checked_motions, identified
-from .streamed_rows import RowFrame, rows_of
+from .streamed_rows import RowFrame
 from .unknown_parameters import UnknownParameters
 from .weights import Method
 
 _WINDOWS, _WINDOW = 16, 4096
 """Runs of rows that settings are chosen on."""
+_OTHERS, _LEAST_LEFT, _OF_JOINT = 2.5, 0.12, 0.35
+"""Times what is left of the torques of all logs, and shares of its own and of a joint's, from which a log is another's."""
 _MOST_ROWS = 3000
 """Of equations of an excerpt."""
-_CORE, _LEAST_CORE = 8192, 1 << 15
-"""States, and rows, that a chunk has besides its margins."""
-_FEW_BYTES = 1 << 18
-"""Rows of a chunk at most, unless margins ask for more."""
-
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """A piece of work: some rows of a log, in so many blocks of time."""
-
-    frame: RowFrame
-    source: LogSource
-    clock: LogClock
-    begin: int
-    end: int | None
-    blocks: int
-
-    def moments(self) -> JointMoments:
-        """Sums over its rows, read with what filters reach on both sides."""
-        frame, clock = self.frame, self.clock
-        rate = clock.rate
-        margin = frame.margin(rate)
-        every = max(1, int(rate / (20.0 * frame.settings.cutoff)))
-        core = max(_LEAST_CORE, min(_CORE * every, _FEW_BYTES), 2 * margin)
-        span = (-np.inf, np.inf)
-        if self.end is not None:
-            span = (
-                float(clock.marks[self.begin // PIECE]) if self.begin else -np.inf,
-                float(clock.marks[self.end // PIECE]) if self.end < clock.rows else np.inf,
-            )
-            portions = self.source.portions(self.begin - 2 * margin, self.end + 2 * margin)
-        else:
-            portions = self.source.portions()
-        first = float(clock.marks[self.begin // PIECE])
-        last = span[1] if np.isfinite(span[1]) else float(clock.ends[-1])
-        edges = np.linspace(first, last, self.blocks + 1)[1:-1]
-        found = JointMoments.none(frame, self.blocks)
-        for chunk in chunks(portions, clock, frame.base.unknown.model, core, margin, span):
-            for rows in rows_of(frame, chunk):
-                found = found.added(frame, rows, np.searchsorted(edges, rows.time, side="right"))
-        return found
 
 
 def gather(
@@ -163,25 +125,57 @@ def gather(
     tell(0.2)
     pieces = _pieces(start.frame, sources, clocks)
     made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
-    of_logs: dict[int, list[JointMoments]] = {}
-    for (k, _), moments in zip(pieces, made, strict=True):
-        if isinstance(moments, Failure):
-            failed[sources[k].path] = moments.reason
+    of_logs: dict[int, JointMoments] = {}
+    said: dict[str, str] = {}
+    for (k, _), result in zip(pieces, made, strict=True):
+        if isinstance(result, Failure):
+            failed[sources[k].path] = result.reason
         elif sources[k].path not in failed:
-            of_logs[k] = [_sum([*of_logs.get(k, []), moments])]
+            moments, sentences = result
+            of_logs[k] = of_logs[k] + moments if k in of_logs else moments
+            said |= {sources[k].path: sentences[0]} if sentences and sources[k].path not in said else {}
     parts = [
-        replace(
-            start, moments=own[0], seconds=clocks[k].seconds, samples=clocks[k].rows, logs=(sources[k].path,), doubts=()
-        )
-        for k, own in of_logs.items()
+        replace(start, moments=moments, seconds=clocks[k].seconds, samples=clocks[k].rows, logs=(sources[k].path,))
+        for k, moments in of_logs.items()
         if sources[k].path not in failed
     ]
     if not parts or not any(p.moments.counts.sum() for p in parts):
         raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
-    left_out = tuple(
-        LogDoubt("left-out", f"{path} is left out, as it cannot be read: {reason}") for path, reason in failed.items()
+    whole = added([replace(part, doubts=()) for part in parts])
+    return replace(
+        whole,
+        doubts=(*start.doubts, *_doubts(whole if like is None else like, parts, said, failed, other=like is not None)),
     )
-    return replace(added(parts), doubts=(*start.doubts, *left_out))
+
+
+def _doubts(
+    by: Information, parts: Sequence[Information], said: Mapping[str, str], failed: Mapping[str, str], *, other: bool
+) -> list[LogDoubt]:
+    """Logs that are left out, that contradict themselves, or that the fit of all, or of ``other`` ones, explains far worse."""
+    found = [
+        LogDoubt("left-out", f"{path} is left out, as it cannot be read: {reason}") for path, reason in failed.items()
+    ]
+    found += [LogDoubt("contradiction", f"{path}: {sentence}") for path, sentence in said.items()]
+    if len(parts) == 1 and not other:
+        return found
+    x, _ = fit_of(by).solved(np.arange(len(by.moments.counts)))
+    usual = fit_of(by).predicted(x, "test")
+    for part in parts:
+        left = fit_of(part).predicted(x, "test")
+        worse = [name for name, share in left.joints.items() if share > max(_OTHERS * usual.joints[name], _OF_JOINT)]
+        if worse or left.all > max(_OTHERS * usual.all, _LEAST_LEFT):
+            worst = max(worse, key=lambda name: left.joints[name], default="")
+            most = f", at {worst} to {percent(left.joints[worst])}" if worst else ""
+            found.append(
+                LogDoubt(
+                    "other-torques",
+                    f"{part.logs[0]} is explained to {percent(left.all)}{most} by the fit of all logs, and these to "
+                    f"{percent(usual.all)}: its torques are not those of the same rigid bodies. Was friction compensated, or "
+                    "something carried, in one of them?",
+                    tuple(worse),
+                )
+            )
+    return found
 
 
 def _kept(sources: Sequence[LogSource], results: Any, failed: dict[str, str]) -> list[tuple[int, Any]]:
@@ -195,10 +189,6 @@ def _kept(sources: Sequence[LogSource], results: Any, failed: dict[str, str]) ->
     if not found:
         raise TrajectoryError(next(iter(failed.values())))
     return found
-
-
-def _sum(parts: Sequence[JointMoments]) -> JointMoments:
-    return parts[0] if len(parts) == 1 else parts[0] + parts[1]
 
 
 def _pieces(frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]) -> list[tuple[int, Piece]]:

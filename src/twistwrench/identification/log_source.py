@@ -155,8 +155,11 @@ class LogSource:
             return LogClock.of(iter([self.motion.time]), self.path)
         return LogClock.of(self.log().stamps(), self.path)
 
-    def portions(self, begin: int = 0, end: int | None = None) -> Iterator[LogRows]:
-        """Rows of the joints' side; from a file that is read from its beginning only, all of them."""
+    def portions(self, begin: int = 0, end: int | None = None, said: list[str] | None = None) -> Iterator[LogRows]:
+        """Rows of the joints' side; from a file that is read from its beginning only, all of them.
+
+        ``said`` takes a sentence for each thing by which they contradict themselves, once all were read.
+        """
         if self.motion is not None:
             m, rows = self.motion, slice(max(0, begin), end)
             yield LogRows(m.time[rows], m.q[rows], None, None, None if m.tau is None else m.tau[rows])
@@ -165,6 +168,8 @@ class LogSource:
         part = log if end is None else (log.part(begin, end) or log)
         for table in part.tables():
             yield self._sided(part.motion(table))
+        if said is not None and self.side is None:
+            said += part.contradictions(self.robot.limits)
 
     @property
     def in_parts(self) -> bool:
