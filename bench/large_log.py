@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import resource
+import sys
 import time
 import zlib
 from pathlib import Path
@@ -68,8 +69,20 @@ def read(folder: Path, cutoff: float | None, workers: int | None) -> dict[str, o
     robot = tw.robots.panda()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     wall, begun = time.perf_counter(), time.process_time()
+    told = 0.0
+
+    def tell(share: float) -> None:
+        nonlocal told
+        if share >= told:
+            told += 0.05
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            said = f"{100 * share:.0f} %, {time.process_time() - begun:.0f} s of processor, {memory:.0f} MB"
+            print(said, file=sys.stderr, flush=True)
+
     with workers_of(workers) as team:
-        information = tw.identification.gather(robot, sorted(folder.glob("*.npy")), cutoff=cutoff, client=team.client)
+        information = tw.identification.gather(
+            robot, sorted(folder.glob("*.npy")), cutoff=cutoff, client=team.client, progress=tell
+        )
     gathered = time.process_time() - begun
     found = information.identified()
     consistent = found.consistent

@@ -16,7 +16,8 @@ from ..robot import Robot
 from ..robot.robot_argument import require_robot
 from .evidence import LogDoubt, percent
 from .held_out import HeldOutRows
-from .information import SHOWN, Information, added
+from .information import Information, added
+from .information_file import SHOWN
 from .information_fit import fit_of
 from .joint_moments import MOST_BLOCKS, JointMoments
 from .log_piece import Piece

@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.files import as_path
-from ..core.foreign_errors import foreign_errors
-from ..errors import NotFoundError, ShapeError, ValueRangeError
-from ..outputs import replacing
+from ..errors import ValueRangeError
 from ..robot import Robot
 from ..typing import Array
 from .evidence import LogDoubt
 from .held_out import HeldOutRows
+from .information_file import information_arguments, write_information
 from .information_fit import fit_of
 from .joint_moments import JointMoments
-from .log_side import MotorSide
 from .normal_equations import Prior
-from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
 from .streamed_rows import RowFrame
-from .unknown_parameters import UnknownParameters
 from .weights import Method
 
 if TYPE_CHECKING:
     from .identified_robot import IdentifiedRobot
-
-_MARK = "twistwrench information 1"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -187,47 +178,7 @@ class Information:
         >>> bool((again.values == information.values).all())
         True
         """
-        from .. import __version__
-
-        frame, unknown, shown = self.frame, self.frame.base.unknown, self.shown
-        said = {
-            "format": _MARK,
-            "version": __version__,
-            "robot": self.robot.name,
-            "groups": list(frame.base.names),
-            "motor_inertia": unknown.motor_inertia,
-            "friction": list(unknown.friction),
-            "cutoff": frame.settings.cutoff,
-            "shift": frame.settings.shift,
-            "chosen": [frame.free_shift, frame.free_speed],
-            "robust": frame.robust,
-            "method": self.method,
-            "seconds": self.seconds,
-            "samples": self.samples,
-            "hanging": self.hanging,
-            "logs": list(self.logs),
-            "doubts": [asdict(d) for d in self.doubts],
-        }
-        side = unknown.motor_side
-        arrays: dict[str, Any] = {
-            "said": np.array(json.dumps(said)),
-            "friction_speed": frame.settings.friction_speed,
-            "x": frame.x,
-            "sigma": frame.sigma,
-            "dead": frame.dead,
-            "mean": self.weak.mean,
-            "size": self.weak.size,
-            "sizes": self.sizes,
-            "sums": self.moments.sums,
-            "counts": self.moments.counts,
-            **{f"factor{j}": R for j, R in enumerate(self.moments.factors)},
-            **({} if side is None else {"ratios": side.ratios, "zero": side.zero, "gain": side.gain}),
-            **({} if shown is None else {f"shown_{k}": getattr(shown, k) for k in SHOWN}),
-        }
-        target = as_path(path)
-        with replacing(target) as scratch, scratch.open("wb") as file:
-            np.savez(file, **arrays)
-        return target
+        return write_information(self, path)
 
     @classmethod
     def load(cls, path: str | Path, robot: Robot) -> Information:
@@ -256,44 +207,7 @@ class Information:
         Traceback (most recent call last):
         twistwrench.errors.NotFoundError: no information 'none.npz'. Give a file that --information wrote.
         """
-        path = as_path(path)
-        if not path.is_file():
-            raise NotFoundError(f"no information {str(path)!r}. Give a file that --information wrote.")
-        advice = "Give a file that --information wrote, whole."
-        with foreign_errors(lambda reason: ShapeError(f"{path}: no information that can be read: {reason}. {advice}")):
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
-            said = json.loads(str(arrays["said"]))
-            if said["format"] != _MARK:
-                raise ValueError(f"its format is {said['format']!r}")
-        side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"]) if "ratios" in arrays else None
-        base = BaseParameters.of(UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side))
-        if list(base.names) != said["groups"]:
-            raise ValueRangeError(
-                f"{path}: is of {said['robot']!r} with {len(said['groups'])} groups of parameters, and {robot.name!r} has "
-                f"others ({base.count}). Give the robot file that it was made with."
-            )
-        settings = FitSettings(said["cutoff"], arrays["friction_speed"], said["shift"])
-        chosen = bool(said["chosen"][0]), bool(said["chosen"][1])
-        frame = RowFrame(base, settings, arrays["x"], arrays["sigma"], arrays["dead"], *chosen, said["robust"])
-        factors = tuple(arrays[f"factor{j}"] for j in range(len(frame.felt)))
-        return cls(
-            robot,
-            frame,
-            JointMoments(arrays["sums"], arrays["counts"], factors),
-            Prior(arrays["mean"], arrays["size"]),
-            arrays["sizes"],
-            said["method"],
-            said["seconds"],
-            said["samples"],
-            said["hanging"],
-            tuple(said["logs"]),
-            tuple(LogDoubt(d["kind"], d["sentence"], tuple(d["joints"]), d["refuses"]) for d in said["doubts"]),
-            HeldOutRows(*(arrays[f"shown_{k}"] for k in SHOWN)) if "shown_time" in arrays else None,
-        )
-
-
-SHOWN = ("time", "log", "measured", "predicted")
+        return cls(**information_arguments(path, robot))
 
 
 def added(parts: Sequence[Information]) -> Information:
