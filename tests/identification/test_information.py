@@ -205,3 +205,18 @@ def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
     jumped.to_csv(tmp_path / "log.csv")
     doubts = gather(arm, tmp_path / "log.csv", **FIXED).doubts
     assert any("log.csv: " in d.sentence and "jump" in d.sentence for d in doubts if d.kind == "contradiction"), doubts
+
+
+def test_rows_that_nothing_explains_count_little(log):
+    """A push of three seconds in two minutes: the robust weights leave less than half of what it does to plain least squares."""
+    tau = log.tau.copy()
+    tau[10_000:10_750] += 0.5 * log.tau.std(axis=0)
+    pushed = tw.Motion(log.time, log.q, log.dq, log.ddq, tau, robot=ARM, in_seconds=True)
+    clean = gather(ARM, log, **FIXED).identified()
+    off = {
+        method: np.linalg.norm(
+            (gather(ARM, pushed, **FIXED, method=method).values - clean.values) / clean.standard_deviations
+        )
+        for method in ("irls", "wls")
+    }
+    assert off["irls"] < 0.5 * off["wls"], off
