@@ -264,3 +264,18 @@ def test_times_in_milliseconds_are_doubted():
 def test_what_is_no_motion_is_refused(given, error, words):
     with pytest.raises(error, match=words):
         given(tw.robots.ur5())
+
+
+@pytest.mark.parametrize("name", ["Zeit", "time", "t [s]", None])
+def test_an_index_of_increasing_floats_is_the_time_whatever_its_name(name):
+    pandas = pytest.importorskip("pandas")
+    t = np.linspace(0, 1, 50)
+    frame = pandas.DataFrame({"joint1": t**2, "joint2": -t}, index=pandas.Index(t, name=name))
+    np.testing.assert_array_equal(tw.Motion.from_dataframe(frame, tw.robots.planar_2r()).time, t)
+
+
+def test_a_column_of_time_is_believed_before_an_index_of_another_name():
+    pandas = pytest.importorskip("pandas")
+    t = np.linspace(0, 1, 50)
+    frame = pandas.DataFrame({"joint1": t**2, "joint2": -t, "time": 2 * t}, index=pandas.Index(t, name="run"))
+    np.testing.assert_array_equal(tw.Motion.from_dataframe(frame, tw.robots.planar_2r()).time, 2 * t)
