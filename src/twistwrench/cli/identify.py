@@ -223,7 +223,7 @@ def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_mi
     from functools import partial
 
     from ..identification.log_side import motor_side
-    from ..motion.motion_log import joints_without_column, open_motion_file
+    from ..motion.motion_file import joints_without_column, open_motion_file
     from .common import bundled
 
     held = (

@@ -10,26 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from ..core.files import as_path
 from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
 from ..model.model import Limits, Model
 from ..typing import Array
-from .array_file import array_file
 from .array_stream import LARGE, ArrayStream
-from .column_choice import absent_joints
 from .columns import Columns
 from .contradictions import Contradictions
 from .coordinates import Coordinates
 from .csv_file import CsvFile
-from .joined_files import JOINS, JoinedFile
-from .npz_file import NpzFile, is_archive
+from .motion_file import MotionFile, open_motion_file
+from .npz_file import NpzFile
+from .passing_runs import passing_runs
 from .repeats import Repeats
-from .ros_file import is_recording, ros_file
 from .row_block import Block
 
 _NO_ROTATION = 1e-6  # norm of a quaternion
-
-MotionFile = CsvFile | NpzFile | JoinedFile | ArrayStream
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +261,7 @@ class MotionLog:
         try:
             blocks = self.file.excerpts(self.columns.used, count, rows)
             if blocks is None:
-                return self._passing(count, rows) if self.size > LARGE else [np.concatenate(list(self.tables()))]
+                return passing_runs(self.tables, count, rows, whole=self.size <= LARGE)
             found = []
             for block in blocks:
                 repeats = self._repeats()
@@ -278,22 +273,6 @@ class MotionLog:
                 pass
             raise
         return [table for table in found if len(table)]
-
-    def _passing(self, count: int, rows: int) -> list[Array]:
-        """Excerpts of a long file that is read from its beginning only."""
-        whole = sum(len(table) for table in self.tables())
-        if whole <= count * rows:
-            return [np.concatenate(list(self.tables()))]
-        firsts = [(whole - rows) * k // max(1, count - 1) for k in range(count)]
-        parts: list[list[Array]] = [[] for _ in firsts]
-        at = 0
-        for table in self.tables():
-            for k, first in enumerate(firsts):
-                inside = table[max(0, first - at) : max(0, first + rows - at)]
-                if len(inside):
-                    parts[k].append(inside.copy())
-            at += len(table)
-        return [np.concatenate(part) for part in parts]
 
     def motion(self, table: Array) -> LogRows:
         """Columns of a table sorted into q, dq, ddq and torques, in SI units.
@@ -408,41 +387,3 @@ class MotionLog:
                     "quaternion is zero, which is no rotation. Write 1, 0, 0, 0 for none, or remove the row."
                 )
         return table
-
-
-def open_motion_file(path: str | Path) -> MotionFile:
-    """The motion file at that path, of any robot: CSV, an archive of ``simulate --npz``, or several, ``a.csv+b.csv``."""
-    if JOINS in str(path) and not _is_there(as_path(path)):
-        return JoinedFile.open(path, open_motion_file)
-    if is_recording(as_path(path)):
-        return ros_file(as_path(path))
-    if (stream := ArrayStream.open(as_path(path))) is not None:
-        return stream
-    if (arrays := array_file(as_path(path))) is not None:
-        return arrays
-    return NpzFile.open(path) if is_archive(as_path(path)) else CsvFile.open(path)
-
-
-def _is_there(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # no path at all
-        return False
-
-
-def moves_motors(path: str | Path | MotionFile) -> bool:
-    """Whether the file has columns for the motors of elastic joints; what is wrong with it is said when it is opened."""
-    try:
-        file = open_motion_file(path) if isinstance(path, str | Path) else path
-    except TwistWrenchError:
-        return False
-    return any(name.strip().endswith(".motor") for name in file.header)
-
-
-def joints_without_column(
-    path: str | Path | MotionFile, model: Model, columns: Mapping[str, str] | None = None
-) -> tuple[str, ...]:
-    """The joints of a model that a motion file has no column for, by its header; ``columns`` as in :meth:`MotionLog.open`."""
-    file = open_motion_file(path) if isinstance(path, str | Path) else path
-    joints = [b.joint.name for b in model.leaders if b.joint.nv]
-    return absent_joints(file.header, Coordinates.of(model), joints, columns or {})

@@ -11,7 +11,7 @@ from ..errors import TrajectoryError
 from ..motion.column_names import time_meaning
 from ..motion.column_units import split_unit, time_factor
 from ..motion.log_noise import noise, quantum
-from ..motion.motion_log import MotionFile, open_motion_file
+from ..motion.motion_file import MotionFile, open_motion_file
 from ..typing import Array
 from .log_tally import GAP, ColumnTally, StampTally
 
