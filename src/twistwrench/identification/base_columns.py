@@ -51,7 +51,7 @@ class BaseColumns:
         >>> import twistwrench as tw
         >>> from twistwrench.identification.unknown_parameters import UnknownParameters
         >>> BaseColumns.of(BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))).slices
-        (slice(0, 10, None), slice(10, 17, None))
+        (slice(0, 9, None), slice(9, 16, None))
         """
         groups = tuple(np.flatnonzero(felt) for felt in base.felt)
         ends = np.cumsum([0, *(len(g) for g in groups)]).tolist()
@@ -80,7 +80,7 @@ class BaseColumns:
         >>> from twistwrench.identification.unknown_parameters import UnknownParameters
         >>> columns = BaseColumns.of(BaseParameters.of(UnknownParameters(tw.robots.planar_2r())))
         >>> columns.rows(*np.zeros((3, 4, 2)), np.ones(2)).shape
-        (4, 17)
+        (4, 16)
         """
         unknown, kept = self.base.unknown, self.base.kept
         found = np.empty((len(q), self.count))
