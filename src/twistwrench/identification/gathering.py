@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
+from ..typing import Array
 from .evidence import LogDoubt, percent
-from .held_out import HeldOutRows
-from .information import Information, added
+from .held_out import HeldOut, HeldOutRows
+from .information import Information
 from .information_file import SHOWN
 from .information_fit import fit_of
 from .joint_moments import MOST_BLOCKS, JointMoments
@@ -126,53 +128,58 @@ def gather(
     tell(0.2)
     pieces = _pieces(start.frame, sources, clocks)
     made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
-    of_logs: dict[int, JointMoments] = {}
-    said: dict[str, str] = {}
-    for (k, _), result in zip(pieces, made, strict=True):
-        if isinstance(result, Failure):
-            failed[sources[k].path] = result.reason
-        elif sources[k].path not in failed:
-            moments, sentences = result
-            of_logs[k] = of_logs[k] + moments if k in of_logs else moments
-            said |= {sources[k].path: sentences[0]} if sentences and sources[k].path not in said else {}
-    parts = [
-        replace(start, moments=moments, seconds=clocks[k].seconds, samples=clocks[k].rows, logs=(sources[k].path,))
-        for k, moments in of_logs.items()
-        if sources[k].path not in failed
-    ]
-    if not parts or not any(p.moments.counts.sum() for p in parts):
+    whole: Information | None = None
+    left, said = dict[str, HeldOut](), dict[str, str]()
+    x = _reference(start, like)
+    for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
+        path, results = sources[k].path, [result for _, result in of_log]
+        if broken := [result.reason for result in results if isinstance(result, Failure)]:
+            failed[path] = broken[0]
+            continue
+        fine = [result for result in results if not isinstance(result, Failure)]
+        moments = fine[0][0]
+        for more, _ in fine[1:]:
+            moments = moments + more
+        if not moments.counts.any():
+            failed[path] = "it is too short for its cut-off"
+            continue
+        if contradictions := [sentence for _, sentences in fine for sentence in sentences]:
+            said[path] = contradictions[0]
+        about: dict[str, Any] = {"seconds": clocks[k].seconds, "samples": clocks[k].rows, "logs": (path,)}
+        part = replace(start, moments=moments, doubts=(), **about)
+        left[path] = fit_of(part).predicted(x, "test")
+        whole = part if whole is None else whole + part
+    if whole is None:
         raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
-    whole = added([replace(part, doubts=()) for part in parts])
-    return replace(
-        whole,
-        doubts=(*start.doubts, *_doubts(whole if like is None else like, parts, said, failed, other=like is not None)),
-    )
+    doubts = [LogDoubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
+    doubts += [LogDoubt("contradiction", f"{path}: {sentence}") for path, sentence in said.items()]
+    usual = [fit_of(like).predicted(x, "test")] if like is not None else list(left.values())
+    return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
 
 
-def _doubts(
-    by: Information, parts: Sequence[Information], said: Mapping[str, str], failed: Mapping[str, str], *, other: bool
-) -> list[LogDoubt]:
-    """Logs that are left out, that contradict themselves, or that the fit of all, or of ``other`` ones, explains far worse."""
-    found = [
-        LogDoubt("left-out", f"{path} is left out, as it cannot be read: {reason}") for path, reason in failed.items()
-    ]
-    found += [LogDoubt("contradiction", f"{path}: {sentence}") for path, sentence in said.items()]
-    if len(parts) == 1 and not other:
-        return found
-    x, _ = fit_of(by).solved(np.arange(len(by.moments.counts)))
-    usual = fit_of(by).predicted(x, "test")
-    for part in parts:
-        left = fit_of(part).predicted(x, "test")
-        worse = [name for name, share in left.joints.items() if share > max(_OTHERS * usual.joints[name], _OF_JOINT)]
-        if worse or left.all > max(_OTHERS * usual.all, _LEAST_LEFT):
-            worst = max(worse, key=lambda name: left.joints[name], default="")
-            most = f", at {worst} to {percent(left.joints[worst])}" if worst else ""
+def _reference(start: Information, like: Information | None) -> Array:
+    """Unknowns that logs are compared by: of the logs before, or of the excerpt."""
+    if like is not None:
+        return fit_of(like).solved(np.arange(len(like.moments.counts)))[0]
+    return np.concatenate([start.frame.x, np.zeros(start.frame.extra)])
+
+
+def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[LogDoubt]:
+    """Logs whose torques the same unknowns explain far worse than those of half of the others."""
+    found = []
+    half = float(np.quantile([one.all for one in usual], 0.5, method="lower"))
+    names = usual[0].names
+    of_joints = np.quantile([[one.joints[name] for name in names] for one in usual], 0.5, axis=0, method="lower")
+    for path, one in left.items():
+        worse = [n for n, u in zip(names, of_joints, strict=True) if one.joints[n] > max(_OTHERS * float(u), _OF_JOINT)]
+        if worse or one.all > max(_OTHERS * half, _LEAST_LEFT):
+            worst = max(worse, key=lambda name: one.joints[name], default="")
+            most = f", at {worst} to {percent(one.joints[worst])}" if worst else ""
             found.append(
                 LogDoubt(
                     "other-torques",
-                    f"{part.logs[0]} is explained to {percent(left.all)}{most} by the fit of all logs, and these to "
-                    f"{percent(usual.all)}: its torques are not those of the same rigid bodies. Was friction compensated, or "
-                    "something carried, in one of them?",
+                    f"{path} is explained to {percent(one.all)}{most} by what explains others to {percent(half)}: its torques "
+                    "are not those of the same rigid bodies. Was friction compensated, or something carried, in one of them?",
                     tuple(worse),
                 )
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -208,11 +207,3 @@ class Information:
         twistwrench.errors.NotFoundError: no information 'none.npz'. Give a file that --information wrote.
         """
         return cls(**information_arguments(path, robot))
-
-
-def added(parts: Sequence[Information]) -> Information:
-    """All of them, in their order."""
-    whole = parts[0]
-    for one in parts[1:]:
-        whole = whole + one
-    return whole
