@@ -149,7 +149,7 @@ def consistent_robot(
     """
     prior = PositivePrior.of(base, values, sizes)
     parts = [fold for fold in folds if fold[2] > 0]
-    total = _sum(parts)
+    total = sum_of(parts)
     strengths = (
         STRENGTHS
         if strength is None
@@ -158,7 +158,7 @@ def consistent_robot(
     left = np.zeros(len(strengths))
     of_file = 0.0
     for k, part in enumerate(parts):
-        rest = _sum([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
+        rest = sum_of([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
         fits = PositiveProblem(base, prior, *rest, sizes).path(strengths)
         left += [_squares(part, base.project(fit.values)) for fit in fits]
         of_file += _squares(part, _file_with_drives(base, rest, weak))
@@ -169,7 +169,8 @@ def consistent_robot(
     return ConsistentRobot(base, fit, curve, float(np.sqrt(of_file / total[2])), prior.repaired)
 
 
-def _sum(parts: Sequence[Information]) -> Information:
+def sum_of(parts: Sequence[Information]) -> Information:
+    """Of the information of several parts."""
     N, c, y = parts[0]
     for other in parts[1:]:
         N, c, y = N + other[0], c + other[1], y + other[2]
