@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
 import subprocess
 import sys
 import weakref
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
-from twistwrench.robot import inverse_kinematics
+from twistwrench.robot import inverse_kinematics, pose_search
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -248,11 +249,88 @@ def test_a_poses_answer_does_not_depend_on_its_neighbours(bundled, name, monkeyp
         same(found, robot.inverse_kinematics(T[k], restarts=6), k)
     some = robot.inverse_kinematics(T[::-3], restarts=6)
     np.testing.assert_array_equal(some.q, found.q[::-3])
-    monkeypatch.setattr(inverse_kinematics, "AT_ONCE", 7)
+    monkeypatch.setattr(pose_search, "AT_ONCE", 7)  # calls of the kernel with 64 poses
     np.testing.assert_array_equal(robot.inverse_kinematics(T, restarts=6).q, found.q)
-    monkeypatch.setattr(inverse_kinematics, "FEW", 0)
-    monkeypatch.setattr(inverse_kinematics, "FEW_STEPS", 1)
-    np.testing.assert_array_equal(robot.inverse_kinematics(T, restarts=6).q, found.q)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_one_pose_asked_for_again_and_again_has_the_answer_it_has_in_a_batch(bundled, name):
+    """The first calls with one pose go another way than the later ones, which look in one lane first and then in all."""
+    robot = bundled(name)
+    T = robot.forward_kinematics(robot.random_configuration(8, 60))
+    T[::5, :3, 3] *= 3.0  # out of reach
+    start = robot.add(robot.neutral, np.full(robot.nv, 7.0))  # beyond the limits
+    for options in ({}, {"q0": start}):
+        found = robot.inverse_kinematics(T, restarts=5, **options)
+        assert found.starts[found.converged].max() > 1
+        for _ in range(2):
+            for k in range(60):
+                same(found, robot.inverse_kinematics(T[k], restarts=5, **options), k)
+
+
+def test_a_start_beyond_the_limits_that_is_there_is_no_answer(bundled):
+    robot = bundled("panda")
+    q = robot.limits.upper + 0.1
+    T = robot.forward_kinematics(q)
+    for poses in (np.stack([T] * 9), T, T, T):
+        found = robot.inverse_kinematics(poses, q0=q)
+        assert (found.q <= robot.limits.upper).all()
+        assert (found.q >= robot.limits.lower).all()
+
+
+def test_what_is_asked_again_and_again_is_still_looked_at(bundled):
+    robot = bundled("ur5")
+    q = robot.random_configuration(2)
+    T = robot.forward_kinematics(q)
+    for _ in range(4):
+        assert robot.inverse_kinematics(T).converged
+        assert np.isnan(robot.inverse_kinematics(np.where(np.eye(4), np.nan, T)).q).all()
+        assert robot.inverse_kinematics(T.tolist(), q0=q.tolist()).starts == 1
+        for wrong, word in (
+            ({"T": 2 * T}, "last row"),
+            ({"T": T * [[2], [2], [2], [1]]}, "no|not"),
+            ({"T": T @ np.diag([1, 1, -1, 1])}, "reflection"),
+            ({"T": np.full((4, 4), np.inf)}, "T"),
+            ({"T": T, "q0": np.full(6, np.nan)}, "q0"),
+            ({"T": T, "restarts": -1}, "restarts"),
+            ({"T": T, "restarts": 30.0}, "restarts"),
+        ):
+            with pytest.raises(tw.TwistWrenchError, match=word):
+                robot.inverse_kinematics(**wrong)
+
+
+def test_a_pose_that_is_one_to_six_digits_is_reached_as_the_nearest_one(bundled):
+    robot = bundled("ur5")
+    T = robot.forward_kinematics(robot.random_configuration(4, 5))
+    rough = T.copy()
+    rough[:, 0, 0] += 4e-7
+    found = robot.inverse_kinematics(rough)
+    assert found.converged.all()
+    near = T.copy()
+    near[:, :3, :3] = tw.so3.project(rough[:, :3, :3])
+    assert_allclose(robot.forward_kinematics(found.q), near, atol=1e-9)
+
+
+def test_more_restarts_than_a_table_has_places(bundled):
+    """A hundred and fifty: three calls of the kernel, of which each makes what the others have left."""
+    arm = bundled("planar_2r")
+    T = arm.forward_kinematics([[0.3, 0.2], [0.4, 0.5]])
+    T[0, :3, 3] *= 5.0
+    for restarts in (64, 65, 66, 129, 130, 131, 150):
+        found = arm.inverse_kinematics(T, rows="vx vy vz", restarts=restarts)
+        assert found.starts[0] == restarts + 1
+        assert found.distance[0] == pytest.approx(np.linalg.norm(T[0, :3, 3]) - 2.0, abs=1e-3)
+        assert found.converged[1]
+
+
+def test_a_result_of_one_pose_and_of_many_is_pickled(bundled):
+    robot = bundled("ur5")
+    T = robot.forward_kinematics(robot.random_configuration(4, 3))
+    for poses in (T, T[0], T[0], T[0]):
+        found = robot.inverse_kinematics(poses)
+        again = pickle.loads(pickle.dumps(found))
+        same(found, again)
+        assert again.joint_names == found.joint_names
 
 
 def test_what_is_left_is_what_forward_kinematics_say(bundled):

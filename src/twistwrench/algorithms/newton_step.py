@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.arguments import gaps
 from ..lie import se3
 from ..lie.exponentials import pose_log, rotation_log
 from ..model.model import Model
@@ -30,6 +31,8 @@ PATIENCE, NEARER = 6, 0.99
 """Steps that may pass without getting nearer than this part of the least distance so far."""
 FAR = 1e300
 """What is left before anything was looked at."""
+_POSE = 2e-7
+"""How far a matrix may be from a pose to be surely one; :mod:`..core.arguments` allows five times as much, and more."""
 _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 
@@ -52,28 +55,41 @@ class NewtonStep:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Numbers of what :meth:`__call__` passes on beside q."""
-        return self.model.nq, len(self.rows), self.model.nv, 3
+        """Numbers of what :meth:`__call__` passes on beside the next q."""
+        return self.model.nq, 2, len(self.rows), self.model.nv, 2
+
+    @property
+    def begins(self) -> tuple[float, ...]:
+        """What is passed on to the first step, behind q."""
+        return (0.0, FAR, *[0.0] * (len(self.rows) + self.model.nv), 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
         """The next q, and what is passed on to the next step, of :attr:`sizes`.
 
-        Passed on: the best q so far, the twist it leaves, which joints were held, and |V| of the best, steps that got no
-        nearer, 1 while it goes on. ``angles`` are q once more. ``given``: the first three rows of T_d, and what may be left,
-        the squares of rad and m.
+        Passed on: the best q so far; whether it is there (-1 if T_d is no pose), and its |V|; the twist it leaves; which
+        joints were held; steps that got no nearer, and 1 while it goes on. ``angles`` are q once more. ``given``: T_d, and
+        what may be left, the squares of rad and m.
         """
-        best, least, held, (cost, idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
+        best, (arrived, cost), least, held, (idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
         e = self.left(forward_kinematics(self.model, angles, self.frame), given[:12])  # (1)
         V = self.scale * e
         now = np.sqrt(V @ V)
-        there = self.there(e, given[12:])
+        there = self.there(e, given[16:])
+        odd = 1.0 - self.is_pose(given[:16])
         nearer = runs * (there + (1.0 - there) * _positive(cost - now))
         idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
-        goes = runs * (1.0 - there) * _positive(PATIENCE - idle)
+        goes = runs * (1.0 - there) * (1.0 - odd) * _positive(PATIENCE - idle)
         dq, held_now = self.step(angles, q, V)
-        parts = _either(nearer, q, best), _either(nearer, e, least), _either(goes, held_now, held)
-        last = np.array([_either(nearer, now, cost), idle, goes])
-        return self.inside(integration.moved(self.model, q, goes * dq, angles)), np.concatenate([*parts, last])  # (3)
+        said = np.array([_either(odd, -1.0, _either(nearer, there, arrived)), _either(nearer, now, cost)])
+        parts = _either(nearer, q, best), said, _either(nearer, e, least), _either(goes, held_now, held)
+        moved = integration.moved(self.model, q, goes * dq, angles)
+        return self.inside(moved), np.concatenate([*parts, np.array([idle, goes])])  # (3)
+
+    def is_pose(self, T: Array) -> Any:
+        """1 where T (16,) is surely a pose."""
+        M = np.reshape(T, (4, 4))
+        off = np.array([*gaps(M[:3, :3].tolist()), *(M[3] - np.array([0.0, 0.0, 0.0, 1.0]))])
+        return 1.0 - _positive(off @ off - _POSE * _POSE)
 
     def left(self, T: Array, target: Array) -> Array:
         """The body twist V of (1); of some rows, turning and moving each by itself."""

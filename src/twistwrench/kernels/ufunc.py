@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import KernelError
 from ..program.program import Program, axes_of
 from ..program.recurrence import Recurrence
+from ..program.search import Search
 from ..targets.processor import DOUBLE, SINGLE, Precision, chosen
 from . import interpreter
 from .batch_split import effort
@@ -61,13 +62,13 @@ class _UFuncObject(ctypes.Structure):
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Program | Recurrence, name: str, doc: str) -> None:
+    def __init__(self, program: Program | Recurrence | Search, name: str, doc: str) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
-        self.given, self.program = program, program.program if isinstance(program, Recurrence) else program
+        self.given, self.program = program, program if isinstance(program, Program) else program.program
         self.machine = chosen()
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE, self.machine)}
         self.lone: dict[str, Code] = {}
@@ -140,7 +141,7 @@ class _Owner:
             return self.lone[precision.char]
 
 
-def make_ufunc(program: Program | Recurrence, name: str, doc: str) -> np.ufunc:
+def make_ufunc(program: Program | Recurrence | Search, name: str, doc: str) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
     That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``.

@@ -21,6 +21,7 @@ from ..model.configuration import random_configuration
 from ..model.model import Model
 from ..program.program import Program
 from ..program.recurrence import Recurrence
+from ..program.search import Search
 from ..typing import Array
 from . import large_derivatives
 from .derivative_options import is_symbolic
@@ -238,17 +239,20 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     return found if len(found) > 1 else found[0]
 
 
-def compiled(given: Program | Recurrence, name: str, doc: str) -> Any:
+def compiled(given: Program | Recurrence | Search, name: str, doc: str) -> Any:
     """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long."""
-    program = given.program if isinstance(given, Recurrence) else given
+    program = given if isinstance(given, Program) else given.program
     # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
     # samples of three axes at most, and second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
         from ..targets.numpy import NumpyKernel
+        from ..targets.numpy_search import NumpySearch
         from ..targets.numpy_steps import NumpySteps
 
-        return NumpySteps(given, name, doc) if isinstance(given, Recurrence) else NumpyKernel(given, name, doc)
+        if isinstance(given, Program):
+            return NumpyKernel(given, name, doc)
+        return NumpySteps(given, name, doc) if isinstance(given, Recurrence) else NumpySearch(given, name, doc)
     from ..kernels.ufunc import make_ufunc
 
     return make_ufunc(given, name, doc)
