@@ -52,6 +52,8 @@ class NewtonStep:
     """(nv,) largest ones."""
     coordinates: tuple[int, ...]
     """(nv,) the coordinate of each such joint; -1 of all others."""
+    rounds: int = 3
+    """In how many rounds the joints are found that their limits hold; with 1, what meets a limit goes no further."""
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -78,8 +80,10 @@ class NewtonStep:
         odd = 1.0 - self.is_pose(given[:16])
         nearer = runs * (there + (1.0 - there) * _positive(cost - now))
         idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
+        dq, held_now, some = self.step(angles, q, V)
         goes = runs * (1.0 - there) * (1.0 - odd) * _positive(PATIENCE - idle)
-        dq, held_now = self.step(angles, q, V)
+        if self.rounds == 1:
+            goes = goes * (1.0 - some)
         said = np.array([_either(odd, -1.0, _either(nearer, there, arrived)), _either(nearer, now, cost)])
         parts = _either(nearer, q, best), said, _either(nearer, e, least), _either(goes, held_now, held)
         moved = integration.moved(self.model, q, goes * dq, angles)
@@ -108,26 +112,23 @@ class NewtonStep:
                 fine = fine * (1.0 - _positive(part @ part - most))
         return fine
 
-    def step(self, angles: Array, q: Array, V: Array) -> tuple[Array, Array]:
-        """dq of (2) without the joints whose limits hold them, found in three rounds; and which these are."""
+    def step(self, angles: Array, q: Array, V: Array) -> tuple[Array, Array, Any]:
+        """dq of (2) without the joints whose limits hold them; which these are; 1 where there are some."""
         J = self.scale[:, None] * jacobian(self.model, angles, self.frame)[list(self.rows)]
         damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(self.rows))
-        low, high = self.at_limits(q)
-        free = zeros(self.model.nv) + 1.0
-        for _ in range(3):
-            F = J * free
-            dq = F.T @ solved(*factored(F @ F.T + damping), V)  # (2)
-            out = np.array(
-                [
-                    a * _positive(-x - _PUSHES) + b * _positive(x - _PUSHES)
-                    for a, b, x in zip(low, high, dq, strict=True)
-                ]
-            )
-            free = free * (1.0 - out)
+        bounds = self.at_limits(q)
+        dq = _damped(J, damping, V)
+        out = _leaving(dq, *bounds)
+        free, some = 1.0 - out, 1.0 - np.prod(1.0 - out)
+        for number in range(1, self.rounds):
+            rest = _damped(J * free, damping, V)
+            free = free * (1.0 - _leaving(rest, *bounds))
+            if number == self.rounds - 1:
+                dq = np.array([_either(some, a, b) for a, b in zip(rest, dq, strict=True)])
         longest: Any = _LONGEST_STEP
         for x in dq:
             longest = abs(x).clip(longest, np.inf) if hasattr(x, "clip") else max(abs(x), longest)
-        return dq * (_LONGEST_STEP / longest), 1.0 - free
+        return dq * (_LONGEST_STEP / longest), 1.0 - free, some
 
     def at_limits(self, q: Array) -> tuple[Array, Array]:
         """1 for each joint at its lower limit, and for each at its upper one."""
@@ -146,6 +147,18 @@ class NewtonStep:
             if np.isfinite(self.low[k]) or np.isfinite(self.high[k]):
                 found[i] = found[i].clip(self.low[k], self.high[k])
         return found
+
+
+def _damped(F: Array, damping: Array, V: Array) -> Array:
+    """dq of (2)."""
+    found: Array = F.T @ solved(*factored(F @ F.T + damping), V)
+    return found
+
+
+def _leaving(dq: Array, low: Array, high: Array) -> Array:
+    """1 for each joint that is at a limit and would go beyond."""
+    each = zip(low, high, dq, strict=True)
+    return np.array([a * _positive(-x - _PUSHES) + b * _positive(x - _PUSHES) for a, b, x in each])
 
 
 def _positive(x: Any) -> Any:

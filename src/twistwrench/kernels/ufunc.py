@@ -62,14 +62,14 @@ class _UFuncObject(ctypes.Structure):
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Program | Recurrence | Search, name: str, doc: str) -> None:
+    def __init__(self, program: Program | Recurrence | Search, name: str, doc: str, *, lone: bool) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
         self.given, self.program = program, program if isinstance(program, Program) else program.program
-        self.machine = chosen()
+        self.machine = replace(chosen(), vector_bits=DOUBLE.bits) if lone else chosen()
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE, self.machine)}
         self.lone: dict[str, Code] = {}
         self.stand_in = _LOOP(self._single)
@@ -132,7 +132,7 @@ class _Owner:
     def alone(self, precision: Precision) -> Code:
         """Code for single samples: a lane of its own, unless the program is so long that one compilation is enough."""
         with LOCK:
-            if len(self.program.instructions) > LONGEST_ALONE:
+            if len(self.program.instructions) > LONGEST_ALONE or self.machine.lanes(precision) == 1:
                 self.address(precision)
                 return self.code[precision.char]
             if precision.char not in self.lone:
@@ -141,12 +141,13 @@ class _Owner:
             return self.lone[precision.char]
 
 
-def make_ufunc(program: Program | Recurrence | Search, name: str, doc: str) -> np.ufunc:
+def make_ufunc(program: Program | Recurrence | Search, name: str, doc: str, *, lone: bool = False) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
-    That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``.
+    That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is
+    ``lone`` is for one sample at a time, in one lane.
     """
-    owner = _Owner(program, name, doc)
+    owner = _Owner(program, name, doc, lone=lone)
     ufunc = _constructor()(
         ctypes.addressof(owner.functions), ctypes.addressof(owner.data), ctypes.addressof(owner.types),
         2, len(program.inputs), len(program.outputs), _NONE_IDENTITY,

@@ -51,6 +51,8 @@ class Engine:
         self._called_again = called_again
         """Gives whom to tell of calls with one state."""
         self._kernels: dict[Any, Any] = {}
+        self.single_poses: dict[Any, Any] = {}
+        """How single poses are looked for, by the options."""
         self._called: dict[Any, Any] = {}
         self._calls: dict[Any, int] = {}
         """How often each kind of call was made with one state; :data:`ENOUGH` where nobody wants to know any more."""
@@ -239,8 +241,11 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     return found if len(found) > 1 else found[0]
 
 
-def compiled(given: Program | Recurrence | Search, name: str, doc: str) -> Any:
-    """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long."""
+def compiled(given: Program | Recurrence | Search, name: str, doc: str, *, lone: bool = False) -> Any:
+    """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long.
+
+    What is ``lone`` is for one sample at a time.
+    """
     program = given if isinstance(given, Program) else given.program
     # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
     # samples of three axes at most, and second derivatives of matrices have four.
@@ -255,4 +260,4 @@ def compiled(given: Program | Recurrence | Search, name: str, doc: str) -> Any:
         return NumpySteps(given, name, doc) if isinstance(given, Recurrence) else NumpySearch(given, name, doc)
     from ..kernels.ufunc import make_ufunc
 
-    return make_ufunc(given, name, doc)
+    return make_ufunc(given, name, doc, lone=lone)

@@ -31,10 +31,6 @@ if TYPE_CHECKING:
 
 Rows = str | Iterable[int | str] | None
 
-RESTARTS = 30
-"""How often what has not arrived starts again."""
-ANGLE, DISTANCE = 1e-10, 1e-10
-"""rad and m, the latter times the robot's size where that is above 1 m: nearer than this is there."""
 MOST_WAYS = 16
 """Sets of options that single poses are looked for with, so many of which are remembered."""
 
@@ -145,17 +141,16 @@ class InverseKinematics:
 def solve(
     robot: Robot,
     T: ArrayLike,
-    frame: str | None = None,
-    q0: ArrayLike | None = None,
-    *,
-    rows: Rows = None,
-    restarts: int = RESTARTS,
-    rng: np.random.Generator | int | None = 0,
-    angle: float = ANGLE,
-    distance: float = DISTANCE,
+    frame: str | None,
+    q0: ArrayLike | None,
+    rows: Rows,
+    restarts: int,
+    rng: np.random.Generator | int | None,
+    angle: float,
+    distance: float,
 ) -> InverseKinematics:
     """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`."""
-    often, key = robot.engine.kept("single poses", dict), None
+    often, key = robot.engine.single_poses, None
     if type(rng) is int and type(restarts) is int and type(angle) is float and (rows is None or type(rows) is str):
         key = frame, rows, restarts, rng, angle, distance
         if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,22 +48,25 @@ class PoseSearch:
         coordinates = np.full(model.nv, -1)
         coordinates[v_of] = self.q_of
         low, high = limits[:2, : model.nv]
-        step = NewtonStep(model, frame, chosen, scale, low, high, tuple(coordinates.tolist()))
-        nq, passed = model.nq, sum(step.sizes)
-        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (passed,)), ("given", (18,))]
-        least, most = limits[2:, :nq].tolist()
-        search = Search(
-            trace(step, ports, ["q", "passed on"]),
-            Port("T", (4, 4)),
-            tuple(range(12)),
-            step.begins,
-            (*least,),
-            (*most,),
-        )
+        self._step = NewtonStep(model, frame, chosen, scale, low, high, tuple(coordinates.tolist()))
+        self._bounds: list[list[float]] = limits[2:, : model.nq].tolist()
+        search = self._search(self._step)
         self.said = search.said.size
         self.kernel = compiled(search, "inverse_kinematics", f"Search of {model.name} for poses of {frame}, compiled.")
         turning, moving = any(k < 3 for k in chosen), any(k >= 3 for k in chosen)
         self.weights = np.where(np.arange(12) % 4 < 3, float(turning), moving / self.length**2)
+
+    def _search(self, step: NewtonStep) -> Search:
+        nq, (least, most) = self.model.nq, self._bounds
+        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (18,))]
+        program = trace(step, ports, ["q", "passed on"])
+        return Search(program, Port("T", (4, 4)), tuple(range(12)), step.begins, (*least,), (*most,))
+
+    @cached_property
+    def look(self) -> Any:
+        """A kernel for one pose that gives up where a joint meets a limit; else it finds what the other one finds."""
+        doc = f"Look of {self.model.name} for one pose near by, compiled."
+        return compiled(self._search(replace(self._step, rounds=1)), "look", doc, lone=True)
 
     def settings(self, allowed: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
         """What the kernel is told beside poses and starts."""
@@ -154,7 +159,8 @@ class _Places:
 class SinglePose:
     """The shortest way to one pose: arrays of plain float64, options that were checked before.
 
-    One lane looks first, as what is near is found in a few steps; then all lanes do from the beginning, which finds the same.
+    One lane looks first, by steps that know of no limits, as what is near is found in a few. Where that fails, all lanes look
+    from the beginning; they would have found the same.
     """
 
     def __init__(self, search: PoseSearch, restarts: int, seed: int, allowed: tuple[float, float]) -> None:
@@ -162,7 +168,7 @@ class SinglePose:
         self.settings = search.settings(allowed, restarts)
         self.look = search.settings(allowed, 0, FIRST_LOOK)
         self.start = search.model.neutral
-        self.call: Any = make_call(search.kernel, _Nobody().found, "inverse_kinematics")
+        self.call: Any = make_call(search.look, _Nobody().found, "inverse_kinematics")
 
     def found(self, T: Any, q0: Any) -> tuple[Array, Array] | None:
         """q and what is said of it; None where the long way is to be taken."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -31,6 +32,14 @@ if TYPE_CHECKING:
 Law = Callable[[float, Array, Array], Any]
 """A function of (t, q, dq)."""
 Method = Literal["dopri5", "rk4", "semi_implicit", "euler", "midpoint", "variational", "variational6"]
+
+
+@cache
+def _inverse_kinematics() -> Callable[..., InverseKinematics]:
+    """Imported at the first call; an import statement takes a good part of what a pose near by does."""
+    from .inverse_kinematics import solve
+
+    return solve
 
 
 class Shortcuts:
@@ -87,9 +96,7 @@ class Shortcuts:
         >>> bool(found.converged), found.q.shape
         (True, (6,))
         """
-        from .inverse_kinematics import solve
-
-        return solve(self, T, frame, q0, rows=rows, restarts=restarts, rng=rng, angle=angle, distance=distance)
+        return _inverse_kinematics()(self, T, frame, q0, rows, restarts, rng, angle, distance)
 
     def simulate(
         self: Any,
