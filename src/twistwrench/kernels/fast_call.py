@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ..program.products import Products
 from ..program.program import Port, Program
 from ..program.recurrence import Recurrence
 from ..program.search import Search
@@ -178,7 +179,7 @@ def calls_before(ufunc: Any) -> int:
     return 2 if length < LONG else length // EACH
 
 
-def _way(program: Program | Recurrence | Search, parameters: _Parameters, asked: CallForm) -> Way | None:
+def _way(program: Program | Products | Recurrence | Search, parameters: _Parameters, asked: CallForm) -> Way | None:
     """How the builtin is called; None where none can be."""
     ports = (*program.inputs, *program.outputs)
     count = len(program.inputs) - len(asked.keys)

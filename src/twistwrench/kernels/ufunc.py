@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import KernelError
+from ..program.products import Products
 from ..program.program import Program, axes_of
 from ..program.recurrence import Recurrence
 from ..program.search import Search
@@ -62,7 +63,7 @@ class _UFuncObject(ctypes.Structure):
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Program | Recurrence | Search, name: str, doc: str, *, lone: bool) -> None:
+    def __init__(self, program: Program | Products | Recurrence | Search, name: str, doc: str, *, lone: bool) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
@@ -92,7 +93,7 @@ class _Owner:
     @cached_property
     def row(self) -> int:
         """Bytes of all results of a sample, in doubles."""
-        return DOUBLE.bytes * sum(port.size for port in self.program.outputs)
+        return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> None:
         """Stand in for the float32 loop: compile it, put it in the table, run it.
@@ -141,7 +142,9 @@ class _Owner:
             return self.lone[precision.char]
 
 
-def make_ufunc(program: Program | Recurrence | Search, name: str, doc: str, *, lone: bool = False) -> np.ufunc:
+def make_ufunc(
+    program: Program | Products | Recurrence | Search, name: str, doc: str, *, lone: bool = False
+) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
     That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is
