@@ -408,3 +408,37 @@ def test_without_a_compiler_the_steps_are_the_same():
     ]  # fmt: skip
     assert shown[0] == shown[1]
     assert shown[0].startswith("True")
+
+
+# ── branches ──
+
+
+def test_an_arm_with_a_spherical_wrist_or_parallel_axes_has_up_to_eight_branches(bundled):
+    """MR section 6.1.1 of such arms: shoulder, elbow and wrist, two ways each; the pose's own configuration is among them."""
+    robot = bundled("ur5")
+    counts = []
+    for q in robot.random_configuration(3, 12):
+        T = robot.forward_kinematics(q)
+        found = robot.inverse_kinematics_branches(T)
+        counts.append(len(found.q))
+        assert found.converged.all()
+        assert found.starts.shape == (len(found.q),)
+        assert_allclose(robot.forward_kinematics(found.q), np.broadcast_to(T, (len(found.q), 4, 4)), atol=3e-10)
+        assert (robot.limits.lower <= found.q).all()
+        assert (found.q <= robot.limits.upper).all()
+        turned = np.abs(np.exp(1j * found.q) - np.exp(1j * q)).max(axis=1)
+        assert (turned < 1e-6).sum() == 1
+        apart = np.abs(np.exp(1j * found.q[:, None]) - np.exp(1j * found.q)).max(axis=-1)
+        assert (apart + np.eye(len(apart)) > 1e-6).all()
+    assert max(counts) == 8
+
+
+def test_branches_of_a_pose_out_of_reach_and_of_a_redundant_arm(bundled):
+    far = bundled("ur5").inverse_kinematics_branches(tw.se3.exp([0, 0, 0, 9, 0, 0]))
+    assert far.q.shape == (0, 6)
+    assert far.converged.shape == (0,)
+    with pytest.raises(tw.ValueRangeError, match="Lock joints"):
+        bundled("panda").inverse_kinematics_branches(np.eye(4))
+    for options in ({"starts": 0}, {"starts": 2.0}, {"T": np.stack([np.eye(4)] * 2)}, {"frame": "hand"}):
+        with pytest.raises(tw.TwistWrenchError):
+            bundled("ur5").inverse_kinematics_branches(**{"T": np.eye(4), **options})

@@ -9,8 +9,7 @@ All is computed in float64; float32 poses and starts give float32 results, round
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +24,7 @@ from ..model.configuration import random_configuration
 from ..program.search import PLACES
 from ..typing import Array
 from .pose_search import PoseSearch, SinglePose
+from .reached_poses import Asked, InverseKinematics
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -33,109 +33,6 @@ Rows = str | Iterable[int | str] | None
 
 MOST_WAYS = 16
 """Sets of options that single poses are looked for with, so many of which are remembered."""
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """What was looked for: all that results have in common."""
-
-    joint_names: tuple[str, ...]
-    rows: tuple[int, ...]
-
-
-@dataclass(eq=False, repr=False, slots=True)  # and not frozen, which takes as long as a step of the search
-class InverseKinematics:
-    """Result of inverse kinematics: configurations that reach poses, or come as near as was found.
-
-    Leading axes are the poses'.
-    """
-
-    q: Array
-    """(..., nq): the best configuration found, inside the limits; nan where the pose is."""
-
-    _said: Array
-    _asked: _Asked
-
-    @property
-    def converged(self) -> Array:
-        """(...) of bool: whether it is there to the tolerances, and nothing less counts."""
-        return np.asarray(self._said[..., 1] > 0.0)
-
-    @property
-    def angle(self) -> Array:
-        """(...) rad that are left; of a float32 ``q`` before it was rounded to that, as ``distance`` and ``converged``."""
-        return self._length(turning=True)
-
-    @property
-    def distance(self) -> Array:
-        """(...) m that are left."""
-        return self._length(turning=False)
-
-    @property
-    def starts(self) -> Array:
-        """(...) of int: how many starts it took."""
-        return np.asarray(self._said[..., 0].astype(int))
-
-    @property
-    def held(self) -> Array:
-        """(..., nv) of bool: joints whose limits keep this from coming nearer."""
-        held: Array = self._said[..., self._said.shape[-1] - len(self.joint_names) :] > 0.5
-        return held & ~self.converged[..., None]
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """A name for each entry of ``held``."""
-        return self._asked.joint_names
-
-    @property
-    def rows(self) -> tuple[int, ...]:
-        """Rows of the twist that were asked for, 0 to 5."""
-        return self._asked.rows
-
-    def _length(self, *, turning: bool) -> Array:
-        """Of the part of the twist that is left."""
-        total = np.zeros(self._said.shape[:-1])
-        for k, row in enumerate(self.rows):
-            if (row < 3) == turning:
-                total = total + self._said[..., 3 + k] ** 2
-        return np.asarray(np.sqrt(total), self.q.dtype)
-
-    def reason(self, *index: int) -> str:
-        """Why a pose was not reached, in words.
-
-        Parameters
-        ----------
-        *index : int, of the pose in the batch
-
-        Returns
-        -------
-        text : str, empty where the pose was reached
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> far = tw.se3.exp([0, 0, 0, 5, 0, 0])
-        >>> tw.robots.planar_2r().inverse_kinematics(far, rows="vx vz", restarts=2).reason()[:12]
-        'out of reach'
-        """
-        if bool(self.converged[index]):
-            return ""
-        d, a = float(self.distance[index]), float(self.angle[index])
-        if np.isnan(d) or np.isnan(a):
-            return "the pose has entries that are not numbers"
-        left = f"the nearest found is {d:.3g} m and {a:.3g} rad away, after {int(self.starts[index])} starts"
-        held = [n for n, h in zip(self.joint_names, self.held[index], strict=True) if h]
-        if held:
-            return f"{', '.join(held)} {'is at its limit' if len(held) == 1 else 'are at their limits'}: {left}"
-        return f"out of reach, or of this search: {left}"
-
-    def __repr__(self) -> str:
-        return f"<InverseKinematics: {self}>"
-
-    def __str__(self) -> str:
-        if self.converged.ndim == 0:
-            return f"reached: {self.distance:.2g} m, {self.angle:.2g} rad left" if self.converged else self.reason()
-        return f"{int(self.converged.sum())} of {self.converged.size} poses reached"
 
 
 def solve(
@@ -186,9 +83,15 @@ def solve(
     return InverseKinematics(q, said.reshape(*shape, -1), asked)
 
 
+def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array, Array], Array | None]:
+    """What finds the configuration near one q at which a frame has one pose, in a few steps that meet no limit, or None."""
+    alone = SinglePose(_search(robot, frame, tuple(range(6))), 0, _drawn(0), (left, left))
+    return alone.near_by
+
+
 def _looked_at(
     robot: Robot, frame: str | None, rows: Rows, restarts: Any, rng: Any, angle: Any, distance: Any
-) -> tuple[_Asked, PoseSearch, tuple[int, int, tuple[float, float]]]:
+) -> tuple[Asked, PoseSearch, tuple[int, int, tuple[float, float]]]:
     """The options, checked: what is asked, who looks for it, and how often, the seed, and what may be left."""
     chosen = row_numbers(rows)
     try:
@@ -206,7 +109,7 @@ def _looked_at(
         )
     search = _search(robot, frame, chosen)
     most = allowed[0], allowed[1] * max(1.0, search.length)
-    return _Asked(robot.model.velocity_names, chosen), search, (again, seed, most)
+    return Asked(robot.model.velocity_names, chosen), search, (again, seed, most)
 
 
 def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:

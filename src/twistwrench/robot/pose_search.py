@@ -170,6 +170,11 @@ class SinglePose:
         self.start = search.model.neutral
         self.call: Any = make_call(search.look, _Nobody().found, "inverse_kinematics")
 
+    def near_by(self, T: Array, q0: Array) -> Array | None:
+        """q where one lane finds it, in a few steps that meet no limit."""
+        found = None if self.call is None else self.call(T, q0, self.look, *self.table)
+        return found[0] if found is not None and found[1][1] > 0.0 else None
+
     def found(self, T: Any, q0: Any) -> tuple[Array, Array] | None:
         """q and what is said of it; None where the long way is to be taken."""
         start = self.start if q0 is None else q0

@@ -98,6 +98,61 @@ class Shortcuts:
         """
         return _inverse_kinematics()(self, T, frame, q0, rows, restarts, rng, angle, distance)
 
+    def inverse_kinematics_branches(
+        self: Any,
+        T: ArrayLike,
+        frame: str | None = None,
+        *,
+        rows: Rows = None,
+        starts: int = 256,
+        rng: np.random.Generator | int | None = 0,
+        angle: float = 1e-10,
+        distance: float = 1e-10,
+    ) -> InverseKinematics:
+        """All branches of inverse kinematics that are found: elbow up and down, wrist turned over, and so on.
+
+        Parameters
+        ----------
+        T : (4, 4) array_like, wanted pose in the base frame [m]
+        frame : str, optional, a link of the robot; its tip if None
+        rows : str or iterable, optional, rows of the twist that count
+        starts : int, how many places the search starts from
+        rng : numpy Generator or seed, for these places
+        angle : float, tolerance [rad]
+        distance : float, tolerance [m]
+
+        Returns
+        -------
+        found : InverseKinematics
+            A row for each branch, with the least angles first; none where the pose was not reached. All are inside the limits.
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``T`` is no single pose, another argument is invalid, or the robot has more joints than there are rows.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Notes
+        -----
+        Joints that differ by full turns are one branch, told with the smallest angles the limits allow. A search from random
+        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> T = arm.forward_kinematics([0.3, 0.8])
+        >>> arm.inverse_kinematics_branches(T, rows="vx vy").q.round(3) + 0.0
+        array([[ 0.3,  0.8],
+               [ 1.1, -0.8]])
+        """
+        from .pose_branches import branches
+
+        return branches(self, T, frame, rows, starts, rng, angle, distance)
+
     def simulate(
         self: Any,
         q0: ArrayLike | None = None,
