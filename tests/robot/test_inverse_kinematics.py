@@ -410,6 +410,71 @@ def test_without_a_compiler_the_steps_are_the_same():
     assert shown[0].startswith("True")
 
 
+def test_one_pose_asked_for_twice_goes_the_short_way(bundled):
+    """Where machine code runs; else this is the long way each time."""
+    robot = tw.robot.Robot(bundled("panda").model)
+    q = robot.random_configuration(4)
+    T = robot.forward_kinematics(q)
+    for _ in range(2):
+        assert not any(robot.engine.single_poses.values())
+        robot.inverse_kinematics(T, q0=q)
+    ((alone, _),) = robot.engine.single_poses.values()
+    for q0 in (None, q, q.tolist()):
+        np.testing.assert_array_equal(alone.found(T, q0)[0], robot.inverse_kinematics(T[None], q0=q0).q[0])
+
+
+# ── several frames at once ──
+
+
+def test_four_feet_are_placed_at_once(bundled):
+    robot = bundled("quadruped")
+    feet = [name for name in robot.frame_names if "foot" in name]
+    q = robot.random_configuration(3, 20)
+    T = np.stack([robot.forward_kinematics(q, foot) for foot in feet], axis=1)
+    found = robot.inverse_kinematics(T, feet, rows="vx vy vz")
+    assert found.converged.all()
+    assert found.rows == (3, 4, 5) * 4
+    for k, foot in enumerate(feet):
+        left = robot.forward_kinematics(found.q, foot)[:, :3, 3] - T[:, k, :3, 3]
+        assert np.linalg.norm(left, axis=1).max() <= 1e-9
+    for _ in range(3):
+        np.testing.assert_array_equal(robot.inverse_kinematics(T[7], feet, rows="vx vy vz").q, found.q[7])
+
+
+def test_frames_may_have_rows_of_their_own(bundled):
+    """The panda's hand with all six rows and its elbow's height; then an elbow that cannot be where the hand wants it."""
+    robot = bundled("panda")
+    elbow, hand = "panda_link4", robot.tip
+    q = robot.random_configuration(6, 20)
+    T = np.stack([robot.forward_kinematics(q, name) for name in (hand, elbow)], axis=1)
+    found = robot.inverse_kinematics(T, (hand, elbow), rows={elbow: "wx"}, restarts=60)
+    assert found.converged.mean() >= 0.9
+    reached = found.q[found.converged]
+    assert_allclose(robot.forward_kinematics(reached), T[found.converged, 0], atol=1e-9)
+    left = inverse_kinematics.twist_left(robot.forward_kinematics(reached, elbow), T[found.converged, 1], (0,))
+    assert np.abs(left).max() <= 2e-10
+    T[:, 1, 2, 3] += 5.0
+    far = robot.inverse_kinematics(T, (hand, elbow), restarts=1)
+    assert not far.converged.any()
+    assert (far.distance > 1.0).all()
+
+
+def test_frames_that_are_none_are_named(bundled):
+    robot = bundled("ur5")
+    two = np.stack([np.eye(4)] * 2)
+    for frame, rows, T, word in (
+        (["tool0", "tool0"], None, two, "twice"),
+        ([], None, two, "several"),
+        (["tool0", 3], None, two, "several"),
+        (["tool0", "nowhere"], None, two, "nowhere"),
+        (["tool0", "wrist_1_link"], None, np.eye(4), "T"),
+        (["tool0", "wrist_1_link"], {"elbow": "vx"}, two, "keys"),
+        (["tool0", "wrist_1_link"], None, two * 2, "pose"),
+    ):
+        with pytest.raises(tw.TwistWrenchError, match=word):
+            robot.inverse_kinematics(T, frame, rows=rows)
+
+
 # ── branches ──
 
 

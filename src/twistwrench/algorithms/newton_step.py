@@ -38,14 +38,13 @@ _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 @dataclass(frozen=True, eq=False)
 class NewtonStep:
-    """The steps of one frame of one robot towards poses, or towards some rows of them."""
+    """The steps of frames of one robot towards poses, or towards some rows of them."""
 
     model: Model
-    frame: str
-    rows: tuple[int, ...]
-    """Of the twist, 0 to 5."""
+    frames: tuple[tuple[str, tuple[int, ...]], ...]
+    """Each with the rows of its twist, 0 to 5."""
     scale: Array
-    """What an entry of each row counts."""
+    """What an entry of each row counts, frame by frame."""
     low: Array
     """(nv,) least coordinates of joints of one degree of freedom; -inf of all others."""
     high: Array
@@ -54,6 +53,11 @@ class NewtonStep:
     """(nv,) the coordinate of each such joint; -1 of all others."""
     rounds: int = 3
     """In how many rounds the joints are found that their limits hold; with 1, what meets a limit goes no further."""
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Of the twists of all frames."""
+        return tuple(row for _, rows in self.frames for row in rows)
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -68,16 +72,17 @@ class NewtonStep:
     def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
         """The next q, and what is passed on to the next step, of :attr:`sizes`.
 
-        Passed on: the best q so far; whether it is there (-1 if T_d is no pose), and its |V|; the twist it leaves; which
-        joints were held; steps that got no nearer, and 1 while it goes on. ``angles`` are q once more. ``given``: T_d, and
-        what may be left, the squares of rad and m.
+        Passed on: the best q so far; whether it is there (-1 if a T_d is no pose), and its |V|; the twist it leaves; which
+        joints were held; steps that got no nearer, and 1 while it goes on. ``angles`` are q once more. ``given``: the
+        poses T_d, and what may be left, the squares of rad and m.
         """
         best, (arrived, cost), least, held, (idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
-        e = self.left(forward_kinematics(self.model, angles, self.frame), given[:12])  # (1)
+        targets, allowed = np.split(given, [16 * len(self.frames)])
+        e = self.left(angles, targets.reshape(-1, 4, 4))  # (1)
         V = self.scale * e
         now = np.sqrt(V @ V)
-        there = self.there(e, given[16:])
-        odd = 1.0 - self.is_pose(given[:16])
+        there = self.there(e, allowed)
+        odd = 1.0 - self.are_poses(targets.reshape(-1, 4, 4))
         nearer = runs * (there + (1.0 - there) * _positive(cost - now))
         idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
         dq, held_now, some = self.step(angles, q, V)
@@ -89,19 +94,25 @@ class NewtonStep:
         moved = integration.moved(self.model, q, goes * dq, angles)
         return self.inside(moved), np.concatenate([*parts, np.array([idle, goes])])  # (3)
 
-    def is_pose(self, T: Array) -> Any:
-        """1 where T (16,) is surely a pose."""
-        M = np.reshape(T, (4, 4))
-        off = np.array([*gaps(M[:3, :3].tolist()), *(M[3] - np.array([0.0, 0.0, 0.0, 1.0]))])
-        return 1.0 - _positive(off @ off - _POSE * _POSE)
+    def are_poses(self, targets: Array) -> Any:
+        """1 where all targets (k, 4, 4) are surely poses."""
+        fine: Any = 1.0
+        for M in targets:
+            off = np.array([*gaps(M[:3, :3].tolist()), *(M[3] - np.array([0.0, 0.0, 0.0, 1.0]))])
+            fine = fine * (1.0 - _positive(off @ off - _POSE * _POSE))
+        return fine
 
-    def left(self, T: Array, target: Array) -> Array:
-        """The body twist V of (1); of some rows, turning and moving each by itself."""
-        last = np.array([0.0, 0.0, 0.0, 1.0])
-        between = se3.inverse(T) @ np.concatenate([np.reshape(target, (3, 4)), last[None]])
-        if len(self.rows) == 6:
-            return pose_log(between)[0]
-        return np.concatenate([rotation_log(between[:3, :3])[0], between[:3, 3]])[list(self.rows)]
+    def left(self, angles: Array, targets: Array) -> Array:
+        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself."""
+        parts = []
+        for (frame, rows), T_d in zip(self.frames, targets, strict=True):
+            T, last = forward_kinematics(self.model, angles, frame), np.array([[0.0, 0.0, 0.0, 1.0]])
+            between = se3.inverse(T) @ np.concatenate([T_d[:3], last])
+            if len(rows) == 6:
+                parts.append(pose_log(between)[0])
+            else:
+                parts.append(np.concatenate([rotation_log(between[:3, :3])[0], between[:3, 3]])[list(rows)])
+        return np.concatenate(parts)
 
     def there(self, e: Array, allowed: Array) -> Any:
         """1 where what is left is allowed."""
@@ -114,7 +125,8 @@ class NewtonStep:
 
     def step(self, angles: Array, q: Array, V: Array) -> tuple[Array, Array, Any]:
         """dq of (2) without the joints whose limits hold them; which these are; 1 where there are some."""
-        J = self.scale[:, None] * jacobian(self.model, angles, self.frame)[list(self.rows)]
+        each = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
+        J = self.scale[:, None] * np.concatenate(each)
         damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(self.rows))
         bounds = self.at_limits(q)
         dq = _damped(J, damping, V)

@@ -9,7 +9,7 @@ All is computed in float64; float32 poses and starts give float32 results, round
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +23,8 @@ from ..lie import se3, so3
 from ..model.configuration import random_configuration
 from ..program.search import PLACES
 from ..typing import Array
-from .pose_search import PoseSearch, SinglePose
-from .reached_poses import Asked, InverseKinematics
+from .pose_search import Frames, PoseSearch, SinglePose
+from .reached_poses import InverseKinematics, Searched
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -38,9 +38,9 @@ MOST_WAYS = 16
 def solve(
     robot: Robot,
     T: ArrayLike,
-    frame: str | None,
+    frame: str | Sequence[str] | None,
     q0: ArrayLike | None,
-    rows: Rows,
+    rows: Rows | Mapping[str, Rows],
     restarts: int,
     rng: np.random.Generator | int | None,
     angle: float,
@@ -48,13 +48,15 @@ def solve(
 ) -> InverseKinematics:
     """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`."""
     often, key = robot.engine.single_poses, None
-    if type(rng) is int and type(restarts) is int and type(angle) is float and (rows is None or type(rows) is str):
+    plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str)
+    if plain and type(rng) is int and type(restarts) is int and type(angle) is float:
         key = frame, rows, restarts, rng, angle, distance
         if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:
             return InverseKinematics(found[0], found[1], way[1])
-    target = arguments.real(T, "inverse_kinematics: T", 4, 4)
     asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance)
-    shape, kind, start = target.shape[:-2], target.dtype, robot.neutral
+    core = search.core
+    target = arguments.real(T, "inverse_kinematics: T", *core)
+    shape, kind, start = target.shape[: -len(core)], target.dtype, robot.neutral
     if q0 is not None:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
         kind = np.result_type(kind, start)
@@ -66,11 +68,11 @@ def solve(
                 f"inverse_kinematics: T {target.shape} and q0 {start.shape} do not broadcast over their leading axes."
             ) from None
     start = np.broadcast_to(start, (*shape, robot.nq)).reshape(-1, robot.nq)
-    poses = np.broadcast_to(_rigid(target) if target.dtype != float else target, (*shape, 4, 4)).reshape(-1, 4, 4)
+    poses = np.broadcast_to(_rigid(target) if target.dtype != float else target, (*shape, *core)).reshape(-1, *core)
     q, said = search.best(poses, start, *given)
     odd = ~(said[:, 1] >= 0.0)
     if odd.any():  # no poses, or not to the last digit
-        q[odd], said[odd] = search.best(_rigid(target, (*shape, 4, 4)).reshape(-1, 4, 4)[odd], start[odd], *given)
+        q[odd], said[odd] = search.best(_rigid(target, (*shape, *core)).reshape(-1, *core)[odd], start[odd], *given)
         lost = ~np.isfinite(said[:, 1])
         q[lost], said[lost] = np.nan, np.nan
         said[lost, 0] = 0.0
@@ -85,15 +87,15 @@ def solve(
 
 def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array, Array], Array | None]:
     """What finds the configuration near one q at which a frame has one pose, in a few steps that meet no limit, or None."""
-    alone = SinglePose(_search(robot, frame, tuple(range(6))), 0, _drawn(0), (left, left))
+    alone = SinglePose(_search(robot, _frames(robot, frame, None)), 0, _drawn(0), (left, left))
     return alone.near_by
 
 
 def _looked_at(
-    robot: Robot, frame: str | None, rows: Rows, restarts: Any, rng: Any, angle: Any, distance: Any
-) -> tuple[Asked, PoseSearch, tuple[int, int, tuple[float, float]]]:
+    robot: Robot, frame: Any, rows: Any, restarts: Any, rng: Any, angle: Any, distance: Any
+) -> tuple[Searched, PoseSearch, tuple[int, int, tuple[float, float]]]:
     """The options, checked: what is asked, who looks for it, and how often, the seed, and what may be left."""
-    chosen = row_numbers(rows)
+    frames = _frames(robot, frame, rows)
     try:
         again, seed = operator.index(restarts), _seed(rng)
     except (TypeError, ValueError):
@@ -107,9 +109,13 @@ def _looked_at(
         raise ValueRangeError(
             f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints."
         )
-    search = _search(robot, frame, chosen)
+    search = _search(robot, frames)
     most = allowed[0], allowed[1] * max(1.0, search.length)
-    return Asked(robot.model.velocity_names, chosen), search, (again, seed, most)
+    return (
+        Searched(robot.model.velocity_names, tuple(k for _, mine in frames for k in mine)),
+        search,
+        (again, seed, most),
+    )
 
 
 def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
@@ -130,19 +136,35 @@ def _drawn(seed: int) -> int:
     return int(np.random.default_rng(seed).integers(2**63))
 
 
-def _search(robot: Robot, frame: str | None, chosen: tuple[int, ...]) -> PoseSearch:
-    """Made once for each frame and rows of a robot."""
-    robot.model.frame(frame)
-    name = robot.model.tip if frame is None else frame
+def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
+    """The frames by name, each with its rows."""
+    several = frame is not None and not isinstance(frame, str)
+    given = list(frame) if several else [frame]
+    if not given or not all(name is None or isinstance(name, str) for name in given) or (several and None in given):
+        raise ValueRangeError(f"frame={frame!r}: give the name of a link, or several, one for each pose.")
+    if len(set(given)) < len(given):
+        raise ValueRangeError(f"frame={frame!r}: a frame is there twice.")
+    if isinstance(rows, Mapping) and not {*rows} <= {*given}:
+        raise ValueRangeError(f"rows={rows!r}: its keys are to be frames that were asked for, {given!r}.")
+    found = []
+    for name in given:
+        robot.model.frame(name)
+        mine = row_numbers(rows.get(name) if isinstance(rows, Mapping) else rows)
+        found.append((str(robot.model.tip if name is None else name), mine))
+    return tuple(found)
+
+
+def _search(robot: Robot, frames: Frames) -> PoseSearch:
+    """Made once for each frames and rows of a robot."""
 
     def made() -> PoseSearch:
         some = random_configuration(robot.model, np.random.default_rng(0), (8,))
-        J = np.array([robot.engine.reference("jacobian", (q,), {"frame": name}) for q in some])
-        farthest = float(np.linalg.norm(J[:, 3:], axis=1).max(initial=0.0))
-        poses = robot.engine.kernel(("forward_kinematics",), {"frame": name})
-        return PoseSearch(robot.model, str(name), chosen, farthest, poses)
+        J = np.array([[robot.engine.reference("jacobian", (q,), {"frame": name}) for q in some] for name, _ in frames])
+        farthest = float(np.linalg.norm(J[..., 3:, :], axis=-2).max(initial=0.0))
+        poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
+        return PoseSearch(robot.model, frames, farthest, poses)
 
-    found: PoseSearch = robot.engine.kept(("inverse kinematics", name, chosen), made)
+    found: PoseSearch = robot.engine.kept(("inverse kinematics", frames), made)
     return found
 
 

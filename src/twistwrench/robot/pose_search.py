@@ -1,4 +1,4 @@
-"""The search for configurations at which one frame of one robot has given poses: its kernel, and where it starts again."""
+"""The search for configurations at which frames of one robot have given poses: its kernel, and where it starts again."""
 
 from __future__ import annotations
 
@@ -26,20 +26,24 @@ FIRST_LOOK = 8
 """Steps that a single pose is looked for in one lane, before all lanes look for it from several starts at once."""
 AT_ONCE = 1 << 18
 """Starts that one call of the kernel may make: Ctrl-C is heard between two."""
+Frames = tuple[tuple[str, tuple[int, ...]], ...]
+"""Names, each with rows of the frame's twist."""
 _HAIR = 1e-9
 """What is there in squares is there by more than rounding."""
 
 
 class PoseSearch:
-    """What looks for one frame of one robot, and one set of rows."""
+    """What looks for some frames of one robot, each by some rows."""
 
-    def __init__(self, model: Model, frame: str, chosen: tuple[int, ...], farthest: float, poses: Any) -> None:
-        """``farthest``: what the frame moves per radian of the joint it is farthest from [m]; ``poses``: gives those of q."""
-        self.model, self.chosen, self.poses = model, chosen, poses
+    def __init__(self, model: Model, frames: Frames, farthest: float, poses: tuple[Any, ...]) -> None:
+        """``farthest``: what a frame moves per radian of the joint it is farthest from [m]; ``poses``: give those of q."""
+        self.model, self.poses = model, poses
+        self.core = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)
+        """The shape of what is looked for."""
         self._places: dict[int, _Places] = {}
         self.length = farthest if farthest > 0 else 1.0
         """m that count as much as a radian."""
-        scale = np.array([1.0 if k < 3 else 1.0 / self.length for k in chosen])
+        scale = np.array([1.0 if k < 3 else 1.0 / self.length for _, rows in frames for k in rows])
         one = [b for b in model.leaders if b.joint.nv == 1]
         self.q_of, v_of = (np.array([getattr(b, name) for b in one], int) for name in ("q_index", "v_index"))
         self.low, self.high = model.limits.lower[v_of], model.limits.upper[v_of]
@@ -48,19 +52,23 @@ class PoseSearch:
         coordinates = np.full(model.nv, -1)
         coordinates[v_of] = self.q_of
         low, high = limits[:2, : model.nv]
-        self._step = NewtonStep(model, frame, chosen, scale, low, high, tuple(coordinates.tolist()))
+        self._step = NewtonStep(model, frames, scale, low, high, tuple(coordinates.tolist()))
         self._bounds: list[list[float]] = limits[2:, : model.nq].tolist()
         search = self._search(self._step)
         self.said = search.said.size
-        self.kernel = compiled(search, "inverse_kinematics", f"Search of {model.name} for poses of {frame}, compiled.")
-        turning, moving = any(k < 3 for k in chosen), any(k >= 3 for k in chosen)
-        self.weights = np.where(np.arange(12) % 4 < 3, float(turning), moving / self.length**2)
+        self.kernel = compiled(search, "inverse_kinematics", f"Search of {model.name} for poses, compiled.")
+        weights = []
+        for _, rows in frames:
+            turning, moving = any(k < 3 for k in rows), any(k >= 3 for k in rows)
+            weights.append(np.where(np.arange(12) % 4 < 3, float(turning), moving / self.length**2))
+        self.weights = np.concatenate(weights)
 
     def _search(self, step: NewtonStep) -> Search:
-        nq, (least, most) = self.model.nq, self._bounds
-        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (18,))]
+        nq, count, (least, most) = self.model.nq, len(self.poses), self._bounds
+        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (16 * count + 2,))]
         program = trace(step, ports, ["q", "passed on"])
-        return Search(program, Port("T", (4, 4)), tuple(range(12)), step.begins, (*least,), (*most,))
+        near = tuple(16 * k + entry for k in range(count) for entry in range(12))
+        return Search(program, Port("T", self.core), near, step.begins, (*least,), (*most,))
 
     @cached_property
     def look(self) -> Any:
@@ -91,10 +99,10 @@ class PoseSearch:
     def best(
         self, T: Array, start: Array, restarts: int, seed: int, allowed: tuple[float, float]
     ) -> tuple[Array, Array]:
-        """The best of all starts (n, nq), the first at ``start``, and what is said of it (n, said); T (n, 4, 4)."""
+        """The best of all starts (n, nq), the first at ``start``, and what is said of it (n, said); T (n, *core)."""
         settings = self.settings(allowed, min(restarts, PLACES))
         if seed not in self._places:  # places take longer to make than most poses to find
-            none = np.zeros((PLACES, self.model.nq)), np.zeros((12, PLACES))
+            none = np.zeros((PLACES, self.model.nq)), np.zeros((len(self.weights), PLACES))
             q, said = self.some(T, start, none, self.settings(allowed, 0))
             rows = np.flatnonzero(said[:, 1] == 0.0)
             if not restarts or not len(rows):
@@ -146,13 +154,14 @@ class _Places:
         return self._firsts[number]
 
     def table(self, number: int) -> tuple[Array, Array]:
-        """Configurations (PLACES, nq), and the rows of their poses (12, PLACES)."""
+        """Configurations (PLACES, nq), and the rows of their poses (12 for each frame, PLACES)."""
         while len(self._tables) <= number:
             more = bool(self._tables)
             some = self.search.inside(random_configuration(self.search.model, self.rng, (PLACES + more,)))
             q = np.ascontiguousarray(some[more:])
             self._firsts.append(some[0])
-            self._tables.append((q, np.ascontiguousarray(self.search.poses(q)[:, :3].reshape(PLACES, 12).T)))
+            reached = [poses(q)[:, :3].reshape(PLACES, 12).T for poses in self.search.poses]
+            self._tables.append((q, np.ascontiguousarray(np.concatenate(reached))))
         return self._tables[number]
 
 

@@ -10,7 +10,7 @@ from ..typing import Array
 
 
 @dataclass(frozen=True)
-class Asked:
+class Searched:
     """What was looked for: all that results have in common."""
 
     joint_names: tuple[str, ...]
@@ -28,7 +28,7 @@ class InverseKinematics:
     """(..., nq): the best configuration found, inside the limits; nan where the pose is."""
 
     _said: Array
-    _asked: Asked
+    _asked: Searched
 
     @property
     def converged(self) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .closed_robot import ClosedRobot
     from .cuda_robot import CudaRobot
     from .explanation import Explanation
-    from .inverse_kinematics import InverseKinematics
+    from .reached_poses import InverseKinematics
 
 Law = Callable[[float, Array, Array], Any]
 """A function of (t, q, dq)."""
@@ -48,10 +48,10 @@ class Shortcuts:
     def inverse_kinematics(
         self: Any,
         T: ArrayLike,
-        frame: str | None = None,
+        frame: str | Sequence[str] | None = None,
         q0: ArrayLike | None = None,
         *,
-        rows: Rows = None,
+        rows: Rows | Mapping[str, Rows] = None,
         restarts: int = 30,
         rng: np.random.Generator | int | None = 0,
         angle: float = 1e-10,
@@ -61,10 +61,11 @@ class Shortcuts:
 
         Parameters
         ----------
-        T : (4, 4) array_like, wanted pose in the base frame [m]
-        frame : str, optional, a link of the robot; its tip if None
+        T : (4, 4) array_like, wanted pose in the base frame [m]; (k, 4, 4) of k frames at once
+        frame : str, optional, a link of the robot; its tip if None; a sequence of k names for k frames at once
         q0 : (nq,) array_like, optional, where the search starts; None: neutral
-        rows : str or iterable, optional, rows of the twist that count; ``"vx vy vz"`` asks for the position only
+        rows : str or iterable, optional, rows of the twist that count; ``"vx vy vz"`` asks for the position only;
+            a mapping of frames to rows where frames differ
         restarts : int, random starts where the first fails
         rng : numpy Generator or seed, for the random starts
         angle : float, tolerance [rad]
@@ -86,7 +87,8 @@ class Shortcuts:
 
         Notes
         -----
-        Newton's method, damped, MR section 6.2. Any batch of T and q0.
+        Newton's method, damped, MR section 6.2. Any batch of T and q0. What is left of several frames is the root of the sum
+        of squares.
 
         Examples
         --------
