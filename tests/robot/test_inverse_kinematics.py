@@ -475,6 +475,40 @@ def test_frames_that_are_none_are_named(bundled):
             robot.inverse_kinematics(T, frame, rows=rows)
 
 
+# ── the nearest ──
+
+
+def test_the_nearest_configuration_has_no_way_left_to_where_it_started(bundled):
+    """Lagrange: of those that have the pose, one is nearest where the way to q0 is a sum of rows of J, limits apart."""
+    robot = bundled("panda")
+    q, q0 = robot.random_configuration(0, (2, 40))
+    T = robot.forward_kinematics(q)
+    usual, found = robot.inverse_kinematics(T, q0=q0), robot.inverse_kinematics(T, q0=q0, nearest=True)
+    assert found.converged.all()
+    assert_allclose(robot.forward_kinematics(found.q), T, atol=3e-10)
+    assert (np.linalg.norm(found.q - q0, axis=1) <= np.linalg.norm(usual.q - q0, axis=1)).all()
+    inside = (found.q > robot.limits.lower + 1e-6) & (found.q < robot.limits.upper - 1e-6)
+    still = 0
+    for k in range(40):
+        F, z = robot.jacobian(found.q[k]) * inside[k], (q0[k] - found.q[k]) * inside[k]
+        still += np.linalg.norm(z - np.linalg.pinv(F, rcond=1e-9) @ (F @ z)) < 1e-6
+    assert still >= 36  # the others slide along limits, which they may leave again
+    np.testing.assert_array_equal(robot.inverse_kinematics(T[3], q0=q0[3], nearest=True).q, found.q[3])
+
+
+def test_the_nearest_to_a_configuration_that_has_the_pose_is_itself(bundled):
+    for name, frame in (("panda", None), ("ur5", None), ("quadruped", "FL_foot")):
+        robot = bundled(name)
+        q = robot.random_configuration(2, 3)
+        T = robot.forward_kinematics(q, frame)
+        T[1, 0, 3] = np.nan
+        found = robot.inverse_kinematics(T, frame, q, nearest=True)
+        assert found.converged.tolist() == [True, False, True]
+        assert np.isnan(found.q[1]).all()
+        assert_allclose(found.q[::2], q[::2], atol=1e-9)
+        assert found.starts.tolist() == [1, 0, 1]
+
+
 # ── branches ──
 
 

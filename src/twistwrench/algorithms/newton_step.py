@@ -3,6 +3,9 @@
     (1)  T(q) exp([V]) = T_d                                MR section 6.2.2
     (2)  dq = F' (F F' + λ 1)⁻¹ V,   λ = |V|²/2             Sugihara, IEEE T-RO 27(5), 2011
     (3)  q ← q ⊕ dq, inside the limits
+    (4)  dq = z + F' (F F' + λ 1)⁻¹ (V - F z)               Siciliano et al., Robotics (2009), eq. 3.54
+
+(4) takes the place of (2) where z, the way to a posture, is to be gone as far as the poses let.
 
 V is scaled so that a metre counts as much as a radian moves the frame; F are the columns of the Jacobian, likewise scaled, of
 the joints that their limits do not hold back. What is there, or gets no nearer, stays where it is.
@@ -33,6 +36,10 @@ FAR = 1e300
 """What is left before anything was looked at."""
 _POSE = 2e-7
 """How far a matrix may be from a pose to be surely one; :mod:`..core.arguments` allows five times as much, and more."""
+_LONGEST_WAY, _STILL = 0.2, 1e-7
+"""rad or m: how far to go towards a posture in a step, and of a step that is none."""
+_HESITATION, _SHORTER = 0.25, 0.9
+"""By how much the way to a posture is divided more, after a step that is longer than this part of the one before."""
 _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 
@@ -51,6 +58,8 @@ class NewtonStep:
     """(nv,) largest ones."""
     coordinates: tuple[int, ...]
     """(nv,) the coordinate of each such joint; -1 of all others."""
+    posture: bool = False
+    """Whether to come as near to a posture as the poses let, which is given behind them."""
     rounds: int = 3
     """In how many rounds the joints are found that their limits hold; with 1, what meets a limit goes no further."""
 
@@ -74,19 +83,27 @@ class NewtonStep:
 
         Passed on: the best q so far; whether it is there (-1 if a T_d is no pose), and its |V|; the twist it leaves; which
         joints were held; steps that got no nearer, and 1 while it goes on. ``angles`` are q once more. ``given``: the
-        poses T_d, and what may be left, the squares of rad and m.
+        poses T_d, the posture if there is one, and what may be left, the squares of rad and m.
         """
         best, (arrived, cost), least, held, (idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
-        targets, allowed = np.split(given, [16 * len(self.frames)])
+        poses = 16 * len(self.frames)
+        targets, wanted, allowed = np.split(given, [poses, len(given) - 2])
         e = self.left(angles, targets.reshape(-1, 4, 4))  # (1)
         V = self.scale * e
-        now = np.sqrt(V @ V)
+        dq, held_now, some = self.step(angles, q, V, wanted, 1.0 + idle)
         there = self.there(e, allowed)
         odd = 1.0 - self.are_poses(targets.reshape(-1, 4, 4))
-        nearer = runs * (there + (1.0 - there) * _positive(cost - now))
-        idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
-        dq, held_now, some = self.step(angles, q, V)
-        goes = runs * (1.0 - there) * (1.0 - odd) * _positive(PATIENCE - idle)
+        now = np.sqrt(V @ V)
+        if self.posture:  # as many steps as there are, the last is the best, and shorter ones where they get no shorter
+            there = there * (1.0 - _positive(dq @ dq - _STILL * _STILL))
+            now = np.sqrt(dq @ dq) * (1.0 + idle)
+            nearer, idle = runs, idle + _HESITATION * _positive(now - _SHORTER * cost)
+        else:
+            nearer = runs * (there + (1.0 - there) * _positive(cost - now))
+            idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
+        goes = runs * (1.0 - there) * (1.0 - odd)
+        if not self.posture:
+            goes = goes * _positive(PATIENCE - idle)
         if self.rounds == 1:
             goes = goes * (1.0 - some)
         said = np.array([_either(odd, -1.0, _either(nearer, there, arrived)), _either(nearer, now, cost)])
@@ -123,24 +140,22 @@ class NewtonStep:
                 fine = fine * (1.0 - _positive(part @ part - most))
         return fine
 
-    def step(self, angles: Array, q: Array, V: Array) -> tuple[Array, Array, Any]:
-        """dq of (2) without the joints whose limits hold them; which these are; 1 where there are some."""
+    def step(self, angles: Array, q: Array, V: Array, wanted: Array, slower: Any) -> tuple[Array, Array, Any]:
+        """dq of (2), or of (4) with a part of z, without the joints whose limits hold them; which these are; 1 where there are some."""
         each = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
         J = self.scale[:, None] * np.concatenate(each)
         damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(self.rows))
         bounds = self.at_limits(q)
-        dq = _damped(J, damping, V)
+        z = integration.subtract(self.model, wanted, q) / slower if self.posture else None
+        dq = _damped(J, damping, V, z)
         out = _leaving(dq, *bounds)
         free, some = 1.0 - out, 1.0 - np.prod(1.0 - out)
         for number in range(1, self.rounds):
-            rest = _damped(J * free, damping, V)
+            rest = _damped(J * free, damping, V, None if z is None else z * free)
             free = free * (1.0 - _leaving(rest, *bounds))
             if number == self.rounds - 1:
                 dq = np.array([_either(some, a, b) for a, b in zip(rest, dq, strict=True)])
-        longest: Any = _LONGEST_STEP
-        for x in dq:
-            longest = abs(x).clip(longest, np.inf) if hasattr(x, "clip") else max(abs(x), longest)
-        return dq * (_LONGEST_STEP / longest), 1.0 - free, some
+        return _shortened(dq, _LONGEST_WAY if self.posture else _LONGEST_STEP), 1.0 - free, some
 
     def at_limits(self, q: Array) -> tuple[Array, Array]:
         """1 for each joint at its lower limit, and for each at its upper one."""
@@ -161,10 +176,21 @@ class NewtonStep:
         return found
 
 
-def _damped(F: Array, damping: Array, V: Array) -> Array:
-    """dq of (2)."""
-    found: Array = F.T @ solved(*factored(F @ F.T + damping), V)
-    return found
+def _damped(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
+    """dq of (2), or of (4)."""
+    factors = factored(F @ F.T + damping)
+    if z is None:
+        found: Array = F.T @ solved(*factors, V)
+        return found
+    return z + F.T @ solved(*factors, V - F @ z)
+
+
+def _shortened(dq: Array, most: float) -> Array:
+    """dq with no entry larger than ``most``."""
+    longest: Any = most
+    for x in dq:
+        longest = abs(x).clip(longest, np.inf) if hasattr(x, "clip") else max(abs(x), longest)
+    return dq * (most / longest)
 
 
 def _leaving(dq: Array, low: Array, high: Array) -> Array:

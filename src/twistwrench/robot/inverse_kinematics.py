@@ -45,10 +45,11 @@ def solve(
     rng: np.random.Generator | int | None,
     angle: float,
     distance: float,
+    nearest: bool,
 ) -> InverseKinematics:
     """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`."""
     often, key = robot.engine.single_poses, None
-    plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str)
+    plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
     if plain and type(rng) is int and type(restarts) is int and type(angle) is float:
         key = frame, rows, restarts, rng, angle, distance
         if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:
@@ -81,6 +82,8 @@ def solve(
             often.clear()
         alone = SinglePose(search, *given) if key in often else None  # from the second time on
         often[key] = (alone, asked) if alone is not None and alone.call is not None else None
+    if nearest:
+        q, said = search.nearest(_rigid(poses), start, (q, said), given[2])
     q = search.rounded(q.reshape(*shape, robot.nq), kind)
     return InverseKinematics(q, said.reshape(*shape, -1), asked)
 
@@ -162,7 +165,7 @@ def _search(robot: Robot, frames: Frames) -> PoseSearch:
         J = np.array([[robot.engine.reference("jacobian", (q,), {"frame": name}) for q in some] for name, _ in frames])
         farthest = float(np.linalg.norm(J[..., 3:, :], axis=-2).max(initial=0.0))
         poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
-        return PoseSearch(robot.model, frames, farthest, poses)
+        return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}))
 
     found: PoseSearch = robot.engine.kept(("inverse kinematics", frames), made)
     return found

@@ -22,6 +22,8 @@ from .engine import compiled
 
 STEPS = 60
 """The most steps from one start."""
+POSTURE_STEPS = 240
+"""The most steps towards a posture."""
 FIRST_LOOK = 8
 """Steps that a single pose is looked for in one lane, before all lanes look for it from several starts at once."""
 AT_ONCE = 1 << 18
@@ -35,9 +37,12 @@ _HAIR = 1e-9
 class PoseSearch:
     """What looks for some frames of one robot, each by some rows."""
 
-    def __init__(self, model: Model, frames: Frames, farthest: float, poses: tuple[Any, ...]) -> None:
-        """``farthest``: what a frame moves per radian of the joint it is farthest from [m]; ``poses``: give those of q."""
-        self.model, self.poses = model, poses
+    def __init__(self, model: Model, frames: Frames, farthest: float, poses: tuple[Any, ...], apart: Any) -> None:
+        """``farthest``: what a frame moves per radian of the joint it is farthest from [m]; the rest are kernels.
+
+        ``poses`` give those of q, ``apart`` the twists of joints from one q to another.
+        """
+        self.model, self.poses, self.apart = model, poses, apart
         self.core = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)
         """The shape of what is looked for."""
         self._places: dict[int, _Places] = {}
@@ -65,16 +70,23 @@ class PoseSearch:
 
     def _search(self, step: NewtonStep) -> Search:
         nq, count, (least, most) = self.model.nq, len(self.poses), self._bounds
-        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (16 * count + 2,))]
+        target = Port("T and posture", (16 * count + nq,)) if step.posture else Port("T", self.core)
+        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (target.size + 2,))]
         program = trace(step, ports, ["q", "passed on"])
         near = tuple(16 * k + entry for k in range(count) for entry in range(12))
-        return Search(program, Port("T", self.core), near, step.begins, (*least,), (*most,))
+        return Search(program, target, near, step.begins, (*least,), (*most,))
 
     @cached_property
     def look(self) -> Any:
         """A kernel for one pose that gives up where a joint meets a limit; else it finds what the other one finds."""
         doc = f"Look of {self.model.name} for one pose near by, compiled."
         return compiled(self._search(replace(self._step, rounds=1)), "look", doc, lone=True)
+
+    @cached_property
+    def to_posture(self) -> Any:
+        """A kernel that goes on from where poses are, as near to a posture as they let."""
+        doc = f"Search of {self.model.name} for postures, compiled."
+        return compiled(self._search(replace(self._step, posture=True)), "posture", doc)
 
     def settings(self, allowed: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
         """What the kernel is told beside poses and starts."""
@@ -102,8 +114,7 @@ class PoseSearch:
         """The best of all starts (n, nq), the first at ``start``, and what is said of it (n, said); T (n, *core)."""
         settings = self.settings(allowed, min(restarts, PLACES))
         if seed not in self._places:  # places take longer to make than most poses to find
-            none = np.zeros((PLACES, self.model.nq)), np.zeros((len(self.weights), PLACES))
-            q, said = self.some(T, start, none, self.settings(allowed, 0))
+            q, said = self.some(T, start, self._no_places, self.settings(allowed, 0))
             rows = np.flatnonzero(said[:, 1] == 0.0)
             if not restarts or not len(rows):
                 return q, said
@@ -124,14 +135,37 @@ class PoseSearch:
             q[rows[better]], said[rows[better]] = other[better], of_it[better]
         return q, said
 
-    def some(self, T: Array, start: Array, table: tuple[Array, Array], settings: Array) -> tuple[Array, Array]:
-        """The kernel on so many poses, in parts."""
+    def nearest(
+        self, T: Array, posture: Array, found: tuple[Array, Array], allowed: tuple[float, float]
+    ) -> tuple[Array, Array]:
+        """What was found, moved towards postures (n, nq) while the frames stay, until no way is left, or no step."""
+        q, said = found
+        rows = np.flatnonzero(said[:, 1] > 0.0)
+        none, settings = self._no_places, self.settings(allowed, 0, POSTURE_STEPS)
+        target = np.concatenate([T[rows].reshape(len(rows), 16 * len(self.poses)), posture[rows]], axis=1)
+        moved, _ = self.some(target, q[rows], none, settings, self.to_posture)
+        moved, of_it = self.some(T[rows], moved, none, settings)  # to all digits
+        before, after = (np.linalg.norm(self.apart(posture[rows], x), axis=1) for x in (q[rows], moved))
+        better = (of_it[:, 1] > 0.0) & (after < before)
+        of_it[:, 0] = said[rows, 0]
+        q[rows[better]], said[rows[better]] = moved[better], of_it[better]
+        return q, said
+
+    def some(
+        self, T: Array, start: Array, table: tuple[Array, Array], settings: Array, kernel: Any = None
+    ) -> tuple[Array, Array]:
+        """The kernel, or another, on so many poses, in parts."""
         q, said = np.empty((len(T), self.model.nq)), np.empty((len(T), self.said))
         each = max(64, int(AT_ONCE / (1.0 + settings[1])))
         parts = (slice(k, k + each) for k in range(0, len(T), each))
         with np.errstate(all="ignore"):  # next to a singular place a step may go far; the best of the way counts
-            threads.share(self.kernel, (Part((T[k], start[k], settings, *table), (q[k], said[k])) for k in parts))
+            given = (Part((T[k], start[k], settings, *table), (q[k], said[k])) for k in parts)
+            threads.share(kernel or self.kernel, given)
         return q, said
+
+    @property
+    def _no_places(self) -> tuple[Array, Array]:
+        return np.zeros((PLACES, self.model.nq)), np.zeros((len(self.weights), PLACES))
 
     def places(self, seed: int) -> _Places:
         """Where to start again; those of the last seed are kept."""

@@ -56,6 +56,7 @@ class Shortcuts:
         rng: np.random.Generator | int | None = 0,
         angle: float = 1e-10,
         distance: float = 1e-10,
+        nearest: bool = False,
     ) -> InverseKinematics:
         """Inverse kinematics: configurations, inside the joints' limits, at which a frame has the pose T.
 
@@ -70,6 +71,7 @@ class Shortcuts:
         rng : numpy Generator or seed, for the random starts
         angle : float, tolerance [rad]
         distance : float, tolerance [m]
+        nearest : bool, whether what the poses leave free is used to come as near to ``q0`` as they let
 
         Returns
         -------
@@ -88,7 +90,8 @@ class Shortcuts:
         Notes
         -----
         Newton's method, damped, MR section 6.2. Any batch of T and q0. What is left of several frames is the root of the sum
-        of squares.
+        of squares. ``nearest`` goes on from what was found, by Newton steps in the poses' null space, 240 at most: what it
+        reaches is the nearest on the way, not on other branches (Siciliano et al., Robotics, section 3.5.1).
 
         Examples
         --------
@@ -98,7 +101,7 @@ class Shortcuts:
         >>> bool(found.converged), found.q.shape
         (True, (6,))
         """
-        return _inverse_kinematics()(self, T, frame, q0, rows, restarts, rng, angle, distance)
+        return _inverse_kinematics()(self, T, frame, q0, rows, restarts, rng, angle, distance, nearest)
 
     def inverse_kinematics_branches(
         self: Any,
