@@ -525,6 +525,7 @@ def test_an_arm_with_a_spherical_wrist_or_parallel_axes_has_up_to_eight_branches
         assert_allclose(robot.forward_kinematics(found.q), np.broadcast_to(T, (len(found.q), 4, 4)), atol=3e-10)
         assert (robot.limits.lower <= found.q).all()
         assert (found.q <= robot.limits.upper).all()
+        assert np.abs(found.q).max() <= np.pi + 1e-9  # the limits are two turns apart
         turned = np.abs(np.exp(1j * found.q) - np.exp(1j * q)).max(axis=1)
         assert (turned < 1e-6).sum() == 1
         apart = np.abs(np.exp(1j * found.q[:, None]) - np.exp(1j * found.q)).max(axis=-1)

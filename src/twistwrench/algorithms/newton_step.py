@@ -141,7 +141,7 @@ class NewtonStep:
         return fine
 
     def step(self, angles: Array, q: Array, V: Array, wanted: Array, slower: Any) -> tuple[Array, Array, Any]:
-        """dq of (2), or of (4) with a part of z, without the joints whose limits hold them; which these are; 1 where there are some."""
+        """dq of (2), or of (4) with less of z, without joints that their limits hold; which these are; 1 if there are some."""
         each = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
         J = self.scale[:, None] * np.concatenate(each)
         damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(self.rows))
