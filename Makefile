@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo
 
-.PHONY: help demo check test test-all lowest bridges docs release-check lint gallery bench clean
+.PHONY: help demo check test test-all lowest bridges docs release-check emulate lint gallery bench clean
 
 help:
 	@echo "make demo      install, and ask whether a UR5 can carry 10 kg, and then 5 kg, along a bundled path"
@@ -15,6 +15,7 @@ help:
 	@echo "make bridges   install PyTorch, which is larger than all else, and run the tests of what goes to other packages"
 	@echo "make docs      build the documentation site into build/site"
 	@echo "make release-check  build wheel and sdist from what is committed, and try them in a fresh environment"
+	@echo "make emulate   run kernels for 64-bit ARM under QEMU, and compare them with this processor's to the bit"
 	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
 	@echo "make clean     remove what the above made"
@@ -80,6 +81,9 @@ docs: $(VENV)/.dev
 release-check: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet build twine
 	$(BIN)/python tools/release_check.py
+
+emulate: $(VENV)/.dev
+	$(BIN)/python tools/emulate.py
 
 gallery: $(VENV)/.demo
 	$(BIN)/python -m examples

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import twistwrench as tw
 from twistwrench.robot.quantities import QUANTITIES, Quantity
-from twistwrench.robot.quantity_methods import QuantityMethods
+from twistwrench.robot.quantity_methods import METHODS
 
 PAGE = Path(__file__).with_name("quantities.md")
 _HEAD = """# Quantities
@@ -88,7 +88,7 @@ def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]], right: tuple[int
 
 
 def _name(name: str) -> str:
-    return f"`{name}`" + ("" if name in vars(QuantityMethods) else "°")
+    return f"`{name}`" + ("" if name in METHODS else "°")
 
 
 def _code(names: str) -> str:

@@ -14,8 +14,8 @@ from .bodies.inertia import SpatialInertia
 from .core.foreign_output import captured_stderr
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
 from .formats import format_of_file, load_model
-from .formats.element import parse
 from .formats.source import read_robot_text
+from .formats.xml_parser import parse
 from .lie import quaternion
 from .model.assembly import ROOT_JOINT
 from .robot import Robot

@@ -12,7 +12,7 @@ from scipy.special import ellipj, ellipk
 
 import twistwrench as tw
 from twistwrench.bodies import splitting
-from twistwrench.bodies.flight import Flight
+from twistwrench.bodies.flight_record import Flight
 
 EPS = np.finfo(float).eps
 MOMENTS = np.array([0.01, 0.02, 0.03])

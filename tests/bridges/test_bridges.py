@@ -7,7 +7,9 @@ largest entry with a wide margin; where M is inverted, times its condition.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -123,23 +125,54 @@ def jax():
 @pytest.mark.parametrize(
     ("name", "quantity"), asked(["ur5", "gripper"]) + asked(["quadruped"], ["mass_matrix", "regressor"])
 )
-def test_jax_computes_what_the_kernel_does(jax, name, quantity):
-    """One by one, operation for operation; compiling them all would take minutes, and those below are compiled."""
-    robot, options = robot_of(name), options_of(name, quantity)
-    given = state_of(robot, quantity, options)
-    check(
-        robot, quantity, several(robot.to_jax(quantity, **options)(*given)), robot.kernel(quantity, **options)(*given)
-    )
+def test_jax_runs_the_kernel_to_the_bit(jax, name, quantity):
+    run_the_kernel(name, quantity)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "quantity"), asked(["panda", "quadruped"]))
-def test_jax_computes_every_quantity_of_larger_robots(jax, name, quantity):
+def test_jax_runs_every_kernel_of_larger_robots(jax, name, quantity):
+    run_the_kernel(name, quantity)
+
+
+def run_the_kernel(name, quantity):
+    """One state, whose kernel has a lane of its own, and a batch of two; both as the ufunc gives them."""
+    robot, options = robot_of(name), options_of(name, quantity)
+    function, kernel = robot.to_jax(quantity, **options), robot.kernel(quantity, **options)
+    one, other = (state_of(robot, quantity, options, seed) for seed in (0, 1))
+    for given in (one, [np.stack(x) for x in zip(one, other, strict=True)]):
+        for theirs, ours in zip(several(function(*given)), several(kernel(*given)), strict=True):
+            np.testing.assert_array_equal(theirs, ours)
+
+
+IN_JAXS_OPERATIONS = """
+import sys, warnings
+warnings.simplefilter("ignore")  # there is no compiler here, which is said
+import jax, numpy as np
+jax.config.update("jax_enable_x64", True)
+from tests.bridges.test_bridges import asked, check, options_of, robot_of, several, state_of
+for name, quantity in asked(sys.argv[1:]):
     robot, options = robot_of(name), options_of(name, quantity)
     given = state_of(robot, quantity, options)
-    check(
-        robot, quantity, several(robot.to_jax(quantity, **options)(*given)), robot.kernel(quantity, **options)(*given)
+    found = several(robot.to_jax(quantity, **options)(*given))
+    check(robot, quantity, found, robot.kernel(quantity, **options)(*given))
+    print(quantity)
+"""
+
+
+@pytest.mark.parametrize("names", [["gripper"], pytest.param(["ur5", "panda", "quadruped"], marks=pytest.mark.slow)])
+def test_what_runs_on_other_devices_computes_the_same(jax, names):
+    """Where there is no kernel, JAX runs the program itself, operation by operation: as on other devices than this."""
+    done = subprocess.run(
+        [sys.executable, "-c", IN_JAXS_OPERATIONS, *names],
+        env={**os.environ, "TWISTWRENCH_JIT": "0", "PYTHONPATH": os.pathsep.join(sys.path)},
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
     )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [quantity for _, quantity in asked(names)]
 
 
 @pytest.mark.parametrize(
@@ -210,7 +243,8 @@ def test_derivatives_by_the_entries_of_a_quaternion_are_those_of_the_path_they_m
 def test_jax_without_64_bits_computes_in_float32_and_says_so(jax):
     robot = tw.robots.pendulum()
     function = robot.to_jax("gravity_forces")
-    with jax.enable_x64(False), pytest.warns(tw.ModelWarning, match="jax_enable_x64"):
+    enable_x64 = jax.enable_x64 if hasattr(jax, "enable_x64") else jax.experimental.enable_x64  # of older versions
+    with enable_x64(False), pytest.warns(tw.ModelWarning, match="jax_enable_x64"):
         assert function(np.ones(1)).dtype == np.float32
     single = robot.to_jax("gravity_forces", precision="single")
     assert single(np.ones((20, 1))).dtype == np.float32

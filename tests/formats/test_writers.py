@@ -352,7 +352,10 @@ def test_save_tells_the_format_by_the_ending_and_lists_what_is_lost(tmp_path):
     assert [sentence for sentence in lost if "velocity" in sentence] == lost
     assert len(lost) == robot.nv
     assert tw.load(tmp_path / "a.xml", format="mjcf").joint_names == robot.joint_names
-    assert tw.save(robot, tmp_path / "a.sdf") == []
+    (tip,) = tw.save(robot, tmp_path / "a.sdf")  # tool0 is a frame there, and the last link is what is left
+    again = tw.load(tmp_path / "a.sdf")
+    assert repr(robot.tip) in tip and repr(again.tip) in tip
+    assert tw.load(tmp_path / "a.sdf", tip=robot.tip).tip == robot.tip
     with pytest.raises(tw.ValueRangeError, match=r"\.urdf, \.xml"):
         tw.save(robot, tmp_path / "a.txt")
 

@@ -11,7 +11,7 @@ from fake_gpu import CLOSE, NEEDS_COMPILERS, Bare, states
 
 import twistwrench as tw
 from twistwrench.cuda import DeviceArray
-from twistwrench.robot.quantity_methods import QuantityMethods
+from twistwrench.robot.quantity_methods import METHODS
 from twistwrench.testing import assert_close
 
 pytest_plugins = ("cuda_fixtures",)
@@ -39,7 +39,7 @@ def test_every_method_gives_what_the_robots_own_gives(gpu):
     given = {"q": q, "dq": dq, "ddq": ddq, "tau": ddq, "wrench_by_robot": F, "load": ddq, "q1": q, "q0": dq, "dv": ddq}
     given |= {"weights": F, "along_q": dq, "along_dq": q, "along_ddq": F}
     tested = []
-    for name, method in vars(QuantityMethods).items():
+    for name, method in METHODS.items():
         if name.startswith("_") or name == "inverse_dynamics_hessian_product":  # g++ takes a quarter of a minute for it
             continue
         wanted = method.__code__.co_varnames[1 : method.__code__.co_argcount]

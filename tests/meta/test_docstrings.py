@@ -21,7 +21,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_methods import QuantityMethods
+from twistwrench.robot.quantity_methods import METHODS
 
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
@@ -323,9 +323,9 @@ WORDS = {"links": "nlinks", "bodies": "nbodies", "parameters": "10 nbodies"}
 """How docstrings say the sizes that the table of quantities names."""
 
 
-@pytest.mark.parametrize("name", sorted(set(QUANTITIES) & set(vars(QuantityMethods))))
+@pytest.mark.parametrize("name", sorted(set(QUANTITIES) & set(METHODS)))
 def test_a_method_of_a_quantity_says_the_sizes_of_the_table(name):
-    quantity, found = QUANTITIES[name], sections(text_of(vars(QuantityMethods)[name]))
+    quantity, found = QUANTITIES[name], sections(text_of(METHODS[name]))
     sizes = [tuple(WORDS.get(axis, axis) for axis in axes) for axes in quantity.sizes]
     wanted = [f"({axes[0]},)" if len(axes) == 1 else f"({', '.join(axes)})" for axes in sizes]
     outputs = [line.split(" : ") for line in found["Returns"] if line and not line.startswith(" ")]

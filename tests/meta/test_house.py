@@ -15,7 +15,7 @@ from places import ROOT
 import twistwrench as tw
 from twistwrench.joints import JOINT_TYPES
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_methods import QuantityMethods
+from twistwrench.robot.quantity_methods import METHODS
 
 SOURCE = Path(tw.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))
@@ -40,17 +40,32 @@ def lines_of_sections(tree):
     return count
 
 
+LONGEST = 270
+"""Lines of a file, the sections of docstrings (Parameters, Returns, …) counted apart."""
+LONG = {
+    "identification/setting_choice.py",
+    "identification/written_robot.py",
+    "kernels/fast_call.py",
+    "robot/closed_robot.py",
+    "robot/closed_robot_checks.py",
+    "robot/inverse_kinematics.py",
+    "robot/quantities.py",
+    "simulation/rollout_inputs.py",
+    "targets/fast_call_text.py",
+    "viz/live.py",
+    "viz/page.py",
+}
+"""Longer ones that are left; nothing may be added, and what is shortened leaves the list."""
+
+
 def test_files_are_short():
-    """No more than 400 lines, the sections of docstrings (Parameters, Returns, …) counted apart."""
-    long = {}
+    long = set()
     for path in FILES:
         text = path.read_text(encoding="utf-8")
         count = len(text.splitlines())
-        if count > 400:
-            count -= lines_of_sections(ast.parse(text))
-        if count > 400:
-            long[named(path)] = count
-    assert not long
+        if count > LONGEST and count - lines_of_sections(ast.parse(text)) > LONGEST:
+            long.add(named(path))
+    assert long == LONG
 
 
 def test_nothing_reaches_inside_a_robot():
@@ -167,17 +182,17 @@ def test_every_quantity_is_a_method_or_a_part_of_one():
         "closure_poses", "constrained_dynamics", "constraint_bias", "constraint_jacobian", "coordinate_rates",
         "friction_under_load", "momentum_about_com", "torque_past_friction", "task_bias", "task_inertia",
     }  # fmt: skip
-    methods = {name for name in vars(QuantityMethods) if not name.startswith("_")}
+    methods = set(METHODS)
     assert set(QUANTITIES) - parts <= methods
     derivatives = {"inverse_dynamics_gradient", "inverse_dynamics_hessian_product", "mass_matrix_derivative"}
     assert methods <= set(QUANTITIES) | derivatives
     for robot in (tw.Robot, tw.cuda.CudaRobot):
-        assert all(getattr(robot, name) is vars(QuantityMethods)[name] for name in methods)
+        assert all(getattr(robot, name) is METHODS[name] for name in methods)
 
 
 def test_the_readme_names_every_method_of_a_quantity():
     readme = (SOURCE.parents[1] / "README.md").read_text(encoding="utf-8")
-    missing = [name for name in vars(QuantityMethods) if not name.startswith("_") and f"`{name}`" not in readme]
+    missing = [name for name in METHODS if f"`{name}`" not in readme]
     assert not missing
 
 

@@ -118,6 +118,30 @@ def test_files_and_tables_give_the_numbers_back(tmp_path):
     assert np.allclose(np.radians(degrees["elbow_joint"]), motion.q[:, 2], atol=1e-14)
 
 
+def test_named_axes_give_the_numbers_back_to_every_method():
+    pytest.importorskip("xarray")
+    motion, robot = ur5_motion()
+    motion = tw.Motion(motion.time, motion.q, motion.dq, motion.ddq, motion.torques(), robot)
+    data = motion.to_xarray()
+    assert data.tau.attrs["units"] == "N m"
+    assert data.ddq.sel(joint="elbow_joint").values.tolist() == motion.ddq[:, 2].tolist()
+    turned = data.isel(coordinate=slice(None, None, -1), joint=slice(None, None, -1))  # read by name, not by place
+    np.testing.assert_array_equal(robot.inverse_dynamics(turned.q, turned.dq, turned.ddq), motion.tau)
+
+
+def test_named_axes_of_a_rollout():
+    pytest.importorskip("xarray")
+    robot = tw.robots.quadruped()
+    start = robot.random_configuration(0, 3)
+    one = robot.rollout(start, np.zeros(robot.nv), steps=5, torques=True).to_xarray()
+    assert dict(one.sizes) == {"sample": 3, "time": 6, "coordinate": robot.nq, "joint": robot.nv}
+    assert one.tau.isel(time=-1).isnull().all() and not one.tau.isel(time=slice(-1)).isnull().any()
+    assert one.q.attrs["units"] == ", ".join(["1"] * 4 + ["m"] * 3 + ["rad"] * (robot.nq - 7))
+    several = robot.rollout(start.reshape(3, 1, -1), np.zeros(robot.nv), steps=2).to_xarray()
+    assert several.q.dims == ("sample_0", "sample_1", "time", "coordinate")
+    np.testing.assert_array_equal(several.q.isel(sample_1=0, time=0), start)
+
+
 def test_a_file_gives_the_motion_back(tmp_path):
     motion, robot = ur5_motion()
     motion = tw.Motion(motion.time, motion.q, motion.dq, motion.ddq, motion.torques(), robot)
@@ -240,3 +264,18 @@ def test_times_in_milliseconds_are_doubted():
 def test_what_is_no_motion_is_refused(given, error, words):
     with pytest.raises(error, match=words):
         given(tw.robots.ur5())
+
+
+@pytest.mark.parametrize("name", ["Zeit", "time", "t [s]", None])
+def test_an_index_of_increasing_floats_is_the_time_whatever_its_name(name):
+    pandas = pytest.importorskip("pandas")
+    t = np.linspace(0, 1, 50)
+    frame = pandas.DataFrame({"joint1": t**2, "joint2": -t}, index=pandas.Index(t, name=name))
+    np.testing.assert_array_equal(tw.Motion.from_dataframe(frame, tw.robots.planar_2r()).time, t)
+
+
+def test_a_column_of_time_is_believed_before_an_index_of_another_name():
+    pandas = pytest.importorskip("pandas")
+    t = np.linspace(0, 1, 50)
+    frame = pandas.DataFrame({"joint1": t**2, "joint2": -t, "time": 2 * t}, index=pandas.Index(t, name="run"))
+    np.testing.assert_array_equal(tw.Motion.from_dataframe(frame, tw.robots.planar_2r()).time, 2 * t)

@@ -135,7 +135,7 @@ def test_derivatives_of_inverse_dynamics(at):
 
 def matrix(rows):
     """A Jacobian of Pinocchio's with the angular part first; of a single joint it comes as a vector."""
-    return swap_halves(np.reshape(rows, (6, -1)))
+    return swap_halves(np.reshape(rows, (6, -1)), axis=0)
 
 
 KINDS = {"body": pin.LOCAL, "space": pin.WORLD, "world_aligned": pin.LOCAL_WORLD_ALIGNED}

@@ -54,7 +54,7 @@ def at(request, monkeypatch):
 
 
 def rows(matrix):
-    return swap_halves(np.reshape(matrix, (6, -1)))
+    return swap_halves(np.reshape(matrix, (6, -1)), axis=0)
 
 
 @pytest.mark.parametrize("mode", ["forward", "reverse"])

@@ -10,19 +10,15 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.html_table import html_table
-from ..errors import FrameError, InertiaError, ShapeError, ValueRangeError
+from ..errors import FrameError, InertiaError, ValueRangeError
 from ..lie import so3
 from ..screws.labelled import Labelled
 from ..screws.vector_text import tuple_of, without_noise
 from ..typing import Array
+from . import consistency, solids
 from . import inertial_parameters as forms
 from . import mesh as meshes
-from . import solids
-from .second_moments import clipped, rotational_inertia, second_moments
-
-_GIANT = 100.0
-"""m: a matrix that gives its body a larger radius of gyration is taken to be one with its linear part first, of a body
-below a centimetre, which a ball's or cube's matrix does not tell otherwise."""
+from .second_moments import moment_matrix, second_moments
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +122,7 @@ class SpatialInertia:
         [0.5, 0.5, 0.0]
         """
         m, c = arguments.number(mass, "mass"), arguments.one(com, "com", 3)
-        I = np.zeros((3, 3)) if moment_about_com is None else _moment(moment_about_com)
+        I = np.zeros((3, 3)) if moment_about_com is None else moment_matrix(moment_about_com)
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = I.tolist()
         gap = max(abs(xy - yx), abs(xz - zx), abs(yz - zy))
         most = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
@@ -152,55 +148,6 @@ class SpatialInertia:
         return made
 
     @classmethod
-    def from_matrix(cls, G: ArrayLike) -> SpatialInertia:
-        """Spatial inertia from the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]].
-
-        Parameters
-        ----------
-        G : (6, 6) array_like, about the frame's origin, angular part first
-
-        Returns
-        -------
-        G : SpatialInertia
-
-        Raises
-        ------
-        InertiaError
-            The matrix has not that form; each block is judged by its own size, to a millionth.
-
-        Notes
-        -----
-        MR eq. 8.32. A body with a radius of gyration above 100 m is refused too.
-
-        Examples
-        --------
-        >>> SpatialInertia.from_matrix(np.diag([1, 1, 1, 2, 2, 2])).mass
-        2.0
-        """
-        G = arguments.one(G, "a spatial inertia matrix", 6, 6)
-        if not np.isfinite(G).all():
-            raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
-        h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
-        I = 0.5 * (G[:3, :3] + G[:3, :3].T)
-        found = cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
-        # kg m² beside kg m² and kg beside kg: a body of a millimetre has a millionth of the one in the other.
-        moment, mass = (float(np.abs(block).max()) for block in (G[:3, :3], G[3:, 3:]))
-        root = np.sqrt(np.repeat([moment, mass], 3))
-        gap = np.abs(found.matrix - G)
-        if not (gap <= 1e-6 * np.outer(root, root)).all():
-            raise InertiaError(
-                f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by {gap.max():.3g}. Is "
-                "its linear part first? Then swap the blocks."
-            )
-        if moment > _GIANT**2 * mass > 0:
-            raise InertiaError(
-                f"read with the angular part first, this spatial inertia is of {found.mass:.3g} kg spread over "
-                f"{np.sqrt(moment / mass):.3g} m. Is its linear part first? Then swap the blocks. A body so large is described "
-                "by from_com."
-            )
-        return found
-
-    @classmethod
     def zero(cls) -> SpatialInertia:
         """Spatial inertia of nothing: no mass, no inertia.
 
@@ -223,6 +170,7 @@ class SpatialInertia:
     cone = classmethod(solids.cone)
     ellipsoid = classmethod(solids.ellipsoid)
     mesh = classmethod(meshes.mesh)
+    from_matrix = classmethod(forms.from_matrix)
     from_pseudo_inertia = classmethod(forms.from_pseudo_inertia)
     from_log_cholesky = classmethod(forms.from_log_cholesky)
 
@@ -423,107 +371,6 @@ class SpatialInertia:
 
     # ── can it exist? ──
 
-    def defects(self, *, size: float = 0.0) -> list[str]:
-        """Physical consistency: why no real body has this inertia, in words with amounts.
-
-        Parameters
-        ----------
-        size : float, moments [kg m²] that these came from, where they are differences of larger ones
-            As of bodies moved from frame to frame: their rounding is no defect.
-
-        Returns
-        -------
-        reasons : list of str, empty when a real body can have it
-
-        Notes
-        -----
-        Conditions: finite, mass ≥ 0, and about the centre of mass positive semidefinite with principal moments that
-        obey the triangle inequality, to 1e-6 of their sum, whatever the scale.
-
-        Examples
-        --------
-        >>> SpatialInertia.box((1, 2, 3), mass=12).defects()
-        []
-        """
-        if not np.isfinite(self.parameters).all():
-            return ["has a value that is not a finite number"]
-        if self.mass < 0:
-            return [f"negative mass {self.mass:g} kg"]
-        if self.mass == 0:
-            if np.any(self.parameters != 0):
-                return ["zero mass but nonzero inertia or first moment"]
-            return []
-        A, B, C = (float(x) for x in self.principal()[0])
-        # Moments about a far origin lose digits on their way to the centre of mass.
-        slack = 1e-6 * abs(A + B + C) + 2e-15 * max(size, abs(float(self.moment_about_origin.trace())))
-        found = []
-        if -slack > A:
-            found.append(f"negative principal moment {A:.6g} kg m² (moments {A:.6g}, {B:.6g}, {C:.6g})")
-        if A + B + slack < C:
-            found.append(
-                f"triangle inequality: the largest principal moment {C:.6g} kg m² exceeds the sum of the others, "
-                f"{A:.6g} + {B:.6g}, by {C - A - B:.3g}"
-            )
-        return found
-
-    def nearest_consistent(self) -> SpatialInertia:
-        """Nearest inertia a real body can have: same mass and centre of mass, second moments clipped at zero.
-
-        Returns
-        -------
-        G : SpatialInertia
-
-        Raises
-        ------
-        InertiaError
-            The mass is negative; that has no near neighbour.
-
-        Notes
-        -----
-        Nearest in the Frobenius norm of the second moments about the centre of mass.
-
-        Examples
-        --------
-        >>> bad = SpatialInertia.from_com(2.0, moment_about_com=np.diag([1.0, 1.0, 3.0]))
-        >>> bad.nearest_consistent().moment_about_com.diagonal().tolist()
-        [1.5, 1.5, 3.0]
-        """
-        if not np.isfinite(self.parameters).all() or self.mass < 0:
-            raise InertiaError(f"no body is near this inertia: {'; '.join(self.defects())}.")
-        if self.mass == 0:
-            return SpatialInertia.zero()
-        S = clipped(second_moments(self.moment_about_com))
-        return SpatialInertia.from_com(self.mass, self.com, rotational_inertia(S))
-
-    def repair(self) -> forms.Repair:
-        """Repaired inertia, :meth:`nearest_consistent`, with a report of what moved and why.
-
-        Returns
-        -------
-        repair : Repair
-
-        Raises
-        ------
-        InertiaError
-            The mass is negative.
-
-        Examples
-        --------
-        >>> bad = SpatialInertia.from_com(2.0, moment_about_com=np.diag([1.0, 1.0, 3.0]))
-        >>> round(bad.repair().largest, 3)
-        0.167
-        """
-        return forms.Repair(self, self.nearest_consistent())
-
-
-def _moment(I: ArrayLike) -> Array:
-    """A rotational inertia (3, 3); three numbers, which could only be its diagonal, are told how to become one."""
-    try:
-        return arguments.one(I, "moment_about_com", 3, 3)
-    except ShapeError as problem:
-        try:
-            three = np.shape(I) == (3,)
-        except ValueError:  # ragged
-            three = False
-        hint = " Three moments about the axes are np.diag(…) of them." if three else ""
-        raise ShapeError(f"{problem}{hint}") from None
+    defects = consistency.defects
+    nearest_consistent = consistency.nearest_consistent
+    repair = consistency.repair

@@ -1,4 +1,4 @@
-"""Other ways to write the ten numbers, and what a repair moved.
+"""Other ways to write the ten numbers.
 
 The pseudo-inertia J = ∫ [r; 1] [r; 1]' dm is positive definite exactly when a real body has the inertia (Wensing, Kim and
 Slotine, 2018). Its Cholesky factor with logarithms on the diagonal gives ten numbers of which *every* choice is a real body,
@@ -7,7 +7,6 @@ for optimisers and estimators (Rucker and Wensing, "Smooth parameterization of r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +20,61 @@ from .second_moments import rotational_inertia, second_moments
 
 if TYPE_CHECKING:
     from .inertia import SpatialInertia
+
+
+_GIANT = 100.0
+"""m: a matrix that gives its body a larger radius of gyration is taken to be one with its linear part first, of a body
+below a centimetre, which a ball's or cube's matrix does not tell otherwise."""
+
+
+def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
+    """Spatial inertia from the 6×6 matrix of the book, [[I, m[c]], [-m[c], m 1]].
+
+    Parameters
+    ----------
+    G : (6, 6) array_like, about the frame's origin, angular part first
+
+    Returns
+    -------
+    G : SpatialInertia
+
+    Raises
+    ------
+    InertiaError
+        The matrix has not that form; each block is judged by its own size, to a millionth.
+
+    Notes
+    -----
+    MR eq. 8.32. A body with a radius of gyration above 100 m is refused too.
+
+    Examples
+    --------
+    >>> from twistwrench import SpatialInertia
+    >>> SpatialInertia.from_matrix(np.diag([1, 1, 1, 2, 2, 2])).mass
+    2.0
+    """
+    G = arguments.one(G, "a spatial inertia matrix", 6, 6)
+    if not np.isfinite(G).all():
+        raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
+    h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
+    I = 0.5 * (G[:3, :3] + G[:3, :3].T)
+    found = cls.from_parameters([G[3:, 3:].trace() / 3, *h, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    # kg m² beside kg m² and kg beside kg: a body of a millimetre has a millionth of the one in the other.
+    moment, mass = (float(np.abs(block).max()) for block in (G[:3, :3], G[3:, 3:]))
+    root = np.sqrt(np.repeat([moment, mass], 3))
+    gap = np.abs(found.matrix - G)
+    if not (gap <= 1e-6 * np.outer(root, root)).all():
+        raise InertiaError(
+            f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by {gap.max():.3g}. Is "
+            "its linear part first? Then swap the blocks."
+        )
+    if moment > _GIANT**2 * mass > 0:
+        raise InertiaError(
+            f"read with the angular part first, this spatial inertia is of {found.mass:.3g} kg spread over "
+            f"{np.sqrt(moment / mass):.3g} m. Is its linear part first? Then swap the blocks. A body so large is described "
+            "by from_com."
+        )
+    return found
 
 
 def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInertia:
@@ -145,51 +199,3 @@ def aligned_axes(moments: Array, axes: Array) -> Array:
         axes[:, (alone + 2) % 3] = so3.cross(n, axes[:, (alone + 1) % 3])
     axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])
     return axes
-
-
-@dataclass(frozen=True, eq=False)
-class Repair:
-    """What :meth:`SpatialInertia.nearest_consistent` changed; printing it says so in words.
-
-    Examples
-    --------
-    >>> from twistwrench import SpatialInertia
-    >>> print(SpatialInertia.from_com(2.0, moment_about_com=np.diag([1.0, 1.0, 3.0])).repair())
-    triangle inequality: the largest principal moment 3 kg m² exceeds the sum of the others, 1 + 1, by 1
-      principal moments  1, 1, 3  →  1.5, 1.5, 3 kg m²
-      largest change     0.5 kg m², 16.7 % of the largest moment
-    """
-
-    before: SpatialInertia
-    """The inertia as it was."""
-    after: SpatialInertia
-    """The nearest inertia that a real body can have."""
-
-    @property
-    def reasons(self) -> list[str]:
-        """The conditions that were violated."""
-        return self.before.defects()
-
-    @property
-    def moved(self) -> Array:
-        """Change of the moment about the centre of mass (3, 3) [kg m²]; mass and centre of mass stay."""
-        return self.after.moment_about_com - self.before.moment_about_com
-
-    @property
-    def largest(self) -> float:
-        """The largest change of a moment, over the largest moment before."""
-        size = float(np.abs(self.before.principal()[0]).max())
-        return float(np.abs(np.linalg.eigvalsh(self.moved)).max()) / size if size else 0.0
-
-    def __str__(self) -> str:
-        if not self.reasons:
-            return "nothing to repair"
-        moments = [", ".join(f"{x:.6g}" for x in G.principal()[0] + 0.0) for G in (self.before, self.after)]
-        change = np.abs(np.linalg.eigvalsh(self.moved)).max()
-        return "\n".join(
-            [
-                *self.reasons,
-                f"  principal moments  {moments[0]}  →  {moments[1]} kg m²",
-                f"  largest change     {change:.6g} kg m², {self.largest:.1%} of the largest moment".replace("%", " %"),
-            ]
-        )

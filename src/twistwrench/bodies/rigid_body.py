@@ -18,8 +18,8 @@ from .inertia import SpatialInertia
 from .labelled_arguments import numbers
 
 if TYPE_CHECKING:
-    from .flight import Flight
     from .flight_arguments import WrenchLaw
+    from .flight_record import Flight
 
 ROWS = 2048
 """Rows worked on at a time: the six columns of an array, 96 KiB, stay in the second-level cache, and under the

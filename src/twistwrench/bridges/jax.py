@@ -4,8 +4,7 @@ Its derivatives are those of the analytic programs, J = df/d(x ⊕ v), in both m
 
     forward   df = J B dx,    backward   dx = Bᵀ Jᵀ w,
 
-with B from the rates of coordinates to velocities, 1 but for quaternions. On the processor, batches from :data:`BATCH` on run
-the compiled kernels instead.
+with B from the rates of coordinates to velocities, 1 but for quaternions. On the processor the compiled kernels run instead.
 """
 
 from __future__ import annotations
@@ -16,13 +15,14 @@ from math import prod
 from typing import Any
 
 from ..errors import MissingExtraError, ModelWarning
+from ..kernels.xla_handler import is_compiled
 from ..program.program import Port, Program
 from ..targets.elementwise import batch_shape, evaluated, functions_of
 from .quantity import BridgedQuantity
 from .xla_call import xla_target
 
 BATCH = 16
-"""States from which a kernel is faster than what XLA makes of the program: a call of it takes as long as some ten states."""
+"""States from which a kernel that Python has to enter is faster than what XLA makes of the program."""
 
 
 def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any]:
@@ -83,20 +83,19 @@ def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
 
     program = quantity.program
     plain = _on_arrays(jnp, program)
-    targets: list[str] = []
 
     def by_kernel(*arrays: Any) -> Any:
-        if not targets:
-            targets.append(xla_target(jax, quantity.name, quantity.kernel, len(program.inputs)))
         batch = batch_shape(arrays, program)
         dtype = jnp.result_type(*arrays)
+        alone = prod(batch) == 1
+        target = xla_target(jax, quantity.name, quantity.kernel, len(program.inputs), dtype.char, alone=alone)
         whole = [jnp.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
         results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
-        return _alone(tuple(jax.ffi.ffi_call(targets[0], results)(*whole)))
+        return _alone(tuple(jax.ffi.ffi_call(target, results)(*whole)))
 
     @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
     def run(*arrays: Any) -> Any:
-        if prod(batch_shape(arrays, program)) < BATCH:
+        if prod(batch_shape(arrays, program)) < BATCH and not is_compiled(quantity.kernel):
             return plain(*arrays)
         return jax.lax.platform_dependent(*arrays, cpu=by_kernel, default=plain)
 

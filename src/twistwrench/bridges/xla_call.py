@@ -1,7 +1,8 @@
-"""A compiled kernel as a call of XLA on the processor: pointers of its buffers go straight into the ufunc, by XLA's typed FFI.
+"""A kernel as a call of XLA on the processor, by XLA's typed FFI: pointers of its buffers go straight into the loop.
 
-The structures are those of ``xla/ffi/api/c_api.h``, as far as they are read here; later versions only add to their ends. A
-callback of JAX (``jax.pure_callback``) would do the same, several times slower for small batches.
+Where there is machine code, the handler is machine code too (:mod:`twistwrench.kernels.xla_handler`). Of a kernel on NumPy, or
+one that is put together in Python, it is the callback below, which reads the same structures of ``xla/ffi/api/c_api.h``, as far
+as they are wanted; later versions only add to their ends.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from ..kernels.xla_handler import is_compiled, make_handler
 
 _DTYPES = {11: np.float32, 12: np.float64}
 """XLA_FFI_DataType_F32 and F64."""
@@ -68,16 +71,32 @@ class _CallFrame(Structure):
 _HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
 _CREATE = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
 _numbers = itertools.count()
-_targets: dict[int, tuple[str, Any, Any]] = {}
-"""By the id of a kernel its target, the kernel and the handler, which live as long as the process: XLA has their addresses."""
+_targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
+"""By the kernel's id, the type, and whether for one sample: the target, the kernel and the handler. They live as long as the
+process: XLA has their addresses."""
 
 
-def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int) -> str:
-    """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; its name."""
-    if id(kernel) in _targets:
-        return _targets[id(kernel)][0]
-    version = _version(jax)
+def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, alone: bool) -> str:
+    """Register ``kernel(*inputs, out=results)``, of ``count`` inputs, as a target of ``jax.ffi.ffi_call``; its name.
 
+    ``char`` is the type's letter; ``alone`` says that one sample comes at a time.
+    """
+    key = id(kernel), char, alone
+    if key not in _targets:
+        version = _version(jax)
+        if is_compiled(kernel):
+            handler: Any = make_handler(kernel, char, version, alone=alone)
+            capsule = jax.ffi.pycapsule(ctypes.c_void_p(handler.address))
+        else:
+            handler = _callback(name, kernel, count, version)
+            capsule = jax.ffi.pycapsule(handler)
+        target = f"twistwrench_{name}_{next(_numbers)}"
+        jax.ffi.register_ffi_target(target, capsule, platform="cpu")
+        _targets[key] = target, kernel, handler
+    return _targets[key][0]
+
+
+def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[int, int]) -> Any:
     def run(pointer: Any) -> int | None:
         frame = pointer.contents
         try:
@@ -89,11 +108,7 @@ def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int) -> s
             return _failure(frame.api, f"{name}: {error}")
         return None
 
-    handler = _HANDLER(run)
-    target = f"twistwrench_{name}_{next(_numbers)}"
-    jax.ffi.register_ffi_target(target, jax.ffi.pycapsule(handler), platform="cpu")
-    _targets[id(kernel)] = target, kernel, handler
-    return target
+    return _HANDLER(run)
 
 
 def _version(jax: Any) -> tuple[int, int]:

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import ModelWarning, NotFoundError, TwistWrenchError, UnknownNameError, ValueRangeError
+from ..errors import ModelWarning, TwistWrenchError, UnknownNameError, ValueRangeError
 from ..report.locks import joints_beside, joints_held
 from ..verdict import ExitCode
+from .robot_argument import robot_source
 from .usage import in_shell_words
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _DEMO = "demo"
-_STANDARD_INPUT = "-"
 
 
 @dataclass(frozen=True)
@@ -129,32 +129,6 @@ class RobotOptions:
         from ..robots.finding import plain_name
 
         return plain_name(self.source) in robots.names() and not Path(self.source).is_file()
-
-
-def robot_source(source: str) -> str | Path:
-    """What ROBOT means: the path of a file, those of robots known by their names too, or the text that comes by a pipe.
-
-    Raises :class:`~twistwrench.NotFoundError`, with near names.
-    """
-    from ..core.files import is_stream
-    from ..formats.source import read_robot_text, standard_input_text
-    from ..robots.finding import known_robots, plain_name
-
-    if source == _STANDARD_INPUT:  # read once, and perhaps loaded twice
-        return standard_input_text()
-    if is_stream(Path(source)):
-        return read_robot_text(source)[0]
-    if Path(source).exists():
-        return source
-    known, wanted = known_robots(), plain_name(source)
-    if wanted in known:
-        return known[wanted].path
-    near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.6)
-    hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
-    raise NotFoundError(
-        f"no robot file {source!r}, and no bundled robot of that name, nor one of another package.{hint} "
-        "Give a path, or a name that `twistwrench robots` lists."
-    )
 
 
 def robot_command(function: Callable[..., None]) -> Callable[..., None]:
@@ -273,3 +247,11 @@ def check_extra(plot_path: str | None) -> None:
         from ..plotting.style import require_matplotlib
 
         require_matplotlib("Drawing the report (--plot)")
+
+
+def picture(plot_path: str | None) -> str | None:
+    """The path of a picture with its suffix, where one is asked for and can be drawn."""
+    from ..outputs import picture_path
+
+    check_extra(plot_path)
+    return None if plot_path is None else picture_path(plot_path)

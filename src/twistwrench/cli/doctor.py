@@ -11,7 +11,7 @@ import click
 from ..errors import ValueRangeError
 from ..outputs import check_outputs, refuse_existing
 from ..verdict import ExitCode
-from .common import robot_source
+from .robot_argument import robot_source
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

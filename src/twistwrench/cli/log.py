@@ -4,42 +4,35 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from .common import plain_errors
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from .console import console
 
 
-def log_group(console: Callable[[], Console]) -> click.Group:
-    """The group of the commands."""
+@click.group(name="log")
+def log() -> None:
+    """Logs: what is in a file of a motion. Several files of one log are written a.csv+b.csv."""
 
-    @click.group(name="log")
-    def log() -> None:
-        """Logs: what is in a file of a motion. Several files of one log are written a.csv+b.csv."""
 
-    @log.command()
-    @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-    @click.argument("files", metavar="FILE...", nargs=-1, required=True)
-    def info(files: tuple[str, ...], as_json: bool) -> None:
-        """Rates, gaps, repeated stamps, and for each column its range, grid and noise, and whether it is cut off or dead."""
-        from ..report.log_quality import LogQuality
-        from .tables.log import log_view
+@log.command()
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True)
+def info(files: tuple[str, ...], as_json: bool) -> None:
+    """Rates, gaps, repeated stamps, and for each column its range, grid and noise, and whether it is cut off or dead."""
+    from ..report.log_quality import LogQuality
+    from .tables.log import log_view
 
-        with plain_errors():
-            found = [LogQuality.of(file) for file in files]
-            if as_json:
-                click.echo(json.dumps([_plain({**asdict(q), "path": str(q.path)}) for q in found], indent=2))
-                return
-            for quality in found:
-                console().print(log_view(quality))
-
-    return log
+    with plain_errors():
+        found = [LogQuality.of(file) for file in files]
+        if as_json:
+            click.echo(json.dumps([_plain({**asdict(q), "path": str(q.path)}) for q in found], indent=2))
+            return
+        for quality in found:
+            console().print(log_view(quality))
 
 
 def _plain(value: Any) -> Any:

@@ -7,31 +7,31 @@ Exit codes are those of :mod:`twistwrench.verdict`. Everything heavy is imported
 from __future__ import annotations
 
 import sys
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import ModelWarning, ValueRangeError
+from ..errors import ValueRangeError
 from ..verdict import ExitCode
-from .common import RobotOptions, check_extra, motion_path, plain_errors, robot_command
+from .common import RobotOptions, motion_path, picture, plain_errors, robot_command
+from .console import console
 from .convert import convert_options
 from .derive import derive_options
 from .doctor import doctor_options
 from .excite import answer_excite, excite_options
 from .export import export_options
 from .identify import answer_identify, identify_options
-from .log import log_group
+from .log import log
 from .move import move_options
 from .payload import payload_options
-from .sensor import sensor_group
+from .sensor import sensor
 from .simulate import simulate_options
 from .torques import answer_torques, torques_options
 from .usage import Commands
 from .view import plot_options, view_options
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    pass
 
 
 _FOUND_A_PROBLEM = ExitCode.NO
@@ -52,7 +52,7 @@ def torques(options: RobotOptions, **given: Any) -> None:
 
     The first word is the verdict. OK ends with exit code 0; OVER LIMIT, UNSURE and LOOK AGAIN with 1.
     """
-    if code := answer_torques(options, _console().print, **given):
+    if code := answer_torques(options, console().print, **given):
         sys.exit(code)
 
 
@@ -62,25 +62,9 @@ def torques(options: RobotOptions, **given: Any) -> None:
 @robot_command
 def info(options: RobotOptions, as_json: bool, as_csv: bool) -> None:
     """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
-    from .tables.robot_info import info_view
+    from .info import answer_info
 
-    if as_json and as_csv:
-        raise ValueRangeError("--json and --csv both write to the standard output. Choose one.")
-    if options.degrees and (as_json or as_csv):
-        raise ValueRangeError("--json and --csv are in SI units and radians. Leave --degrees out.")
-
-    with warnings.catch_warnings(record=True) as remarks:
-        warnings.simplefilter("always", ModelWarning)
-        robot = options.load()
-    for remark in remarks:  # those of the model itself stand below its tree
-        if not any(defect in str(remark.message) for defect in robot.defects):
-            warnings.warn_explicit(remark.message, remark.category, remark.filename, remark.lineno)
-    if as_json or as_csv:
-        from ..report.robot_summary import as_text
-
-        click.echo(as_text(robot, "json" if as_json else "csv"), nl=False)
-        return
-    _console().print(info_view(robot, degrees=options.degrees))
+    answer_info(options, console().print, as_json=as_json, as_csv=as_csv)
 
 
 @main.command(name="robots")
@@ -90,9 +74,9 @@ def list_robots(word: str) -> None:
     with plain_errors():
         from .tables.known_robots import robot_tables
 
-        console = _console()
+        screen = console()
         for table in list(robot_tables(word)):
-            console.print(table)
+            screen.print(table)
 
 
 @main.command()
@@ -106,7 +90,7 @@ def verify(options: RobotOptions) -> None:
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to check: {robot.name!r} has no joint that moves; load with --floating-base.")
     report = checked(robot)
-    _console().print(verification_table(report))
+    console().print(verification_table(report))
     if not report.passed:
         sys.exit(_FOUND_A_PROBLEM)
 
@@ -119,18 +103,16 @@ def payload(options: RobotOptions, **given: Any) -> None:
 
     Exit code 1 if the pose is outside the joints' position limits, or the robot cannot hold itself there.
     """
-    from ..outputs import check_outputs, picture_path
+    from ..outputs import check_outputs
     from .payload import answer_payload
 
-    check_extra(given["plot_path"])
-    if given["plot_path"] is not None:
-        given["plot_path"] = picture_path(given["plot_path"])
+    given["plot_path"] = picture(given["plot_path"])
     check_outputs(
         {"--csv": given["csv_path"], "--plot": given["plot_path"]},
         {"--limits": given["limits_path"], **options.files},
     )
     robot = options.load()
-    if not answer_payload(robot, _console().print, degrees=options.degrees, **given):
+    if not answer_payload(robot, console().print, degrees=options.degrees, **given):
         sys.exit(_FOUND_A_PROBLEM)
 
 
@@ -143,14 +125,12 @@ def simulate(options: RobotOptions, **given: Any) -> None:
     Exit code 1 if the motion ended before its duration: at a limit with --stop-at-limits, or because it could not go on;
     what was computed until then is printed and written.
     """
-    from ..outputs import check_outputs, picture_path
+    from ..outputs import check_outputs
     from .simulate import answer_simulate
 
-    check_extra(given["plot_path"])
-    if given["plot_path"] is not None:
-        given["plot_path"] = picture_path(given["plot_path"])
+    given["plot_path"] = picture(given["plot_path"])
     check_outputs({"--csv": given["csv_path"], "--npz": given["npz_path"], "--plot": given["plot_path"]}, options.files)
-    if code := answer_simulate(options.load(), _console().print, degrees=options.degrees, **given):
+    if code := answer_simulate(options.load(), console().print, degrees=options.degrees, **given):
         sys.exit(code)
 
 
@@ -192,17 +172,15 @@ def move(options: RobotOptions, **given: Any) -> None:
 
     Exit code 1 if the robot cannot follow the path, or the motion passes a limit.
     """
-    from ..outputs import check_outputs, picture_path
+    from ..outputs import check_outputs
     from .move import answer_move
 
-    check_extra(given["plot_path"])
-    if given["plot_path"] is not None:
-        given["plot_path"] = picture_path(given["plot_path"])
+    given["plot_path"] = picture(given["plot_path"])
     check_outputs(
         {"--csv": given["csv_path"], "--plot": given["plot_path"]},
         {"--limits": given["limits_path"], "--waypoints": given["waypoints"], **options.files},
     )
-    if not answer_move(options.load(), _console().print, degrees=options.degrees, **given):
+    if not answer_move(options.load(), console().print, degrees=options.degrees, **given):
         sys.exit(_FOUND_A_PROBLEM)
 
 
@@ -249,14 +227,11 @@ def doctor(**given: Any) -> None:
 
     Exit code 1 with errors or warnings.
     """
-    from ..outputs import picture_path
     from .doctor import answer_doctor
 
     with plain_errors():
-        check_extra(given["plot_path"])
-        if given["plot_path"] is not None:
-            given["plot_path"] = picture_path(given["plot_path"])
-        if code := answer_doctor(_console().print, **given):
+        given["plot_path"] = picture(given["plot_path"])
+        if code := answer_doctor(console().print, **given):
             sys.exit(code)
 
 
@@ -269,7 +244,7 @@ def identify(options: RobotOptions, **given: Any) -> None:
     The first word is the verdict. OK ends with exit code 0; UNSURE and LOOK AGAIN with 1, and after LOOK AGAIN only --json is
     written unless --force is given. Several files of one log are written a.csv+b.csv.
     """
-    if code := answer_identify(options, _console().print, **given):
+    if code := answer_identify(options, console().print, **given):
         sys.exit(code)
 
 
@@ -282,21 +257,9 @@ def excite(options: RobotOptions, **given: Any) -> None:
     The limits are those of positions, velocities, accelerations and torques, and the floor if one is given. Whether links
     touch each other is not looked at.
     """
-    if code := answer_excite(options, _console().print, **given):
+    if code := answer_excite(options, console().print, **given):
         sys.exit(code)
 
 
-def _console() -> Console:
-    from rich.console import Console
-
-    class Output(Console):
-        def on_broken_pipe(self) -> None:
-            raise
-
-    console = Output(highlight=False)
-    # Files and pipes have no width of their own; 110 columns hold the tables without folding.
-    return console if console.is_terminal else Output(highlight=False, width=110)
-
-
-main.add_command(sensor_group(plain_errors, _console, check_extra))
-main.add_command(log_group(_console))
+main.add_command(sensor)
+main.add_command(log)

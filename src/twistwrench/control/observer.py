@@ -26,7 +26,7 @@ from ..algorithms.operational_space import row_numbers
 from ..core import arguments
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..robot import Robot
-from ..robot.quantity_methods import Kind, Rows
+from ..robot.quantity_types import Kind, Rows
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .control_arguments import one_state

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..algorithms.operational_space import ROWS, row_numbers
 from ..errors import UnknownNameError, ValueRangeError
 from ..robot import Robot
-from ..robot.quantity_methods import Kind, Rows
+from ..robot.quantity_types import Kind, Rows
 from ..typing import Array
 from .control_arguments import gain, one_state, require_driven
 from .references import Motion, Reference, in_body, in_world, joint_motion, pose_motion

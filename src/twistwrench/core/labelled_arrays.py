@@ -47,7 +47,7 @@ def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
         raise UnknownNameError(
             f"{what} has columns that are not the robot's. {wrong[0].upper()}{wrong[1:]}. Its columns must be "
             f"{_listed(names)}, in any order. Choose them: df[list(names)] with names = robot.coordinate_names for "
-            "q, robot.joint_names for rates and torques; or give df.to_numpy() if they are in the robot's order already."
+            "q, robot.velocity_names for rates and torques; or give df.to_numpy() if they are in the robot's order already."
         )
     return _contents(x)[..., [labels.index(name) for name in names]]
 

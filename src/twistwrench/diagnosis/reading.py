@@ -13,8 +13,9 @@ from ..bodies.inertia import SpatialInertia
 from ..core.files import as_path
 from ..errors import ModelError, ModelWarning, RobotFileError
 from ..formats import FORMATS, load_model, usd_path
-from ..formats.element import Element, parse
+from ..formats.element import Element
 from ..formats.source import is_text, robot_file
+from ..formats.xml_parser import parse
 from ..model.model import Model
 from ..robot import Robot
 from .described import DescribedLink, DescribedRobot, WrittenInertia

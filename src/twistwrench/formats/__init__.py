@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..model.model import Model
 from ..model.rounding import DEFAULT_SNAP
-from .element import MOST_BODIES, Element, parse
+from .element import Element
 from .source import bytes_of, is_text, read_robot_text
+from .xml_parser import MOST_BODIES, parse
 
 __all__ = ["FORMATS", "format_of_file", "load_model", "usd_path"]
 

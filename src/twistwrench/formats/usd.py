@@ -10,23 +10,23 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..errors import RobotFileError, UnknownNameError
+from ..errors import RobotFileError
 from ..lie import quaternion, se3, so3
 from ..model.assembly import ROOT_JOINT
 from ..model.builder import ModelBuilder
 from ..model.closure import OfferedClosure
 from ..model.remark import Remark
-from .element import MOST_BODIES
 from .usd_shapes import has_colliders, inertia_of_shapes
-from .usd_stage import End, Stage, axis_of, number_of, opened, quaternion_of, value_of, vector_of, who
+from .usd_stage import Stage, axis_of, number_of, opened, quaternion_of, vector_of, who
+from .usd_tree import HOW_TO_SPLIT, TreeJoint, UsdTree
+from .xml_parser import MOST_BODIES
 
 WORLD = "world"
 """The link that stands for the stage."""
@@ -35,10 +35,6 @@ _KINDS = {
     "PhysicsRevoluteJoint": "revolute", "PhysicsPrismaticJoint": "prismatic", "PhysicsSphericalJoint": "ball",
     "PhysicsFixedJoint": "fixed",
 }  # fmt: skip
-_SPLIT = (
-    "Write it as revolute, prismatic, spherical and fixed joints with bodies between, or load the URDF or MJCF file that the "
-    "stage was made of"
-)
 
 
 def read_usd(
@@ -63,32 +59,20 @@ def read_usd(
     return _Reader(Stage(stage, max_bodies), source, floating_base, model).read()
 
 
-@dataclass(frozen=True, eq=False)
-class _Link:
-    """A joint from a link that is placed already to the next one."""
-
-    joint: Any
-    near: End
-    far: End
-    forward: bool
-    """Whether the next one is the joint's body1."""
-
-
 class _Reader:
     """One articulation on its way into a builder."""
 
     def __init__(self, stage: Stage, source: str, floating_base: bool | None, model: str | None) -> None:
         self.stage, self.floating_base = stage, floating_base
-        self.ends = {joint.GetPath(): (stage.end(joint, 0), stage.end(joint, 1)) for joint in stage.joints}
         self.names = _names(stage.bodies, WORLD) | _names(stage.joints)
-        self.root = self._root(model)
+        self.tree = UsdTree(stage, model)
         name = stage.default.GetName() if stage.default else ""
-        self.builder = ModelBuilder(name or (self.root.GetName() if self.root else "robot"), source)
+        self.builder = ModelBuilder(name or (self.tree.root.GetName() if self.tree.root else "robot"), source)
         self.builder.gravity = stage.gravity()
 
     def read(self) -> tuple[ModelBuilder, bool]:
         """The builder, and whether its root is to float."""
-        tree, closing, start = self._tree()
+        tree, closing, start = self.tree.joints()
         members = {link.far.path for link in tree} | ({start.GetPath()} if start is not None else set())
         self.builder.add_link(WORLD)
         for body in self.stage.bodies:
@@ -112,81 +96,6 @@ class _Reader:
     def _name(self, prim: Any) -> str:
         return self.names[str(prim.GetPath())]
 
-    def _root(self, model: str | None) -> Any:
-        roots = self.stage.roots
-        if model is not None:
-            by_name = {name: prim for prim in roots for name in (prim.GetName(), str(prim.GetPath()))}
-            if model not in by_name:
-                raise UnknownNameError.of("articulation", model, by_name)
-            return by_name[model]
-        if len(roots) > 1:
-            paths = ", ".join(str(prim.GetPath()) for prim in roots)
-            raise RobotFileError(f"it has {len(roots)} articulations: {paths}. Say which, model=….")
-        return roots[0] if roots else None
-
-    def _tree(self) -> tuple[list[_Link], list[Any], Any]:
-        """The joints outward from the base, those that close loops, and the body that no joint holds, if there is one."""
-        inside = [joint for joint in self.stage.joints if not _excluded(joint)]
-        tied: dict[Any, list[Any]] = {None: []}  # the joints of each body, and of the world
-        for joint in inside:
-            paths = {end.path for end in self._ends(joint)}
-            if len(paths) == 1:
-                raise RobotFileError(f"{who(joint)} has one body at both ends. Name another one.")
-            for path in paths:
-                tied.setdefault(path, []).append(joint)
-        within = self._within(tied)
-        tied[None] = [joint for joint in tied[None] if within & {end.path for end in self._ends(joint)}]
-        start = None if tied[None] else self._first(within)
-        found: dict[Any, _Link] = {}  # by the path of the joint
-        waiting = [None if start is None else start.GetPath()]
-        met = set(waiting)
-        for at in waiting:  # which grows on the way
-            for joint in tied.get(at, []):
-                if joint.GetPath() in found:
-                    continue
-                first, second = self._ends(joint)
-                near, far = (first, second) if first.path == at else (second, first)
-                if far.path in met:
-                    raise RobotFileError(_too_many(joint, near, far, found.values()))
-                met.add(far.path)
-                waiting.append(far.path)
-                found[joint.GetPath()] = _Link(joint, near, far, forward=near is first)
-        ordered = [found[joint.GetPath()] for joint in inside if joint.GetPath() in found]
-        outside = (joint for joint in self.stage.joints if _excluded(joint))
-        return ordered, [joint for joint in outside if {end.path for end in self._ends(joint)} <= met | {None}], start
-
-    def _ends(self, joint: Any) -> tuple[End, End]:
-        return self.ends[joint.GetPath()]
-
-    def _within(self, tied: dict[Any, list[Any]]) -> set[Any]:
-        """The bodies of the articulation: all that hang together with one below its root, or with its joint."""
-        paths = [body.GetPath() for body in self.stage.bodies]
-        if not paths:
-            raise RobotFileError("it has no rigid body (PhysicsRigidBodyAPI). Is it a stage of looks only?")
-        if self.root:
-            root = self.root.GetPath()
-            joints = [joint for joint in self.stage.joints if joint.GetPath().HasPrefix(root)]
-            found = {path for path in paths if path.HasPrefix(root)}
-            found |= {end.path for joint in joints for end in self._ends(joint)} - {None}
-        else:
-            found = {next((path for path in paths if path in tied), paths[0])}
-        if not found:
-            raise RobotFileError(f"{who(self.root)} is the root of an articulation without a body.")
-        waiting = list(found)
-        for path in waiting:
-            new = {end.path for joint in tied.get(path, []) for end in self._ends(joint)} - found - {None}
-            found |= new
-            waiting.extend(new)
-        return found
-
-    def _first(self, within: set[Any]) -> Any:
-        """The body that floats: the articulation's root where that is one, else the first that is nobody's body1."""
-        mine = [body for body in self.stage.bodies if body.GetPath() in within]
-        if self.root and self.root.GetPath() in within:
-            return self.root
-        carried = {end.path for _, end in self.ends.values()}
-        return next((body for body in mine if body.GetPath() not in carried), mine[0])
-
     def _hold(self, body: Any) -> None:
         where = str(body.GetPath())
         if self.floating_base is False:
@@ -195,11 +104,11 @@ class _Reader:
         else:
             self.builder.add_joint(ROOT_JOINT, "floating", WORLD, self._name(body), where=where)
 
-    def _add(self, link: _Link) -> None:
+    def _add(self, link: TreeJoint) -> None:
         joint, T_far = link.joint, link.far.T
         kind = _KINDS.get(str(joint.GetTypeName()))
         if kind is None:
-            raise RobotFileError(f"{who(joint)} is a {joint.GetTypeName()}, which is not read. {_SPLIT}.")
+            raise RobotFileError(f"{who(joint)} is a {joint.GetTypeName()}, which is not read. {HOW_TO_SPLIT}.")
         name, where = self._name(joint), str(joint.GetPath())
         parent = WORLD if link.near.body is None else self._name(link.near.body)
         child = self._name(link.far.body)
@@ -256,7 +165,7 @@ class _Reader:
             self.builder.add_site(
                 f"{name}:{k}", WORLD if end.body is None else self._name(end.body), end.T, where=who(joint)
             )
-            for k, end in enumerate(self._ends(joint))
+            for k, end in enumerate(self.tree.ends[joint.GetPath()])
         ]
         self.builder.add_closure(name, OfferedClosure(frames[0], frames[1], rows))
         self.builder.remark(f"{who(joint)} is left open: robot.close({frames[0]!r}, {frames[1]!r}, {rows!r}) closes it")
@@ -276,18 +185,6 @@ class _Reader:
             G = inertia_of_shapes(self.stage, body, mass)
             mass, com, I = G.mass, com if has_com else G.com, I if has_moments else G.moment_about_com
         return SpatialInertia.from_com(mass, com, I)
-
-
-def _excluded(joint: Any) -> bool:
-    return bool(value_of(joint, "physics:excludeFromArticulation", default=False))
-
-
-def _too_many(joint: Any, near: End, far: End, found: Iterable[_Link]) -> str:
-    """What to say of a joint between two links that are joined already."""
-    twin = next((one.joint for one in found if {one.near.path, one.far.path} == {near.path, far.path}), None)
-    if twin is not None:
-        return f"{who(joint)} and {who(twin)} join the same two bodies. {_SPLIT}."
-    return f"{who(joint)} closes a loop. Cut it open there with excludeFromArticulation; robot.close closes it."
 
 
 def _names(prims: Sequence[Any], *taken: str) -> dict[str, str]:

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import ValueRangeError
-from ..formats.actuator_file import Source, read_log_side
+from ..formats.log_entry import read_log_side
+from ..formats.yaml_text import Source
 from ..model.model import Model
 from ..motion.contradictions import Contradictions
 from ..motion.motion import Motion

@@ -18,8 +18,9 @@ from ..diagnosis.editing import edited, encoded
 from ..diagnosis.findings import Edit, Place
 from ..diagnosis.reading import Subject, read_subject
 from ..errors import ModelError, RobotFileError, ValueRangeError
-from ..formats.element import Element, parse
+from ..formats.element import Element
 from ..formats.urdf import PRODUCTS, origin_of
+from ..formats.xml_parser import parse
 from ..model.model import Model
 from ..robot import Robot, load
 from ..typing import Array

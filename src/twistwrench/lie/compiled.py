@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..core.arguments import TOLERANCE
+from ..core.rotation_checks import TOLERANCE
 from ..typing import Array
 from .half_angle import LARGEST_HALF_TURN
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.arguments import gaps
+from ..core.rotation_checks import gaps
 from ..typing import Array
 from .half_angle import cotangent_quotient, half_angle, half_turn, short_way
 from .quadratic import quadratic

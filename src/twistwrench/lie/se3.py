@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import arguments
+from ..core import arguments, rotation_checks
 from ..errors import MissingExtraError
 from ..typing import Array
 from . import compiled, series, so3
@@ -299,7 +299,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     True
     """
     M, within = arguments.real(M, "se3.project: M", 4, 4), arguments.number(within, "se3.project: within")
-    arguments.last_row(M, "se3.project: M", within)
+    rotation_checks.last_row(M, "se3.project: M", within)
     return pose(so3.project(M[..., :3, :3], within), M[..., :3, 3])
 
 

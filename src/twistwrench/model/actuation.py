@@ -17,14 +17,11 @@ from ..joints import Joint, RotorJoint
 from ..lie import se3
 from ..typing import Array
 from .actuator import Actuator, Rotor
+from .actuator_checks import LARGEST, check_actuator
 from .model import BASE, Body, Limits, Model
 from .spring import Spring
 
 _LAWS = ("viscous", "coulomb", "static", "stribeck", "load")
-_SMALLEST, _LARGEST = 1e-18, 1e12
-"""In SI units: no drive has a number beyond these, and their squares are still far from overflow."""
-_RATIOS = 1e-6, 1e9
-"""Of gears: rad/rad, or rad/m of a spindle; a thread of a nanometre has 6e9."""
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
@@ -83,9 +80,9 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
         )
     full = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
     for name, value in full.items():
-        if not 0 <= value <= _LARGEST:
+        if not 0 <= value <= LARGEST:
             raise ValueRangeError(
-                f"{name} friction of joint {joint!r} is {value:g}; it must be at least 0 and at most {_LARGEST:g}."
+                f"{name} friction of joint {joint!r} is {value:g}; it must be at least 0 and at most {LARGEST:g}."
             )
     if full["static"] < coulomb or full["stribeck"] == 0 or full["load"] >= 1:
         raise ValueRangeError(
@@ -113,7 +110,7 @@ def _driven(model: Model, actuator: Actuator) -> Model:
     driven = _leader(model, actuator.joint)
     if actuator.joint in model.actuators or any(a.joint == actuator.joint for a in model.actuators.values()):
         raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
-    _check(actuator)
+    check_actuator(actuator)
     flexible = np.isfinite(actuator.stiffness)
     name = f"{actuator.joint}.motor" if flexible else actuator.joint
     if actuator.rotor is not None and model.armature[driven.v_index]:
@@ -132,45 +129,6 @@ def _driven(model: Model, actuator: Actuator) -> Model:
     if flexible:
         model, rotor = _with_coordinate(model, driven, actuator, replace(rotor, joint=replace(rotor.joint, name=name)))
     return replace(model, bodies=(*model.bodies, rotor), actuators={**model.actuators, name: actuator})
-
-
-def _check(actuator: Actuator) -> None:
-    who, motor, rotor = f"the actuator of joint {actuator.joint!r}", actuator.motor, actuator.rotor
-    if not _RATIOS[0] <= abs(actuator.ratio) <= _RATIOS[1]:
-        raise ValueRangeError(
-            f"{who} has the ratio {actuator.ratio:g}; it must be a number from {_RATIOS[0]:g} to {_RATIOS[1]:g}, or minus one."
-        )
-    if not 0 < actuator.efficiency <= 1:
-        raise ValueRangeError(f"{who} has the efficiency {actuator.efficiency:g}; it must be above 0 and at most 1.")
-    if not (_real(actuator.stiffness) or actuator.stiffness == np.inf):
-        raise ValueRangeError(
-            f"{who} has the stiffness {actuator.stiffness:g}; it must be above 0 and at most {_LARGEST:g}. Leave it out where "
-            "the gear is rigid."
-        )
-    if rotor is not None and not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= _LARGEST):
-        raise ValueRangeError(f"{who} has a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite.")
-    if rotor is not None and not (_real(rotor.inertia) and 0 <= rotor.mass <= _LARGEST):
-        raise ValueRangeError(
-            f"{who} has a rotor of {rotor.inertia:g} kg m² and {rotor.mass:g} kg; give positive ones."
-        )
-    if motor is not None:
-        if motor.current_continuous > motor.current_peak:
-            raise ValueRangeError(
-                f"{who} has current continuous {motor.current_continuous:g} A above current peak {motor.current_peak:g} A. "
-                "Are they exchanged?"
-            )
-        if not _real(motor.torque_constant):
-            raise ValueRangeError(f"{who} has the torque constant {motor.torque_constant:g} N m/A; it must be above 0.")
-        for field, value in vars(motor).items():
-            may_be_zero = field in ("resistance", "inductance")
-            if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
-                allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {_LARGEST:g}"
-                raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {value:g}; it must be {allowed}.")
-
-
-def _real(x: float) -> bool:
-    """Whether a drive can have this number."""
-    return bool(_SMALLEST <= x <= _LARGEST)
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
-from ..core.arguments import gaps
+from ..core.rotation_checks import gaps
 from ..errors import InertiaError, ModelError
 from ..joints import JOINT_TYPES, Fixed, Joint
 from ..joints.axes import number, numbers

@@ -17,7 +17,8 @@ from .closure import OfferedClosure
 from .description import JointEntry, SiteEntry
 from .limits import Limits
 from .model import BASE, Model
-from .outline import Outline, assembled, outline
+from .outline import Outline, outline
+from .reassembly import assembled
 
 _LISTED = 6
 _Value = TypeVar("_Value")

@@ -10,18 +10,15 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..lie import se3
 from ..typing import Array
-from .actuation import counted, with_actuators
+from .actuation import counted
 from .actuator import Actuator
-from .assembly import ROOT_JOINT, Additions, assemble
-from .default_tip import default_tip
+from .assembly import ROOT_JOINT, Additions
 from .description import JointEntry, LinkEntry, SiteEntry
 from .friction import Friction
 from .limits import Limits
-from .mimic import find_drives
 from .model import BASE, Body, Model
-from .tree import find_tree
 
-__all__ = ["Outline", "assembled", "outline"]
+__all__ = ["Outline", "outline"]
 
 _ROUNDING = 1e-13
 """Of the inertia of a body and the sum of those of its links, relative to the largest number."""
@@ -243,33 +240,3 @@ def _unused(name: str, taken: list[str]) -> str:
     while name in taken:
         name += "_"
     return name
-
-
-def assembled(found: Outline) -> Model:
-    """The model of an outline: the way back. Nothing is judged again, and nothing is said of it.
-
-    >>> import twistwrench as tw
-    >>> arm = tw.robots.ur5().model
-    >>> assembled(outline(arm)).joint_names == arm.joint_names
-    True
-    """
-    tree = find_tree(found.links, found.joints)
-    model = assemble(
-        found.name,
-        found.links,
-        tree,
-        find_drives(found.joints),
-        floating_base=found.floating,
-        snap=found.snap,
-        gravity=found.gravity,
-        source=found.source,
-        additions=found.additions,
-    )
-    armature = [found.armature[name] for name in model.joint_names]
-    model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=found.payloads)
-    model = with_actuators(model, found.actuators)
-    laws = [found.friction[name] for name in model.joint_names]  # of motors too
-    columns = {
-        what: np.concatenate([np.zeros(0), *(getattr(law, what) for law in laws)]) for what in vars(model.friction)
-    }
-    return replace(model, friction=Friction(**columns), tip=default_tip(model))

@@ -42,7 +42,8 @@ class AngleUnits:
     def contradictions(self) -> tuple[str, ...]:
         """A sentence where the unit is wrong for near certain."""
         far, bounded = self._far
-        if far.any() and 2 * far.sum() >= bounded.sum() and (self._size[far] > _MANY_TURNS).all():
+        wound = far & (self._size > _MANY_TURNS)
+        if far.any() and 2 * far.sum() >= bounded.sum() and 2 * wound.sum() > far.sum():
             return (self._too_far(far),)
         return (self._too_small(),) if self._tiny.sum() >= _FEWEST else ()
 

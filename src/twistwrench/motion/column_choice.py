@@ -125,8 +125,8 @@ def _time(
         return None
     if told is None and not first:
         raise TrajectoryError(
-            f"{header.where}: no time column. Name one 'time' (or 't'), in seconds; or say which it is, --columns "
-            f"'time=COLUMN'; or say how many rows a second has, --rate HZ; {header.found()}"
+            f"{header.where}: no time column. Name one 'time' (or 't'), in seconds; a command can be told which it is, "
+            f"--columns 'time=COLUMN', or how many rows a second has, --rate HZ; {header.found()}"
         )
     if told is None and len(first) > 1:
         raise TrajectoryError(

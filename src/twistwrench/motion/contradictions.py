@@ -11,8 +11,10 @@ import numpy as np
 from ..typing import Array
 from .angle_units import AngleUnits
 from .coordinates import Coordinates
+from .gain_text import described_gain, near
 from .rate_delay import RateDelay
 from .rate_gain import RateGain, segments
+from .single_row_glitches import SingleRowGlitches
 
 if TYPE_CHECKING:
     from ..model.model import Limits
@@ -21,9 +23,6 @@ if TYPE_CHECKING:
 _ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
 """Times the slope of what it belongs to that a measured rate may be: filters and delays cost less (measured velocities of
 real logs are 0.94 to 1.02 times the slope), a wrong unit, ratio or clock more."""
-_WITHIN = 0.1
-"""How near a known factor between units a gain is taken to be that factor."""
-_DEGREES = math.degrees(1.0)
 _WRAP = (1.5 * math.pi, 2.5 * math.pi)
 """A step of an angle between these [rad] is taken for a turn that the log left out, where the log keeps within a turn."""
 _SPILL = 0.01 * math.pi
@@ -64,6 +63,7 @@ class Contradictions:
         self._velocity, self._acceleration = RateGain(count), RateGain(len(self._names))
         self._derived = RateGain(count)
         self._delay = RateDelay(count)
+        self._glitches = SingleRowGlitches(count, self._turns)
         self._last: tuple[float, Array] | None = None
         self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
         self._wraps = np.zeros(count, int)
@@ -81,6 +81,7 @@ class Contradictions:
         if not len(t):
             return
         self.look_at_steps(t, q)
+        self._glitches.add(t, q)
         curves = q.copy()
         curves[:, self._turns] = np.unwrap(q[:, self._turns], axis=0)
         dq, ddq = motion.dq, motion.ddq
@@ -131,11 +132,11 @@ class Contradictions:
             for k in found.tolist()
         ]
 
-    def sentences(self, limits: Limits | None = None) -> tuple[str, ...]:
+    def sentences(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
         """A sentence for each contradiction; limits of velocity help to tell a jump from a fast motion."""
         of_time = tuple(self._of_time(limits))
         angles = self._angle_units(limits).contradictions
-        jumps = () if angles else tuple(self._of_jumps(limits))
+        jumps = () if angles else (*self._of_jumps(limits), *(self._of_glitches() if glitches else ()))
         delays = self._delay.result() if not of_time else np.zeros(len(self._single))
         of_rates = tuple(self._of_rates(time_told=bool(of_time), late=delays != 0.0))
         return (*of_time, *angles, *jumps, *of_rates, *self._of_delays(delays))
@@ -215,6 +216,9 @@ class Contradictions:
                     "and is no joint that turns on for ever: remove the rows, or add the turns that the log left out"
                 )
 
+    def _of_glitches(self) -> list[str]:
+        return self._glitches.sentences([self._names[k] for k in self._single.tolist()], self._turns)
+
     def _of_rates(self, *, time_told: bool, late: Array) -> Iterable[str]:
         """``late`` (k,) bool are joints whose velocity is the slope of another time, so that its size says nothing."""
         every = np.arange(len(self._names))
@@ -233,37 +237,10 @@ class Contradictions:
             for k in np.flatnonzero(~((gains > least) & (gains < most))).tolist():
                 if time_told and math.isfinite(gains[k]) and any(near(gains[k], f) for f in (1e3, 1e6, 1e9)):
                     continue
-                what = _described(float(gains[k]), bool(angular[k]), base, per)
+                what = described_gain(float(gains[k]), bool(angular[k]), base, per)
                 said.setdefault(what, []).append(self._names[joints[k]])
             for what, names in said.items():
                 yield f"{_listed(names)}: the {rate} column {what}"
-
-
-def _described(gain: float, angular: bool, base: str, per: str) -> str:
-    slope = f"the slope of the {base}"
-    if math.isinf(gain):
-        return f"moves, and the {base} stand"
-    if abs(gain) < 0.02 and not (angular and near(gain, 1 / _DEGREES)) and not near(gain, 1e-3):
-        return f"is next to nothing, and the {base} move: leave the column out, then it is derived"
-    known = [
-        ("1000", 1e3, "time seems to be in ms"),
-        ("1/1000", 1e-3, "time, or the column, seems to be in another unit"),
-    ]
-    if angular:
-        known += [
-            ("57.3", _DEGREES, f"it seems to be in deg{per}; name the unit, as in 'JOINT [deg{per}]'"),
-            ("1/57.3", 1 / _DEGREES, "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'"),
-        ]
-        if per == "/s":
-            known.append(("9.55", 30 / math.pi, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"))
-    else:
-        known[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
-    for shown, factor, reason in known:
-        if near(gain, factor):
-            return f"is {shown} times {slope}: {reason}"
-    if near(gain, -1.0):
-        return f"has the opposite sign of {slope}"
-    return f"is not {slope}, but some {float(f'{gain:.2g}'):g} times it"
 
 
 def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) -> tuple[str, str] | None:
@@ -271,11 +248,6 @@ def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) 
     found = Contradictions(coordinates)
     found.look_at_steps(time, q[:, found.at])
     return found.slow_steps(limits)
-
-
-def near(gain: float, factor: float) -> bool:
-    """Whether a gain is taken to be a factor between units."""
-    return abs(gain / factor - 1.0) < _WITHIN
 
 
 def _listed(names: list[str]) -> str:

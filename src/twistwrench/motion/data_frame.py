@@ -10,6 +10,7 @@ import numpy as np
 from ..core import arguments
 from ..errors import ShapeError
 from ..typing import Array
+from .column_names import time_meaning
 from .npz_file import NpzFile
 
 _NAME = "the DataFrame"
@@ -25,7 +26,8 @@ def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
             f"Motion.from_dataframe: the frame is {arguments.shown(frame)}: give a pandas DataFrame with a column "
             "for each joint."
         )
-    found: dict[str, Array] = dict(_time(frame.index))
+    timed = any(time_meaning(str(name)) is not None for name in frame.columns)
+    found: dict[str, Array] = dict(_time(frame.index, timed=timed))
     ignored = []
     for name, column in frame.items():
         try:
@@ -37,12 +39,18 @@ def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
     return NpzFile(Path(_NAME), tuple(found), table, 8 * table.size), said
 
 
-def _time(index: Any) -> list[tuple[str, Array]]:
-    """The index by its name, dates and spans in seconds since the first; nothing where it only counts rows."""
+def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
+    """The index, dates and spans in seconds since the first; nothing where it only counts rows.
+
+    Its name is kept where it means time, or another column does (``timed``); else floats that increase are the time.
+    """
     values = np.asarray(index)
     if values.dtype.kind in "mM":
         return [("time [s]", (values - values[:1]) / np.timedelta64(1, "s"))]
     counts = values.dtype.kind in "iu" and np.array_equal(values, np.arange(len(values)))
     if values.ndim != 1 or values.dtype.kind not in "iuf" or (index.name is None and counts):
         return []
-    return [("time" if index.name is None else str(index.name), values.astype(float))]
+    means_time = timed or (index.name is not None and time_meaning(str(index.name)) is not None)
+    increases = values.dtype.kind == "f" and bool((np.diff(values) > 0).all())
+    name = "time" if index.name is None or (increases and not means_time) else str(index.name)
+    return [(name, values.astype(float))]

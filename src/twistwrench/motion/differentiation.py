@@ -21,14 +21,11 @@ from .row_windows import windows
 from .sampling import SampleErrors, sample_errors
 from .smoothing import alike_samples, best_strength, margin_of, smooth
 from .spline import FEWEST, spline_rates
+from .standing import ringing, standing
 
 _SPLINE_MARGIN = 64
 """Samples. The pull of a sample on a quintic spline falls by 0.43 a sample: by 4e-24 over the margin."""
 _EXCERPTS, _EXCERPT_ROWS = 8, 2048
-SURE = 5.0
-"""Standard deviations from which a velocity's sign is believed: of ten million rows at rest, six would be taken to move."""
-_ROUND_OFFS = 16.0
-"""Units in the last place of q that rounding of the samples and of the spline moves its slope by, over a step of time."""
 _UNDERSMOOTHED = 10.0**-0.5
 """Share of the strength that is best for positions which a log is smoothed with. The best balances the smoothing's bias
 against noise, and of the bias a smoothed log shows only part; with less strength the noise outweighs it. Source: Hall,
@@ -199,7 +196,9 @@ class Differentiation:
             stray = self._strays(curves - q, speed)
             dq, derived = joint_rates(self.model, q, speed, second)
             ddq = derived if ddq is None else ddq
-            still = self._still(t, motion.q, dq) | self._contradicted(t, curves, dq)
+            still = standing(self.quality, self.model, t, motion.q, dq, self.sigma_dq) | ringing(
+                self.quality, self.model, t, curves, dq, self.trajectory.columns.factors["q"]
+            )
         elif ddq is None:
             logged, dq = dq, self.smooth(t, dq)
             ddq, _ = spline_rates(t, dq)
@@ -215,42 +214,6 @@ class Differentiation:
             return residual[:, :0]
         return strays(residual, np.maximum(self.spread, self.errors.deviation(speed)), self.strengths)
 
-    def _still(self, t: Array, q: Array, dq: Array) -> Array:
-        """Where derived velocities (n, nv) are within their uncertainty: that of noise, and that of arithmetic."""
-        steps = np.diff(t)
-        step = np.minimum(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])
-        # A joint whose samples repeat stands, although the spline still rings there from where it moved; on a grid, where
-        # slow joints repeat samples too, the noise decides.
-        repeats = np.zeros((len(t), q.shape[1]), bool)
-        repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
-        repeats &= self.quality.quantum == 0
-        still = np.asarray(np.abs(dq) <= SURE * self.sigma_dq)
-        for b in self.model.leaders:
-            q_here = slice(b.q_index, b.q_index + b.joint.nq)
-            here = slice(b.v_index, b.v_index + b.joint.nv)
-            arithmetic = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_here]).max(axis=1, initial=0.0) / step
-            still[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
-            still[:, here] |= repeats[:, q_here].all(axis=1, keepdims=True)
-        return still
-
-    def _contradicted(self, t: Array, curves: Array, dq: Array) -> Array:
-        """Where the spline moves a joint and the samples on either side do not, or the other way: it rings; (n, nv) bool.
-
-        Only where the step it claims is one that the samples would show.
-        """
-        claimed = np.zeros(dq.shape, bool)
-        if len(t) < 3:
-            return claimed
-        span, moved = t[2:] - t[:-2], curves[2:] - curves[:-2]
-        shown = np.maximum(self.quality.quantum, SURE * self.quality.noise)
-        factors = self.trajectory.columns.factors["q"]
-        for b in self.model.leaders:
-            if b.joint.nq == 1:
-                step = dq[1:-1, b.v_index] * span
-                large = np.abs(step) > shown[b.q_index] * factors[b.q_index]
-                claimed[1:-1, b.v_index] = large & (step * moved[:, b.q_index] <= 0)
-        return claimed
-
     def smooth(self, t: Array, x: Array) -> Array:
         """The columns (n, k), or (n, k, ...) for many logs at the same times, each smoothed by its strength."""
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
@@ -260,7 +223,8 @@ class Differentiation:
 def _too_few(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
     return TrajectoryError(
         f"{trajectory.path}: {rows} row{'s are' if rows != 1 else ' is'} too few to derive {wanted} from. "
-        f"Give at least {FEWEST} rows, or '.vel' and '.acc' columns for every joint."
+        f"Give at least {FEWEST} rows, or '.vel' and '.acc' columns for every joint. A motion between a few poses is made by "
+        "twistwrench move, or tw.trajectories.move."
     )
 
 

@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.files import as_path
-from ..errors import MissingExtraError, ModelWarning, ShapeError, ValueRangeError
+from ..errors import ModelWarning, ShapeError, ValueRangeError
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .bounds import Bounds, bounds_or_own
-from .column_names import time_column
 from .contradictions import Contradictions
 from .coordinates import Coordinates, joint_rates
+from .motion_files import MotionFiles
 from .spline import FEWEST, between, continuous, spline_rates
 from .time_unit import time_doubt
 from .violations import LimitCheck, Violation
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion:
+class Motion(MotionFiles):
     """States of one robot at increasing times.
 
     Parameters
@@ -414,100 +413,6 @@ class Motion:
         check.add(self.time, self.q, self.dq, self.ddq, self.torques(friction=friction))
         return check.violations()
 
-    # ── files ──
-
-    def columns(self, *, degrees: bool = False) -> dict[str, Array]:
-        """Columns of the motion by the names that they have in files: the coordinate's, ``.vel``, ``.acc`` and ``.torque``.
-
-        Parameters
-        ----------
-        degrees : bool, angles in degrees
-
-        Returns
-        -------
-        columns : {name: (n,) array}, time first
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> list(motion.columns())[:3]
-        ['time', 'joint1', 'joint2']
-        """
-        names = self.coordinates
-        unit = np.degrees(1.0) if degrees else 1.0
-        q = self.q * np.where(names.angular, unit, 1.0)
-        turning = np.where(names.angular_velocity, unit, 1.0)
-        parts: Mapping[str, Array | None] = {".vel": self.dq * turning, ".acc": self.ddq * turning, ".torque": self.tau}
-        found = {time_column(names.names): self.time, **{name: q[:, k] for k, name in enumerate(names.names)}}
-        for suffix, values in parts.items():
-            if values is not None:
-                found |= {name + suffix: values[:, k] for k, name in enumerate(names.velocity_names)}
-        return found
-
-    def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
-        """Write a CSV file that ``twistwrench torques`` reads.
-
-        Parameters
-        ----------
-        path : str or Path
-        degrees : bool, angles in degrees
-
-        Returns
-        -------
-        path : Path of the file written
-
-        Raises
-        ------
-        ValueRangeError
-            Nothing can be written.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     print(motion.to_csv(f"{folder}/motion.csv").read_text().split(",")[0])
-        time
-        """
-        from .table_file import TableFile
-
-        path, columns = as_path(path), self.columns(degrees=degrees)
-        with TableFile.writing(path, list(columns)) as file:
-            if file is not None:
-                file.write(np.column_stack(list(columns.values())))
-        return path
-
-    def to_pandas(self) -> Any:
-        """Data frame with the time [s] as its index and a column for each entry.
-
-        Returns
-        -------
-        frame : pandas.DataFrame
-
-        Raises
-        ------
-        MissingExtraError
-            There is no pandas.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> t = np.linspace(0, 1, 101)
-        >>> motion = tw.Motion(t, np.outer(t**2, [1, -1]), robot=tw.robots.planar_2r())
-        >>> motion.to_pandas().shape
-        (101, 6)
-        """
-        try:
-            import pandas  # type: ignore[import-untyped]
-        except ImportError:
-            raise MissingExtraError.of("pandas", "tables", "Making a DataFrame") from None
-        columns = self.columns()
-        return pandas.DataFrame(columns).set_index(next(iter(columns)))
-
     def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:
         """Plot of velocities and torques as shares of their limits.
 
@@ -578,7 +483,8 @@ def _derived(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array,
     """Velocities and accelerations (n, nv) by a quintic spline through q, or through the velocities where they are known."""
     if len(t) < FEWEST:
         raise ValueRangeError(
-            f"Motion: {len(t)} samples are too few to derive rates from; give dq and ddq, or {FEWEST} samples."
+            f"Motion: {len(t)} samples are too few to derive rates from; give dq and ddq, or {FEWEST} samples. "
+            "tw.trajectories.move makes a motion between a few poses."
         )
     if dq is not None:
         return dq, spline_rates(t, dq)[0]

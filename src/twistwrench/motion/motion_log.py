@@ -267,12 +267,13 @@ class MotionLog:
             )
         return (*said, *(last.contradictions.notes() if last.contradictions else ()))
 
-    def contradictions(self, limits: Limits | None = None) -> tuple[str, ...]:
+    def contradictions(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
         """Contradictions: a sentence for each thing by which the motion contradicts itself.
 
         Parameters
         ----------
         limits : Limits, optional; those of velocity help to tell a jump from a fast motion
+        glitches : bool, single wrong rows too; False where smoothing found them, which says more of them
 
         Returns
         -------
@@ -287,7 +288,7 @@ class MotionLog:
         ()
         """
         found = self._last.contradictions
-        return () if found is None else found.sentences(limits)
+        return () if found is None else found.sentences(limits, glitches=glitches)
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """Hints: a sentence for each thing that is odd, and may yet be meant.

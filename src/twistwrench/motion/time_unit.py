@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..typing import Array
-from .contradictions import near, slow_steps
+from .contradictions import slow_steps
 from .coordinates import Coordinates
+from .gain_text import near
 
 if TYPE_CHECKING:
     from ..model.model import Limits

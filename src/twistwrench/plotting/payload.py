@@ -13,9 +13,10 @@ from ..model.limits import TOLERANCE
 from ..statics.ellipsoid import WrenchEllipsoid, wrench_ellipsoid
 from ..statics.force_directions import weakest_direction
 from ..statics.payload import LargestPayload
-from ..statics.payload_map import SLICES, PayloadMap
+from ..statics.payload_map import PayloadMap
 from ..statics.polytope import WrenchPolytope, wrench_polytope
 from ..typing import Array
+from .payload_map import draw_map
 from .style import AXIS, INK, LINE, ORANGE, OVER, QUIET, SKY, SMALL, figure, save
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ def plot_payload(
         _draw_forces(left, robot, q, frame, limits)
         _draw_shares(right.subplots(), found, carried)
         if chart is not None:
-            _draw_map(parts[1], chart, np.asarray(robot.forward_kinematics(q, frame))[:3, 3])
+            draw_map(parts[1], chart, np.asarray(robot.forward_kinematics(q, frame))[:3, 3])
         save(drawn, path)
 
 
@@ -279,32 +280,3 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     axis.legend(
         handles=patches, loc="upper center", bbox_to_anchor=(0.45, -0.16), ncols=3, frameon=False, fontsize=SMALL
     )
-
-
-def _draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
-    from matplotlib.colors import LogNorm
-
-    axes = figure.subplots(1, 2, sharex=True, sharey=True)
-    place = (np.hypot(*tip[:2]), tip[2]) if chart.plane == "rz" else tuple(tip[list(SLICES[chart.plane][:2])])
-    finite = chart.best[np.isfinite(chart.best)]
-    high = max(
-        float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3
-    )  # a few postures hold a hundred times more
-    low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
-    shades = LogNorm(low, max(high, 1.01 * low))
-    titles = ("Payload map, best posture", "Payload map, worst posture")
-    for axis, values, title in zip(axes, (chart.best, chart.worst), titles, strict=True):
-        image = axis.pcolormesh(*chart.edges, np.maximum(values, low), norm=shades, cmap="viridis", rasterized=True)
-        axis.set_aspect("equal")
-        axis.grid(visible=False)
-        axis.set_title(title, loc="left", fontweight="bold")
-        names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
-        axis.set_xlabel(f"{names[0]} [m]")
-        axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
-        (cross,) = axis.plot(*place, "x", color=OVER, markeredgewidth=1.8, markersize=7, linestyle="none")
-    axes[0].set_ylabel(f"{names[1]} [m]")
-    figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=SMALL)
-    bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
-    ticks = [x for x in np.unique([float(f"{x:.1g}") for x in np.geomspace(low, high, 6)]) if low <= x <= high]
-    bar.set_ticks(ticks, labels=[f"{x:g}" for x in ticks], minor=False)
-    bar.minorticks_off()

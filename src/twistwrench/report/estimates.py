@@ -16,9 +16,10 @@ import numpy as np
 from ..motion.column_extremes import Extreme
 from ..motion.complete_states import States
 from ..motion.coordinates import joint_rates
-from ..motion.differentiation import SURE, Differentiation
+from ..motion.differentiation import Differentiation
 from ..motion.motion_log import LogRows
 from ..motion.spline import spline_rates
+from ..motion.standing import SURE
 from ..typing import Array
 from .largest_value import Contenders, excess_of_largest
 from .loaded_robot import LoadedRobot

@@ -121,7 +121,7 @@ class _Run:
 def _report(
     run: MotionTally, derived: MotionTally | None = None, estimates: Sequence[PeakEstimate] | None = None
 ) -> TorqueReport:
-    plan, load = run.plan, run.load
+    plan, load, strays = run.plan, run.load, run.strays.result()
     joints = _joints(run, derived)
     if estimates is not None:
         joints = tuple(replace(j, estimate=e) for j, e in zip(joints, estimates, strict=True))
@@ -142,11 +142,11 @@ def _report(
         band=None if estimates is None else run.band.result(),
         largest=run.largest,
         limits=run.limits,
-        strays=run.strays.result(),
+        strays=strays,
         still=tuple((run.still / max(1, run.rows)).tolist()),
         motors=run.motors.result(),
         around=run.around[worst] or States.none(load.bare.nq, load.bare.nv),
-        contradictions=(*load.contradictions, *plan.trajectory.contradictions(run.limits)),
+        contradictions=(*load.contradictions, *plan.trajectory.contradictions(run.limits, glitches=not strays)),
         hints=plan.trajectory.hints(run.limits),
         measured=run.measured(),
         idle_payload=any(p.mass for p in load.payloads)

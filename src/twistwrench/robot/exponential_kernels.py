@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.fast_call import make_call
 from ..kernels.interpreter import compiles
 from ..lie import compiled as lie
 from ..lie import exponentials
@@ -50,6 +49,8 @@ class ExponentialKernel:
 
     @cached_property
     def _one(self) -> Callable[[Array], Array]:
+        from ..kernels.fast_call import make_call
+
         return make_call(self._flat, self.slower, self.name) or self.slower
 
     @cached_property

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 from ..core.files import as_path
 from ..errors import ValueRangeError
+from ..formats import load_model
 from .robot import Robot
 from .robot_argument import require_robot
 
@@ -22,7 +24,8 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
     Returns
     -------
     lost : list of str
-        What the format cannot say of the robot, a sentence each; empty where reading the file gives the same robot.
+        What the format cannot say of the robot, a sentence each, its tip included where reading the file takes another;
+        empty where reading the file gives the same robot.
 
     Raises
     ------
@@ -60,4 +63,15 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
     written = WRITERS[form](robot.model)
     with replacing(path) as scratch:
         scratch.write_text(written.text, encoding="utf-8", newline="\n")
-    return list(written.lost)
+    return [*written.lost, *_tip_lost(robot, path)]
+
+
+def _tip_lost(robot: Robot, path: Path) -> list[str]:
+    """A sentence where the file's default tip is another one: no format has a word for it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what reading remarks on is in the robot that was written
+        tip = load_model(path).tip
+    if tip == robot.tip:
+        return []
+    found = "finds none" if tip is None else f"takes {tip!r}"
+    return [f"the tip is not kept: reading the file {found}; say tip={robot.tip!r} for the same"]

@@ -14,7 +14,7 @@ from ..core import arguments
 from ..errors import ShapeError
 from ..screws.wrench import Wrench
 from ..typing import Array
-from .quantity_methods import Kind, Rows
+from .quantity_types import Kind, Rows
 from .state_arguments import names_of, states
 from .wrench_arguments import Wrenches, check_mapping, wrench_at
 

@@ -13,7 +13,7 @@ from ..algorithms.weighted_svd import Reach, doubtful, independent_rows, usual_s
 from ..core import arguments, lazy
 from ..errors import ModelWarning
 from ..typing import Array
-from .quantity_methods import Kind, Rows
+from .quantity_types import Kind, Rows
 from .state_arguments import brought
 
 if TYPE_CHECKING:

@@ -8,8 +8,9 @@
 from __future__ import annotations
 
 import warnings
+from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from ..errors import ModelWarning, UnknownNameError
 
@@ -258,3 +259,15 @@ def quadruped(**options: Unpack[LoadOptions]) -> Robot:
     """
     options.setdefault("floating_base", True)
     return _load("quadruped", **options)
+
+
+def __getattr__(name: str) -> Any:
+    """Of a robot that is not bundled: say which are, and where others are found."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    near = get_close_matches(name, names(), 1, 0.6)
+    meant = f" Did you mean {near[0]}?" if near else ""
+    raise AttributeError(
+        f"no bundled robot {name!r}.{meant} There are {', '.join(names())}; tw.find({name!r}) looks in other packages, and "
+        "tw.load takes a file."
+    )

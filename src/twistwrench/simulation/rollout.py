@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -94,12 +94,43 @@ class Rollout:
             raise ValueRangeError(
                 f"motion{index}: the batch has shape {self.batch}; give one index for each of its axes."
             )
-        if self.simulated is None:
-            raise ValueRangeError("this rollout has no robot in it.")
         from ..motion.motion import Motion
 
         tau = None if self.tau is None else np.concatenate([self.tau[index], self.tau[index][-1:]])
-        return Motion(self.times, self.q[index], self.dq[index], tau=tau, robot=self.simulated)
+        return Motion(self.times, self.q[index], self.dq[index], tau=tau, robot=self._robot())
+
+    def to_xarray(self) -> Any:
+        """Dataset of q, dq, and tau where it was asked for, whose axes are named: samples, time, coordinate, joint.
+
+        Returns
+        -------
+        dataset : xarray.Dataset
+
+        Raises
+        ------
+        MissingExtraError
+            There is no xarray.
+
+        Notes
+        -----
+        Torques are those of the step that begins at each time; at the last one they are NaN.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> many = tw.robots.planar_2r().rollout([[0, 0], [1, 0]], [0, 0], steps=100)
+        >>> many.to_xarray().q.isel(sample=1, time=-1).sel(coordinate="joint1").shape
+        ()
+        """
+        from ..motion.labelled_dataset import labelled_dataset
+
+        arrays = {"q": self.q, "dq": self.dq, **({} if self.tau is None else {"tau": self.tau})}
+        return labelled_dataset(self._robot().model, self.times, arrays)
+
+    def _robot(self) -> Robot:
+        if self.simulated is None:
+            raise ValueRangeError("this rollout has no robot in it.")
+        return self.simulated
 
     @property
     def batch(self) -> tuple[int, ...]:

@@ -17,7 +17,7 @@ from .torque_limits import effort_limits
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from ..robot.quantity_methods import Kind
+    from ..robot.quantity_types import Kind
 
 PARTS = {"moment": slice(0, 3), "force": slice(3, 6), "wrench": slice(0, 6)}
 """The rows of a wrench that each part means."""

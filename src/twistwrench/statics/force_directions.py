@@ -16,7 +16,7 @@ from .torque_limits import effort_limits, growth, require_fixed_base, span
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from ..robot.quantity_methods import Kind
+    from ..robot.quantity_types import Kind
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from .pose_arguments import one_configuration
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from ..robot.quantity_methods import Kind
+    from ..robot.quantity_types import Kind
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this share of the largest count as zero: the pose is then singular."""

@@ -18,7 +18,7 @@ from .torque_limits import effort_limits, require_fixed_base
 
 if TYPE_CHECKING:
     from ..robot import Robot
-    from ..robot.quantity_methods import Kind
+    from ..robot.quantity_types import Kind
 
 
 @dataclass(frozen=True, eq=False)

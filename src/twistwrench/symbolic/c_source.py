@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ValueRangeError
-from .printed_code import FUNCTIONS, Routine, constants, header, ordered_names, routine, unused, written
+from .printed_code import FUNCTIONS, Routine, constants, header, ordered_names, routine, unused
+from .source_expression import written
 
 if TYPE_CHECKING:
     from .equations import Equations

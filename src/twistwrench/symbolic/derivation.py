@@ -24,7 +24,7 @@ from .expanded_form import (
 )
 from .factored_form import EquationWriter
 from .generalized_coordinates import coordinates_of
-from .symbols import model_entries
+from .symbol_choice import model_entries
 
 if TYPE_CHECKING:
     from ..robot import Robot

@@ -6,7 +6,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from .documents import heading, remarks_of, sentence
-from .notation import MathML
+from .mathml import MathML
 
 if TYPE_CHECKING:
     from .equations import Equations, Step

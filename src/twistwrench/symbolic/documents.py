@@ -7,8 +7,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from .latex import Latex
 from .line_breaks import TEXT_WIDTH, broken, latex_width
-from .notation import Latex, Notation
+from .notation import Notation
 
 if TYPE_CHECKING:
     from .equations import Equations, Line, Step

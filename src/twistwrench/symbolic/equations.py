@@ -10,7 +10,8 @@ from inspect import signature
 from typing import Any
 
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
-from .notation import Latex, Notation, Text
+from .latex import Latex
+from .notation import Notation, Text
 from .symbols import Parameter
 
 
@@ -314,7 +315,7 @@ class Equations:
         >>> "def inverse_dynamics(" in equations.numpy_source()
         True
         """
-        from .printed_code import numpy_source
+        from .numpy_source import numpy_source
 
         return numpy_source(self)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,13 @@ import numpy as np
 from ..typing import Array
 from .decimals import shortest
 from .trig_sum import Basis, Ring, TrigSum
+from .wave_products import ShortestForms, Waves
 
-Waves = tuple[tuple[Basis, int], ...]
-"""A product of powers of sines and cosines."""
 Row = tuple[Any, int, Waves]
 """Coefficient, monomial, sines and cosines."""
 Term = tuple[Any, int]
 """Coefficient and monomial."""
 
-_LONGEST = 40  # terms beyond which a coefficient has no short form to look for
 _MOST_FACTORED, _MOST_NAMES = 28, 7  # terms and symbols of the square of a sum of seven
 
 
@@ -47,12 +44,12 @@ class EquationWriter:
         given = expressions or {}
         self.symbols = {name: given.get(name, sympy.Symbol(name)) for name in ring.symbols}
         n = len(ring.angles)
-        self._families = [np.eye(n, dtype=int)]
-        if sums is not None and (sums != self._families[0]).any():
-            self._families.append(sums)
+        families = [np.eye(n, dtype=int)]
+        if sums is not None and (sums != families[0]).any():
+            families.append(sums)
+        self._forms = ShortestForms(families)
         self._masses = frozenset(masses)
         self._waves: dict[Basis, Any] = {}
-        self._forms: dict[Any, dict[Waves, Any]] = {}
         self._products: dict[frozenset[Term], Any] = {}
 
     # ── expressions ──
@@ -219,103 +216,11 @@ class EquationWriter:
         shared = set(powers[0]).intersection(*powers)
         return self.ring.monomial({name: min(p[name] for p in powers) for name in shared})
 
-    # ── the shortest form ──
-
     def _rows(self, total: TrigSum) -> list[Row]:
         by_monomial: dict[int, dict[Basis, Any]] = defaultdict(dict)
         for (monomial, base), value in total.terms.items():
             by_monomial[monomial][self.ring.bases[base]] = value
-        return [(c, m, waves) for m, terms in by_monomial.items() for waves, c in self._shortest(terms).items()]
-
-    def _shortest(self, terms: dict[Basis, Any]) -> dict[Waves, Any]:
-        plain: dict[Waves, Any] = {_waves_of({basis: 1}): c for basis, c in terms.items()}
-        if len(terms) > _LONGEST or (len(terms) == 1 and all(abs(x) <= 1 for x in next(iter(terms))[1])):
-            return plain
-        if any(not isinstance(x, int) for _, f in terms for x in f):
-            return plain
-        key = tuple(sorted(terms.items()))
-        if key not in self._forms:
-            candidates = [plain]
-            for sums in self._families:
-                candidates.extend(_products(terms, sums))
-            self._forms[key] = min(candidates, key=_length)
-        return self._forms[key]
-
-
-def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
-    """Terms; doubled angles; halves; factors. The first that differs decides."""
-    doubled = sum(1 for waves in form for (_, f), _ in waves if any(abs(x) > 1 for x in f))
-    halves = sum(1 for c in form.values() if float(2 * c).is_integer() and not float(c).is_integer())
-    return len(form), doubled, halves, sum(power for waves in form for _, power in waves)
-
-
-def _waves_of(powers: Mapping[Basis, int]) -> Waves:
-    return tuple(sorted((basis, power) for basis, power in powers.items() if power and any(basis[1])))
-
-
-def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]]:
-    """The sum as polynomials in the cosines and sines of the angles that are the rows of ``sums``, squares reduced."""
-    inverse = np.rint(np.linalg.inv(sums)).astype(int)
-    n = len(sums)
-    whole: dict[tuple[tuple[int, int], ...], Any] = defaultdict(int)
-    for (kind, f), value in terms.items():
-        g = np.array(f, int) @ inverse
-        if np.abs(g).max(initial=0) > 4:
-            return
-        for powers, (real, imaginary) in _expansion(tuple(map(int, g))).items():
-            part = real if kind == "cos" else imaginary
-            if part:
-                whole[powers] += part * value
-    involved = [j for j in range(n) if any(p[j][0] or p[j][1] for p in whole)]
-    if len(involved) > 4:
-        return
-    for keep in product((0, 1), repeat=len(involved)):  # of the squares, leave cosines (0) or sines (1)
-        form = dict(whole)
-        for j, kept in zip(involved, keep, strict=True):
-            form = _reduced(form, j, kept)
-        yield {
-            _waves_of(
-                {(("cos", "sin")[s], tuple(int(x) for x in sums[j])): p[j][s] for j in involved for s in (0, 1)}
-            ): c
-            for p, c in _without_dust(form).items()
-        }
-
-
-def _expansion(g: tuple[int, ...]) -> dict[tuple[tuple[int, int], ...], tuple[int, int]]:
-    """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| as powers (of cos, of sin) → (real, imaginary) coefficient."""
-    total: dict[tuple[tuple[int, int], ...], complex] = {((0, 0),) * len(g): 1}
-    for j, power in enumerate(g):
-        for _ in range(abs(power)):
-            grown: dict[tuple[tuple[int, int], ...], complex] = defaultdict(complex)
-            for p, c in total.items():
-                (a, b) = p[j]
-                grown[*p[:j], (a + 1, b), *p[j + 1 :]] += c
-                grown[*p[:j], (a, b + 1), *p[j + 1 :]] += c * (1j if power > 0 else -1j)
-            total = grown
-    return {p: (round(c.real), round(c.imag)) for p, c in total.items()}
-
-
-def _reduced(form: Mapping[Any, Any], j: int, kept: int) -> dict[Any, Any]:
-    """sin² = 1 - cos² (kept 0) or cos² = 1 - sin² (kept 1) of angle j, until none is left."""
-    todo, done = dict(form), defaultdict[Any, Any](int)
-    while todo:
-        p, c = todo.popitem()
-        if p[j][1 - kept] < 2:
-            done[p] += c
-            continue
-        low, high = list(p[j]), list(p[j])
-        low[1 - kept] -= 2
-        high[1 - kept] -= 2
-        high[kept] += 2
-        for powers, sign in ((low, 1), (high, -1)):
-            q = (*p[:j], tuple(powers), *p[j + 1 :])
-            todo[q] = todo.get(q, 0) + sign * c
-    return dict(done)
-
-
-def _without_dust(form: Mapping[Any, Any]) -> dict[Any, Any]:
-    least = 1e-14 * max((abs(c) for c in form.values()), default=0)
-    return {p: c for p, c in form.items() if abs(c) > least}
+        return [(c, m, waves) for m, terms in by_monomial.items() for waves, c in self._forms.shortest(terms).items()]
 
 
 def _ratio(one: TrigSum, other: TrigSum) -> Any:

@@ -14,112 +14,19 @@ import numpy as np
 from ..joints.chart import exact
 from ..model.model import BASE, Model
 from ..typing import Array
+from .definitions import AXES, Definitions, exact_number
 from .equation_assembly import entry_name, steps_of, term_lines
 from .equations import Label, Step
 from .generalized_coordinates import Coordinate
 from .screw_kinematics import chart_waves, joint_motion, numbers_of
-from .symbols import BodyEntries, Entry, ModelEntries
-
-_AXES = "xyz"
-
-
-def _number(value: float) -> Any:
-    """A SymPy number: whole ones exact, so that 0 and ±1 leave nothing behind."""
-    import sympy
-
-    return sympy.sympify(exact(value))
-
-
-class _Names:
-    """Definitions in order, and the derivatives of what they define."""
-
-    def __init__(self, coordinates: tuple[Coordinate, ...], entries: ModelEntries) -> None:
-        import sympy
-
-        self._sympy = sympy
-        self.q = [sympy.Symbol(c.name) for c in coordinates]
-        self.definitions: list[tuple[Any, Any]] = []
-        self.groups: list[tuple[str, str, int]] = []
-        self._taken = {s.name for s in self.q} | {p.name for p in entries.parameters}
-        self._expr: dict[Any, Any] = {}
-        self._slopes: dict[tuple[Any, int], Any] = {}
-        self._waves: dict[tuple[int, float, float], tuple[Any, Any]] = {}
-
-    def group(self, name: str, remark: str) -> None:
-        """What is defined from here on belongs to this step."""
-        self.groups.append((name, remark, len(self.definitions)))
-
-    def name(self, name: str, expr: Any) -> Any:
-        """The expression itself where it is a number or at most a product of a number and a symbol; else a new name."""
-        expr = self._sympy.sympify(expr)
-        core = expr.as_coeff_Mul()[1]
-        if core.is_Symbol or not expr.free_symbols:
-            return expr
-        while name in self._taken:
-            name += "_"
-        self._taken.add(name)
-        symbol = self._sympy.Symbol(name)
-        self.definitions.append((symbol, expr))
-        self._expr[symbol] = expr
-        return symbol
-
-    def names(self, pattern: str, vector: Array) -> Array:
-        """Names for the entries of a vector: x, y, z appended."""
-        return np.array([self.name(f"{pattern}{_AXES[k]}", x) for k, x in enumerate(vector)], object)
-
-    def slope(self, expr: Any, k: int) -> Any:
-        """d(expr)/dq_k, through the definitions; derivatives of names get names."""
-        total = self._sympy.Integer(0)
-        for symbol in sorted(expr.free_symbols, key=str):
-            inner = self._symbol_slope(symbol, k)
-            if inner != 0:
-                total = total + expr.diff(symbol) * inner
-        return total
-
-    def _symbol_slope(self, symbol: Any, k: int) -> Any:
-        if symbol == self.q[k]:
-            return self._sympy.Integer(1)
-        if symbol not in self._expr:
-            return self._sympy.Integer(0)
-        if (symbol, k) not in self._slopes:
-            self._slopes[symbol, k] = self.name(f"d{symbol.name}_q{k + 1}", self.slope(self._expr[symbol], k))
-        return self._slopes[symbol, k]
-
-    # ── the arithmetic of kinematics ──
-
-    def number(self, entry: Entry) -> Any:
-        """A number of the model, or its symbol."""
-        if entry.parameter is None:
-            return _number(entry.value)
-        return entry.sign * self._sympy.Symbol(entry.parameter.name)
-
-    def coordinate(self, k: int) -> Any:
-        """The k-th coordinate itself."""
-        return self.q[k]
-
-    def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
-        """Names for the cosine and sine; those of a coordinate itself are c_k and s_k."""
-        key = (k, rate, offset)
-        if key not in self._waves:
-            again = sum(1 for other in self._waves if other[0] == k)
-            index = f"{self.q[k].name.partition('_')[2]}{'_' + str(again + 1) if again else ''}"
-            argument = _number(rate) * self.q[k] + _number(offset)
-            letter = "" if self.q[k].name.startswith("theta") else self.q[k].name.partition("_")[0]
-            self._waves[key] = (
-                self.name(f"c{letter}_{index}", self._sympy.cos(argument)),
-                self.name(f"s{letter}_{index}", self._sympy.sin(argument)),
-            )
-            c, s = self._waves[key]
-            if c in self._expr:  # their derivatives are each other, not sines and cosines anew
-                self._slopes[c, k], self._slopes[s, k] = -_number(rate) * s, _number(rate) * c
-        return self._waves[key]
+from .symbols import BodyEntries, ModelEntries
 
 
 def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> dict[str, Any]:
     """The fields of :class:`~twistwrench.symbolic.derivation.Derivation`."""
     import sympy
 
-    names = _Names(coordinates, entries)
+    names = Definitions(coordinates, entries)
     n = len(coordinates)
     names.group("sines", "cosines and sines of the coordinates")
     raw = [joint_motion(names, body, mine) for body, mine in zip(model.bodies, entries.bodies, strict=True)]
@@ -140,17 +47,17 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     return {**_equations(names, coordinates, M, dM, g, P), "definitions": tuple(names.definitions), "form": "named"}
 
 
-def _motions(names: _Names, tags: list[str], raw: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+def _motions(names: Definitions, tags: list[str], raw: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
     names.group("placements", "R_i and t_i: rotation and place of each link in the one before it")
     found = []
     for i, (R, p) in zip(tags, raw, strict=True):
-        rows = [[names.name(f"R_{i}_{_AXES[a]}{_AXES[b]}", R[a, b]) for b in range(3)] for a in range(3)]
+        rows = [[names.name(f"R_{i}_{AXES[a]}{AXES[b]}", R[a, b]) for b in range(3)] for a in range(3)]
         found.append((np.array(rows, object), names.names(f"t_{i}_", p)))
     return found
 
 
 def _velocities(
-    names: _Names, model: Model, entries: ModelEntries, motions: Any
+    names: Definitions, model: Model, entries: ModelEntries, motions: Any
 ) -> list[dict[int, tuple[Array, Array]]]:
     """Of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in the body's axes."""
     names.group(
@@ -185,7 +92,7 @@ def _velocities(
     return centres
 
 
-def _own(names: _Names, R: Array, k: int, body: Any, mine: BodyEntries) -> tuple[Array, Array]:
+def _own(names: Definitions, R: Array, k: int, body: Any, mine: BodyEntries) -> tuple[Array, Array]:
     """The joint's own part: ω and the origin's v in the child's axes, per unit of the rate of coordinate k."""
     joint, number = body.joint, k - body.v_index
     if joint.nv > 1:
@@ -202,7 +109,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], object)
 
 
-def _heights(names: _Names, model: Model, entries: ModelEntries, motions: Any) -> list[Any]:
+def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: Any) -> list[Any]:
     """- gravity · (place of the centre of mass) of each body: n_i is -gravity in its axes, eta_i that of its origin."""
     names.group(
         "heights",
@@ -221,20 +128,20 @@ def _heights(names: _Names, model: Model, entries: ModelEntries, motions: Any) -
     return centres
 
 
-def _springs(names: _Names, model: Model, entries: ModelEntries) -> Any:
+def _springs(names: Definitions, model: Model, entries: ModelEntries) -> Any:
     """½ k (Σ weight · coordinate - rest)², summed."""
     import sympy
 
     places = {body.joint.name: body.v_index for body in model.leaders}
     total = sympy.Integer(0)
     for spring, k in zip(model.springs, entries.springs, strict=True):
-        ends = (_number(weight) * names.q[places[joint]] for joint, weight in spring.terms)
-        stretch = sympy.Add(*ends) - _number(spring.rest)
+        ends = (exact_number(weight) * names.q[places[joint]] for joint, weight in spring.terms)
+        stretch = sympy.Add(*ends) - exact_number(spring.rest)
         total += sympy.Rational(1, 2) * names.number(k) * stretch**2
     return total
 
 
-def _mass_matrix(names: _Names, entries: ModelEntries, velocities: Any, n: int) -> list[list[Any]]:
+def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any, n: int) -> list[list[Any]]:
     import sympy
 
     M = [[sympy.Integer(0)] * n for _ in range(n)]
@@ -251,7 +158,7 @@ def _mass_matrix(names: _Names, entries: ModelEntries, velocities: Any, n: int) 
     return M
 
 
-def _tied(names: _Names, dM: Any, n: int) -> Any:
+def _tied(names: Definitions, dM: Any, n: int) -> Any:
     """Derivatives of entries of M as short names, where they are not already."""
     return [
         [
@@ -265,7 +172,7 @@ def _tied(names: _Names, dM: Any, n: int) -> Any:
     ]
 
 
-def _equations(names: _Names, coordinates: Any, M: Any, dM: Any, g: Any, P: Any) -> dict[str, Any]:
+def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P: Any) -> dict[str, Any]:
     import sympy
 
     n = len(coordinates)
@@ -329,7 +236,7 @@ def _equations(names: _Names, coordinates: Any, M: Any, dM: Any, g: Any, P: Any)
     }
 
 
-def _defined(names: _Names) -> list[Step]:
+def _defined(names: Definitions) -> list[Step]:
     """The definitions as steps."""
     ends = [start for _, _, start in names.groups[1:]] + [len(names.definitions)]
     return [

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import keyword
-import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from ..errors import ValueRangeError
 
 if TYPE_CHECKING:
     from .equations import Equations
@@ -133,92 +130,6 @@ def _needed(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> lis
     return kept[::-1]
 
 
-def written(expr: Any, functions: Mapping[str, str]) -> str:
-    """An expression in the operators that Python and C share; powers of whole numbers as products.
-
-    ``functions`` maps SymPy's name of each function that the language has to how a call of it looks. ValueRangeError names
-    any other, and numbers that no double holds.
-    """
-    return _Operators(functions).write(expr)
-
-
-class _Operators:
-    def __init__(self, functions: Mapping[str, str]) -> None:
-        self.functions = functions
-
-    def write(self, expr: Any) -> str:
-        import sympy
-
-        if expr.is_Add:
-            return " + ".join(self._tight(a) for a in expr.args).replace("+ -", "- ")
-        if expr.is_Mul:
-            coefficient, rest = expr.as_coeff_Mul()
-            if coefficient == -1:
-                return "-" + self._joined(rest)
-            return self._joined(expr)
-        if expr.is_Pow and expr.exp.is_Integer and 0 < int(expr.exp) <= 8:
-            return "*".join([self._factor(expr.base)] * int(expr.exp))
-        if expr.is_Pow and expr.exp == -1:
-            return f"1.0/{self._divisor(expr.base)}"
-        if expr.is_Pow and expr.exp.is_Integer and int(expr.exp) < 0:
-            return f"1.0/{self._divisor(expr.base**-expr.exp)}"
-        if expr.is_Symbol:
-            return str(expr.name)
-        if expr.is_Number or expr.is_NumberSymbol:
-            return self._number(expr)
-        if expr.is_Pow and expr.exp == sympy.Rational(1, 2):
-            return self._call("sqrt", expr.base)
-        if expr.is_Pow and expr.exp == sympy.Rational(-1, 2):
-            return f"1.0/{self._call('sqrt', expr.base)}"
-        if expr.is_Pow:
-            return self._call("pow", expr.base, expr.exp)
-        return self._call(expr.func.__name__ if expr.args else str(expr), *expr.args)
-
-    def _call(self, name: str, *args: Any) -> str:
-        if name not in self.functions:
-            known = ", ".join(n for n in self.functions if n != "pow")
-            raise ValueRangeError(
-                f"{name}, in these equations or the derivatives, cannot be written as source. Allowed are powers and {known}, "
-                "of symbols with real=True where Abs is differentiated. Rewrite the Lagrangian in these, or evaluate the "
-                "expressions with SymPy."
-            )
-        return self.functions[name].format(*map(self.write, args))
-
-    def _number(self, x: Any) -> str:
-        if not (x.is_finite and math.isfinite(_double(x))):
-            raise ValueRangeError(
-                f"{str(x)[:40]} cannot be written as source: no double holds it. Scale the Lagrangian."
-            )
-        if x.is_Rational and not x.is_Integer:
-            if max(abs(x.p), x.q) >= 1 << 1000:
-                return repr(float(x))
-            exact = x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50
-            return repr(float(x)) if exact else f"({x.p}.0/{x.q}.0)"
-        return repr(float(x))
-
-    def _joined(self, expr: Any) -> str:
-        return "*".join(map(self._factor, expr.args)) if expr.is_Mul else self._factor(expr)
-
-    def _tight(self, expr: Any) -> str:
-        return self.write(expr)
-
-    def _factor(self, expr: Any) -> str:
-        text = self.write(expr)
-        plain = expr.is_Symbol or expr.is_Function or expr.is_NumberSymbol or (expr.is_Number and not expr.is_negative)
-        power = expr.is_Pow and expr.exp.is_Integer and int(expr.exp) > 0
-        return text if plain or power else f"({text})"
-
-    def _divisor(self, expr: Any) -> str:
-        return self.write(expr) if expr.is_Symbol or expr.is_Function else f"({self.write(expr)})"
-
-
-def _double(x: Any) -> float:
-    try:
-        return float(x)
-    except OverflowError:
-        return math.inf
-
-
 def header(equations: Equations) -> list[str]:
     """Sentences for the top of a file of source."""
     from .documents import remarks_of
@@ -234,61 +145,6 @@ def header(equations: Equations) -> list[str]:
         lines.append(f"{array} = ({', '.join(s.name for s in symbols)})")
     lines += [f"{name}: {meaning}" for name, meaning in equations.meanings]
     return [*lines, *remarks_of(equations)]
-
-
-def numpy_source(equations: Equations) -> str:
-    """The Python module."""
-    names = ordered_names(equations)
-    values = {s: p.value for s, p in zip(equations.values, equations.parameters, strict=True)}
-    symbols = constants(equations)
-    parts = ['"""' + "\n".join(header(equations)).replace("\\", "").replace('"', "'") + '\n"""\n\nimport numpy as np\n']
-    if all(s in values for s in symbols):
-        rows = [f"    {s.name!r}: {float(values[s])!r}," for s in symbols]
-        parts.append("\n".join(["PARAMETERS = {", *rows, "}\n"]))
-    else:
-        parts.append(f"# parameters = {{{', '.join(f'{s.name!r}: …' for s in symbols)}}}\n")
-    parts += [_numpy_function(equations, routine(equations, name, names)) for name in FUNCTIONS]
-    return "\n".join(parts)
-
-
-def _numpy_function(equations: Equations, made: Routine) -> str:
-    arrays, letter, axes, meaning = FUNCTIONS[made.name]
-    n = len(equations.q)
-    shape = ", ".join([str(n)] * axes)
-    symbols = constants(equations)
-    known = len(symbols) == len(equations.parameters)
-    lines = [f"\ndef {made.name}({', '.join(arrays)}, parameters{'=PARAMETERS' if known else ''}):"]
-    ins = ", ".join(f"{a} (..., {n})" for a in arrays)
-    lines.append(f'    """{meaning}; {ins} -> (..., {shape})."""')
-    lines.append(
-        f"    {', '.join(arrays)}{',' if len(arrays) == 1 else ''} = (np.asarray(x, float) for x in ({', '.join(arrays)},))"
-    )
-    for name in arrays:
-        wanted = f'f"{name} has shape {{{name}.shape}}, wanted (..., {n})"'
-        lines += [f"    if {name}.shape[-1:] != ({n},):", f"        raise ValueError({wanted})"]
-    for array, k, name in made.inputs:
-        lines.append(
-            f"    {name} = parameters[{symbols[k].name!r}]" if array == "p" else f"    {name} = {array}[..., {k}]"
-        )
-    lines += [f"    {name} = {written(expr, _NUMPY)}" for name, expr in made.lines]
-    batch = ", ".join(f"{a}.shape[:-1]" for a in arrays)
-    lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({batch}), {shape}))")
-    for place, expr in zip(np.ndindex((n,) * axes), made.results, strict=True):
-        if expr != 0:
-            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {written(expr, _NUMPY)}")
-    lines.append(f"    return {letter}\n")
-    return "\n".join(lines)
-
-
-_NUMPY = {
-    **{
-        name: f"np.{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "sign")
-    },
-    **{f"a{name}": f"np.arc{name}({{}})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    "atan2": "np.arctan2({}, {})",
-    "Abs": "np.abs({})",
-    "pow": "np.power({}, {})",
-}
 
 
 def unused(names: Iterable[str], made: Routine) -> list[str]:

@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UnknownNameError, ValueRangeError
+from ..errors import ValueRangeError
 from ..model.model import BASE, Body, Model
 from .decimals import shortest
-
-KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
-"""What ``symbols=`` can name as a whole; ``"all"`` and ``"none"`` beside them."""
 
 _AXES = "xyz"
 _SAME = 1e-12  # a centre of mass is a quotient, so it meets the joint's place to round-off
@@ -79,61 +76,7 @@ class ModelEntries:
     parameters: tuple[Parameter, ...]
 
 
-def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:
-    """Name the model's numbers, those that ``symbols`` chooses: kinds, names, ``"all"`` or ``"none"``.
-
-    Raises :class:`~twistwrench.UnknownNameError` for names that the robot does not have.
-    """
-    namer = _Namer(model)
-    every = namer.entries()
-    chosen = _chosen(symbols, every.parameters)
-
-    def kept(entry: Entry) -> Entry:
-        return entry if entry.parameter is None or entry.parameter.name in chosen else Entry(entry.value)
-
-    def all_kept(entries: Entries) -> Entries:
-        return tuple(map(kept, entries))
-
-    bodies = tuple(
-        BodyEntries(
-            tag=b.tag,
-            place=all_kept(b.place),
-            point=all_kept(b.point),
-            pitch=kept(b.pitch),
-            mass=kept(b.mass),
-            com=all_kept(b.com),
-            inertia=tuple(map(all_kept, b.inertia)),
-            ratio=kept(b.ratio),
-        )
-        for b in every.bodies
-    )
-    parameters = tuple(p for p in every.parameters if p.name in chosen)
-    return ModelEntries(bodies, all_kept(every.gravity), all_kept(every.springs), all_kept(every.armature), parameters)
-
-
-def _chosen(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> set[str]:
-    words = [symbols] if isinstance(symbols, str) else symbols
-    try:
-        words = [str(word).strip() for word in words]
-    except TypeError:
-        raise ValueRangeError(
-            f"symbols={symbols!r}: give 'all', 'none', or a list of kinds ({', '.join(KINDS)}) and names such as 'L_1'."
-        ) from None
-    names = {p.name for p in parameters}
-    chosen: set[str] = set()
-    for word in words:
-        if word == "all":
-            chosen |= names
-        elif word in KINDS:
-            chosen |= {p.name for p in parameters if word in p.kinds}
-        elif word in names:
-            chosen.add(word)
-        elif word != "none":
-            raise UnknownNameError.of("symbol or kind of symbols", word, ["all", "none", *KINDS, *sorted(names)])
-    return chosen
-
-
-class _Namer:
+class Namer:
     """Goes through a model body by body and gives names: L_1 for the place of the next joint, r_1 for a centre of mass."""
 
     def __init__(self, model: Model) -> None:
@@ -142,6 +85,7 @@ class _Namer:
         self.tags = _tags(model)
 
     def entries(self) -> ModelEntries:
+        """The numbers of the model, each with its name where it has one."""
         bodies = self.model.bodies
         lengths = {i: self._lengths(i) for i in range(BASE, len(bodies))}
         found = tuple(self._body(i, body, lengths) for i, body in enumerate(bodies))

@@ -13,6 +13,7 @@ from functools import cached_property
 
 from ..program.program import Port, Program
 from .c import FUSED_MACROS, PRECISIONS, CFunction, statements
+from .cuda_prelude import PLACE, PRELUDE, ROWS_IN, ROWS_OUT, TABLE_OUT
 
 OPTIONS = ("-std=c++17", "-fmad=false")
 """What a compiler of CUDA has to be told: the language, and to fuse nothing by itself."""
@@ -27,85 +28,6 @@ THREADS = (128, 64, 32)
 """Sizes of blocks, the preferred one first; whole warps."""
 
 BYTES = {"float": 4, "double": 8}
-
-_PRELUDE = """\
-#define THREADS {threads}u
-
-#ifdef __CUDACC__
-#define SHARED __shared__ __align__(16)
-#define EACH_BLOCK(block, blocks) if (const long long block = blockIdx.x; block < (blocks))
-#define EACH_THREAD(t) if (const unsigned t = threadIdx.x; t < THREADS)
-#define TOGETHER __syncthreads()
-#define SINCOS(x, s, c) sincos{suffix}((x), (s), (c))
-#define UNROLLED _Pragma("unroll 16")
-#define INLINE static __device__ __forceinline__
-#else /* the same on a processor: block after block, and in each what stands between two TOGETHER thread after thread */
-#include <math.h>
-#define __global__
-#define __device__
-#define __restrict__
-#define __launch_bounds__(threads)
-#define SHARED static
-#define EACH_BLOCK(block, blocks) for (long long block = 0; block < (blocks); block++)
-#define EACH_THREAD(t) for (unsigned t = 0; t < THREADS; t++)
-#define TOGETHER
-#define SINCOS(x, s, c) (*(s) = sin{suffix}(x), *(c) = cos{suffix}(x))
-#define UNROLLED
-#define INLINE static inline
-#endif
-"""
-
-_PLACE = """\
-/* Where element i of rows of n elements lies in a tile: rows begin an odd number of elements apart, for the banks' sake. */
-template <unsigned n> INLINE unsigned place(unsigned i) {{ return n % 2 ? i : i + i / n; }}
-"""
-
-_ROWS_IN = """\
-/* Rows of n elements, `step` elements apart, into a tile. */
-template <unsigned n>
-INLINE void whole_rows_in(unsigned t, {real} *tile, const {real} *__restrict__ from)
-{{
-    UNROLLED
-    for (unsigned k = 0; k < n; k++)
-        tile[place<n>(t + k * THREADS)] = from[t + k * THREADS];
-}}
-
-template <unsigned n>
-INLINE void rows_in(unsigned t, unsigned rows, {real} *tile, const {real} *__restrict__ from, long long step)
-{{
-    if (rows == THREADS && step == n)
-        whole_rows_in<n>(t, tile, from);
-    else
-        for (unsigned i = t; i < rows * n; i += THREADS)
-            tile[place<n>(i)] = from[i / n * step + i % n];
-}}
-"""
-
-_ROWS_OUT = """\
-/* Rows of n elements out of a tile, without gaps. */
-template <unsigned n>
-INLINE void rows_out(unsigned t, unsigned rows, const {real} *tile, {real} *__restrict__ to)
-{{
-    if (rows == THREADS) {{
-        UNROLLED
-        for (unsigned k = 0; k < n; k++)
-            to[t + k * THREADS] = tile[place<n>(t + k * THREADS)];
-    }} else
-        for (unsigned i = t; i < rows * n; i += THREADS)
-            to[i] = tile[place<n>(i)];
-}}
-"""
-
-_TABLE_OUT = """\
-/* The same where equal elements are kept once: element k of a row is number table[k] of what is kept, in rows `pitch` apart. */
-template <unsigned n, unsigned pitch>
-INLINE void table_out(
-    unsigned t, unsigned rows, const {real} *tile, const unsigned short *table, {real} *__restrict__ to)
-{{
-    for (unsigned i = t; i < rows * n; i += THREADS)
-        to[i] = tile[i / n * pitch + table[i % n]];
-}}
-"""
 
 
 @dataclass(frozen=True)
@@ -196,13 +118,13 @@ class CudaFunction:
         made = len(self.program.inputs)
         inputs, outputs = self.tiles[:made], self.tiles[made:]
         helpers = [
-            (_PLACE, any(tile.table is None for tile in staged)),
-            (_ROWS_IN, any(tile.staged for tile in inputs)),
-            (_ROWS_OUT, any(tile.staged and tile.table is None for tile in outputs)),
-            (_TABLE_OUT, any(tile.table is not None for tile in outputs)),
+            (PLACE, any(tile.table is None for tile in staged)),
+            (ROWS_IN, any(tile.staged for tile in inputs)),
+            (ROWS_OUT, any(tile.staged and tile.table is None for tile in outputs)),
+            (TABLE_OUT, any(tile.table is not None for tile in outputs)),
         ]
         parts = [
-            _PRELUDE.format(threads=self.threads, suffix=suffix),
+            PRELUDE.format(threads=self.threads, suffix=suffix),
             FUSED_MACROS.format(fma=f"fma{suffix}"),
             *(text.format(real=real) for text, needed in helpers if needed),
             *(_table(tile) for tile in outputs if tile.table is not None),

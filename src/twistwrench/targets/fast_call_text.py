@@ -64,13 +64,13 @@ class Way:
 
 def call_assembly(way: Way) -> str:
     """The module for one way of calling."""
-    call = _Call(way)
+    call, ports = _Call(way), (*way.inputs, *way.mapped, *way.outputs)
     call.write()
     return "\n".join(
         [
             helpers(way.precision, LIST_ITEMS, TUPLE_ITEMS, SIZE, FIELDS["type"]),
             f"@one = internal constant {_numbers([1])}",
-            f"@steps = internal constant {_numbers(_steps(way))}",
+            f"@steps = internal constant {_numbers(loop_steps(ports, way.precision, way.batch))}",
             *(f"@shape{k} = internal constant {_numbers(port.shape)}" for k, port in enumerate(way.outputs)),
             f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count, ptr %names) {{\nentry:",
             *call.w.lines,
@@ -84,17 +84,16 @@ def _numbers(values: Sequence[int]) -> str:
     return f"[{len(values)} x i64] [{', '.join(f'i64 {n}' for n in values)}]"
 
 
-def _steps(way: Way) -> list[int]:
-    """The distances of contiguous rows, as a loop wants them."""
-    ports: tuple[Port, ...] = (*way.inputs, *way.mapped, *way.outputs)
+def loop_steps(ports: Sequence[Port], precision: Precision, batch: int = 0) -> list[int]:
+    """The distances of contiguous rows in bytes, as a loop wants them; of the first ``batch`` axes it knows nothing."""
     inner: list[int] = []
     for port in ports:
-        size, strides = way.precision.bytes, []
-        for n in reversed(port.shape[way.batch :]):
+        size, strides = precision.bytes, []
+        for n in reversed(port.shape[batch:]):
             strides.append(size)
             size *= n
         inner += strides[::-1]
-    return [port.size * way.precision.bytes for port in ports] + inner
+    return [port.size * precision.bytes for port in ports] + inner
 
 
 class _Call:

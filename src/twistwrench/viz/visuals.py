@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import MissingExtraError, ModelError, NotFoundError
-from ..formats.element import Element, parse
+from ..formats.element import Element
 from ..formats.source import read_robot_text
 from ..formats.urdf import rotation_of_rpy
+from ..formats.xml_parser import parse
 from ..lie import se3
 from ..typing import Array
 from .resources import find_resource

@@ -126,7 +126,11 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> lis
     names = ("x", "y", "z")
     along = largest_wrench(robot, q, np.concatenate([np.eye(3), -np.eye(3)]), frame=frame, limits=limits)
     pairs = [f"±{n} {_force(along.magnitude[k])} / {_force(along.magnitude[k + 3])}" for k, n in enumerate(names)]
-    lines = [Text(f"Largest force [N] along {', '.join(pairs)} (base axes).")]
+    lines = [
+        Text(
+            f"Largest force [N] at the origin of {frame}, in place of the payload, along {', '.join(pairs)} (base axes)."
+        )
+    ]
     try:
         weakest = weakest_direction(robot, q, frame=frame, limits=limits)
     except ValueRangeError:

@@ -42,8 +42,17 @@ def _heading(model: Model) -> Text:
     return Text.assemble(
         (model.name, "bold"),
         f"  {counts}\nmass {moving:.4g} kg moving, {fixed:.4g} kg fixed  ·  gravity [{gravity}] m/s²  ·  tip ",
-        model.tip or f"none; leaves: {', '.join(model.leaves) or 'none'}",
+        _tip(model),
     )
+
+
+def _tip(model: Model) -> str:
+    """The tip, and what else could be one: the leaves on the same body."""
+    if model.tip is None:
+        return f"none; leaves: {', '.join(model.leaves) or 'none'}"
+    body = model.all_frames[model.tip].body
+    others = [name for name in model.leaves if name != model.tip and model.frames[name].body == body]
+    return f"{model.tip} (beside it: {', '.join(others)})" if others else model.tip
 
 
 def _joints(model: Model, *, degrees: bool) -> Table:

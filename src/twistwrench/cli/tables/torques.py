@@ -165,7 +165,8 @@ def _why(report: TorqueReport, k: int) -> Table:
     if abs(joint.chance) > NEGLIGIBLE * report.reference(joint):
         why = why.and_also("noise", np.where(np.arange(len(report.joints)) == k, joint.chance, 0.0))
     heads, *rows, together = why.rows(why.joints[k])
-    title = f"Why {joint.joint} at t = {joint.time:.3f} s"
+    apart = ", what the payload adds under the term it is" if report.load.payloads else ""
+    title = f"Why {joint.joint} at t = {joint.time:.3f} s{apart}"
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left", title_style="bold")
     table.add_column(heads[0], no_wrap=True)
     for head in heads[1:]:

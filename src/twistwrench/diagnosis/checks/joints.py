@@ -55,9 +55,9 @@ def check_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
             outside.append(body.joint.name)
         if not body.joint.turning[0] and _STROKE < upper - lower < _ENDLESS:
             long.append(body.joint.name)
-    said = "zero is outside their limits, so the neutral configuration is no configuration of theirs"
+    said = "zero is outside the limits, so that the neutral configuration is not to be had"
     yield from _of_several(robot, "limits", outside, said)
-    yield from _of_several(robot, "limits", long, f"their stroke is more than {_STROKE:g} m")
+    yield from _of_several(robot, "limits", long, f"the stroke is more than {_STROKE:g} m")
 
 
 def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
@@ -67,12 +67,12 @@ def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         if robot.format == "urdf":
             none = [j.name for j in joints if not j.numbers.get(what)]
             large = [j.name for j in joints if j.numbers.get(what, 0.0) >= 1e4 or j.numbers.get(what) == 1000.0]
-            yield from _of_several(robot, "effort", none, f"they have no limit of {what}")
-            yield from _of_several(robot, "effort", large, f"their limit of {what} stands for none")
+            yield from _of_several(robot, "effort", none, f"there is no limit of {what}")
+            yield from _of_several(robot, "effort", large, f"the limit of {what} stands for none")
     limits, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
     names = robot.model.velocity_names
     weak = [names[k] for k in range(robot.model.nv) if np.isfinite(limits[k]) and torques[k] > limits[k]]
-    yield from _of_several(robot, "effort", weak, "their own weight takes more than their effort at some pose")
+    yield from _of_several(robot, "effort", weak, "the robot's own weight takes more than the effort at some pose")
 
 
 def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:

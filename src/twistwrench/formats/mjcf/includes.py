@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...errors import RobotFileError
-from ..element import Element, parse
+from ..element import Element
 from ..source import MAX_BYTES, read_robot_text
+from ..xml_parser import parse
 
 _DEEPEST = 16
 _ROOTS = ("mujoco", "mujocoinclude")

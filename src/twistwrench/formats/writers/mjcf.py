@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
 from ...errors import ModelError
-from ...lie import quaternion, se3
-from ...model.assembly import ROOT_JOINT
+from ...lie import quaternion
 from ...model.description import JointEntry
 from ...model.model import Model
 from ...model.outline import Outline, outline
@@ -19,11 +15,10 @@ from ...typing import Array
 from ..element import Element
 from ..mjcf.equality import ALL, POINT
 from ..xml_text import figures, new, xml_text
-from .written import Losses, Written, configurations_of, drive_of, screw_of, unused
+from .mjcf_joints import MjcfJoints
+from .written import Losses, Written, configurations_of, unused
 
 WORLD = "world"
-_FAR = 1e10
-"""Stands for no limit on one side, where the format wants two numbers."""
 
 
 def write_mjcf(model: Model) -> Written:
@@ -34,16 +29,6 @@ def write_mjcf(model: Model) -> Written:
     ()
     """
     return _MjcfWriter(outline(model)).write()
-
-
-@dataclass(frozen=True, eq=False)
-class _Axis:
-    """One hinge or slide of a body."""
-
-    name: str
-    kind: str
-    direction: Array
-    point: Array
 
 
 class _MjcfWriter:
@@ -58,20 +43,17 @@ class _MjcfWriter:
         self.equality, self.tendon, self.keyframe = (
             Element(tag, {}, 0, self.root) for tag in ("equality", "tendon", "keyframe")
         )
-        self.joint_names = {joint.name for joint in found.joints} | {ROOT_JOINT}
+        self.joints = MjcfJoints(found, self.equality, self.losses)
         self.bodies: dict[str, Element] = {}
-        self.joints: dict[str, Element] = {}
         self.standing: set[str] = set()
         """Links that do not move, each with an inertia of its own: where the base is the world, which has none."""
-        self.order: list[tuple[str, JointEntry]] = []
-        """(how its coordinates are written, joint) in the order of MuJoCo's qpos, but for the root's."""
 
     def write(self) -> Written:
         """Bodies in each other, then what holds between them."""
         found = self.found
         if found.floating:
             self.bodies[found.root] = self._body(found.root, self.world, np.eye(4), found.whole[found.root])
-            self._free(ROOT_JOINT, self.bodies[found.root])
+            self.joints.add_free(self.bodies[found.root])
         elif found.root == WORLD:
             self.bodies[WORLD] = self.world
             self.standing.add(WORLD)
@@ -131,21 +113,18 @@ class _MjcfWriter:
                     f"joint {last.name!r} floats away from the world's origin, and MJCF has no joint for that. Lock it."
                 )
             self.bodies[last.child] = self._body(last.child, parent, np.eye(4), inertia)
-            self._free(last.name, self.bodies[last.child])
-            self.order.append(("floating", last))
+            self.joints.add_free(self.bodies[last.child], last)
             return
         body = self.bodies[last.child] = self._body(last.child, parent, after[0], inertia)
         for entry, T in zip(entries, after[1:], strict=True):
             if entry.fixed:
                 continue
             if entry.joint.kind == "ball":
-                self.joints[entry.name] = new("joint", body, name=entry.name, type="ball")
-                self._drive(entry.name, [self.joints[entry.name]])
-                self.order.append(("ball", entry))
+                self.joints.add_ball(entry, body)
             elif entry.joint.kind == "planar":
-                self._add_planar(entry, body)
+                self.joints.add_planar(entry, body)
             else:
-                self._add_screw(entry, body, T)
+                self.joints.add_screw(entry, body, T)
 
     def _inertia(self, entry: JointEntry) -> SpatialInertia | None:
         """Of the body that a joint carries: whole of what moves, and one by one of what stands in the world."""
@@ -156,79 +135,6 @@ class _MjcfWriter:
             return self.found.links[entry.child].inertia
         return None
 
-    def _free(self, name: str, body: Element) -> None:
-        joint = self.joints[name] = new("freejoint", body, name=name)
-        self._drive(name, [joint])
-        if len(joint.attributes) > 1:  # the short form has a name alone
-            joint.tag, joint.attributes = "joint", {"name": name, "type": "free", **joint.attributes}
-
-    def _add_screw(self, entry: JointEntry, body: Element, T: Array) -> None:
-        axis = screw_of(entry)
-        direction, point = axis.direction, axis.point
-        if not np.array_equal(T, np.eye(4)):  # the joint of a hidden link, seen from the body
-            back = se3.inverse(T)
-            direction, point = back[:3, :3] @ direction, back[:3, :3] @ point + back[:3, 3]
-        kind = "hinge" if axis.turns else "slide"
-        joint = self._axis(body, _Axis(entry.name, kind, direction, point if axis.turns else np.zeros(3)))
-        self._limits(joint, entry)
-        self._drive(entry.name, [joint])
-        self.order.append(("single", entry))
-        if axis.pitch:
-            slide = self._name(f"{entry.name}.slide")
-            self._axis(body, _Axis(slide, "slide", direction, np.zeros(3)))
-            self._follow(slide, entry.name, axis.pitch, 0.0)
-            self.order.append(("pitch", entry))
-            self.losses.of_joint(
-                entry.name, "is helical; it is written as a hinge and a slide that an equality joins, softly in MuJoCo"
-            )
-        if entry.mimic is not None:
-            self._follow(entry.name, *entry.mimic)
-
-    def _axis(self, body: Element, axis: _Axis) -> Element:
-        joint = new("joint", body, name=axis.name, type=axis.kind, axis=figures(axis.direction))
-        if axis.point.any():
-            joint.attributes["pos"] = figures(axis.point)
-        return self.joints.setdefault(axis.name, joint)
-
-    def _add_planar(self, entry: JointEntry, body: Element) -> None:
-        w, e1, e2 = entry.joint.axes[0, :3], entry.joint.axes[1, 3:], entry.joint.axes[2, 3:]
-        parts = [
-            self._axis(body, _Axis(self._name(f"{entry.name}.{letter}"), kind, direction, np.zeros(3)))
-            for letter, kind, direction in (("x", "slide", e1), ("y", "slide", e2), ("theta", "hinge", w))
-        ]
-        self._drive(entry.name, parts)
-        self.order.append(("planar", entry))
-        self.losses.of_joint(
-            entry.name,
-            "is planar; it is written as two slides and a hinge, whose velocities are those of x, y and theta",
-        )
-
-    def _name(self, name: str) -> str:
-        name = unused(name, self.joint_names)
-        self.joint_names.add(name)
-        return name
-
-    def _follow(self, joint: str, leader: str, ratio: float, offset: float) -> None:
-        new("joint", self.equality, joint1=joint, joint2=leader, polycoef=figures([offset, ratio, 0, 0, 0]))
-
-    def _limits(self, joint: Element, entry: JointEntry) -> None:
-        limits = entry.limits
-        ends = np.array([limits.lower[0], limits.upper[0]])
-        if np.isfinite(ends).any():
-            joint.attributes["range"] = figures(np.clip(ends, -_FAR, _FAR))
-            if not np.isfinite(ends).all():
-                self.losses.of_joint(entry.name, f"has a limit on one side only; the other one is written as {_FAR:g}")
-        if np.isfinite(limits.effort[0]):
-            joint.attributes["actuatorfrcrange"] = figures([-limits.effort[0], limits.effort[0]])
-        if np.isfinite(limits.velocity[0]):
-            self.losses.of_joint(entry.name, "has a limit of velocity, which the format cannot say")
-
-    def _drive(self, name: str, joints: list[Element]) -> None:
-        drive = drive_of(self.found, name, self.losses)
-        said = {"damping": drive.damping, "frictionloss": drive.friction, "armature": drive.armature}
-        for joint in joints:
-            joint.attributes |= {what: figures(value) for what, value in said.items() if value}
-
     def _add_sites(self) -> None:
         for site in self.found.additions.sites.values():
             body = self.bodies[site.link]
@@ -238,7 +144,7 @@ class _MjcfWriter:
     def _add_springs(self) -> None:
         for spring in self.found.additions.springs:
             (first, weight), *others = spring.terms
-            joint = self.joints[first]
+            joint = self.joints.elements[first]
             if not others and "stiffness" not in joint.attributes:
                 joint.attributes["stiffness"] = figures(spring.stiffness * weight**2)
                 if spring.rest:
@@ -253,19 +159,12 @@ class _MjcfWriter:
 
     def _add_configurations(self) -> None:
         for name, positions in configurations_of(self.found).items():
-            new("key", self.keyframe, name=name, qpos=figures(np.concatenate([np.zeros(0), *self._qpos(positions)])))
-
-    def _qpos(self, positions: Mapping[str, Array]) -> Iterator[Array]:
-        """The coordinates of each joint as MuJoCo has them."""
-        if self.found.floating:
-            yield _placed_first(positions[ROOT_JOINT])
-        for form, entry in self.order:
-            leader, ratio, offset = entry.mimic or (entry.name, 1.0, 0.0)
-            q = ratio * positions[leader] + offset
-            if form == "floating":
-                yield _placed_first(q)
-            else:
-                yield screw_of(entry).pitch * q if form == "pitch" else q
+            new(
+                "key",
+                self.keyframe,
+                name=name,
+                qpos=figures(np.concatenate([np.zeros(0), *self.joints.qpos(positions)])),
+            )
 
     def _add_closures(self) -> None:
         sites = self.found.additions.sites
@@ -295,8 +194,3 @@ def _pose(T: Array) -> dict[str, str]:
     if not np.array_equal(T[:3, :3], np.eye(3)):
         found["quat"] = figures(quaternion.from_matrix(T[:3, :3]))
     return found
-
-
-def _placed_first(q: Array) -> Array:
-    """(x, y, z, qw, qx, qy, qz) of (qw, qx, qy, qz, x, y, z)."""
-    return np.concatenate([q[4:], q[:4]])

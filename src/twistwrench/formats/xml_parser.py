@@ -1,0 +1,143 @@
+"""The safe parser that makes elements of XML text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.foreign_errors import foreign_errors
+from ..errors import RobotFileError
+from .element import Element
+
+_BLANK = "\ufeff \t\r\n"
+
+MOST_BODIES = 20_000
+"""Links or bodies that a file may have unless ``max_bodies`` says otherwise: more is a mistake, or meant to take all memory."""
+
+_BODIES = ("link", "body")
+
+_WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
+"""Root elements of formats that say everything by attributes."""
+
+_LEVELS = 1_000
+"""Elements one inside the other, beside those of bodies in bodies."""
+
+
+class _Forbidden(Exception):
+    """A declaration a robot file has no need of; its text says which."""
+
+
+class _Watcher:
+    """Counts the bodies that the parser meets; ``skipped`` lines were removed above what it sees."""
+
+    def __init__(self, skipped: int, file: str, most: int) -> None:
+        from xml.parsers import expat
+
+        # Without namespaces: an undeclared prefix somewhere inside a plugin's settings is no reason to refuse a robot.
+        self.parser = expat.ParserCreate()
+        self.parser.StartElementHandler = self._start
+        # Entities are how XML exhausts memory and reads other files; expat fetches nothing unless told how.
+        self.parser.EntityDeclHandler = self._entity
+        self.parser.UnparsedEntityDeclHandler = self._entity
+        self.parser.StartDoctypeDeclHandler = self._doctype
+        self.skipped, self.file, self.most, self.bodies = skipped, file, most, 0
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        if name in _BODIES:
+            self.bodies += 1
+            if self.bodies > self.most:
+                place = self._made(name, attributes, None).place
+                raise RobotFileError(
+                    f"it has more than {self.most:,} bodies ({place}). Raise the limit, max_bodies=, if that is meant."
+                )
+
+    def _made(self, name: str, attributes: dict[str, str], parent: Element | None) -> Element:
+        return Element(name, attributes, self.parser.CurrentLineNumber + self.skipped, parent, (), self.file)
+
+    def _entity(self, name: str, *_: Any) -> None:
+        raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
+
+    def _doctype(self, _name: str, system: str | None, _public: str | None, _internal: bool) -> None:
+        if system is not None:
+            line = self.parser.CurrentLineNumber + self.skipped
+            raise _Forbidden(f"line {line}: it points to another document, {system!r}")
+
+    def watch(self, body: str) -> None:
+        """Go through the text; raises :class:`~twistwrench.RobotFileError` with the line."""
+        from xml.parsers.expat import ExpatError
+
+        with foreign_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
+            try:
+                self.parser.Parse(body, True)
+            except ExpatError as error:
+                what = str(error).partition(":")[0]
+                raise RobotFileError(
+                    f"line {error.lineno + self.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
+                    "Correct that line; every element that opens must close."
+                ) from None
+            except _Forbidden as problem:
+                raise RobotFileError(
+                    f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and "
+                    "remove the <!DOCTYPE …>."
+                ) from None
+
+
+class _TreeMaker(_Watcher):
+    """Collects the parser's events into a tree of elements."""
+
+    def __init__(self, skipped: int, file: str, most: int) -> None:
+        super().__init__(skipped, file, most)
+        self.parser.buffer_text = True
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._text
+        self.root: Element | None = None
+        self._open: list[Element] = []
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        if name in _BODIES:
+            super()._start(name, attributes)
+        path = self._open
+        parent = path[-1] if path else None
+        element = self._made(name, attributes, parent)
+        if len(path) > self.most + _LEVELS:
+            raise RobotFileError(
+                f"its elements lie more than {self.most + _LEVELS:,} deep in each other ({element.place})."
+            )
+        if parent is None:
+            self.root = element
+            if name in _WITHOUT_TEXT:
+                self.parser.CharacterDataHandler = None
+        else:
+            parent.add(element)
+        path.append(element)
+
+    def _end(self, _name: str) -> None:
+        self._open.pop()
+
+    def _text(self, text: str) -> None:
+        if self._open and text and not text.isspace():
+            self._open[-1].content += text
+
+
+def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
+    """The root element of an XML text. Blank lines before its declaration are forgiven, as most robot tools do.
+
+    ``file`` is named in messages. More links or bodies than ``max_bodies`` are refused before the tree is built.
+
+    Entities, and whatever would be fetched from elsewhere, are refused: a robot file may come from anywhere.
+    Raises :class:`~twistwrench.RobotFileError` with the line.
+    """
+    body = text.lstrip(_BLANK)
+    if not body:
+        raise RobotFileError("it is empty. A robot file begins with <robot name=…>.")
+    if not body.startswith("<"):
+        raise RobotFileError(
+            f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
+        )
+    skipped = text[: len(text) - len(body)].count("\n")
+    if sum(body.count(f"<{tag}") for tag in _BODIES) > max_bodies:  # comments counted, so it is worth a closer look
+        _Watcher(skipped, file, max_bodies).watch(body)
+    maker = _TreeMaker(skipped, file, max_bodies)
+    maker.watch(body)
+    if maker.root is None:
+        raise RobotFileError("it has no elements. A robot file begins with <robot name=…>.")
+    return maker.root

@@ -1,0 +1,41 @@
+"""The payload map as a picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..statics.payload_map import SLICES, PayloadMap
+from ..typing import Array
+from .style import OVER, SMALL
+
+
+def draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
+    """The largest payload of the best and of the worst posture at each place, side by side."""
+    from matplotlib.colors import LogNorm
+
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    place = (np.hypot(*tip[:2]), tip[2]) if chart.plane == "rz" else tuple(tip[list(SLICES[chart.plane][:2])])
+    finite = chart.best[np.isfinite(chart.best)]
+    high = max(
+        float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3
+    )  # a few postures hold a hundred times more
+    low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
+    shades = LogNorm(low, max(high, 1.01 * low))
+    titles = ("Payload map, best posture", "Payload map, worst posture")
+    for axis, values, title in zip(axes, (chart.best, chart.worst), titles, strict=True):
+        image = axis.pcolormesh(*chart.edges, np.maximum(values, low), norm=shades, cmap="viridis", rasterized=True)
+        axis.set_aspect("equal")
+        axis.grid(visible=False)
+        axis.set_title(title, loc="left", fontweight="bold")
+        names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
+        axis.set_xlabel(f"{names[0]} [m]")
+        axis.plot(*place, "x", color="white", markeredgewidth=3.5, markersize=8)
+        (cross,) = axis.plot(*place, "x", color=OVER, markeredgewidth=1.8, markersize=7, linestyle="none")
+    axes[0].set_ylabel(f"{names[1]} [m]")
+    figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=SMALL)
+    bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
+    ticks = [x for x in np.unique([float(f"{x:.1g}") for x in np.geomspace(low, high, 6)]) if low <= x <= high]
+    bar.set_ticks(ticks, labels=[f"{x:g}" for x in ticks], minor=False)
+    bar.minorticks_off()

@@ -1,0 +1,14 @@
+"""Types of what the methods of quantities take and give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal, TypeVar
+
+In = TypeVar("In")
+Out = TypeVar("Out")
+Kind = Literal["body", "space", "world_aligned"]
+Rows = str | Iterable[int | str] | None
+"""Rows of a twist, by name, ``"vx vz"``, or number, 0 to 5; None is all six."""
+Wrenches = Mapping[str, Any]
+"""``{frame: (..., 6)}``, each (m, f) in the axes of its frame."""
