@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.arguments import gaps
+from ..core.rotation_checks import gaps
 from ..lie import se3
 from ..lie.exponentials import pose_log, rotation_log
 from ..model.model import Model
