@@ -48,7 +48,6 @@ LONG = {
     "kernels/fast_call.py",
     "robot/closed_robot.py",
     "robot/closed_robot_checks.py",
-    "robot/inverse_kinematics.py",
     "robot/quantities.py",
     "simulation/rollout_inputs.py",
     "targets/fast_call_text.py",
