@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from click.testing import CliRunner
 
+from twistwrench.cli.main import main
 from twistwrench.report import log_quality
 from twistwrench.report.log_quality import LogQuality
 
@@ -26,5 +28,15 @@ def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):
     np.testing.assert_allclose([blocks.rate, blocks.jitter], [whole.rate, whole.jitter], rtol=0.02)
     assert whole.gaps == 2 and whole.repeated == 1 and whole.backward == 1
     for a, b in zip(blocks.columns, whole.columns, strict=True):
-        assert (a.name, a.least, a.most, a.dead, a.cut) == (b.name, b.least, b.most, b.dead, b.cut)
+        assert (a.name, a.least, a.most, a.dead, a.cut, a.zeros) == (b.name, b.least, b.most, b.dead, b.cut, b.zeros)
         np.testing.assert_allclose([a.grid, a.noise], [b.grid, b.noise], rtol=0.2, atol=1e-12)
+
+
+def test_zeros_and_columns_of_few_steps_are_worth_a_word(tmp_path):
+    t = np.arange(1000) * 0.01
+    table = np.column_stack([t, np.where(t < 5, 0.0, np.sin(t)), np.round(0.01 * np.sin(t), 3), np.sin(t)])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,half,coarse,fine", comments="", fmt="%.9g")
+    said = " ".join(CliRunner().invoke(main, ["log", "info", str(tmp_path / "log.csv")]).output.split())
+    assert said.count("exactly 0 in 50 % of the rows") == 1
+    assert said.count("no more than 20 steps of its grid in all") == 1
+    assert LogQuality.of(tmp_path / "log.csv").columns[0].zeros == 0.5

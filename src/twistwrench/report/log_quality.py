@@ -35,6 +35,7 @@ class LogColumn:
     noise : float, standard deviation of what is not smooth; 0 where none shows
     cut : float, share of the rows at the extreme that has most of them, where it is cut off there; 0 where it is not
     dead : bool, whether it is one number throughout
+    zeros : float, share of the rows that are exactly 0
     """
 
     name: str
@@ -44,6 +45,7 @@ class LogColumn:
     noise: float
     cut: float
     dead: bool
+    zeros: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,8 @@ def large_quality(file: MotionFile) -> LogQuality | None:
         least, most = float(tally.least[k]), float(tally.most[k])
         grid, size = _grid_and_noise([run.table[:, k] for run in runs])
         cut = tally.cut(k, _CUT, _CUT_ROWS)
-        columns.append(LogColumn(file.header[k], least, most, grid, size, cut, least == most))
+        zeros = float(tally.zeros[k]) / tally.rows
+        columns.append(LogColumn(file.header[k], least, most, grid, size, cut, least == most, zeros))
     return LogQuality(
         file.path,
         tally.rows,
@@ -202,4 +205,4 @@ def _column(name: str, x: Array) -> LogColumn:
     cut = max(counts, default=0)
     grid, size = _grid_and_noise([x])
     share = cut / len(x) if not dead and cut >= _CUT_ROWS and cut >= _CUT * len(x) else 0.0
-    return LogColumn(name, least, most, grid, size, share, dead)
+    return LogColumn(name, least, most, grid, size, share, dead, float((x == 0).mean()))

@@ -11,18 +11,20 @@ GAP = 3.0
 
 
 class ColumnTally:
-    """Least and greatest numbers of columns, and how many rows are exactly there."""
+    """Least and greatest numbers of columns, how many rows are exactly there, and how many are exactly zero."""
 
     def __init__(self, columns: int) -> None:
         self.rows = 0
         self.least, self.most = np.full(columns, np.inf), np.full(columns, -np.inf)
         self._at_least, self._at_most = np.zeros(columns, int), np.zeros(columns, int)
+        self.zeros = np.zeros(columns, int)
 
     def add(self, table: Array) -> None:
         """Take in rows (n, columns)."""
         if not len(table):
             return
         self.rows += len(table)
+        self.zeros += (table == 0).sum(axis=0)
         for extreme, count, found in (
             (self.least, self._at_least, np.minimum(self.least, table.min(axis=0))),
             (self.most, self._at_most, np.maximum(self.most, table.max(axis=0))),
