@@ -108,6 +108,22 @@ class ConsistentRobot:
             if f"{joint}.{kind}" in names
         }
 
+    def outside(self, interval: Array, deviations: Array) -> list[str]:
+        """A sentence on groups that the pull to the file takes out of their intervals (r, 2)."""
+        low, high = interval.T
+        values = self.base.project(self.fit.values)
+        out = np.maximum(values - high, low - values) / np.maximum(deviations, 1e-300)
+        worst = [int(k) for k in np.argsort(-out) if out[k] > 0]
+        if not worst:
+            return []
+        listed = "; ".join(f"{self.base.names[k]} {values[k]:.4g} ({low[k]:.4g} to {high[k]:.4g})" for k in worst[:3])
+        more = f", and {len(worst) - 3} more" if len(worst) > 3 else ""
+        return [
+            f"bodies that can exist, pulled to the file's, put {len(worst)} of {len(values)} groups outside their 95 % "
+            f"intervals: {listed}{more}. Torques held out are predicted as well; a smaller pull (--keep-close) stays nearer "
+            "to the log"
+        ]
+
     @property
     def of_several_joints(self) -> dict[str, float]:
         """Friction and motor inertia of motors that turn several joints at once, by name: no file has a place for them."""
