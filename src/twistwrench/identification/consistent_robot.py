@@ -109,7 +109,27 @@ class ConsistentRobot:
         }
 
     def outside(self, interval: Array, deviations: Array) -> list[str]:
-        """A sentence on groups that the pull to the file takes out of their intervals (r, 2)."""
+        """Sentence on groups that the pull to the file takes out of their intervals.
+
+        Parameters
+        ----------
+        interval : (r, 2) array, of each group
+        deviations : (r,) array
+
+        Returns
+        -------
+        sentences : list of str, one or none
+
+        Examples
+        --------
+        >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
+        >>> import twistwrench as tw
+        >>> from twistwrench.identification.unknown_parameters import UnknownParameters
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> found = ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ())
+        >>> found.outside(base.project(fit.values)[:, None] + [-1.0, 1.0], np.ones(base.count))
+        []
+        """
         low, high = interval.T
         values = self.base.project(self.fit.values)
         out = np.maximum(values - high, low - values) / np.maximum(deviations, 1e-300)
