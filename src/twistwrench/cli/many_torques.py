@@ -55,6 +55,7 @@ class TorquesOf:
 
         options = self.options
         robot, read = open_motion(options.load_and_locked, Path(path), degrees=options.degrees, **self.reading)
+        options.refuse_motor_side(robot, "torques")
         load = LoadedRobot(
             robot, tuple(map(parse_payload, self.payloads)), parse_wrenches(self.wrenches), friction=self.friction
         )

@@ -113,6 +113,7 @@ def answer_torques(
     from .tables.torques import report_view
 
     robot, read = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
+    options.refuse_motor_side(robot, "torques")
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
