@@ -123,8 +123,8 @@ class RobotOptions:
         if read_log_side(robot.model, source).of_motors:
             raise ValueRangeError(
                 f"{source} says that logs have the motors' positions (log: side: motor), and {command} reads those of the "
-                "joints. Write them first: tw.identification.read_motion(log, robot, side=tw.identification.motor_side(robot.model, "
-                "file)).to_csv(path); twistwrench identify reads either."
+                "joints. Write them first: tw.identification.read_motion(log, robot, side=tw.identification.motor_side("
+                "robot.model, file)).to_csv(path); twistwrench identify reads either."
             )
 
     def _maker(self) -> Callable[..., Robot]:
