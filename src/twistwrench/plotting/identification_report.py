@@ -233,7 +233,7 @@ def _groups(axes: Axes, found: IdentifiedRobot) -> None:
         axes.tick_params(axis="x", labelsize=SMALL)
     else:
         axes.set_xlabel("group, in the order of the table")
-    axes.set_ylabel("value, file = 1 at most")
+    axes.set_ylabel("share of the larger of value and file")
     axes.legend(fontsize=SMALL, frameon=False, ncols=3, loc="lower right")
 
 
