@@ -16,6 +16,7 @@ from ..model.friction import NONE_GIVEN
 from ..typing import Array
 from .adaptive import Stepper
 from .braked_step import BrakedStep
+from .closed_system import ClosedScheme, ClosedStepper, ClosedSystem, Loops
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
 from .events import Event, Watch
@@ -53,6 +54,7 @@ def simulate(
     max_step: float | None = None,
     every: int = 1,
     progress: Callable[[float], None] | None = None,
+    loops: Loops | None = None,
 ) -> SimulationResult:
     """Simulation of a robot from one state; see :meth:`twistwrench.Robot.simulate`.
 
@@ -76,6 +78,7 @@ def simulate(
     max_step : float, optional, the longest step of dopri5 [s]
     every : int, keep one state in so many
     progress : callable, optional, told the share done, from 0 to 1
+    loops : Loops, optional, constraints to keep to, those of :meth:`twistwrench.ClosedRobot.simulate`
 
     Returns
     -------
@@ -102,16 +105,14 @@ def simulate(
     h = end / n
     held, law = torque_law(tau, robot.nv)
     surfaces = _contacts(robot, contacts)
-    system = System(
-        robot,
-        tau=law,
-        wrenches=wrench_laws(robot, wrench_on_robot),
-        contacts=surfaces,
-        friction=None,
-    )
+    acting: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": surfaces}
+    system = System(robot, **acting) if loops is None else ClosedSystem(loops, **acting)
     system.held = held
     scheme, adapts = scheme_of(method, system), method == ADAPTIVE
     y0 = _start(robot, system, q0, dq0)
+    if loops is not None:
+        scheme = ClosedScheme(scheme, loops)
+        loops.begin(y0)
     remarks = (
         [] if abs(h - dt) <= 1e-9 * dt else [f"states {h:.6g} s apart, not {dt:.6g} s, so that a whole number fills it"]
     )
@@ -152,7 +153,8 @@ def simulate(
     try:
         with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
             if adapts:
-                run.adaptive(Stepper(system, *tolerances, longest, probe_spacing(h, end), end))
+                asked = (*tolerances, longest, probe_spacing(h, end), end)
+                run.adaptive(Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked))
             else:
                 run.fixed()
             run.judge()

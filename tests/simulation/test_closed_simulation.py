@@ -1,0 +1,199 @@
+"""Simulations of closed robots: gaps, energies, minimal coordinates, loss of rank, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanisms import CRANK, GROUND, MASSES, ROCKER, along, closed_platform, four_bar
+from scipy.integrate import solve_ivp
+from scipy.special import ellipj, ellipk
+
+import twistwrench as tw
+from twistwrench.model.friction import Friction
+from twistwrench.simulation import SimulationResult
+
+G = 9.81
+LEVEL = 0.5
+"""m, both cranks of the parallelogram."""
+
+
+@pytest.fixture(scope="module")
+def linkage():
+    return four_bar().close("rocker_pin", "coupler_pin", "vx vz")
+
+
+@pytest.fixture(scope="module")
+def parallelogram():
+    """Hanging: crank and rocker at -90°, the coupler level."""
+    return four_bar((LEVEL, GROUND, LEVEL, GROUND)).close("rocker_pin", "coupler_pin", "vx vz", near=[-1.5, 1.5, -1.5])
+
+
+@pytest.fixture(scope="module")
+def start(linkage):
+    q = linkage.consistent([0.0, 0.8, 1.6])
+    return q, linkage.project_velocity(q, [6.0, 0.0, 0.0])
+
+
+def slip(closed, found):
+    return np.abs(closed.constraint_jacobian(found.q) @ found.dq[..., None]).max()
+
+
+@pytest.mark.parametrize("method", ["rk4", "semi_implicit", "euler", "dopri5"])
+def test_loops_stay_closed_after_every_step(linkage, start, method):
+    found = linkage.simulate(*start, duration=1.0, dt=1e-3, method=method)
+    assert found.completed and len(found) == 1001
+    assert np.abs(linkage.constraint_error(found.q)).max() <= 1e-12 and found.gap.max() <= 1e-12
+    assert slip(linkage, found) < 1e-13
+    assert 1e-12 < found.gap_before < 1e-3, "and what the steps left is said"
+
+
+def test_energy_is_conserved_to_the_order_of_the_method(linkage, start):
+    coarse, fine = (np.abs(linkage.simulate(*start, duration=2.0, dt=dt).drift).max() for dt in (0.008, 0.004))
+    assert fine < coarse / 12, "an order of four is a sixteenth"
+    assert fine < 1e-6
+
+
+def test_a_parallelogram_is_a_pendulum(parallelogram):
+    """Both cranks turn by one angle and the coupler goes along without turning: θ'' = -(g/l) sin θ, by Jacobi's sn."""
+    amplitude = 0.8
+    bottom = np.array([-np.pi / 2, np.pi / 2, -np.pi / 2])
+    found = parallelogram.simulate(bottom + amplitude * np.array([1, -1, 1]), duration=3.0)
+    crank, coupler, rocker = MASSES
+    inertia = (crank + rocker) * LEVEL**2 / 3 + 2e-4 + coupler * LEVEL**2
+    w = np.sqrt(G * LEVEL * (0.5 * (crank + rocker) + coupler) / inertia)
+    k = np.sin(amplitude / 2)
+    theta = 2 * np.arcsin(k * ellipj(ellipk(k**2) - w * found.times, k**2)[0])
+    off = found.q - bottom - theta[:, None] * np.array([1, -1, 1])
+    assert np.abs(off).max() < 1e-8, "steps of 1 ms are good to some 1e-10 here"
+
+
+def crank_only(angle):
+    """Inertia and potential energy seen from the crank, by plane geometry: pins, and their rates by complex steps."""
+
+    def pins(phi):
+        B = np.array([CRANK * np.cos(phi), CRANK * np.sin(phi)])
+        x, z = GROUND - B[0], -B[1]
+        d2 = x * x + z * z
+        along_line = (0.8**2 - ROCKER**2 + d2) / (2 * d2)
+        across = np.sqrt(0.8**2 / d2 - along_line**2)
+        return B, B + np.array([along_line * x - across * z, along_line * z + across * x])
+
+    step = 1e-30
+    B, C = pins(angle)
+    dB, dC = (p.imag / step for p in pins(angle + 1j * step))
+    crank, coupler, rocker = MASSES
+    turn = ((dC - dB) @ np.array([-(C - B)[1], (C - B)[0]])) / 0.8**2
+    rocks = (dC @ np.array([-C[1], C[0] - GROUND])) / ROCKER**2
+    middle = 0.5 * (dB + dC)
+    inertia = (
+        crank * CRANK**2 / 3 + coupler * (middle @ middle + 0.8**2 * turn**2 / 12) + rocker * ROCKER**2 * rocks**2 / 3
+    )
+    inertia += 1e-4 * (1 + turn**2 + rocks**2)
+    height = crank * B[1] / 2 + coupler * (B[1] + C[1]) / 2 + rocker * C[1] / 2
+    return inertia, G * height, rocks
+
+
+def test_a_four_bar_moves_as_its_reduced_equation(linkage):
+    """I φ'' + ½ I' φ'² + V' = 0, I and V by plane geometry; slopes by differences good to 1e-9."""
+    q = linkage.consistent([0.3, 0.4, 1.2])
+    n = linkage.project_velocity(q, [1.0, 0.0, 0.0])
+    found = linkage.simulate(q, 6.0 * n / n[0], duration=1.0)
+
+    def rate(_t, y):
+        (up, V_up, _), (down, V_down, _) = crank_only(y[0] + 1e-5), crank_only(y[0] - 1e-5)
+        return y[1], -((V_up - V_down) + 0.5 * (up - down) * y[1] ** 2) / 2e-5 / crank_only(y[0])[0]
+
+    exact = solve_ivp(rate, (0, 1), [q[0], 6.0], rtol=1e-11, atol=1e-12, t_eval=found.times, method="DOP853")
+    assert np.abs(found.q[:, 0] - exact.y[0]).max() < 1e-7
+    assert np.abs(found.dq[:, 0] - exact.y[1]).max() < 1e-6
+    assert abs(found.dq[-1, 2] - crank_only(exact.y[0, -1])[2] * exact.y[1, -1]) < 1e-6
+
+
+def test_power_is_balanced(start):
+    nothing = np.zeros(3)
+    friction = Friction(np.array([0.2, 0.1, 0.3]), nothing, nothing, nothing + 1.0, nothing)
+    closed = tw.Robot(replace(four_bar().model, friction=friction)).close("rocker_pin", "coupler_pin", "vx vz")
+    found = closed.simulate(*start, duration=1.0, tau=lambda t, q, dq: [3 * np.sin(5 * t), 0, 0.5], friction=True)
+    assert np.abs(found.drift).max() < 1e-8, "energy is what torques and friction did, and constraints do no work"
+    done = np.trapezoid((found.tau * found.dq).sum(axis=1), found.times)
+    assert abs(done - found.work["torques"][-1]) < 1e-5, (
+        "the trapezoidal rule is good to h²/12 of the second derivative"
+    )
+    assert found.work["friction"][-1] < -0.1
+
+
+def test_multipliers_balance_every_state(linkage, start):
+    robot, F = linkage.robot, [0, 0.5, 0, 2.0, 0, -3.0]
+    found = linkage.simulate(*start, duration=0.2, tau=[1, 0, 0], wrench_on_robot={"coupler_pin": F})
+    needed = robot.inverse_dynamics(found.q, found.dq, found.ddq, wrench_on_robot={"coupler_pin": F})
+    held = (found.lam[:, None] @ linkage.constraint_jacobian(found.q))[:, 0]
+    assert np.abs(needed + held - found.tau).max() < 1e-10
+    assert found.row_names == linkage.row_names
+
+
+def test_a_platform_that_floats_on_three_legs():
+    closed, q = closed_platform()
+    found = closed.simulate(q, duration=0.15, dt=1e-3)
+    assert found.gap.max() <= 1e-12 and slip(closed, found) < 1e-12 and found.relative_drift < 1e-8
+    quaternion = found.q[:, :4]
+    assert np.abs(np.linalg.norm(quaternion, axis=1) - 1).max() < 1e-15
+
+
+def test_a_blade_runs_in_a_circle():
+    blade = tw.robots.floating_box(gravity=(0, 0, 0)).constrain("box", "vy")
+    found = blade.simulate(blade.robot.neutral, [0, 0, 2.0, 3.0, 0, 0], duration=1.0)
+    places = blade.robot.forward_kinematics(found.q, "box")[:, :2, 3]
+    angle = 2.0 * found.times
+    assert np.abs(places - 1.5 * np.column_stack([np.sin(angle), 1 - np.cos(angle)])).max() < 1e-9
+
+
+def test_rows_too_many_change_nothing(linkage, start):
+    spatial = linkage.robot.close("rocker_pin", "coupler_pin", "wx wz vx vy vz", redundant="accept")
+    one, other = (c.simulate(*start, duration=0.5) for c in (linkage, spatial))
+    assert np.abs(one.q - other.q).max() < 1e-10 and np.abs(one.lam - other.lam[:, [2, 4]]).max() < 1e-7
+
+
+def test_loss_of_rank_on_the_way_keeps_what_was_computed(parallelogram):
+    """Fast enough to come up to where the bars are in one line, the parallelogram may go on crossed."""
+    bottom = np.array([-np.pi / 2, np.pi / 2, -np.pi / 2])
+    with pytest.raises(tw.SimulationError, match="constraints lose rank") as caught:
+        parallelogram.simulate(bottom, [9.0, -9.0, 9.0], duration=3.0)
+    found = caught.value.result
+    assert isinstance(found, SimulationResult) and not found.completed and 0.05 < found.times[-1] < 1.0
+    assert np.cos(found.q[-1, 0]) > 0.98 and found.gap.max() <= 1e-12
+
+
+def test_what_is_refused(linkage, parallelogram, start):
+    with pytest.raises(tw.UnknownNameError, match="rk4"):
+        linkage.simulate(*start, method="variational")
+    with pytest.raises(tw.ConstraintError, match="leaves loops open"):
+        linkage.simulate([0.5, 0.5, 0.5])
+    with pytest.raises(tw.ConstraintError, match="dq breaks the constraints"):
+        linkage.simulate(start[0], [1.0, 1.0, 1.0])
+    with pytest.raises(tw.ValueRangeError, match="singular"):
+        parallelogram.simulate([0.0, 0.0, 0.0])
+    with pytest.raises(tw.SimulationError, match="smaller dt"):
+        linkage.simulate(*start, duration=5.0, dt=0.25)
+
+
+def test_results_compose(linkage, start, tmp_path):
+    told = []
+    found = linkage.simulate(*start, duration=0.1, every=5, progress=told.append)
+    assert len(found) == 21 and told[-1] == 1.0
+    assert np.array_equal(SimulationResult.load(found.to_csv(tmp_path / "swing.csv")).q, found.q)
+    assert found.motion.q.shape == (21, 3) and found.plot(tmp_path / "swing.svg").exists()
+    assert "before projection" in repr(found)
+
+
+def test_events_and_limits_end_on_the_constraints(linkage, start):
+    up = tw.simulation.Event(lambda t, q, dq: q[0] + 0.5, "up", terminal=True)
+    found = linkage.simulate(*start, duration=1.0, events=up)
+    assert found.events and abs(found.q[-1, 0] + 0.5) < 1e-12 and found.gap[-1] <= 1e-12
+
+
+def test_no_first_configuration_is_a_closed_one():
+    arm = tw.robots.planar_3r()
+    held = arm.close("ground", arm.tip, rows="vx vz", pose=along(1.5))
+    assert held.simulate(duration=0.01).gap.max() <= 1e-12
