@@ -112,8 +112,7 @@ def test_a_four_bar_moves_as_its_reduced_equation(linkage):
 
 
 def test_power_is_balanced(start):
-    nothing = np.zeros(3)
-    friction = Friction(np.array([0.2, 0.1, 0.3]), nothing, nothing, nothing + 1.0, nothing)
+    friction = Friction.plain([0.2, 0.1, 0.3], [0.0, 0.0, 0.0])
     closed = tw.Robot(replace(four_bar().model, friction=friction)).close("rocker_pin", "coupler_pin", "vx vz")
     found = closed.simulate(*start, duration=1.0, tau=lambda t, q, dq: [3 * np.sin(5 * t), 0, 0.5], friction=True)
     assert np.abs(found.drift).max() < 1e-8, "energy is what torques and friction did, and constraints do no work"
@@ -122,6 +121,32 @@ def test_power_is_balanced(start):
         "the trapezoidal rule is good to h²/12 of the second derivative"
     )
     assert found.work["friction"][-1] < -0.1
+
+
+@pytest.mark.parametrize("method", ["rk4", "semi_implicit", "euler"])
+@pytest.mark.parametrize("rubs", [False, True])
+def test_compiled_steps_are_those_of_the_method(start, method, rubs):
+    """Torques that are a function are asked from Python, constant ones are not; the same but for rounding."""
+    friction = Friction.plain([0.02, 0.01, 0.03], [0.04, 0.02, 0.0])
+    rough = tw.Robot(replace(four_bar().model, friction=friction)).close("rocker_pin", "coupler_pin", "vx vz")
+    tau = np.array([0.5, 0.0, -0.2])
+    given = {"duration": 0.3, "method": method, "friction": rubs, "every": 3}
+    compiled, asked = (rough.simulate(*start, tau=x, **given) for x in (tau, lambda t, q, dq: tau))
+    for name in ("times", "q", "dq", "ddq", "tau", "lam", "error_estimate"):
+        one, other = getattr(compiled, name), getattr(asked, name)
+        assert np.abs(one - other).max() <= 1e-10 * (1 + np.abs(other).max()), name
+    assert all(np.abs(compiled.work[w] - asked.work[w]).max() < 1e-12 for w in compiled.work)
+    assert (compiled.steps, compiled.evaluations) == (asked.steps, asked.evaluations)
+    assert np.isclose(compiled.gap_before, asked.gap_before, rtol=1e-3) and compiled.remarks == asked.remarks
+
+
+def test_long_runs_go_on_where_a_block_of_steps_ends(linkage, start):
+    told = []
+    whole = linkage.simulate(*start, duration=4.5, dt=1e-3, every=7, progress=told.append)
+    half = linkage.simulate(*start, duration=2.1, dt=1e-3)
+    assert told == sorted(told) and told[-1] == 1.0 and len(told) == 3
+    assert np.array_equal(whole.q[:300], half.q[:2100:7])
+    assert np.allclose(np.diff(whole.times)[:-1], 0.007) and whole.times[-1] == 4.5
 
 
 def test_multipliers_balance_every_state(linkage, start):

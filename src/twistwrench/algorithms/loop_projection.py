@@ -46,7 +46,7 @@ def projected(
         for _ in range(ROUNDS):
             q = add(model, q, -raised(L, D * (Y @ solved(R, E, after[closing]))))  # (1)
             after = small_gaps(model, q, constraints)
-        q = normalised(model, q)
+    q = normalised(model, q)
     (L, D), A = factored(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))[list(independent)]
     Y = lowered(L, A.T)
     R, E = factored(Y.T @ (D[:, None] * Y))

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import ArrayLike
 
-from .shortcuts import Law
-
 if TYPE_CHECKING:
     from ..simulation import Event, JointStops, Plane
     from ..simulation.closed_simulation import ClosedSimulation
+    from .shortcuts import Law
 
 ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
 

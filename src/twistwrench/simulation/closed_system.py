@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..algorithms.loop_projection import projected
-from ..algorithms.weighted_svd import SAFE
+from ..algorithms.weighted_svd import SAFE, doubtful
 from ..errors import SimulationError, ValueRangeError
 from ..program.trace import trace
 from ..robot import closed_robot_checks as checks
 from ..robot.engine import compiled
 from ..typing import Array
 from .adaptive import Stepper
-from .forces import System
+from .forces import WORKS, System
 from .schemes import ADAPTIVE, Scheme
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ class Loops:
 
     def __init__(self, closed: ClosedRobot) -> None:
         self.closed, robot = closed, closed.robot
+        self.with_gap = checks.with_gaps(closed.constraints)
         self.kept = checks.kept(closed.constraints, closed.independent)
         self._nq = robot.nq
         self._moving = slice(robot.nq, robot.nq + robot.nv)
@@ -84,13 +85,22 @@ class Loops:
         """Bring the state after a step from y at t onto the constraints, in place."""
         if not np.isfinite(y1).all():  # said where steps are looked at
             return
-        pivot = self.onto(t + h, y1)
-        if pivot < SAFE or (pivot < SMALL and pivot < SHRUNK * self.smallest(y)):
+        if _lost(np.array(self.onto(t + h, y1)), self.smallest(y)):
             raise SimulationError(
                 f"at t = {t + h:.9g} s the constraints lose rank: {', '.join(self.closed.row_names)} hold the robot in fewer "
                 "directions at a singular configuration, from which the motion may go on in several ways. Change the "
                 "mechanism or the motion so that it stays away, or take a smaller dt where it only comes near."
             )
+
+    def good(self, y: Array, before: Array, rates: Array, after: Array, pivots: Array) -> Array:
+        """Whether steps, the first from y, end on the constraints and keep their rank, (n,), by what is said of each."""
+        smallest = (pivots / self._sizes).min(axis=1)
+        earlier = np.concatenate([[self.smallest(y)], smallest[:-1]])
+        good = (np.abs(after / self._units).max(axis=1, initial=0.0) <= CLOSED) & ~_lost(smallest, earlier)
+        n = len(good) if good.all() else int(good.argmin())
+        self.widest = max(self.widest, float(np.abs(before[:n]).max(initial=0.0)))
+        self.fastest = max(self.fastest, float(np.abs(rates[:n]).max(initial=0.0)))
+        return np.asarray(good)
 
     def onto(self, t: float, y: Array) -> float:
         """Bring a state onto the constraints, in place; gives the smallest pivot over its usual size."""
@@ -110,11 +120,18 @@ class Loops:
         return float((pivots / self._sizes).min())
 
 
+def _lost(smallest: Array, earlier: Array | float) -> Array:
+    """Whether the constraints lose rank after a step, or would in the next, by the smallest pivots after it and before."""
+    return ~(smallest >= SAFE) | ((smallest < SMALL) & (smallest < SHRUNK * earlier))
+
+
 class ClosedSystem(System):
     """A closed robot and what acts on it: y' = f(t, y)."""
 
     def __init__(self, loops: Loops, **acting: Any) -> None:
         super().__init__(loops.closed.robot, **acting)
+        self.done = slice(self.size - len(WORKS), self.size)
+        """The works of a state."""
         self.loops, loops.system = loops, self
         self._dynamics = self.robot.kernel("constrained_dynamics", constraints=loops.kept)
 
@@ -126,6 +143,11 @@ class ClosedSystem(System):
         self.manifold.rates(q, dq, out[: self.nq])
         out[self.moving] = self._dynamics(q, dq, self.forces(t, q, dq, powers))[0]
 
+    def accelerations(self, q: Array, dq: Array, tau: Array) -> Array:
+        """q̈ of states under joint torques and friction alone, (n, nv)."""
+        left = tau if self.friction is None else self.friction.left(dq, tau)
+        return np.asarray(self._dynamics(q, dq, left)[0])
+
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """λ of states under the torques tau and all else that acts, (n, k); wrenches that are functions are asked again."""
         total = tau if self.friction is None else self.friction.left(dq, tau)
@@ -134,7 +156,11 @@ class ClosedSystem(System):
             for k, t in enumerate(times.tolist()):
                 for _, push in self._pushes(t, q[k], dq[k], q[k]):
                     total[k] += push
-        return np.asarray(self.loops.closed.forward_dynamics(q, dq, total).lam)
+        _, lam, pivots = self._dynamics(q, dq, total)
+        closed = self.loops.closed
+        if len(closed.independent) == len(closed.sizes) and not doubtful(pivots, closed.sizes).any():
+            return np.asarray(lam)
+        return np.asarray(closed.forward_dynamics(q, dq, total).lam)
 
 
 class ClosedScheme:

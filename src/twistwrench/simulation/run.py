@@ -24,7 +24,7 @@ from .user_functions import Law
 if TYPE_CHECKING:
     from ..robot import Robot
 
-_FASTEST = 1e6
+FASTEST = 1e6
 """rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
 
 
@@ -207,7 +207,7 @@ class Run:
         s = self.system
         s.manifold.normalise(y[: s.nq])
         speed = np.abs(y[s.moving])
-        if not (speed.max() < _FASTEST and np.isfinite(y).all()):
+        if not (speed.max() < FASTEST and np.isfinite(y).all()):
             bad = int(np.argmax(np.where(np.isfinite(speed), speed, np.inf)))
             advice = f"Take a smaller dt than {self.h:g} s, or method={ADAPTIVE!r}."
             if self.method == ADAPTIVE:

@@ -16,6 +16,7 @@ from ..model.friction import NONE_GIVEN
 from ..typing import Array
 from .adaptive import Stepper
 from .braked_step import BrakedStep
+from .closed_run import ClosedRun
 from .closed_system import ClosedScheme, ClosedStepper, ClosedSystem, Loops
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
@@ -130,9 +131,10 @@ def simulate(
     elif rubs:
         system.friction = EasedFriction(robot, _creep(robot, y0, 0.0 if adapts else h, creep))
         if eased := easing_remark(robot.model, system.friction.creep):
-            remarks.append(eased)
+            remarks.append(eased if loops is None else eased.rpartition("; ")[0])  # those of closed robots ease, too
     watched, stops = _events(events), _limits(robot, limits, y0)
-    run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
+    kind = Run if loops is None else ClosedRun
+    run = kind(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     if watched or surfaces or stops is not None:
         run.watch = Watch(watched, system.split, stops, surfaces)
     if controller is not None:
