@@ -1,16 +1,19 @@
-"""Methods of a closed robot that open what is built on it: simulation."""
+"""Methods of a closed robot that open what is built on it: simulation, and statics on its inverse dynamics."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
+    from ..algorithms.constrained import ConstrainedTorques
     from ..simulation import Event, JointStops, Plane
     from ..simulation.closed_simulation import ClosedSimulation
     from .shortcuts import Law
+    from .wrench_arguments import Wrenches
 
 ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
 
@@ -100,3 +103,52 @@ class ClosedShortcuts:
             friction=friction, creep=creep, contacts=contacts, limits=limits, events=events, rtol=rtol, atol=atol,
             max_step=max_step, every=every, progress=progress,
         )  # fmt: skip
+
+    def holding_torques(
+        self: Any,
+        q: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> ConstrainedTorques:
+        """Holding torques of static equilibrium: τ of the ``actuated`` joints, and λ, of τ = g + A'λ + Σ J'F_by - Σ J'F_on.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        actuated : iterable of str, optional, joints that have a motor; None: all
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+
+        Returns
+        -------
+        torques : ConstrainedTorques
+            ``tau`` (nv,) [N m, sliding joints: N], zero at the other joints, and ``lam`` (k,) [N m, N].
+
+        Raises
+        ------
+        ConstraintError
+            Loops are open at q, or the motors named cannot hold the robot.
+        UnknownNameError
+            ``actuated`` names no joint of the robot, or a wrench is at no frame of it.
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        :meth:`inverse_dynamics` at rest; MR sections 5.2 and 8.7.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> q = held.consistent([-0.6, 0.2, 2.2])
+        >>> tau = held.holding_torques(q, ["joint1"]).tau
+        >>> bool(abs(held.forward_dynamics(q, [0, 0, 0], tau).ddq).max() < 1e-10)
+        True
+        """
+        rest = np.zeros(self.nv)
+        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        return self.inverse_dynamics(q, rest, rest, actuated, **given)

@@ -25,7 +25,7 @@ TABLES = {"rk4": RK4, "euler": EULER}
 COMPILED_METHODS = (*TABLES, "semi_implicit")
 """Those whose steps are compiled."""
 LARGEST = 30_000
-"""Instructions of a step from which it is not compiled: a second or two, more than most simulations take without."""
+"""Operations of a step from which it is not compiled: that takes a second or two, more than most simulations without."""
 
 
 class ClosedSteps:
@@ -44,9 +44,10 @@ class ClosedSteps:
         state = [("q", (nq,)), ("dq", (nv,)), ("work", (2,))]
         given = [("dt", ()), ("tau", (nv,)), ("creep", (nv,))]
         names = ["q", "dq", "work", "before", "rates", "after", "pivots"]
-        program = trace(self._step, [*state, *given], names)
-        if len(program.instructions) > LARGEST:
+        stages = len(TABLES[self.method].b) if self.method in TABLES else 1
+        if not self.loops.effort(stages) <= LARGEST:
             return None
+        program = trace(self._step, [*state, *given], names)
         sources = (*(Source("state", k) for k in range(3)), *[Source("given")] * 3)
         doc = f"Steps of {name} on its constraints, compiled: {self.method}."
         return compiled(Recurrence(program, sources, visible=3), "closed steps", doc)

@@ -14,6 +14,7 @@ import numpy as np
 from ..algorithms.loop_projection import projected
 from ..algorithms.weighted_svd import SAFE, doubtful
 from ..errors import SimulationError, ValueRangeError
+from ..kernels.ufunc import owner_of
 from ..program.trace import trace
 from ..robot import closed_robot_checks as checks
 from ..robot.engine import compiled
@@ -48,6 +49,7 @@ class Loops:
         self._units = checks.gap_units(closed)
         self._sizes = closed.sizes[list(closed.independent)] ** 2
         self._project = robot.engine.kept(("projection", closed.constraints, closed.independent), self._compiled)
+        self.dynamics = robot.kernel("constrained_dynamics", constraints=self.kept)
         self.widest = self.fastest = 0.0
         """The largest gap [rad or m] and the largest rate of one [rad/s, m/s] that a step left, before they were taken away."""
         self.system: ClosedSystem
@@ -62,6 +64,11 @@ class Loops:
         names = ["q", "dq", "before", "rates", "after", "pivots"]
         doc = f"States of {robot.name} near its constraints, brought onto them, compiled."
         return compiled(trace(program, [("q", (robot.nq,)), ("dq", (robot.nv,))], names), "projection", doc)
+
+    def effort(self, stages: int) -> float:
+        """About how many operations a step of so many stages is; inf where nothing is compiled."""
+        owners = owner_of(self._project), owner_of(self.dynamics)
+        return sum(n * owner.effort if owner else np.inf for n, owner in zip((1, stages), owners, strict=True))
 
     def begin(self, y: Array) -> None:
         """Bring the first state onto the constraints, in place; ConstraintError where it is far from them."""
@@ -133,7 +140,6 @@ class ClosedSystem(System):
         self.done = slice(self.size - len(WORKS), self.size)
         """The works of a state."""
         self.loops, loops.system = loops, self
-        self._dynamics = self.robot.kernel("constrained_dynamics", constraints=loops.kept)
 
     def rates(self, t: float, y: Array, out: Array) -> None:
         """Write f(t, y) into ``out``."""
@@ -141,12 +147,12 @@ class ClosedSystem(System):
         q, dq, powers = y[: self.nq], y[self.moving], out[-4:]
         powers[:] = 0.0
         self.manifold.rates(q, dq, out[: self.nq])
-        out[self.moving] = self._dynamics(q, dq, self.forces(t, q, dq, powers))[0]
+        out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
 
     def accelerations(self, q: Array, dq: Array, tau: Array) -> Array:
         """q̈ of states under joint torques and friction alone, (n, nv)."""
         left = tau if self.friction is None else self.friction.left(dq, tau)
-        return np.asarray(self._dynamics(q, dq, left)[0])
+        return np.asarray(self.loops.dynamics(q, dq, left)[0])
 
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """λ of states under the torques tau and all else that acts, (n, k); wrenches that are functions are asked again."""
@@ -156,7 +162,7 @@ class ClosedSystem(System):
             for k, t in enumerate(times.tolist()):
                 for _, push in self._pushes(t, q[k], dq[k], q[k]):
                     total[k] += push
-        _, lam, pivots = self._dynamics(q, dq, total)
+        _, lam, pivots = self.loops.dynamics(q, dq, total)
         closed = self.loops.closed
         if len(closed.independent) == len(closed.sizes) and not doubtful(pivots, closed.sizes).any():
             return np.asarray(lam)
