@@ -31,10 +31,12 @@ MOTORS = [f"motor{k}" for k in LEGS]
 
 
 def along(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    """Moved, not turned."""
     return tw.se3.exp([0, 0, 0, x, y, z])
 
 
 def turned(k: int) -> np.ndarray:
+    """From a leg's axes to those of the base."""
     return tw.se3.exp([0, 0, 2 * np.pi * k / 3, 0, 0, 0])
 
 
@@ -55,7 +57,9 @@ def delta() -> ClosedRobot:
             builder.add_link(f"rod{name}", rod)
             builder.add_link(f"end{name}")
             builder.add_link(f"socket{name}")
-            builder.add_joint(f"u{name}", "continuous", f"arm{k}", f"cross{name}", axis=(0, 1, 0), placement=along(ARM, y))
+            builder.add_joint(
+                f"u{name}", "continuous", f"arm{k}", f"cross{name}", axis=(0, 1, 0), placement=along(ARM, y)
+            )
             builder.add_joint(f"v{name}", "continuous", f"cross{name}", f"rod{name}", axis=(1, 0, 0))
             builder.add_joint(f"to_end{name}", "fixed", f"rod{name}", f"end{name}", placement=along(z=-ROD))
             builder.add_joint(f"to_{name}", "fixed", "plate", f"socket{name}", placement=turned(k) @ along(PLATE, y))
@@ -131,13 +135,15 @@ def picture(path_to: Path, closed: ClosedRobot, found: ClosedSimulation, travel:
         return robot.forward_kinematics(q, name)[..., :3, 3]
 
     axes.plot(*place("plate", found.q).T, color=RED, lw=1.5)
-    last = int(np.searchsorted(found.times, travel))
+    last = min(int(np.searchsorted(found.times, travel)), len(found) - 1)
     for row, alpha in ((0, 0.25), (last // 2, 0.4), (last, 1.0)):
         q = found.q[row]
         for k in LEGS:
             for side in SIDES:
                 name = f"{k}{side}"
-                axes.plot(*np.array([place(f"rod{name}", q), place(f"end{name}", q)]).T, color=GREY, lw=1.5, alpha=alpha)
+                axes.plot(
+                    *np.array([place(f"rod{name}", q), place(f"end{name}", q)]).T, color=GREY, lw=1.5, alpha=alpha
+                )
             elbows = [place(f"rod{k}{side}", q) for side in SIDES]
             arm = np.array([place(f"arm{k}", q), np.mean(elbows, axis=0)])
             axes.plot(*arm.T, color=BLUE, lw=4, alpha=alpha, solid_capstyle="round")
@@ -148,6 +154,7 @@ def picture(path_to: Path, closed: ClosedRobot, found: ClosedSimulation, travel:
     axes.plot(*base.T, color=GREY, lw=1)
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", title="from pick to place")
     axes.set_aspect("equal")
+    axes.locator_params(nbins=4)
     axes.view_init(elev=14, azim=-62)
     torque, error, kept = right.subplots(3, 1, sharex=True)
     for name, k, colour in zip(MOTORS, velocities(closed), (BLUE, GREEN, RED), strict=True):
@@ -160,7 +167,7 @@ def picture(path_to: Path, closed: ClosedRobot, found: ClosedSimulation, travel:
     kept.semilogy(found.times, found.gap + 1e-18, color=GREY, label="largest gap of the six joints [m]")
     kept.semilogy(found.times, np.abs(found.drift) + 1e-18, color=RED, label="energy unaccounted for [J]")
     kept.set(xlabel="time [s]", title="what the motion keeps")
-    kept.legend(frameon=False, fontsize=8)
+    kept.legend(frameon=False, fontsize=8, loc="center right")
     for each in (torque, error, kept):
         each.margins(x=0)
         each.spines[["top", "right"]].set_visible(False)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import runpy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from mechanisms import CRANK, GROUND, MASSES, ROCKER, along, closed_platform, four_bar
+from places import ROOT
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
@@ -210,6 +212,44 @@ def test_results_compose(linkage, start, tmp_path):
     assert np.array_equal(SimulationResult.load(found.to_csv(tmp_path / "swing.csv")).q, found.q)
     assert found.motion.q.shape == (21, 3) and found.plot(tmp_path / "swing.svg").exists()
     assert "before projection" in repr(found)
+
+
+def test_holding_torques_hold(linkage, start):
+    """Under them a robot at rest stays, by the one motor; and they are the slope of the potential energy along the motion."""
+    q, F = start[0], {"coupler_pin": [0, 0, 0, 0, 0, -5.0]}
+    tau, _ = linkage.holding_torques(q, ["a"], wrench_on_robot=F)
+    assert tau[1:].tolist() == [0.0, 0.0]
+    still = linkage.simulate(q, duration=0.1, tau=tau, wrench_on_robot=F)
+    assert np.abs(still.q - q).max() < 1e-12
+    n = linkage.project_velocity(q, [1.0, 0.0, 0.0])
+    ahead, behind = (linkage.robot.potential_energy(linkage.consistent(q + s * n)) for s in (1e-5, -1e-5))
+    free = linkage.holding_torques(q, ["a"]).tau
+    assert abs(free @ n - (ahead - behind) / 2e-5) < 1e-7
+    with pytest.raises(tw.ConstraintError, match="have no motor"):
+        linkage.holding_torques(q, [])
+
+
+def test_closing_begins_at_configurations_that_the_model_knows(monkeypatch):
+    """With no random starts: the stretched arm alone, the neutral one, finds nothing."""
+    monkeypatch.setattr("twistwrench.robot.closed_robot_checks.STARTS", 1)
+    arm = tw.robots.planar_3r()
+    asked = {"frame_a": "ground", "frame_b": arm.tip, "rows": "vx vz", "pose": along(1.5)}
+    with pytest.raises(tw.ConstraintError, match="from 1 starts"):
+        arm.close(**asked)
+    bent = tw.Robot(replace(arm.model, configurations={"bent": np.array([-0.6, 0.2, 2.2])}))
+    assert bent.close(**asked).degrees_of_freedom([-0.6, 0.2, 2.2]) == 1
+
+
+def test_the_delta_robot_of_the_examples_keeps_its_platform_level(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    example = runpy.run_path(str(ROOT / "examples" / "delta_robot.py"))
+    example["main"](tmp_path, travel=0.3, duration=0.31)
+    assert (tmp_path / "delta_robot.png").read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr().out
+    gap, turn, energy = (
+        float(said.split(before)[1].split()[0]) for before in ("gap ", "turned by ", "unaccounted for ")
+    )
+    assert "3 degrees of freedom" in said and gap <= 1e-12 and turn < 1e-12 and energy < 1e-5
 
 
 def test_events_and_limits_end_on_the_constraints(linkage, start):
