@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ValueRangeError
-from ..verdict import ExitCode, Word
+from ..verdict import ExitCode
 from .common import RobotOptions, check_extra, parse_friction
+from .identified_files import AskedFiles
+from .known_values import check_payload, parse_known
 from .motion_options import parse_columns
 from .progress import share_done
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..identification import IdentifiedRobot
     from ..robot import Robot
 
 _AUTO = "auto"
@@ -55,6 +56,18 @@ def identify_options(function: Callable[..., None]) -> Callable[..., None]:
             show_default=True,
             help="What each joint has besides its bodies; 'none' for nothing.",
         ),
+        click.option(
+            "--payload-only",
+            metavar="FRAME",
+            help="Only seek the body fixed to FRAME: all other numbers, friction too, are as the robot's file has them.",
+        ),
+        click.option(
+            "--known",
+            metavar="NAME=VALUE",
+            multiple=True,
+            help="Hold a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2; SI units; may be repeated.",
+        ),
+        click.option("--essential", is_flag=True, help="Print the fewest groups that predict as well as all of them."),
         click.option("--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."),
         click.option("--method", type=click.Choice(["irls", "wls", "ols"]), default="irls", show_default=True),
         click.option(
@@ -112,10 +125,13 @@ def answer_identify(
     actuators_out: str | None,
     keep_close: str,
     force: bool,
+    known: tuple[str, ...],
+    payload_only: str | None,
+    essential: bool,
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
     from ..identification import identify, without_links
-    from ..outputs import check_outputs, picture_path, replacing
+    from ..outputs import check_outputs, picture_path
     from .tables.identify import identification_view
 
     logs, tests = _expanded(options, logs), _expanded(options, tests)
@@ -131,7 +147,8 @@ def answer_identify(
         "--json": json_path,
     }
     check_outputs(outputs, {**inputs, **options.files})
-    laws = parse_friction(friction)
+    laws, held, strength = parse_friction(friction), parse_known(known), _number(keep_close, "--keep-close")
+    check_payload(payload_only, [name for name, path in outputs.items() if path is not None])
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     robot = without_links(robot, left_out)
     with share_done("identifying") as progress:
@@ -158,32 +175,19 @@ def answer_identify(
             shift=_number(shift, "--shift"),
             method=method,
             motor_side=side,
+            known=held,
+            payload_only=payload_only,
             progress=progress,
         )
-    show(identification_view(found))
-    refused = found.verdict.word is Word.LOOK_AGAIN
-    if json_path is not None:
-        with replacing(json_path) as scratch:
-            scratch.write_text(found.to_json(), encoding="utf-8")
-        click.echo(f"wrote {json_path}")
-    if plot_path is not None:
-        click.echo(f"wrote {found.plot(plot_path)}")
-    if report_path is not None:
-        click.echo(f"wrote {found.report(report_path)}")
-    if refused and not force and (out_path or actuators_out or csv_path):
-        click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
-    elif out_path is not None or actuators_out is not None:
-        if (strength := _number(keep_close, "--keep-close")) is not None:
-            found.__dict__["consistent"] = found.consistent_at(strength)
-        for note in found.write(
-            out_path, actuators_out, given=_given(options), logs=[Path(x).name for x in logs], force=force
-        ):
-            click.echo(f"note: {note}", err=True)
-        for path in filter(None, (out_path, actuators_out)):
-            click.echo(f"wrote {path}")
-    if csv_path is not None and not (refused and not force):
-        _write_table(found, csv_path)
-        click.echo(f"wrote {csv_path}")
+    show(identification_view(found, essential=essential))
+    asked = AskedFiles(json_path, plot_path, report_path, out_path, actuators_out, csv_path, strength)
+    asked.write(
+        found,
+        ["+".join(Path(part).name for part in x.split("+")) for x in logs],
+        _given(options),
+        essential=essential,
+        force=force,
+    )
     return found.verdict.exit_code
 
 
@@ -245,16 +249,3 @@ def _number(text: str, option: str) -> float | None:
         return float(text)
     except ValueError:
         raise ValueRangeError(f"{option} {text!r} is neither a number nor {_AUTO}.") from None
-
-
-def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
-    from ..core.csv_writer import CsvWriter
-    from ..outputs import replacing
-
-    with replacing(path) as scratch, scratch.open("wb") as file:
-        writer = CsvWriter(file)
-        writer.row(["group", "value", "deviation", "low", "high", "file"])
-        for name, value, deviation, (low, high), before in zip(
-            found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
-        ):
-            writer.row([name, *(repr(float(x)) for x in (value, deviation, low, high, before))])

@@ -109,6 +109,19 @@ class ConsistentRobot:
         }
 
     @property
+    def of_several_joints(self) -> dict[str, float]:
+        """Friction and motor inertia of motors that turn several joints at once, by name: no file has a place for them."""
+        unknown = self.base.unknown
+        kinds = {"motor_inertia", "viscous", "coulomb"}
+        return {
+            name: float(value)
+            for name, value in zip(unknown.names, self.fit.values, strict=True)
+            if "+" in name
+            and name.rpartition(".")[2] in kinds
+            and name.rpartition(".")[0] not in unknown.model.velocity_names
+        }
+
+    @property
     def robot(self) -> Robot:
         """The robot with these bodies, and with friction and motor inertias as its joints feel them."""
         model = self.base.unknown.model

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..typing import Array
 from .block_deviations import group_covariance
 from .evidence import Evidence
 from .held_out import HeldOut, HeldOutRows
+from .identified_payload import known_but_for, payload_body
 from .identified_robot import IdentifiedRobot
 from .log_doubts import doubts_of
 from .log_side import MotorSide
@@ -41,6 +42,8 @@ def identify(
     shift: float | None = None,
     method: Method = "irls",
     motor_side: MotorSide | None = None,
+    known: Mapping[str, float] | None = None,
+    payload_only: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> IdentifiedRobot:
     """Identify masses, inertias, friction and motor inertias of a robot from logs of positions and torques.
@@ -61,6 +64,9 @@ def identify(
     shift : float, optional, by how much torques are later than positions [s]; None: chosen
     method : "irls", "wls" or "ols", weights of the rows
     motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
+    known : mapping, optional, values that are held, by names such as ``link_3.m`` and ``joint_2.viscous``, in SI units
+    payload_only : str, optional
+        A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
     progress : callable, optional, told the share that is done
 
     Returns
@@ -73,6 +79,8 @@ def identify(
         A log has no torques.
     TrajectoryError
         A log is too short, or of another robot.
+    UnknownNameError
+        A name is none of the robot's.
     ValueRangeError
         An option is out of range.
 
@@ -103,7 +111,11 @@ def identify(
         None if shift is None else _finite(shift),
     )
     tell = progress or (lambda _share: None)
-    unknown = UnknownParameters(robot, motor_inertia, tuple(friction), motor_side)
+    held = dict(known or {})
+    if payload_only is not None:
+        held = known_but_for(robot, payload_body(robot, payload_only)) | held
+        motor_inertia, friction = True, ("viscous", "coulomb", "offset")
+    unknown = UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held)
     base = BaseParameters.of(unknown)
     samples = [_samples(motion, k, "logs") for k, motion in enumerate(trained)]
     dead = _dead(trained)
@@ -111,7 +123,7 @@ def identify(
         raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
     source = SettingRows(base, samples, asked, dead)
     sizes = unknown.scales(*source.typical())
-    prior = Prior(base.project(unknown.file_values), np.sqrt(base.grouping**2 @ sizes**2))
+    prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
     tell(0.2)
     settings = source.choose(prior, range(FOLDS))
     tell(0.4)
@@ -137,7 +149,7 @@ def identify(
         among = held_out = _five_fold(source, prior, method, names, nested)
     seen = Evidence(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.deviations, held_out, among,
-        rows.acceleration, min(s.rate for s in samples), dead,
+        rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
     return IdentifiedRobot(
@@ -155,6 +167,7 @@ def identify(
         sizes=sizes,
         information=_information(trial.W, trial.tau, sigma, weights),
         folds=_fold_information(trial, fold, sigma, weights),
+        payload_frame=payload_only,
     )
 
 

@@ -10,8 +10,8 @@ fc_k tanh(s_k·dq / v_0)) to all of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -45,13 +45,16 @@ class UnknownParameters:
     motor_inertia : bool, a motor inertia for each joint, as the joint feels it
     friction : sequence of str, ``viscous``, ``coulomb``, ``offset``
     motor_side : MotorSide, optional; motors that turn with several joints have parameters of their own
+    known : mapping, values of parameters that are held, by their names
 
     Raises
     ------
     ModelError
         A joint has several degrees of freedom, or the robot has rotors already.
     UnknownNameError
-        ``friction`` names something else.
+        ``friction`` or ``known`` name something else.
+    ValueRangeError
+        A known value is no number, or nothing is left to be found.
 
     Examples
     --------
@@ -65,6 +68,7 @@ class UnknownParameters:
     motor_inertia: bool = True
     friction: Sequence[str] = ("viscous", "coulomb", "offset")
     motor_side: MotorSide | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         robot = require_robot(self.robot, "identification")
@@ -86,6 +90,13 @@ class UnknownParameters:
             )
         bare = replace(robot.model, armature=np.zeros(robot.nv))
         object.__setattr__(self, "robot", Robot(bare))
+        for name, value in self.known.items():
+            if name not in self.names:
+                raise UnknownNameError.of("parameter", name, self.names)
+            if not np.isfinite(value):
+                raise ValueRangeError(f"{name} is known to be {value!r}, which is no finite number.")
+        if self.held.all():
+            raise ValueRangeError("all parameters are known, so there is nothing to identify.")
 
     @property
     def model(self) -> Model:
@@ -130,9 +141,16 @@ class UnknownParameters:
 
     @cached_property
     def file_values(self) -> Array:
-        """(p,) what the robot's file says; 0 for drives."""
+        """(p,) what the robot's file says, 0 for drives; and what is known."""
         own = self.robot.parameters
-        return np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
+        found = np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
+        found[self.held] = [self.known[name] for name in np.array(self.names)[self.held]]
+        return found
+
+    @cached_property
+    def held(self) -> Array:
+        """(p,) bool, those whose values are known."""
+        return np.isin(self.names, list(self.known))
 
     @cached_property
     def lengths(self) -> tuple[float, float]:
