@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import CRANK, GROUND, MASSES, ROCKER, along, closed_platform, four_bar
+from mechanisms import COUPLER, CRANK, GROUND, MASSES, ROCKER, along, closed_platform, four_bar
 from places import ROOT
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
@@ -71,26 +71,29 @@ def test_a_parallelogram_is_a_pendulum(parallelogram):
     assert np.abs(off).max() < 1e-8, "steps of 1 ms are good to some 1e-10 here"
 
 
+def pins(phi):
+    """Where the crank and the rocker meet the coupler, with the crank at phi, by plane geometry; (x, z) each."""
+    B = np.array([CRANK * np.cos(phi), CRANK * np.sin(phi)])
+    x, z = GROUND - B[0], -B[1]
+    d2 = x * x + z * z
+    along_line = (COUPLER**2 - ROCKER**2 + d2) / (2 * d2)
+    across = np.sqrt(COUPLER**2 / d2 - along_line**2)
+    return B, B + np.array([along_line * x - across * z, along_line * z + across * x])
+
+
 def crank_only(angle):
-    """Inertia and potential energy seen from the crank, by plane geometry: pins, and their rates by complex steps."""
-
-    def pins(phi):
-        B = np.array([CRANK * np.cos(phi), CRANK * np.sin(phi)])
-        x, z = GROUND - B[0], -B[1]
-        d2 = x * x + z * z
-        along_line = (0.8**2 - ROCKER**2 + d2) / (2 * d2)
-        across = np.sqrt(0.8**2 / d2 - along_line**2)
-        return B, B + np.array([along_line * x - across * z, along_line * z + across * x])
-
+    """Inertia, potential energy and the rocker's rate seen from the crank; rates of the pins by complex steps."""
     step = 1e-30
     B, C = pins(angle)
     dB, dC = (p.imag / step for p in pins(angle + 1j * step))
     crank, coupler, rocker = MASSES
-    turn = ((dC - dB) @ np.array([-(C - B)[1], (C - B)[0]])) / 0.8**2
+    turn = ((dC - dB) @ np.array([-(C - B)[1], (C - B)[0]])) / COUPLER**2
     rocks = (dC @ np.array([-C[1], C[0] - GROUND])) / ROCKER**2
     middle = 0.5 * (dB + dC)
     inertia = (
-        crank * CRANK**2 / 3 + coupler * (middle @ middle + 0.8**2 * turn**2 / 12) + rocker * ROCKER**2 * rocks**2 / 3
+        crank * CRANK**2 / 3
+        + coupler * (middle @ middle + COUPLER**2 * turn**2 / 12)
+        + rocker * ROCKER**2 * rocks**2 / 3
     )
     inertia += 1e-4 * (1 + turn**2 + rocks**2)
     height = crank * B[1] / 2 + coupler * (B[1] + C[1]) / 2 + rocker * C[1] / 2
@@ -111,6 +114,39 @@ def test_a_four_bar_moves_as_its_reduced_equation(linkage):
     assert np.abs(found.q[:, 0] - exact.y[0]).max() < 1e-7
     assert np.abs(found.dq[:, 0] - exact.y[1]).max() < 1e-6
     assert abs(found.dq[-1, 2] - crank_only(exact.y[0, -1])[2] * exact.y[1, -1]) < 1e-6
+
+
+PINNED = """<mujoco model="linkage"><compiler angle="radian"/>
+<option timestep="1e-4" integrator="RK4" iterations="200" tolerance="1e-14"><flag refsafe="disable"/></option>
+<worldbody>
+<body name="crank"><joint name="a" axis="0 -1 0"/>
+<inertial pos="0.15 0 0" mass="1" diaginertia="0.0005 0.0075 0.0075"/>
+<body name="coupler" pos="0.3 0 0" euler="0 {b} 0"><joint name="b" axis="0 -1 0"/>
+<inertial pos="0.4 0 0" mass="2" diaginertia="0.0005 0.107 0.107"/></body></body>
+<body name="rocker" pos="0.7 0 0" euler="0 {d} 0"><joint name="d" axis="0 -1 0"/>
+<inertial pos="0.3 0 0" mass="1.5" diaginertia="0.0005 0.045 0.045"/></body>
+</worldbody>
+<equality><connect body1="coupler" body2="rocker" anchor="0.8 0 0" solref="1e-3 1" solimp="0.99999 0.99999 0.001"/></equality>
+</mujoco>"""
+"""The linkage with its pin as MuJoCo has it, a spring and damper of 1 ms; its coordinates are zero where the pin is closed."""
+
+
+@pytest.mark.filterwarnings("ignore:robot 'linkage'")
+def test_a_four_bar_moves_as_mujoco_has_it_with_a_stiff_pin(tmp_path):
+    """The pin gives by some 1e-5 of what it carries over its stiffness, and the motion by 1e-8; the crank turns by a radian."""
+    mujoco = pytest.importorskip("mujoco")
+    B, C = pins(0.0)
+    text = PINNED.format(b=-np.arctan2(*(C - B)[::-1]), d=-np.arctan2(C[1], C[0] - GROUND))
+    model = mujoco.MjModel.from_xml_string(text)
+    state = mujoco.MjData(model)
+    for _ in range(5000):
+        mujoco.mj_step(model, state)
+    path = tmp_path / "linkage.xml"
+    path.write_text(text)
+    closed = tw.load(path).close("connect0:coupler", "connect0:rocker", "vx vz")
+    found = closed.simulate(np.zeros(3), duration=0.5)
+    assert np.abs(state.qpos).max() > 1.0
+    assert np.abs(found.q[-1] - state.qpos).max() < 1e-7
 
 
 def test_power_is_balanced(start):
@@ -180,6 +216,13 @@ def test_rows_too_many_change_nothing(linkage, start):
     spatial = linkage.robot.close("rocker_pin", "coupler_pin", "wx wz vx vy vz", redundant="accept")
     one, other = (c.simulate(*start, duration=0.5) for c in (linkage, spatial))
     assert np.abs(one.q - other.q).max() < 1e-10 and np.abs(one.lam - other.lam[:, [2, 4]]).max() < 1e-7
+
+
+def test_rows_that_never_move_hold_nothing():
+    arm = tw.robots.planar_3r()
+    idle = arm.close("ground", "tip", rows="vy", redundant="accept")
+    found, free = (r.simulate([0.1, 0.2, 0.3], duration=0.1, method="rk4") for r in (idle, arm))
+    assert np.array_equal(found.q, free.q) and found.lam.shape == (101, 1) and not found.lam.any()
 
 
 def test_loss_of_rank_on_the_way_keeps_what_was_computed(parallelogram):

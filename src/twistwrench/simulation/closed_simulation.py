@@ -44,22 +44,25 @@ def simulate_closed(
     """Simulation of a closed robot from one state; see :meth:`twistwrench.ClosedRobot.simulate`."""
     if method not in CLOSED_METHODS:
         raise UnknownNameError.of("method", method, CLOSED_METHODS)
-    loops = Loops(closed)
+    loops = Loops(closed) if closed.independent else None
     if q0 is None:
         q0 = checks.some_configurations(closed, closed.robot.neutral)[0]
     try:
         found = simulate(closed.robot, q0, dq0, duration, dt, method=method, loops=loops, **given)
     except (SimulationError, KeyboardInterrupt) as problem:
         if isinstance(result := getattr(problem, "result", None), SimulationResult):
-            problem.result = _held(result, loops)  # type: ignore[union-attr]
+            problem.result = _held(result, closed, loops)  # type: ignore[union-attr]
         raise
-    return _held(found, loops)
+    return _held(found, closed, loops)
 
 
-def _held(found: SimulationResult, loops: Loops) -> ClosedSimulation:
-    """The result with what its constraints did."""
+def _held(found: SimulationResult, closed: ClosedRobot, loops: Loops | None) -> ClosedSimulation:
+    """The result with what its constraints did; ``loops`` is None where no row of them holds anything."""
     known = {f.name: getattr(found, f.name) for f in fields(SimulationResult) if f.init}
-    closed, gaps = loops.closed, np.abs(loops.closed.gaps(found.q)).max(axis=-1, initial=0.0)
+    gaps = np.abs(closed.gaps(found.q)).max(axis=-1, initial=0.0)
+    if loops is None:
+        lam = np.zeros((len(found), len(closed.sizes)))
+        return ClosedSimulation(**known, row_names=closed.row_names, lam=lam, gap=gaps)
     lam = loops.system.multipliers(found.times, found.q, found.dq, found.tau)
     return ClosedSimulation(
         **known, row_names=closed.row_names, lam=lam, gap=gaps, gap_before=loops.widest, slip_before=loops.fastest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,7 +69,8 @@ class ClosedSteps:
             a, b, _, _, _ = TABLES[self.method].numbers
             stages = [self._rates(q, dq, tau, creep)]
             for i in range(1, len(b)):
-                stages.append(self._rates(*self._along((q, dq), h, a[i], stages)[:2], tau, creep))
+                q_i, dq_i = self._along((q, dq), h, a[i], stages)
+                stages.append(self._rates(q_i, dq_i, tau, creep))
             q1, dq1, work1 = self._along((q, dq, work), h, b, stages)
         else:
             _, ddq, powers = self._rates(q, dq, tau, creep)
@@ -79,7 +81,7 @@ class ClosedSteps:
         return q1, dq1, work1, *said
 
     @staticmethod
-    def _along(start: tuple[Array, ...], h: Any, weights: Array, stages: list[tuple[Array, ...]]) -> list[Array]:
+    def _along(start: tuple[Array, ...], h: Any, weights: Array, stages: Sequence[tuple[Array, ...]]) -> list[Array]:
         """x + h Σ w_i k_i of each part of the state."""
         return [
             x + h * sum(float(w) * stage[part] for w, stage in zip(weights, stages, strict=False) if w)

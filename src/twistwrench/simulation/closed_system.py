@@ -86,7 +86,7 @@ class Loops:
 
     def smallest(self, y: Array) -> float:
         """The smallest pivot of A M⁻¹ A' over its usual size; 0 where the constraints lose rank."""
-        return float((self._project(y[: self._nq], y[self._moving])[-1] / self._sizes).min())
+        return float((self._project(y[: self._nq], y[self._moving])[-1] / self._sizes).min(initial=np.inf))
 
     def step(self, t: float, h: float, y: Array, y1: Array) -> None:
         """Bring the state after a step from y at t onto the constraints, in place."""
@@ -101,7 +101,7 @@ class Loops:
 
     def good(self, y: Array, before: Array, rates: Array, after: Array, pivots: Array) -> Array:
         """Whether steps, the first from y, end on the constraints and keep their rank, (n,), by what is said of each."""
-        smallest = (pivots / self._sizes).min(axis=1)
+        smallest = (pivots / self._sizes).min(axis=1, initial=np.inf)
         earlier = np.concatenate([[self.smallest(y)], smallest[:-1]])
         good = (np.abs(after / self._units).max(axis=1, initial=0.0) <= CLOSED) & ~_lost(smallest, earlier)
         n = len(good) if good.all() else int(good.argmin())
@@ -124,7 +124,7 @@ class Loops:
         y[: self._nq], y[self._moving] = q, dq
         self.widest = max(self.widest, gap)
         self.fastest = max(self.fastest, float(np.abs(rates).max(initial=0.0)))
-        return float((pivots / self._sizes).min())
+        return float((pivots / self._sizes).min(initial=np.inf))
 
 
 def _lost(smallest: Array, earlier: Array | float) -> Array:
