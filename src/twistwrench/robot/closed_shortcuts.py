@@ -152,3 +152,60 @@ class ClosedShortcuts:
         rest = np.zeros(self.nv)
         given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         return self.inverse_dynamics(q, rest, rest, actuated, **given)
+
+    def joint_wrenches(
+        self: Any,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> Any:
+        """Wrenches across the joints (bearing loads) of a closed robot: what each moving body receives across its joint.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        actuated : iterable of str, optional, joints that have a motor; None: all
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+
+        Returns
+        -------
+        F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of the open robot's
+
+        Raises
+        ------
+        ConstraintError
+            q, dq or ddq breaks the constraints, or the motors named cannot make the motion.
+        UnknownNameError
+            ``actuated`` names no joint of the robot, or a wrench is at no frame of it.
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        Those of the open robot under λ of :meth:`inverse_dynamics`, a wrench on both links that a closure joins; what the
+        cut joints themselves carry is λ. MR section 8.7.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> q = held.consistent([-0.6, 0.2, 2.2])
+        >>> held.joint_wrenches(q, [0, 0, 0], [0, 0, 0], ["joint1"]).shape
+        (3, 6)
+        """
+        from .constraint_wrenches import applied
+
+        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        lam = self.inverse_dynamics(q, dq, ddq, actuated, **given).lam
+        found, free = (self.robot.joint_wrenches(q, dq, ddq, **more) for more in (given, {}))
+        for frame, F in applied(self, np.asarray(q, float), lam):  # one frame may stand in several constraints
+            found = found + (self.robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - free)
+        return found

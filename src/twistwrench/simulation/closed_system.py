@@ -92,7 +92,8 @@ class Loops:
         """Bring the state after a step from y at t onto the constraints, in place."""
         if not np.isfinite(y1).all():  # said where steps are looked at
             return
-        if _lost(np.array(self.onto(t + h, y1)), self.smallest(y)):
+        smallest = self.onto(t + h, y1)
+        if not smallest >= SMALL and _lost(np.array(smallest), self.smallest(y)):
             raise SimulationError(
                 f"at t = {t + h:.9g} s the constraints lose rank: {', '.join(self.closed.row_names)} hold the robot in fewer "
                 "directions at a singular configuration, from which the motion may go on in several ways. Change the "
