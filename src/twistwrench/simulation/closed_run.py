@@ -63,7 +63,7 @@ class ClosedRun(Run):
         n, s = len(states) - 1, self.system
         kept = np.arange(-k % self.every, n, self.every)
         q, dq = states[kept, : s.nq], states[kept][:, s.moving]
-        ddq = s.accelerations(q, dq, np.broadcast_to(s.held, dq.shape))
+        ddq = s.accelerations_of(q, dq, np.broadcast_to(s.held, dq.shape))
         times = ((k + kept) * self.h).tolist()
         self.record.rows.extend(zip(times, states[kept], ddq, [s.held] * len(kept), strict=True))
         for i in due[(due >= k) & (due < k + n)].tolist():

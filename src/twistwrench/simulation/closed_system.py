@@ -150,7 +150,7 @@ class ClosedSystem(System):
         self.manifold.rates(q, dq, out[: self.nq])
         out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
 
-    def accelerations(self, q: Array, dq: Array, tau: Array) -> Array:
+    def accelerations_of(self, q: Array, dq: Array, tau: Array) -> Array:
         """q̈ of states under joint torques and friction alone, (n, nv)."""
         left = tau if self.friction is None else self.friction.left(dq, tau)
         return np.asarray(self.loops.dynamics(q, dq, left)[0])
