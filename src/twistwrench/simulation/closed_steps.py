@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,49 +17,81 @@ from ..program.recurrence import Recurrence, Source
 from ..program.trace import trace
 from ..robot.engine import compiled
 from ..typing import Array
+from .closed_system import ClosedSystem
+from .compiled_steps import CompiledSteps
+from .forces import System
 from .tableau import EULER, RK4
-
-if TYPE_CHECKING:
-    from .closed_system import Loops
 
 TABLES = {"rk4": RK4, "euler": EULER}
 COMPILED_METHODS = (*TABLES, "semi_implicit")
 """Those whose steps are compiled."""
 LARGEST = 30_000
 """Operations of a step from which it is not compiled: that takes a second or two, more than most simulations without."""
+BLOCK = 2000
+"""Steps between two looks at whether the user wants to stop: some 10 ms."""
 
 
-class ClosedSteps:
-    """The steps of one robot by one method. State: q, dq, and the work of torques and of friction."""
+class ClosedSteps(CompiledSteps):
+    """The steps of one method under constant torques. The kernel's state: q, dq, and the work of torques and of friction."""
 
-    def __init__(self, loops: Loops, method: str, *, rubs: bool) -> None:
-        self.loops, self.method, self.rubs = loops, method, rubs
-        closed = loops.closed
-        self.model = regrouped(closed.robot.model)
-        key = "closed steps", closed.constraints, closed.independent, method, rubs
-        self.kernel = closed.robot.engine.kept(key, self._made)
-        """None where a step is too long to be compiled."""
+    def __init__(self, system: ClosedSystem, method: str, order: int, h: float) -> None:
+        self.system: ClosedSystem = system
+        self.loops, self.method, self.order, self.h = system.loops, method, order, h
+        self.model = regrouped(system.robot.model)
+        self.stages = len(TABLES[method].b) if method in TABLES else 1
+        self.rubs = system.friction is not None
+        self.most = BLOCK
+        creep = np.ones(system.nv) if system.friction is None else system.friction.creep
+        self.given = [system.held, creep]
+
+    @classmethod
+    def of(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
+        """The steps in machine code; None where something else acts, or a step is too long to be compiled."""
+        if not isinstance(system, ClosedSystem) or method not in COMPILED_METHODS:
+            return None
+        found = cls(system, method, order, h)
+        asks = system.functions or system.wrenches or system.contacts
+        if asks or not found.loops.effort(found.stages) <= LARGEST:
+            return None
+        closed = found.loops.closed
+        key = "closed steps", closed.constraints, closed.independent, method, found.rubs
+        found.kernel = system.robot.engine.kept(key, found._made)
+        return found
 
     def _made(self) -> Any:
-        nq, nv, name = self.model.nq, self.model.nv, self.loops.closed.robot.name
+        nq, nv, name = self.model.nq, self.model.nv, self.system.robot.name
         state = [("q", (nq,)), ("dq", (nv,)), ("work", (2,))]
         given = [("dt", ()), ("tau", (nv,)), ("creep", (nv,))]
         names = ["q", "dq", "work", "before", "rates", "after", "pivots"]
-        stages = len(TABLES[self.method].b) if self.method in TABLES else 1
-        if not self.loops.effort(stages) <= LARGEST:
-            return None
-        program = trace(self._step, [*state, *given], names)
         sources = (*(Source("state", k) for k in range(3)), *[Source("given")] * 3)
         doc = f"Steps of {name} on its constraints, compiled: {self.method}."
+        program = trace(self._step, [*state, *given], names)
         return compiled(Recurrence(program, sources, visible=3), "closed steps", doc)
 
-    def taken(self, n: int, h: float, start: tuple[Array, Array, Array], tau: Array, creep: Array) -> Any:
-        """q, dq and work after each of n steps, and what :func:`.projected` says of each."""
-        nv = self.model.nv
-        given = (np.broadcast_to(h, (n,)), np.broadcast_to(tau, (n, nv)), np.broadcast_to(creep, (n, nv)))
-        k = len(self.loops.closed.independent), sum(self.loops.with_gap)
-        out = [np.empty((n, m)) for m in (self.model.nq, nv, 2, k[1], k[0], k[1], k[0])]
-        return self.kernel(*start, *given, out=tuple(out))
+    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
+        """States after each step, (..., steps, size), not numbers from one that ends off the constraints; and accelerations."""
+        s, loops = self.system, self.loops
+        lengths = np.broadcast_to(np.float64(self.h if h is None else h), steps)
+        given = (lengths, *(np.broadcast_to(x, (steps, *x.shape)) for x in self.given))
+        rows, gaps = len(loops.closed.independent), sum(loops.with_gap)
+        batch = (*y.shape[:-1], steps)
+        Y, said = np.zeros((*batch, s.size)), [np.empty((*batch, k)) for k in (gaps, rows, gaps, rows)]
+        parts = [slice(0, s.nq), s.moving, slice(s.done.start, s.done.start + 2)]
+        with np.errstate(all="ignore"):
+            self.kernel(*(y[..., part] for part in parts), *given, out=(*(Y[..., part] for part in parts), *said))
+        before, rates, after, pivots = said
+        good = np.logical_and.accumulate(loops.good(y, after, pivots), axis=-1)
+        Y[~good] = np.nan
+        if h is None:
+            loops.note(before[good], rates[good])
+        s.evaluations += self.stages * steps
+        begins = np.concatenate([y[..., None, :], Y[..., :-1, :]], axis=-2)
+        return Y, s.constant_accelerations(begins)
+
+    def accelerations(self, _t: float, y: Array) -> Array:
+        """Of states (..., size), (..., nv)."""
+        self.system.evaluations += 1
+        return self.system.constant_accelerations(y)
 
     # ── on symbols ──
 

@@ -100,15 +100,17 @@ class Loops:
                 "mechanism or the motion so that it stays away, or take a smaller dt where it only comes near."
             )
 
-    def good(self, y: Array, before: Array, rates: Array, after: Array, pivots: Array) -> Array:
-        """Whether steps, the first from y, end on the constraints and keep their rank, (n,), by what is said of each."""
-        smallest = (pivots / self._sizes).min(axis=1, initial=np.inf)
-        earlier = np.concatenate([[self.smallest(y)], smallest[:-1]])
-        good = (np.abs(after / self._units).max(axis=1, initial=0.0) <= CLOSED) & ~_lost(smallest, earlier)
-        n = len(good) if good.all() else int(good.argmin())
-        self.widest = max(self.widest, float(np.abs(before[:n]).max(initial=0.0)))
-        self.fastest = max(self.fastest, float(np.abs(rates[:n]).max(initial=0.0)))
-        return np.asarray(good)
+    def good(self, y: Array, after: Array, pivots: Array) -> Array:
+        """Whether steps (..., n) from y (..., size) end on the constraints and keep their rank, by what is said of each."""
+        smallest = (pivots / self._sizes).min(axis=-1, initial=np.inf)
+        first = (self._project(y[..., : self._nq], y[..., self._moving])[-1] / self._sizes).min(axis=-1, initial=np.inf)
+        earlier = np.concatenate([first[..., None], smallest[..., :-1]], axis=-1)
+        return (np.abs(after / self._units).max(axis=-1, initial=0.0) <= CLOSED) & ~_lost(smallest, earlier)
+
+    def note(self, before: Array, rates: Array) -> None:
+        """Take note of what steps left to be taken away, gaps and rates."""
+        self.widest = max(self.widest, float(np.abs(before).max(initial=0.0)))
+        self.fastest = max(self.fastest, float(np.abs(rates).max(initial=0.0)))
 
     def onto(self, t: float, y: Array) -> float:
         """Bring a state onto the constraints, in place; gives the smallest pivot over its usual size."""
@@ -123,8 +125,7 @@ class Loops:
                 )
             q, dq, _, rates, _, pivots = self._project(found[0], y[self._moving])
         y[: self._nq], y[self._moving] = q, dq
-        self.widest = max(self.widest, gap)
-        self.fastest = max(self.fastest, float(np.abs(rates).max(initial=0.0)))
+        self.note(before, rates)
         return float((pivots / self._sizes).min(initial=np.inf))
 
 
@@ -150,10 +151,11 @@ class ClosedSystem(System):
         self.manifold.rates(q, dq, out[: self.nq])
         out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
 
-    def accelerations_of(self, q: Array, dq: Array, tau: Array) -> Array:
-        """q̈ of states under joint torques and friction alone, (n, nv)."""
-        left = tau if self.friction is None else self.friction.left(dq, tau)
-        return np.asarray(self.loops.dynamics(q, dq, left)[0])
+    def constant_accelerations(self, states: Array) -> Array:
+        """Of states (..., size) under torques and friction alone, where nothing that acts is a function; (..., nv)."""
+        q, dq = states[..., : self.nq], states[..., self.moving]
+        tau = np.broadcast_to(self.held, dq.shape)
+        return np.asarray(self.loops.dynamics(q, dq, tau if self.friction is None else self.friction.left(dq, tau))[0])
 
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """λ of states under the torques tau and all else that acts, (n, k); wrenches that are functions are asked again."""
@@ -202,8 +204,9 @@ class ClosedStepper(Stepper):
         self.loops.step(t, t1 - t, y, y1)
         return t1, y1
 
-    def between(self, t: float) -> Array:
-        """The state at a time within the last step."""
-        y = super().between(t)
-        self.loops.onto(t, y)
-        return y
+    def between(self, times: Array) -> Array:
+        """The states (m, size) at times (m,) within the last step."""
+        states = super().between(times)
+        for t, y in zip(times.tolist(), states, strict=True):
+            self.loops.onto(t, y)
+        return states

@@ -16,8 +16,10 @@ from ..model.friction import NONE_GIVEN
 from ..typing import Array
 from .adaptive import Stepper
 from .braked_step import BrakedStep
-from .closed_run import ClosedRun
+from .closed_steps import ClosedSteps
 from .closed_system import ClosedScheme, ClosedStepper, ClosedSystem, Loops
+from .compiled_attempts import CompiledAttempts
+from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
 from .events import Event, Watch
@@ -133,8 +135,7 @@ def simulate(
         if eased := easing_remark(robot.model, system.friction.creep):
             remarks.append(eased if loops is None else eased.rpartition("; ")[0])  # those of closed robots ease, too
     watched, stops = _events(events), _limits(robot, limits, y0)
-    kind = Run if loops is None else ClosedRun
-    run = kind(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
+    run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     if watched or surfaces or stops is not None:
         run.watch = Watch(watched, system.split, stops, surfaces)
     if controller is not None:
@@ -152,12 +153,19 @@ def simulate(
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
         run.tick = lambda t: progress(min(t / end, 1.0))
+    alone = (
+        run.watch is None and controller is None
+    )  # nothing looks at its steps, or gives torques from one to the next
     try:
         with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
             if adapts:
                 asked = (*tolerances, longest, probe_spacing(h, end), end)
-                run.adaptive(Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked))
+                stepper = Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked)
+                stepper.attempts = CompiledAttempts.of(system, tolerances) if alone and loops is None else None
+                run.adaptive(stepper)
             else:
+                of = CompiledSteps.of if loops is None else ClosedSteps.of
+                run.compiled = of(system, method, scheme.order, h) if alone else None
                 run.fixed()
             run.judge()
     except SimulationError as problem:
