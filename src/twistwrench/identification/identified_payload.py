@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,9 @@ from ..errors import UnknownNameError, ValueRangeError
 from ..model.model import BASE
 from ..robot import Robot
 from ..typing import Array
+from .log_side import MotorSide
 from .parameter_groups import BaseParameters
+from .unknown_parameters import UnknownParameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,3 +164,20 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
     J[:, mc : mc + 3], J[:, m] = np.eye(3) / G.mass, -np.asarray(G.com) / G.mass
     untold = tuple(name for name, row in zip(ten, S, strict=True) if not row.any())
     return IdentifiedPayload(frame, G, float(np.sqrt(C[m, m])), np.sqrt((J @ C @ J.T).diagonal()), untold)
+
+
+def unknown_of(
+    robot: Robot,
+    *,
+    motor_inertia: bool,
+    friction: Sequence[str],
+    motor_side: MotorSide | None,
+    known: Mapping[str, float] | None,
+    payload_only: str | None,
+) -> UnknownParameters:
+    """What is sought; of a payload alone all but its own numbers and the torques' offsets are known."""
+    held = dict(known or {})
+    if payload_only is not None:
+        held = known_but_for(robot, payload_body(robot, payload_only)) | held
+        motor_inertia, friction = True, ("viscous", "coulomb", "offset")
+    return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held)

@@ -260,6 +260,7 @@ class IdentifiedRobot:
                 "not predicted as they are here"
             )
             said += f"; not in it: {numbers}"
+        notes += found.outside(self.interval(), self.standard_deviations)
         if actuators is None and (inertia := found.of_joints("motor_inertia")):
             listed = ", ".join(f"{joint} {value:.4g}" for joint, value in inertia.items())
             notes.append(f"motor inertias stand in an actuator file only, and none is written: {listed}")

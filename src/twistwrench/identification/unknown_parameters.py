@@ -228,7 +228,8 @@ class UnknownParameters:
         if mine.size:
             W[:, :, mine] = self.robot.regressor(q, dq, ddq)[..., places[mine]]
         for c in np.flatnonzero(places < 0):
-            self._drive_column(W[:, :, c], int(which[c]), dq, ddq, friction_speed)
+            value, s = self.drive(int(which[c]), dq, ddq, friction_speed)
+            W[:, :, c] = value[:, None] * s
         return W
 
     def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
@@ -257,22 +258,37 @@ class UnknownParameters:
                 found.append((c, self.coupled[place] != 0))
         return found
 
-    def _drive_column(self, out: Array, k: int, dq: Array, ddq: Array, friction_speed: Array) -> None:
-        """Fill the column (n, nv) of one parameter of a drive."""
+    def drive(self, k: int, dq: Array, ddq: Array, friction_speed: Array) -> tuple[Array, Array]:
+        """Column of one parameter of a drive: what it multiplies, and the share of it that each joint feels.
+
+        Parameters
+        ----------
+        k : int, number of the parameter
+        dq, ddq : (n, nv) array
+        friction_speed : (nv,) array, v_0 [rad/s or m/s]
+
+        Returns
+        -------
+        value : (n,) array
+        s : (nv,) array; the column is value s'
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> UnknownParameters(tw.robots.pendulum()).drive(11, np.full((1, 1), 2.0), np.zeros((1, 1)), np.ones(1))
+        (array([2.]), array([1.]))
+        """
         _, kind, place = self._entries[k]
         together = kind.startswith("coupled ")
         s = self.coupled[place] if together else np.eye(self.model.nv)[place]
         plain = kind.removeprefix("coupled ")
-        speed = dq @ s
         if plain == "motor_inertia":
-            value = ddq @ s
-        elif plain == "viscous":
-            value = speed
-        elif plain == "coulomb":
-            value = np.tanh(speed / friction_speed[int(np.flatnonzero(s)[-1])])
-        else:
-            value = np.ones(len(dq))
-        out[...] = value[:, None] * s
+            return ddq @ s, s
+        if plain == "viscous":
+            return dq @ s, s
+        if plain == "coulomb":
+            return np.tanh(dq @ s / friction_speed[int(np.flatnonzero(s)[-1])]), s
+        return np.ones(len(dq)), s
 
 
 def check_speed(value: float) -> float:
