@@ -13,7 +13,7 @@ from ..core.cluster import Failure, workers_of
 from ..errors import ValueRangeError
 from ..verdict import ExitCode, Word
 from .common import RobotOptions
-from .motion_options import open_motion
+from .motion_options import open_motion, refuse_motor_side
 from .progress import share_done
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class TorquesOf:
 
         options = self.options
         robot, read = open_motion(options.load_and_locked, Path(path), degrees=options.degrees, **self.reading)
-        options.refuse_motor_side(robot, "torques")
+        refuse_motor_side(options, robot, "torques")
         load = LoadedRobot(
             robot, tuple(map(parse_payload, self.payloads)), parse_wrenches(self.wrenches), friction=self.friction
         )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ValueRangeError
+from .common import RobotOptions, bundled
 
 if TYPE_CHECKING:
     from ..motion.motion_log import MotionLog
@@ -66,6 +67,21 @@ def open_motion(
     options: dict[str, Any] = {"stiff": not moves_motors(file)} | ({} if held is None else {"held": held})
     robot, locked = load(**options)
     return robot, MotionLog.open(file, robot.model, degrees=degrees, locked=locked, columns=told, rate=rate)
+
+
+def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:
+    """Raise ValueRangeError where the actuator file says that logs have the motors' positions: joints' are read."""
+    from ..formats.log_entry import read_log_side
+
+    if options.actuators is None:
+        return
+    source = bundled(options.actuators, options.source, ".yaml", "actuator file")
+    if read_log_side(robot.model, source).of_motors:
+        raise ValueRangeError(
+            f"{source} says that logs have the motors' positions (log: side: motor), and {command} reads those of the joints. "
+            "Write them first: tw.identification.read_motion(log, robot, side=tw.identification.motor_side(robot.model, "
+            "file)).to_csv(path); twistwrench identify reads either."
+        )
 
 
 def parse_columns(texts: Iterable[str]) -> dict[str, str]:

@@ -10,7 +10,7 @@ import click
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
 from .common import RobotOptions, check_extra, motion_path
-from .motion_options import motion_options, open_motion
+from .motion_options import motion_options, open_motion, refuse_motor_side
 from .progress import share_done
 from .work import files_in, worker_options
 
@@ -113,7 +113,7 @@ def answer_torques(
     from .tables.torques import report_view
 
     robot, read = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
-    options.refuse_motor_side(robot, "torques")
+    refuse_motor_side(options, robot, "torques")
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
