@@ -185,7 +185,7 @@ def test_an_interrupted_simulation_is_shown_and_ends_with_130(tmp_path, monkeypa
     plain = System.rates
     monkeypatch.setattr(System, "rates", step)
     path = tmp_path / "run.csv"
-    result = run(["simulate", "pendulum", "--duration", "1", "--method", "rk4", "--csv", str(path)])
+    result = run(["simulate", "pendulum", "--duration", "1", "--method", "midpoint", "--csv", str(path)])
     assert result.exit_code == ExitCode.INTERRUPTED, result.output
     assert "interrupted" in result.stdout
     assert result.stderr == "interrupted\n"
