@@ -15,11 +15,11 @@ from ..model.model import BASE, Frame
 from ..robot import Robot
 from ..simulation.tableau import RK4
 
-LARGEST = 20_000
-"""Instructions of the longest program that a page carries."""
+LARGEST = 10_000
+"""Instructions of the longest program that a page carries: an arm of 24 joints. Browsers do not optimise much longer ones."""
 ALWAYS = ("poses", "holding")
 """What a page cannot do without, however long it is; both are linear in the number of bodies."""
-STEP = 1 / 4000
+STEP = 1 / 8000
 """Of a fall [s]. By the fourth-order method the bundled arms keep their energy to a millionth of a joule over seconds."""
 
 

@@ -9,6 +9,8 @@ class Fall {
     Object.assign(this, { mechanics, h: fall.step, a: fall.a, b: fall.b, nq: coordinates.length, nv: torques.length });
     this.y = new Float64Array(this.nq + this.nv + 1); // q, dq, and the work of the wrenches
     this.y.set(q);
+    this.z = this.y.slice();
+    this.k = fall.b.map(() => this.y.slice());
     this.time = 0;
     this.behind = 0; // of the clock [s]
     this.spent = 0; // on computing the last frame [ms]
@@ -26,14 +28,14 @@ class Fall {
   }
 
   step() { // Runge-Kutta: k_i = f(y + h sum a_ij k_j), y + h sum b_i k_i
-    const { y, h, a, b, mechanics } = this, k = [];
+    const { y, z, k, h, a, b, mechanics } = this;
     const along = (weights) => {
-      const z = y.slice();
+      z.set(y);
       weights.forEach((w, j) => { if (w) for (let i = 0; i < z.length; i++) z[i] += h * w * k[j][i]; });
       return z;
     };
-    for (const row of a) k.push(mechanics.motion(along(row)));
-    this.y = along(b);
+    a.forEach((row, j) => mechanics.motion(along(row), k[j]));
+    y.set(along(b));
     this.time += h;
   }
 

@@ -37,8 +37,8 @@ class LoadPanel {
     this.button.textContent = fall ? "Stop" : "Let go";
     if (!fall) this.said.textContent = "From rest, without torques, friction and stops.";
     else {
-      const worked = fall.work ? ` − work ${energy(fall.work)}` : "";
-      this.said.textContent = `${fall.time.toFixed(2)} s: kinetic ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} J, kept to ${fall.drift.toExponential(0)} J`;
+      const worked = fall.work ? ` − work of the push ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
+      this.said.textContent = `${fall.time.toFixed(2)} s: kinetic energy ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} = ${energy(total)} J, kept to ${fall.drift.toExponential(0)} J`;
     }
   }
 }

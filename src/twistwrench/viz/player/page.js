@@ -192,7 +192,7 @@ class Viewer {
   }
 
   loadMarks(items) { // what the sliders put on the tip
-    const { robot, mechanics, shown } = this, p = place(mechanics.tipPose(this.poses)), push = norm(mechanics.push);
+    const { robot, mechanics, shown } = this, p = place(mechanics.tipPose(this.q)), push = norm(mechanics.push);
     const radius = 0.07 * robot.size * Math.cbrt(mechanics.mass / robot.payload);
     if (shown.looks && mechanics.mass) items.push({ kept: this.ball, model: mul(shifted(p), scaling(radius)), colour: [...robot.colours.payload, 1], shadow: true });
     if (!shown.wrenches || !push) return;
@@ -204,7 +204,7 @@ class Viewer {
     const { robot, shown } = this;
     if (robot.tip === null || !robot.forceScale) return;
     if (!this.forces) {
-      const columns = this.mechanics.tipColumns(this.q), p = place(this.mechanics.tipPose(this.poses));
+      const columns = this.mechanics.tipColumns(this.q), p = place(this.mechanics.tipPose(this.q));
       const polytope = forcePolytope(robot, columns, this.mechanics.holding(this.q));
       if (this.solid) this.stage.forget(this.solid);
       this.solid = polytope && this.stage.keep(solidOf(polytope.facets));
