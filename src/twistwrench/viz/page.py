@@ -225,7 +225,7 @@ def _switches(data: Mapping[str, Any], scene: Scene) -> tuple[dict[str, bool], l
         ("looks", "Robot", True, True),
         ("inertia", "Inertia ellipsoids", True, not scene.dressed and not scene.doubtful),
         ("torques", "Torques", bool(data["marks"]), True),
-        ("wrenches", "Wrenches", bool(data["wrenchMarks"]) or data["push"] is not None, True),
+        ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
         ("com", "Centre of mass", "centre" in data["programs"], False),
         ("frames", "Frames", True, False),
         ("ellipsoid", "Force ellipsoid", has_tip, False),

@@ -51,6 +51,7 @@ class PagePrograms:
         return {
             "programs": texts,
             "wrenchFrames": self.wrenches,
+            "payloadName": "more at tip" if robot.model.payloads else "payload at tip",
             "payload": None if self.tip is None else _round_above(mass / 2 or 1.0),
             "push": None if self.tip is None else _round_above(weight or 10.0),
             "fall": {"why": self._why_it_stays(texts), "step": STEP, "a": [row.tolist() for row in a], "b": b.tolist()},

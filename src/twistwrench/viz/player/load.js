@@ -8,7 +8,7 @@ class LoadPanel {
     document.getElementById("load").hidden = !robot.torques.length;
     this.sliders = [];
     if (robot.payload !== null) {
-      this.slider("payload at tip", 0, robot.payload, "kg", (x) => { mechanics.mass = x; });
+      this.slider(robot.payloadName, 0, robot.payload, "kg", (x) => { mechanics.mass = x; });
       ["x", "y", "z"].forEach((axis, k) => this.slider(`push on tip, ${axis}`, -robot.push, robot.push, "N", (x) => { mechanics.push[k] = x; }));
     }
     this.button = document.getElementById("let-go");
@@ -37,7 +37,7 @@ class LoadPanel {
     this.button.textContent = fall ? "Stop" : "Let go";
     if (!fall) this.said.textContent = "From rest, without torques, friction and stops.";
     else {
-      const worked = fall.work ? ` − work of the push ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
+      const worked = fall.work ? ` − work of the ${this.viewer.mechanics.any ? "wrenches" : "push"} ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
       this.said.textContent = `${fall.time.toFixed(2)} s: kinetic energy ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} = ${energy(total)} J, kept to ${fall.drift.toExponential(0)} J`;
     }
   }

@@ -195,7 +195,7 @@ class Viewer {
     const { robot, mechanics, shown } = this, p = place(mechanics.tipPose(this.q)), push = norm(mechanics.push);
     const radius = 0.07 * robot.size * Math.cbrt(mechanics.mass / robot.payload);
     if (shown.looks && mechanics.mass) items.push({ kept: this.ball, model: mul(shifted(p), scaling(radius)), colour: [...robot.colours.payload, 1], shadow: true });
-    if (!shown.wrenches || !push) return;
+    if (!push) return;
     const length = Math.round(100 * Math.max(0.08, 0.35 * push / robot.push)) / 100, T = mul(shifted(p), alongZ(mechanics.push));
     items.push({ kept: this.cached(`push ${length}`, () => arrow(length, 0.014)), model: mul(T, scaling(robot.size)), colour: [...robot.colours.wrench, 1] });
   }

@@ -138,7 +138,7 @@ class Panel {
   update() {
     const viewer = this.viewer, { robot, tau, q } = viewer, shares = viewer.shares();
     const largest = Math.max(...tau.map(Math.abs), ...robot.torques.map(({ peak }) => peak), 1e-3);
-    const digits = Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
+    const digits = viewer.fall ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
     this.title.textContent = viewer.fall ? "Torques: none, let go" : viewer.posed ? "Torques that hold this pose" : "Torques of the motion";
     this.load.update();
     this.bars.forEach(({ fill, number, share }, k) => {
