@@ -16,7 +16,18 @@ from bench.side_by_side import all_peers, measured
 from bench.timing import ROUNDS, pin_to_one_core
 
 HERE = Path(__file__).parent
-SECTIONS = ("bounds", "compile", "derivatives", "float32", "fresh", "one_body", "one_call", "rollout", "threads")
+ALONE = (
+    "derivatives",
+    "float32",
+    "bounds",
+    "compile",
+    "one_body",
+    "one_call",
+    "fresh",
+    "inverse_kinematics",
+    "long_chain",
+)
+SECTIONS = (*sorted(ALONE), "rollout", "threads")
 ALL_CORES = ("threads",)  # the others keep to one
 
 
@@ -52,7 +63,7 @@ def _options() -> argparse.Namespace:
 
 def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """What one section takes, by its name in the results."""
-    from bench import bounds, derivatives, float32, fresh, one_body, one_call, threads
+    from bench import bounds, derivatives, float32, fresh, inverse_kinematics, long_chain, one_body, one_call, threads
 
     def rollout() -> dict[str, Any]:
         from bench import rollout  # needs MuJoCo, which may be missing
@@ -68,6 +79,8 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "derivatives": lambda: derivatives.times(rounds, cases),
         "float32": lambda: float32.times(rounds, cases),
         "fresh": lambda: fresh.times(tuple(case.name for case in cases)),
+        "inverse_kinematics": lambda: inverse_kinematics.times(rounds),
+        "long_chain": lambda: long_chain.times(rounds),
         "one_body": lambda: one_body.times(rounds),
         "one_call": lambda: one_call.times(rounds, cases),
         "rollout": rollout,
@@ -95,7 +108,7 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
         print(f"{case.name}: loading", flush=True)
         results["robots"][case.name] = measured(case, all_peers(case, builds, missing), options.rounds)
     if "twistwrench" not in missing:
-        for section in ("derivatives", "float32", "bounds", "compile", "one_body", "one_call", "fresh"):
+        for section in ALONE:
             results[section] = _part(section, options)
         with suppress(ImportError):  # the robots say what is missing
             results["rollout"] = _part("rollout", options)

@@ -166,3 +166,44 @@ def compiling(results: dict[str, Any]) -> str:
         f" and {title(found['quantities'][0])} in float32. The robot's file is read before the clock starts."
     )
     return section("Compiling all that is compared", text, ("", "wall", "processor", "processes"), rows)
+
+
+def inverse_kinematics(results: dict[str, Any]) -> str:
+    """Poses of the panda, beside the Robotics Toolbox."""
+    found = results.get("inverse_kinematics")
+    if not found:
+        return ""
+    rows = []
+    for way, pair in found["rows"].items():
+        ours, theirs, reached = pair["ours"], pair.get("theirs"), pair["reached"]
+        row = [way, f"{duration(ours['median'])} {quartiles(ours)}", f"{100 * reached['ours']:.4g} %"]
+        if theirs is None:
+            row += ["–", "–", "–"]
+        else:
+            row += [f"{duration(theirs['median'])} {quartiles(theirs)}", f"{100 * reached['theirs']:.4g} %"]
+            row += [f"**{times(theirs['median'] / ours['median'])}**"]
+        rows.append(row)
+    text = (
+        f"{measured_on(found)}: a random reachable pose of the panda within its limits, to 1e-10 rad and m, means over the same"
+        " poses. The Toolbox's `ik_LM` is C++ that is called from Python, a pose at a time."
+    )
+    head = ("", "twistwrench", "reached", "Robotics Toolbox, `ik_LM`", "reached", "times as fast")
+    return section("Inverse kinematics", text, head, rows)
+
+
+def long_chain(results: dict[str, Any]) -> str:
+    """A chain of many links."""
+    found = results.get("long_chain")
+    if not found:
+        return ""
+    rows = [
+        (title(quantity), f"{row['compile']:.1f} s",
+         *(f"{duration(t['median'])} {quartiles(t)}" for t in (row["timings"][k] for k in ("batch", "one", "Pinocchio"))))
+        for quantity, row in found["rows"].items()
+    ]  # fmt: skip
+    text = (
+        f"{measured_on(found)}: a chain of {found['links']} revolute joints. Compiling is processor time without a cache;"
+        f" then time a state, {found['states']} at once with `out=`, and one by one."
+    )
+    head = ("", "compiling", "a batch", "one call", "Pinocchio, Python call")
+    return section("A long chain", text, head, rows)

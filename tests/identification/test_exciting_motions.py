@@ -7,15 +7,11 @@ import functools
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from robot_files import FILES
 
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.identification import exciting_trajectory
-from twistwrench.identification.exciting_motion import _bounds, _noise, _search
-from twistwrench.identification.motion_room import Band, shared_bounds
-from twistwrench.identification.parameter_groups import BaseParameters
-from twistwrench.identification.rest_series import RestSeries
-from twistwrench.identification.unknown_parameters import UnknownParameters
 
 PLANAR = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
@@ -25,36 +21,72 @@ GIVEN = {
 }
 ROBOTS = {"planar_2r": PLANAR, "ur5": UR5}
 SHARE = 0.8
+PANDA = "panda_description/panda"
+WITHOUT_PANDA = pytest.mark.skipif(PANDA not in FILES, reason="example-robot-data is not there")
 
 
 @functools.cache
-def found(name):
-    return exciting_trajectory(ROBOTS[name], 10.0, 3, share=SHARE, seed=1, **GIVEN[name])
+def found(name, criterion="log_det"):
+    return exciting_trajectory(
+        ROBOTS[name], 10.0, 3, share=SHARE, seed=1, restarts=1, criterion=criterion, **GIVEN[name]
+    )
 
 
-def search(name):
-    """What the function searches with."""
-    robot, given = ROBOTS[name], dict(GIVEN[name])
-    floor = given.pop("floor", None)
-    limits = {key: given.get(key) for key in ("velocity", "acceleration", "effort")}
-    base = BaseParameters.of(UnknownParameters(robot))
-    speed = np.full(robot.nv, 0.05)
-    bounds = _bounds(robot, SHARE, **limits)
-    return _search(robot, RestSeries(10.0, 3), bounds, base, speed, _noise(robot, None), floor, None)
+def keeps(one, q, dq, ddq):
+    """Whether a motion keeps what the motion found had to keep, by the library's own limits and distances."""
+    motion = tw.Motion(np.arange(len(q)) * 0.01, q, dq, ddq, robot=one.robot, in_seconds=True)
+    clear = one.room.capsules.distances(q)
+    return motion.violations(one.bounds, friction=True) == () and (clear.size == 0 or clear.min() >= 0.0)
+
+
+def random_motions(one, count, rng, instants=801, tries=20_000):
+    """States (3, n, nv) of random Fourier series, each joint as wide as its limits let it be, narrowed until all is kept."""
+    b, nv = one.bounds, one.robot.nv
+    basis = one.series.basis(np.linspace(0, one.duration, instants))
+    low, high = (np.where(np.isfinite(x), x, s * np.pi) for x, s in ((b.lower, -1), (b.upper, 1)))
+    motions = []
+    for _ in range(tries):
+        rest = rng.uniform(low, high) * 0.6 + 0.2 * (low + high)
+        q, dq, ddq = basis[:, :, 1:] @ rng.normal(size=(nv, one.series.count - 1)).T
+        wide = [(high - rest) / q.max(0), (rest - low) / -q.min(0), b.velocity / abs(dq).max(0)]
+        scale = 0.999 * np.min([*wide, b.acceleration / abs(ddq).max(0)], axis=0)
+        for shrink in 0.8 ** np.arange(15):
+            states = rest + shrink * scale * q, shrink * scale * dq, shrink * scale * ddq
+            if keeps(one, *states):
+                motions.append(np.stack(states))
+                break
+        if len(motions) == count:
+            return motions
+    raise AssertionError("random motions do not fit")
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_limits_are_kept_between_the_instants_of_the_search(name):
-    """At 6007 instants, a prime number, with friction; the search looks at 121 and judges at 961."""
+    """At 6007 instants, a prime number, with friction; the search looks at 289 at most and judges at 961."""
     robot, given = ROBOTS[name], dict(GIVEN[name])
     floor = given.pop("floor", None)
-    bounds = shared_bounds(tw.trajectories.bounds_of(robot, **given), SHARE)
+    own = tw.trajectories.bounds_of(robot, **given)
     t = np.linspace(0, 10, 6007)
     motion = tw.Motion(t, *found(name)(t), robot=robot, in_seconds=True)
-    assert motion.violations(bounds, friction=True) == ()
+    assert motion.violations(found(name).bounds, friction=True) == ()
+    assert np.allclose(found(name).bounds.velocity, SHARE * own.velocity)
+    assert np.allclose(found(name).bounds.acceleration, own.acceleration)
     if floor is not None:
         heights = robot.link_poses(motion.q)[..., 2, 3]
         assert heights[:, np.ptp(heights, axis=0) > 1e-9].min() >= floor
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_limits_are_reached(name):
+    """Of each joint: of positions, velocities, accelerations or torques; what is left unused tells nothing."""
+    one = found(name)
+    b, peaks = one.bounds, one.peaks
+    half = (b.upper - b.lower) / 2
+    middle = np.where(np.isfinite(half), b.lower, 0.0) + np.where(np.isfinite(half), half, 0.0)
+    far = np.maximum(peaks["upper"] - middle, middle - peaks["lower"])
+    limits = np.stack([half, b.velocity, b.acceleration, b.effort])
+    shares = np.stack([far, peaks["velocity"], peaks["acceleration"], peaks["torque"]]) / limits
+    assert (shares.max(axis=0) > 0.97).all() and shares.max() <= 1.0
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -79,45 +111,26 @@ def test_rates_are_those_of_the_positions(name):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_it_tells_more_than_random_motions_that_are_as_wide_as_they_can_be(name):
-    looking, rng = search(name), np.random.default_rng(5)
-    motions = [z for _ in range(60) if (z := looking.random(rng)) is not None]
-    assert len(motions) > 30 and all(looking.fits(z) for z in motions)
-    information = looking.information
-    rows = [information.rows(*looking._states(z, fine=True)) for z in motions]
-    one = found(name)
-    assert one.log_det > max(map(information.log_det, rows)) + 1.0
-    medians = [np.median(information.deviations(W)) for W in rows]  # what is sought is log det, not the least median
-    assert np.median(one.predicted_deviations) < 0.8 * np.median(medians)
+def test_it_tells_more_than_the_best_of_random_motions(name):
+    """Of 100 that keep the same limits and are as wide as these let them be."""
+    one, information = found(name), found(name).information
+    rows = [information.rows(*states) for states in random_motions(one, 100, np.random.default_rng(5))]
+    assert one.log_det > max(map(information.log_det, rows)) + 3.0
+    least = min(np.median(information.deviations(W)) for W in rows)
+    assert np.median(one.predicted_deviations) < 0.8 * least
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_slope_of_the_search_is_that_of_its_cost(name):
-    """By central differences along random directions, near the edges where the barrier is steep."""
-    looking, rng = search(name), np.random.default_rng(3)
-    z = looking.random(rng)
-    for width in (0.1, 0.01):
-        slope = looking.cost_and_slope(z, 1.0, width)[1]
-        for _ in range(3):
-            d, h = rng.normal(size=z.shape), 1e-6
-            ahead, behind = (looking.cost_and_slope(z + s * h * d, 1.0, width)[0] for s in (1, -1))
-            along = float((slope * d).sum())
-            assert abs((ahead - behind) / (2 * h) - along) < 1e-4 * (abs(along) + np.linalg.norm(slope))
-
-
-def test_the_barrier_is_smooth_where_it_becomes_a_parabola():
-    band = Band(np.array([-np.inf]), np.array([1.0]), np.array([2.0]))
-    x = 1.0 - 2.0 * 0.1 + np.array([[-1e-9], [1e-9]])
-    values = [band.barrier(one[None], 0.1) for one in x]
-    assert abs(values[0][0] - values[1][0]) < 1e-7
-    assert abs(values[0][1] - values[1][1]).max() < 1e-6
-    assert band.barrier(np.array([[5.0]]), 0.1)[0] > band.barrier(np.array([[2.0]]), 0.1)[0] > 0
+def test_each_criterion_is_better_at_its_own(name):
+    by_log_det, by_deviations = found(name), found(name, "deviations")
+    assert by_log_det.log_det > by_deviations.log_det
+    assert np.median(by_deviations.predicted_deviations) < np.median(by_log_det.predicted_deviations)
 
 
 def test_the_seed_decides():
-    again = exciting_trajectory(PLANAR, 10.0, 3, share=SHARE, seed=1, **GIVEN["planar_2r"])
+    again = exciting_trajectory(PLANAR, 10.0, 3, share=SHARE, seed=1, restarts=1, **GIVEN["planar_2r"])
     assert (again.coefficients == found("planar_2r").coefficients).all()
-    other = exciting_trajectory(PLANAR, 10.0, 3, share=SHARE, seed=2, **GIVEN["planar_2r"])
+    other = exciting_trajectory(PLANAR, 10.0, 3, share=SHARE, seed=2, restarts=1, **GIVEN["planar_2r"])
     assert (again.coefficients != other.coefficients).any()
 
 
@@ -126,15 +139,64 @@ def test_more_beginnings_are_no_worse_and_progress_is_told():
     more = exciting_trajectory(
         PLANAR, 10.0, 3, share=SHARE, seed=1, restarts=2, progress=told.append, **GIVEN["planar_2r"]
     )
-    assert more.log_det >= found("planar_2r").log_det - 1e-6
+    assert more.log_det >= found("planar_2r").log_det - 0.01  # chosen at fewer instants than log_det looks at
     assert told == sorted(told) and told[-1] == 1.0 and 0 < told[0] < 0.5
 
 
 def test_clear_of_what_the_user_tells():
     """A joint that stays above a line."""
-    given = {"velocity": 2.0, "acceleration": 8.0, "clear": lambda q: q[:, 1] - 0.2}
+    given = {"velocity": 2.0, "acceleration": 8.0, "clear": lambda q: q[:, 1] - 0.2, "restarts": 1}
     one = exciting_trajectory(PLANAR, 8.0, 2, **given)
     assert one(np.linspace(0, 8, 4001))[0][:, 1].min() >= 0.2
+
+
+BOXES = """<robot name="folding">
+  <link name="base"><visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual></link>
+  {links}
+</robot>"""
+LINK = """<link name="link{k}"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
+  <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.005"/></inertial>
+  <visual><origin xyz="0 0 0.2"/><geometry><cylinder radius="0.03" length="0.3"/></geometry></visual></link>
+<joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/><origin xyz="0 0 {z}"/>
+  <axis xyz="{axis}"/><limit lower="-2.9" upper="2.9" velocity="3" effort="60"/></joint>"""
+
+
+@pytest.fixture(scope="module")
+def folding(tmp_path_factory):
+    """Three links of one length and one plane, which fold onto the base and onto each other."""
+    links = "".join(
+        LINK.format(k=k, parent=f"link{k - 1}" if k else "base", z=0.4, axis="0 1 0" if k else "0 1 0.001")
+        for k in range(3)
+    )
+    path = tmp_path_factory.mktemp("folding") / "folding.urdf"
+    path.write_text(BOXES.format(links=links), encoding="utf-8")
+    return tw.load(path)
+
+
+def distance_of_cylinders(robot, q, a, b):
+    """Between two cylinders of radius 0.03 and length 0.3, by many points on their axes: above the true one by 1 mm at most."""
+    poses = robot.link_poses(q)
+    along = np.linspace(0.05, 0.35, 101)
+    ends = []
+    for name in (a, b):
+        T = poses[:, robot.link_names.index(name)]
+        ends.append(T[:, None, :3, 3] + along[:, None] * T[:, None, :3, 2])
+    return np.linalg.norm(ends[0][:, :, None] - ends[1][:, None, :], axis=-1).min(axis=(1, 2)) - 0.06
+
+
+def test_links_that_no_joint_connects_stay_apart(folding):
+    given = {"acceleration": 10.0, "restarts": 1, "seed": 3, "friction": ()}
+    one = exciting_trajectory(folding, 8.0, 2, **given)
+    q = one(np.linspace(0, 8, 1201))[0]
+    assert distance_of_cylinders(folding, q, "link0", "link2").min() > 0.0
+    assert one.unwatched == () and one.clearances["itself"] >= 0.0 and "floor" not in one.clearances
+    free = exciting_trajectory(folding, 8.0, 2, clear_of_itself=False, **given)
+    q = free(np.linspace(0, 8, 1201))[0]
+    assert distance_of_cylinders(folding, q, "link0", "link2").min() < 0.0 and free.clearances == {}
+
+
+def test_what_has_no_shape_is_said():
+    assert "link1, link2" in found("planar_2r").unwatched[0]
 
 
 def test_deviations_are_those_of_least_squares():
@@ -146,6 +208,47 @@ def test_deviations_are_those_of_least_squares():
     A = (W / information.noise[:, None]).reshape(-1, W.shape[-1])
     spread = np.std([np.linalg.lstsq(A, rng.normal(size=len(A)), rcond=None)[0] for _ in range(400)], axis=0)
     assert np.allclose(spread, one.predicted_deviations, rtol=0.15)  # 400 draws: 3.5 % each
+
+
+@functools.cache
+def panda_motion():
+    panda = tw.load(FILES[PANDA]).lock({"panda_finger_joint1": 0.0})
+    return exciting_trajectory(panda, 20.0, 5, share=0.9, acceleration=10.0, floor=0.0, criterion="deviations")
+
+
+@pytest.mark.slow
+@WITHOUT_PANDA
+def test_the_panda_of_the_examples():
+    """A third of the best of 500 random Fourier series within the same limits; 0.0081 and 0.036 were measured."""
+    one = panda_motion()
+    assert keeps(one, *one(np.linspace(0, 20, 4001))) and one.unwatched == ()
+    motions = random_motions(one, 500, np.random.default_rng(7))
+    least = min(np.median(one.information.deviations(one.information.rows(*states))) for states in motions)
+    assert np.median(one.predicted_deviations) < least / 3
+    assert one.condition < 100
+
+
+@pytest.mark.slow
+@WITHOUT_PANDA
+def test_the_meshes_of_the_panda_do_not_touch():
+    """By Coal, through Pinocchio, of all links but neighbours."""
+    pin = pytest.importorskip("pinocchio")
+    one, path = panda_motion(), str(FILES[PANDA])
+    model, geometry, _ = pin.buildModelsFromUrdf(path, package_dirs=[path.split("/example-robot-data/robots")[0]])
+    geometry.addAllCollisionPairs()
+    data, seen = model.createData(), geometry.createData()
+    parents = [geometry.geometryObjects[k].parentJoint for k in range(geometry.ngeoms)]
+    fixed = {joint: joint for joint in range(8)} | {8: 7, 9: 7}  # the fingers are held
+    apart = [
+        k
+        for k, pair in enumerate(geometry.collisionPairs)
+        if abs(fixed[parents[pair.first]] - fixed[parents[pair.second]]) > 1
+    ]
+    least = np.inf
+    for q in one(np.linspace(0, 20, 401))[0]:
+        pin.computeDistances(model, data, geometry, seen, np.concatenate([q, [0.0, 0.0]]))
+        least = min(least, *(seen.distanceResults[k].min_distance for k in apart))
+    assert len(apart) > 50 and least > 0.0
 
 
 BAD = {
@@ -162,10 +265,13 @@ BAD = {
     "a step too long": ({"step": 5.0}, "step"),
     "a seed that is none": ({"seed": "x"}, "seed"),
     "a floor above it all": ({"floor": 10.0}, "no motion"),
+    "a floor that is none": ({"floor": float("nan")}, "floor"),
     "too weak to stand": ({"effort": 1e-3}, "no motion"),
     "an unknown law": ({"friction": ("magic",)}, "magic"),
+    "an unknown criterion": ({"criterion": "magic"}, "magic"),
     "a distance that is none": ({"clear": 3}, "clear"),
     "a distance too many": ({"clear": lambda q: np.ones(3)}, "clear"),
+    "no flag": ({"clear_of_itself": "no"}, "clear_of_itself"),
 }
 
 
@@ -187,13 +293,13 @@ def run(*arguments):
 
 def test_the_motion_of_the_command_passes_no_limit(tmp_path):
     out = tmp_path / "motion.csv"
-    hold = ["--lock", "wrist_2_joint=0.3", "--lock", "wrist_3_joint=0"]
+    hold = ["--lock", "wrist_2_joint=0.3", "--lock", "wrist_3_joint=0", "--restarts", 1]
     said = run(
         "excite", "ur5", *hold, "--seconds", 10, "--harmonics", 3, "--acceleration", 6, "--floor", 0.05, "--out", out
     )
     assert said.exit_code == 0, said.output
-    assert "condition" in said.output and "not looked at" in said.output
-    after = run("torques", "ur5", *hold, "--trajectory", out)
+    assert "condition" in said.output and "from the floor" in said.output and "not looked at" in said.output
+    after = run("torques", "ur5", *hold[:4], "--trajectory", out)
     assert after.exit_code == 0, after.output
 
 

@@ -170,3 +170,22 @@ def _without_source(model):
     from dataclasses import replace
 
     return replace(model, source="")
+
+
+def test_what_no_file_holds_and_what_is_pulled_out_of_its_interval_is_told(tmp_path):
+    """One motor that turns two joints has friction of its own, and a pull that is far too strong moves what the log tells."""
+    arm = tw.robots.planar_2r()
+    log = known_log(arm, 3, seconds=10.0, rate=100.0)
+    side = tw.identification.MotorSide(np.array([[1.0, 0.0], [1.0, 1.0]]), np.zeros(2), np.ones(2))
+    motors = tw.Motion(log.motion.time, log.motion.q, tau=log.motion.tau, robot=arm)
+    found = tw.identification.identify(arm, motors, cutoff=10.0, motor_side=side)
+    together = found.consistent.of_several_joints
+    assert set(together) == {f"joint1+joint2.{kind}" for kind in ("motor_inertia", "viscous", "coulomb")}
+    notes = " ".join(found.write(None, tmp_path / "new.yaml", force=True))
+    assert "joint1+joint2.viscous" in notes and "joint1+joint2.viscous" in (tmp_path / "new.yaml").read_text("utf-8")
+    plain = tw.identification.identify(arm, motors, cutoff=10.0)
+    wide = plain.interval() + np.array([-9.0, 9.0])
+    assert plain.consistent.outside(wide, plain.standard_deviations) == []
+    pulled = plain.consistent_at(1e4)
+    (said,) = pulled.outside(plain.interval(), plain.standard_deviations)
+    assert "outside their 95 % intervals" in said

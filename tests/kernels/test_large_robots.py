@@ -335,7 +335,7 @@ def test_memory_of_a_long_program_is_bounded():
     """The mass matrix of the chain, twice by sections: tracing 145,000 instructions is 200 MB, LLVM and imports 120."""
     script = """
         import resource, sys
-        sys.path.insert(0, "tests")
+        sys.path.insert(0, "tests/kernels")
         from test_large_robots import avx2_module, chain
         avx2_module.serves = lambda *_: False
         kernel = chain(100).kernel("mass_matrix")
@@ -352,7 +352,7 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
     """A million entries of three hundred operations each: an error that says so, before a second gigabyte is taken."""
     script = """
         import resource, sys
-        sys.path.insert(0, "tests")
+        sys.path.insert(0, "tests/kernels")
         import twistwrench as tw
         from test_large_robots import chain
         try:

@@ -48,7 +48,6 @@ LONG = {
     "kernels/fast_call.py",
     "robot/closed_robot.py",
     "robot/closed_robot_checks.py",
-    "robot/inverse_kinematics.py",
     "robot/quantities.py",
     "simulation/rollout_inputs.py",
     "targets/fast_call_text.py",
@@ -204,6 +203,8 @@ CIRCLES = [
     {"trajectories.trajectory", "trajectories.fastest", "plotting.trajectory"},
     {"simulation.result", "simulation.result_files"},  # results are written to files, and read from them
     {"report.torque_findings", "report.torque_verdict"},
+    # identify gathers large logs in portions, and gathering identifies an excerpt in memory
+    {"identification.gathering", "identification.robot_identification"},
 ]
 """Modules that import each other, inside functions; nothing may be added without a reason."""
 

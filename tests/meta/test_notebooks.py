@@ -88,7 +88,11 @@ def matplotlib():
 
 
 def test_there_are_notebooks():
-    assert [path.stem for path in NOTEBOOKS] == ["2r_from_lagrangian_to_simulation", "ur5_from_urdf_to_torques"]
+    assert [path.stem for path in NOTEBOOKS] == [
+        "2r_from_lagrangian_to_simulation",
+        "2r_from_log_to_file",
+        "ur5_from_urdf_to_torques",
+    ]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)

@@ -57,6 +57,21 @@ def write_parquet(path):
     (pyarrow.parquet.write_table if path.suffix == ".parquet" else pyarrow.feather.write_feather)(table, path)
 
 
+@pytest.fixture(params=["whole", "in blocks"], autouse=True)
+def reading(request, monkeypatch):
+    """Small files are read whole; large ones block by block, as all are here where the bound is taken away."""
+    if request.param == "in blocks":
+        for place in (
+            "motion.array_stream.LARGE",
+            "motion.joined_files.LARGE",
+            "motion.motion_log.LARGE",
+            "report.log_quality._LARGE",
+        ):
+            monkeypatch.setattr(f"twistwrench.{place}", 0)
+        for module in ("array_stream", "joined_files", "npz_file"):
+            monkeypatch.setattr(f"twistwrench.motion.{module}._ROWS", 7)
+
+
 JOINT_STATE = """
 std_msgs/Header header
 string[] name

@@ -20,7 +20,8 @@ from twistwrench.errors import ModelWarning, TrajectoryError, TwistWrenchError, 
 from twistwrench.formats import load_model
 from twistwrench.motion import csv_file as csv_module
 from twistwrench.motion.column_names import NamedJoints
-from twistwrench.motion.motion_log import MotionLog, joints_without_column, open_motion_file
+from twistwrench.motion.motion_file import joints_without_column, open_motion_file
+from twistwrench.motion.motion_log import MotionLog
 from twistwrench.report.locks import joints_beside
 
 pytest_plugins = ("torque_fixtures",)

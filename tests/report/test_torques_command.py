@@ -371,3 +371,15 @@ def test_a_joint_that_moves_has_coulomb_friction(run, rubbing, tmp_path):
     table = np.loadtxt(out, delimiter=",", skiprows=1)
     for joint, v in zip(robot.joint_names, (0.1, -0.2), strict=True):
         np.testing.assert_allclose(table[:, lines.index(f"{joint}.friction")], v + np.sign(v), atol=1e-9)
+
+
+def test_logs_of_motors_are_not_read_as_those_of_joints(run, ur5, motion, tmp_path):
+    t, q, *_ = motion
+    path = write_positions(tmp_path / "m.csv", ur5, t, q)
+    file = tmp_path / "drives.yaml"
+    file.write_text("robot: ur5\nactuators:\n  elbow_joint: {ratio: 100}\nlog: {side: motor}\n")
+    code, text = run("torques", "ur5", "--trajectory", path, "--actuators", file)
+    assert code == 2
+    assert "drives.yaml says that logs have the motors' positions" in " ".join(text.split())
+    file.write_text("robot: ur5\nactuators:\n  elbow_joint: {ratio: 100}\n")
+    assert run("torques", "ur5", "--trajectory", path, "--actuators", file)[0] in (0, 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
 import subprocess
 import sys
 import weakref
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
-from twistwrench.robot import inverse_kinematics
+from twistwrench.robot import inverse_kinematics, pose_search
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -248,11 +249,88 @@ def test_a_poses_answer_does_not_depend_on_its_neighbours(bundled, name, monkeyp
         same(found, robot.inverse_kinematics(T[k], restarts=6), k)
     some = robot.inverse_kinematics(T[::-3], restarts=6)
     np.testing.assert_array_equal(some.q, found.q[::-3])
-    monkeypatch.setattr(inverse_kinematics, "AT_ONCE", 7)
+    monkeypatch.setattr(pose_search, "AT_ONCE", 7)  # calls of the kernel with 64 poses
     np.testing.assert_array_equal(robot.inverse_kinematics(T, restarts=6).q, found.q)
-    monkeypatch.setattr(inverse_kinematics, "FEW", 0)
-    monkeypatch.setattr(inverse_kinematics, "FEW_STEPS", 1)
-    np.testing.assert_array_equal(robot.inverse_kinematics(T, restarts=6).q, found.q)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_one_pose_asked_for_again_and_again_has_the_answer_it_has_in_a_batch(bundled, name):
+    """The first calls with one pose go another way than the later ones, which look in one lane first and then in all."""
+    robot = bundled(name)
+    T = robot.forward_kinematics(robot.random_configuration(8, 60))
+    T[::5, :3, 3] *= 3.0  # out of reach
+    start = robot.add(robot.neutral, np.full(robot.nv, 7.0))  # beyond the limits
+    for options in ({}, {"q0": start}):
+        found = robot.inverse_kinematics(T, restarts=5, **options)
+        assert found.starts[found.converged].max() > 1
+        for _ in range(2):
+            for k in range(60):
+                same(found, robot.inverse_kinematics(T[k], restarts=5, **options), k)
+
+
+def test_a_start_beyond_the_limits_that_is_there_is_no_answer(bundled):
+    robot = bundled("panda")
+    q = robot.limits.upper + 0.1
+    T = robot.forward_kinematics(q)
+    for poses in (np.stack([T] * 9), T, T, T):
+        found = robot.inverse_kinematics(poses, q0=q)
+        assert (found.q <= robot.limits.upper).all()
+        assert (found.q >= robot.limits.lower).all()
+
+
+def test_what_is_asked_again_and_again_is_still_looked_at(bundled):
+    robot = bundled("ur5")
+    q = robot.random_configuration(2)
+    T = robot.forward_kinematics(q)
+    for _ in range(4):
+        assert robot.inverse_kinematics(T).converged
+        assert np.isnan(robot.inverse_kinematics(np.where(np.eye(4), np.nan, T)).q).all()
+        assert robot.inverse_kinematics(T.tolist(), q0=q.tolist()).starts == 1
+        for wrong, word in (
+            ({"T": 2 * T}, "last row"),
+            ({"T": T * [[2], [2], [2], [1]]}, "no|not"),
+            ({"T": T @ np.diag([1, 1, -1, 1])}, "reflection"),
+            ({"T": np.full((4, 4), np.inf)}, "T"),
+            ({"T": T, "q0": np.full(6, np.nan)}, "q0"),
+            ({"T": T, "restarts": -1}, "restarts"),
+            ({"T": T, "restarts": 30.0}, "restarts"),
+        ):
+            with pytest.raises(tw.TwistWrenchError, match=word):
+                robot.inverse_kinematics(**wrong)
+
+
+def test_a_pose_that_is_one_to_six_digits_is_reached_as_the_nearest_one(bundled):
+    robot = bundled("ur5")
+    T = robot.forward_kinematics(robot.random_configuration(4, 5))
+    rough = T.copy()
+    rough[:, 0, 0] += 4e-7
+    found = robot.inverse_kinematics(rough)
+    assert found.converged.all()
+    near = T.copy()
+    near[:, :3, :3] = tw.so3.project(rough[:, :3, :3])
+    assert_allclose(robot.forward_kinematics(found.q), near, atol=1e-9)
+
+
+def test_more_restarts_than_a_table_has_places(bundled):
+    """A hundred and fifty: three calls of the kernel, of which each makes what the others have left."""
+    arm = bundled("planar_2r")
+    T = arm.forward_kinematics([[0.3, 0.2], [0.4, 0.5]])
+    T[0, :3, 3] *= 5.0
+    for restarts in (64, 65, 66, 129, 130, 131, 150):
+        found = arm.inverse_kinematics(T, rows="vx vy vz", restarts=restarts)
+        assert found.starts[0] == restarts + 1
+        assert found.distance[0] == pytest.approx(np.linalg.norm(T[0, :3, 3]) - 2.0, abs=1e-3)
+        assert found.converged[1]
+
+
+def test_a_result_of_one_pose_and_of_many_is_pickled(bundled):
+    robot = bundled("ur5")
+    T = robot.forward_kinematics(robot.random_configuration(4, 3))
+    for poses in (T, T[0], T[0], T[0]):
+        found = robot.inverse_kinematics(poses)
+        again = pickle.loads(pickle.dumps(found))
+        same(found, again)
+        assert again.joint_names == found.joint_names
 
 
 def test_what_is_left_is_what_forward_kinematics_say(bundled):
@@ -330,3 +408,137 @@ def test_without_a_compiler_the_steps_are_the_same():
     ]  # fmt: skip
     assert shown[0] == shown[1]
     assert shown[0].startswith("True")
+
+
+def test_one_pose_asked_for_twice_goes_the_short_way(bundled):
+    """Where machine code runs; else this is the long way each time."""
+    robot = tw.robot.Robot(bundled("panda").model)
+    q = robot.random_configuration(4)
+    T = robot.forward_kinematics(q)
+    for _ in range(2):
+        assert not any(robot.engine.single_poses.values())
+        robot.inverse_kinematics(T, q0=q)
+    ((alone, _),) = robot.engine.single_poses.values()
+    for q0 in (None, q, q.tolist()):
+        np.testing.assert_array_equal(alone.found(T, q0)[0], robot.inverse_kinematics(T[None], q0=q0).q[0])
+
+
+# ── several frames at once ──
+
+
+def test_four_feet_are_placed_at_once(bundled):
+    robot = bundled("quadruped")
+    feet = [name for name in robot.frame_names if "foot" in name]
+    q = robot.random_configuration(3, 20)
+    T = np.stack([robot.forward_kinematics(q, foot) for foot in feet], axis=1)
+    found = robot.inverse_kinematics(T, feet, rows="vx vy vz")
+    assert found.converged.all()
+    assert found.rows == (3, 4, 5) * 4
+    for k, foot in enumerate(feet):
+        left = robot.forward_kinematics(found.q, foot)[:, :3, 3] - T[:, k, :3, 3]
+        assert np.linalg.norm(left, axis=1).max() <= 1e-9
+    for _ in range(3):
+        np.testing.assert_array_equal(robot.inverse_kinematics(T[7], feet, rows="vx vy vz").q, found.q[7])
+
+
+def test_frames_may_have_rows_of_their_own(bundled):
+    """The panda's hand with all six rows and its elbow's height; then an elbow that cannot be where the hand wants it."""
+    robot = bundled("panda")
+    elbow, hand = "panda_link4", robot.tip
+    q = robot.random_configuration(6, 20)
+    T = np.stack([robot.forward_kinematics(q, name) for name in (hand, elbow)], axis=1)
+    found = robot.inverse_kinematics(T, (hand, elbow), rows={elbow: "wx"}, restarts=60)
+    assert found.converged.mean() >= 0.9
+    reached = found.q[found.converged]
+    assert_allclose(robot.forward_kinematics(reached), T[found.converged, 0], atol=1e-9)
+    left = inverse_kinematics.twist_left(robot.forward_kinematics(reached, elbow), T[found.converged, 1], (0,))
+    assert np.abs(left).max() <= 2e-10
+    T[:, 1, 2, 3] += 5.0
+    far = robot.inverse_kinematics(T, (hand, elbow), restarts=1)
+    assert not far.converged.any()
+    assert (far.distance > 1.0).all()
+
+
+def test_frames_that_are_none_are_named(bundled):
+    robot = bundled("ur5")
+    two = np.stack([np.eye(4)] * 2)
+    for frame, rows, T, word in (
+        (["tool0", "tool0"], None, two, "twice"),
+        ([], None, two, "several"),
+        (["tool0", 3], None, two, "several"),
+        (["tool0", "nowhere"], None, two, "nowhere"),
+        (["tool0", "wrist_1_link"], None, np.eye(4), "T"),
+        (["tool0", "wrist_1_link"], {"elbow": "vx"}, two, "keys"),
+        (["tool0", "wrist_1_link"], None, two * 2, "pose"),
+    ):
+        with pytest.raises(tw.TwistWrenchError, match=word):
+            robot.inverse_kinematics(T, frame, rows=rows)
+
+
+# ── the nearest ──
+
+
+def test_the_nearest_configuration_has_no_way_left_to_where_it_started(bundled):
+    """Lagrange: of those that have the pose, one is nearest where the way to q0 is a sum of rows of J, limits apart."""
+    robot = bundled("panda")
+    q, q0 = robot.random_configuration(0, (2, 40))
+    T = robot.forward_kinematics(q)
+    usual, found = robot.inverse_kinematics(T, q0=q0), robot.inverse_kinematics(T, q0=q0, nearest=True)
+    assert found.converged.all()
+    assert_allclose(robot.forward_kinematics(found.q), T, atol=3e-10)
+    assert (np.linalg.norm(found.q - q0, axis=1) <= np.linalg.norm(usual.q - q0, axis=1)).all()
+    inside = (found.q > robot.limits.lower + 1e-6) & (found.q < robot.limits.upper - 1e-6)
+    still = 0
+    for k in range(40):
+        F, z = robot.jacobian(found.q[k]) * inside[k], (q0[k] - found.q[k]) * inside[k]
+        still += np.linalg.norm(z - np.linalg.pinv(F, rcond=1e-9) @ (F @ z)) < 1e-6
+    assert still >= 36  # the others slide along limits, which they may leave again
+    np.testing.assert_array_equal(robot.inverse_kinematics(T[3], q0=q0[3], nearest=True).q, found.q[3])
+
+
+def test_the_nearest_to_a_configuration_that_has_the_pose_is_itself(bundled):
+    for name, frame in (("panda", None), ("ur5", None), ("quadruped", "FL_foot")):
+        robot = bundled(name)
+        q = robot.random_configuration(2, 3)
+        T = robot.forward_kinematics(q, frame)
+        T[1, 0, 3] = np.nan
+        found = robot.inverse_kinematics(T, frame, q, nearest=True)
+        assert found.converged.tolist() == [True, False, True]
+        assert np.isnan(found.q[1]).all()
+        assert_allclose(found.q[::2], q[::2], atol=1e-9)
+        assert found.starts.tolist() == [1, 0, 1]
+
+
+# ── branches ──
+
+
+def test_an_arm_with_a_spherical_wrist_or_parallel_axes_has_up_to_eight_branches(bundled):
+    """MR section 6.1.1 of such arms: shoulder, elbow and wrist, two ways each; the pose's own configuration is among them."""
+    robot = bundled("ur5")
+    counts = []
+    for q in robot.random_configuration(3, 12):
+        T = robot.forward_kinematics(q)
+        found = robot.inverse_kinematics_branches(T)
+        counts.append(len(found.q))
+        assert found.converged.all()
+        assert found.starts.shape == (len(found.q),)
+        assert_allclose(robot.forward_kinematics(found.q), np.broadcast_to(T, (len(found.q), 4, 4)), atol=3e-10)
+        assert (robot.limits.lower <= found.q).all()
+        assert (found.q <= robot.limits.upper).all()
+        assert np.abs(found.q).max() <= np.pi + 1e-9  # the limits are two turns apart
+        turned = np.abs(np.exp(1j * found.q) - np.exp(1j * q)).max(axis=1)
+        assert (turned < 1e-6).sum() == 1
+        apart = np.abs(np.exp(1j * found.q[:, None]) - np.exp(1j * found.q)).max(axis=-1)
+        assert (apart + np.eye(len(apart)) > 1e-6).all()
+    assert max(counts) == 8
+
+
+def test_branches_of_a_pose_out_of_reach_and_of_a_redundant_arm(bundled):
+    far = bundled("ur5").inverse_kinematics_branches(tw.se3.exp([0, 0, 0, 9, 0, 0]))
+    assert far.q.shape == (0, 6)
+    assert far.converged.shape == (0,)
+    with pytest.raises(tw.ValueRangeError, match="Lock joints"):
+        bundled("panda").inverse_kinematics_branches(np.eye(4))
+    for options in ({"starts": 0}, {"starts": 2.0}, {"T": np.stack([np.eye(4)] * 2)}, {"frame": "hand"}):
+        with pytest.raises(tw.TwistWrenchError):
+            bundled("ur5").inverse_kinematics_branches(**{"T": np.eye(4), **options})

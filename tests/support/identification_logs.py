@@ -25,7 +25,7 @@ class KnownLog:
         for k, name in enumerate(unknown.names):
             owner, _, kind = name.rpartition(".")
             if kind in self.drives:
-                values[k] = self.drives[kind][self.robot.joint_names.index(owner)]
+                values[k] = self.drives[kind][self.robot.model.velocity_names.index(owner)]
             else:
                 values[k] = own[name]
         return found.base.project(values)

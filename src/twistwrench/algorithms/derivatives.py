@@ -49,7 +49,7 @@ def inverse_dynamics_derivatives(
     """∂τ/∂q and ∂τ/∂dq; (nv, nv) each. ∂τ/∂ddq is M."""
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
-    B, F, columns = _carried(model, T, V, dq, ddq, wrenches)
+    B, F, columns = carried(model, T, V, dq, ddq, wrenches)
     up = [Ad(X).inverse.T for X in T]
     by_q, by_dq = zeros(model.nv, model.nv) + spring_stiffness(model), zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
@@ -58,11 +58,11 @@ def inverse_dynamics_derivatives(
             for j in ancestors(model, i):
                 other = model.bodies[j]
                 for a, d in enumerate(columns[j]):
-                    if _turns(other):
+                    if turns(other):
                         _add(by_q, body, b, other, a, d.P @ along[1] + d.Q @ along[0])
                     _add(by_dq, body, b, other, a, d.S @ along[1] + d.R @ along[0])
                 along = up[j] @ along[0], up[j] @ along[1]
-            if _turns(body):
+            if turns(body):
                 moved = B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i]
                 _add_felt(by_q, model, columns, up, i, b, moved)
             faster = B[i] @ c.S + G[i] @ c.R
@@ -72,7 +72,7 @@ def inverse_dynamics_derivatives(
     return by_q, by_dq
 
 
-def _carried(
+def carried(
     model: Model, T: list[Array], V: list[Array], dq: Array, ddq: Array, wrenches: Wrenches | None
 ) -> tuple[list[BodyCoriolis], list[Array], list[list[_Column]]]:
     """2 B and F of all that each body carries, and the columns of its joint."""
@@ -110,7 +110,7 @@ def _add_felt(
         F = up[j] @ F
 
 
-def _turns(body: Body) -> bool:
+def turns(body: Body) -> bool:
     """Whether the joint's coordinate changes anything: a body of revolution is the same however it has turned."""
     return body.joint.moves_body
 

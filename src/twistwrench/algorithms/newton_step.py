@@ -3,6 +3,9 @@
     (1)  T(q) exp([V]) = T_d                                MR section 6.2.2
     (2)  dq = F' (F F' + λ 1)⁻¹ V,   λ = |V|²/2             Sugihara, IEEE T-RO 27(5), 2011
     (3)  q ← q ⊕ dq, inside the limits
+    (4)  dq = z + F' (F F' + λ 1)⁻¹ (V - F z)               Siciliano et al., Robotics (2009), eq. 3.54
+
+(4) takes the place of (2) where z, the way to a posture, is to be gone as far as the poses let.
 
 V is scaled so that a metre counts as much as a radian moves the frame; F are the columns of the Jacobian, likewise scaled, of
 the joints that their limits do not hold back. What is there, or gets no nearer, stays where it is.
@@ -15,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.rotation_checks import gaps
 from ..lie import se3
 from ..lie.exponentials import pose_log, rotation_log
 from ..model.model import Model
@@ -30,58 +34,102 @@ PATIENCE, NEARER = 6, 0.99
 """Steps that may pass without getting nearer than this part of the least distance so far."""
 FAR = 1e300
 """What is left before anything was looked at."""
+_POSE = 2e-7
+"""How far a matrix may be from a pose to be surely one; :mod:`..core.arguments` allows five times as much, and more."""
+_LONGEST_WAY, _STILL = 0.2, 1e-7
+"""rad or m: how far to go towards a posture in a step, and of a step that is none."""
+_HESITATION, _SHORTER = 0.25, 0.9
+"""By how much the way to a posture is divided more, after a step that is longer than this part of the one before."""
 _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class NewtonStep:
-    """The steps of one frame of one robot towards poses, or towards some rows of them."""
+    """The steps of frames of one robot towards poses, or towards some rows of them."""
 
     model: Model
-    frame: str
-    rows: tuple[int, ...]
-    """Of the twist, 0 to 5."""
+    frames: tuple[tuple[str, tuple[int, ...]], ...]
+    """Each with the rows of its twist, 0 to 5."""
     scale: Array
-    """What an entry of each row counts."""
+    """What an entry of each row counts, frame by frame."""
     low: Array
     """(nv,) least coordinates of joints of one degree of freedom; -inf of all others."""
     high: Array
     """(nv,) largest ones."""
     coordinates: tuple[int, ...]
     """(nv,) the coordinate of each such joint; -1 of all others."""
+    posture: bool = False
+    """Whether to come as near to a posture as the poses let, which is given behind them."""
+    rounds: int = 3
+    """In how many rounds the joints are found that their limits hold; with 1, what meets a limit goes no further."""
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Of the twists of all frames."""
+        return tuple(row for _, rows in self.frames for row in rows)
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Numbers of what :meth:`__call__` passes on beside q."""
-        return self.model.nq, len(self.rows), self.model.nv, 3
+        """Numbers of what :meth:`__call__` passes on beside the next q."""
+        return self.model.nq, 2, len(self.rows), self.model.nv, 2
+
+    @property
+    def begins(self) -> tuple[float, ...]:
+        """What is passed on to the first step, behind q."""
+        return (0.0, FAR, *[0.0] * (len(self.rows) + self.model.nv), 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
         """The next q, and what is passed on to the next step, of :attr:`sizes`.
 
-        Passed on: the best q so far, the twist it leaves, which joints were held, and |V| of the best, steps that got no
-        nearer, 1 while it goes on. ``angles`` are q once more. ``given``: the first three rows of T_d, and what may be left,
-        the squares of rad and m.
+        Passed on: the best q so far; whether it is there (-1 if a T_d is no pose), and its |V|; the twist it leaves; which
+        joints were held; steps that got no nearer, and 1 while it goes on. ``angles`` are q once more. ``given``: the
+        poses T_d, the posture if there is one, and what may be left, the squares of rad and m.
         """
-        best, least, held, (cost, idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
-        e = self.left(forward_kinematics(self.model, angles, self.frame), given[:12])  # (1)
+        best, (arrived, cost), least, held, (idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
+        poses = 16 * len(self.frames)
+        targets, wanted, allowed = np.split(given, [poses, len(given) - 2])
+        e = self.left(angles, targets.reshape(-1, 4, 4))  # (1)
         V = self.scale * e
+        dq, held_now, some = self.step(angles, q, V, wanted, 1.0 + idle)
+        there = self.there(e, allowed)
+        odd = 1.0 - self.are_poses(targets.reshape(-1, 4, 4))
         now = np.sqrt(V @ V)
-        there = self.there(e, given[12:])
-        nearer = runs * (there + (1.0 - there) * _positive(cost - now))
-        idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
-        goes = runs * (1.0 - there) * _positive(PATIENCE - idle)
-        dq, held_now = self.step(angles, q, V)
-        parts = _either(nearer, q, best), _either(nearer, e, least), _either(goes, held_now, held)
-        last = np.array([_either(nearer, now, cost), idle, goes])
-        return self.inside(integration.moved(self.model, q, goes * dq, angles)), np.concatenate([*parts, last])  # (3)
+        if self.posture:  # as many steps as there are, the last is the best, and shorter ones where they get no shorter
+            there = there * (1.0 - _positive(dq @ dq - _STILL * _STILL))
+            now = np.sqrt(dq @ dq) * (1.0 + idle)
+            nearer, idle = runs, idle + _HESITATION * _positive(now - _SHORTER * cost)
+        else:
+            nearer = runs * (there + (1.0 - there) * _positive(cost - now))
+            idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
+        goes = runs * (1.0 - there) * (1.0 - odd)
+        if not self.posture:
+            goes = goes * _positive(PATIENCE - idle)
+        if self.rounds == 1:
+            goes = goes * (1.0 - some)
+        said = np.array([_either(odd, -1.0, _either(nearer, there, arrived)), _either(nearer, now, cost)])
+        parts = _either(nearer, q, best), said, _either(nearer, e, least), _either(goes, held_now, held)
+        moved = integration.moved(self.model, q, goes * dq, angles)
+        return self.inside(moved), np.concatenate([*parts, np.array([idle, goes])])  # (3)
 
-    def left(self, T: Array, target: Array) -> Array:
-        """The body twist V of (1); of some rows, turning and moving each by itself."""
-        last = np.array([0.0, 0.0, 0.0, 1.0])
-        between = se3.inverse(T) @ np.concatenate([np.reshape(target, (3, 4)), last[None]])
-        if len(self.rows) == 6:
-            return pose_log(between)[0]
-        return np.concatenate([rotation_log(between[:3, :3])[0], between[:3, 3]])[list(self.rows)]
+    def are_poses(self, targets: Array) -> Any:
+        """1 where all targets (k, 4, 4) are surely poses."""
+        fine: Any = 1.0
+        for M in targets:
+            off = np.array([*gaps(M[:3, :3].tolist()), *(M[3] - np.array([0.0, 0.0, 0.0, 1.0]))])
+            fine = fine * (1.0 - _positive(off @ off - _POSE * _POSE))
+        return fine
+
+    def left(self, angles: Array, targets: Array) -> Array:
+        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself."""
+        parts = []
+        for (frame, rows), T_d in zip(self.frames, targets, strict=True):
+            T, last = forward_kinematics(self.model, angles, frame), np.array([[0.0, 0.0, 0.0, 1.0]])
+            between = se3.inverse(T) @ np.concatenate([T_d[:3], last])
+            if len(rows) == 6:
+                parts.append(pose_log(between)[0])
+            else:
+                parts.append(np.concatenate([rotation_log(between[:3, :3])[0], between[:3, 3]])[list(rows)])
+        return np.concatenate(parts)
 
     def there(self, e: Array, allowed: Array) -> Any:
         """1 where what is left is allowed."""
@@ -92,26 +140,22 @@ class NewtonStep:
                 fine = fine * (1.0 - _positive(part @ part - most))
         return fine
 
-    def step(self, angles: Array, q: Array, V: Array) -> tuple[Array, Array]:
-        """dq of (2) without the joints whose limits hold them, found in three rounds; and which these are."""
-        J = self.scale[:, None] * jacobian(self.model, angles, self.frame)[list(self.rows)]
+    def step(self, angles: Array, q: Array, V: Array, wanted: Array, slower: Any) -> tuple[Array, Array, Any]:
+        """dq of (2), or of (4) with less of z, without joints that their limits hold; which these are; 1 if there are some."""
+        each = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
+        J = self.scale[:, None] * np.concatenate(each)
         damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(self.rows))
-        low, high = self.at_limits(q)
-        free = zeros(self.model.nv) + 1.0
-        for _ in range(3):
-            F = J * free
-            dq = F.T @ solved(*factored(F @ F.T + damping), V)  # (2)
-            out = np.array(
-                [
-                    a * _positive(-x - _PUSHES) + b * _positive(x - _PUSHES)
-                    for a, b, x in zip(low, high, dq, strict=True)
-                ]
-            )
-            free = free * (1.0 - out)
-        longest: Any = _LONGEST_STEP
-        for x in dq:
-            longest = abs(x).clip(longest, np.inf) if hasattr(x, "clip") else max(abs(x), longest)
-        return dq * (_LONGEST_STEP / longest), 1.0 - free
+        bounds = self.at_limits(q)
+        z = integration.subtract(self.model, wanted, q) / slower if self.posture else None
+        dq = _damped(J, damping, V, z)
+        out = _leaving(dq, *bounds)
+        free, some = 1.0 - out, 1.0 - np.prod(1.0 - out)
+        for number in range(1, self.rounds):
+            rest = _damped(J * free, damping, V, None if z is None else z * free)
+            free = free * (1.0 - _leaving(rest, *bounds))
+            if number == self.rounds - 1:
+                dq = np.array([_either(some, a, b) for a, b in zip(rest, dq, strict=True)])
+        return _shortened(dq, _LONGEST_WAY if self.posture else _LONGEST_STEP), 1.0 - free, some
 
     def at_limits(self, q: Array) -> tuple[Array, Array]:
         """1 for each joint at its lower limit, and for each at its upper one."""
@@ -130,6 +174,29 @@ class NewtonStep:
             if np.isfinite(self.low[k]) or np.isfinite(self.high[k]):
                 found[i] = found[i].clip(self.low[k], self.high[k])
         return found
+
+
+def _damped(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
+    """dq of (2), or of (4)."""
+    factors = factored(F @ F.T + damping)
+    if z is None:
+        found: Array = F.T @ solved(*factors, V)
+        return found
+    return z + F.T @ solved(*factors, V - F @ z)
+
+
+def _shortened(dq: Array, most: float) -> Array:
+    """dq with no entry larger than ``most``."""
+    longest: Any = most
+    for x in dq:
+        longest = abs(x).clip(longest, np.inf) if hasattr(x, "clip") else max(abs(x), longest)
+    return dq * (most / longest)
+
+
+def _leaving(dq: Array, low: Array, high: Array) -> Array:
+    """1 for each joint that is at a limit and would go beyond."""
+    each = zip(low, high, dq, strict=True)
+    return np.array([a * _positive(-x - _PUSHES) + b * _positive(x - _PUSHES) for a, b, x in each])
 
 
 def _positive(x: Any) -> Any:

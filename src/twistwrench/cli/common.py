@@ -113,6 +113,20 @@ class RobotOptions:
             return robot
         return robot.with_actuators(bundled(self.actuators, self.source, ".yaml", "actuator file"), stiff=stiff)
 
+    def refuse_motor_side(self, robot: Robot, command: str) -> None:
+        """Raise ValueRangeError where the actuator file says that logs have the motors' positions: joints' are read."""
+        from ..formats.log_entry import read_log_side
+
+        if self.actuators is None:
+            return
+        source = bundled(self.actuators, self.source, ".yaml", "actuator file")
+        if read_log_side(robot.model, source).of_motors:
+            raise ValueRangeError(
+                f"{source} says that logs have the motors' positions (log: side: motor), and {command} reads those of the "
+                "joints. Write them first: tw.identification.read_motion(log, robot, side=tw.identification.motor_side("
+                "robot.model, file)).to_csv(path); twistwrench identify reads either."
+            )
+
     def _maker(self) -> Callable[..., Robot]:
         from .. import robots
         from ..robot import load

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -27,9 +27,17 @@ def excite_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--noise", type=float, metavar="NM", help="Of the torques [N m, N]; a hundredth of each limit if not given."
         ),
-        click.option("--restarts", type=int, default=1, show_default=True, help="How often the search begins anew."),
+        click.option("--restarts", type=int, default=3, show_default=True, help="How often the search begins anew."),
         click.option("--seed", type=int, default=0, show_default=True, help="Of the motions it begins with."),
-        click.option("--floor", type=float, metavar="Z", help="Height that no moving link's origin goes below [m]."),
+        click.option("--ignore-self", is_flag=True, help="Do not look whether links touch each other."),
+        click.option("--floor", type=float, metavar="Z", help="Height that no link goes below [m]."),
+        click.option(
+            "--criterion",
+            type=click.Choice(["log_det", "deviations"]),
+            default="log_det",
+            show_default=True,
+            help="What is sought: the largest log det of the information, or the least median of the deviations.",
+        ),
         click.option(
             "--acceleration", type=float, metavar="A", help="Limit every joint to it, used wholly [rad/s², m/s²]."
         ),
@@ -62,6 +70,8 @@ def answer_excite(
     share: float,
     acceleration: float | None,
     floor: float | None,
+    ignore_self: bool,
+    criterion: Any,
     friction: str,
     no_motor_inertia: bool,
     noise: float | None,
@@ -85,6 +95,8 @@ def answer_excite(
             share=share,
             acceleration=acceleration,
             floor=floor,
+            clear_of_itself=not ignore_self,
+            criterion=criterion,
             motor_inertia=not no_motor_inertia,
             friction=parse_friction(friction),
             noise=noise,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,15 +10,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ValueRangeError
-from ..verdict import ExitCode, Word
+from ..verdict import ExitCode
 from .common import RobotOptions, check_extra, parse_friction
+from .gathered_logs import LARGE, robot_from_portions
+from .identified_files import AskedFiles
+from .known_values import check_payload, parse_known
 from .motion_options import parse_columns
 from .progress import share_done
+from .work import bytes_of, files_in, worker_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..identification import IdentifiedRobot
     from ..robot import Robot
 
 _AUTO = "auto"
@@ -41,6 +43,11 @@ def identify_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--out", "out_path", metavar="OUT.urdf", help="Write the robot's file with the identified numbers."
         ),
+        click.option(
+            "--information", "information_path", metavar="OUT.npz", help="Save what all rows say, to be added to later."
+        ),
+        click.option("--add", "old_path", metavar="OLD.npz", help="Add the logs to what was saved with --information."),
+        worker_options,
         click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
         click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
         click.option(
@@ -55,6 +62,18 @@ def identify_options(function: Callable[..., None]) -> Callable[..., None]:
             show_default=True,
             help="What each joint has besides its bodies; 'none' for nothing.",
         ),
+        click.option(
+            "--payload-only",
+            metavar="FRAME",
+            help="Only seek the body fixed to FRAME: all other numbers, friction too, are as the robot's file has them.",
+        ),
+        click.option(
+            "--known",
+            metavar="NAME=VALUE",
+            multiple=True,
+            help="Hold a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2; SI units; may be repeated.",
+        ),
+        click.option("--essential", is_flag=True, help="Print the fewest groups that predict as well as all of them."),
         click.option("--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."),
         click.option("--method", type=click.Choice(["irls", "wls", "ols"]), default="irls", show_default=True),
         click.option(
@@ -112,10 +131,17 @@ def answer_identify(
     actuators_out: str | None,
     keep_close: str,
     force: bool,
+    known: tuple[str, ...],
+    payload_only: str | None,
+    essential: bool,
+    information_path: str | None,
+    old_path: str | None,
+    workers: int | None,
+    scheduler: str | None,
 ) -> ExitCode:
     """Print what was found with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
     from ..identification import identify, without_links
-    from ..outputs import check_outputs, picture_path, replacing
+    from ..outputs import check_outputs, picture_path
     from .tables.identify import identification_view
 
     logs, tests = _expanded(options, logs), _expanded(options, tests)
@@ -129,84 +155,65 @@ def answer_identify(
         "--actuators-out": actuators_out,
         "--csv": csv_path,
         "--json": json_path,
+        "--information": information_path,
     }
-    check_outputs(outputs, {**inputs, **options.files})
-    laws = parse_friction(friction)
+    updated = old_path == information_path  # the one output that may be an input: it is replaced when it is whole
+    check_outputs(outputs, {**inputs, **options.files, "--add": None if updated else old_path})
+    laws, held, strength = parse_friction(friction), parse_known(known), _number(keep_close, "--keep-close")
+    check_payload(payload_only, [name for name, path in outputs.items() if path is not None])
     robot, side = _robot(options, logs[0], columns, lock_missing=lock_missing)
     robot = without_links(robot, left_out)
     with share_done("identifying") as progress:
         from ..identification.log_side import read_motion
 
         told = parse_columns(columns)
-        motions = {
-            path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
-            for path in dict.fromkeys((*logs, *tests))
+        same: dict[str, Any] = {
+            "motor_inertia": not no_motor_inertia,
+            "friction": laws,
+            "cutoff": _number(cutoff, "--cutoff"),
+            "shift": _number(shift, "--shift"),
+            "method": method,
+            "motor_side": side,
+            "known": held,
+            "payload_only": payload_only,
         }
-        for path, motion in motions.items():
-            if motion.tau is None:
-                raise ValueRangeError(
-                    f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
-                    f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
-                )
-        found = identify(
-            robot,
-            [motions[path] for path in logs],
-            test=[motions[path] for path in tests],
-            motor_inertia=not no_motor_inertia,
-            friction=laws,
-            cutoff=_number(cutoff, "--cutoff"),
-            shift=_number(shift, "--shift"),
-            method=method,
-            motor_side=side,
-            progress=progress,
-        )
-    show(identification_view(found))
-    refused = found.verdict.word is Word.LOOK_AGAIN
-    if json_path is not None:
-        with replacing(json_path) as scratch:
-            scratch.write_text(found.to_json(), encoding="utf-8")
-        click.echo(f"wrote {json_path}")
-    if plot_path is not None:
-        click.echo(f"wrote {found.plot(plot_path)}")
-    if report_path is not None:
-        click.echo(f"wrote {found.report(report_path)}")
-    if refused and not force and (out_path or actuators_out or csv_path):
-        click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
-    elif out_path is not None or actuators_out is not None:
-        if (strength := _number(keep_close, "--keep-close")) is not None:
-            found.__dict__["consistent"] = found.consistent_at(strength)
-        for note in found.write(
-            out_path, actuators_out, given=_given(options), logs=[Path(x).name for x in logs], force=force
-        ):
-            click.echo(f"note: {note}", err=True)
-        for path in filter(None, (out_path, actuators_out)):
-            click.echo(f"wrote {path}")
-    if csv_path is not None and not (refused and not force):
-        _write_table(found, csv_path)
-        click.echo(f"wrote {csv_path}")
+        portions = any(x is not None for x in (information_path, old_path, workers, scheduler))
+        if portions or bytes_of((*logs, *tests)) > LARGE:
+            given: dict[str, Any] = {"columns": told, "rate": rate, "degrees": options.degrees, "progress": progress}
+            files: dict[str, Any] = {
+                "old": old_path,
+                "out": information_path,
+                "workers": workers,
+                "scheduler": scheduler,
+            }
+            found = robot_from_portions(robot, logs, tests, {**same, **given}, **files)
+        else:
+            motions = {
+                path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+                for path in dict.fromkeys((*logs, *tests))
+            }
+            for path, motion in motions.items():
+                if motion.tau is None:
+                    raise ValueRangeError(
+                        f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+                        f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
+                    )
+            train, test = [motions[path] for path in logs], [motions[path] for path in tests]
+            found = identify(robot, train, test=test, **same, progress=progress)
+    show(identification_view(found, essential=essential))
+    asked = AskedFiles(json_path, plot_path, report_path, out_path, actuators_out, csv_path, strength)
+    names = ["+".join(Path(part).name for part in x.split("+")) for x in logs]
+    asked.write(found, names, _given(options), essential=essential, force=force)
     return found.verdict.exit_code
 
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     """Folders as the files in them, patterns as what they match, in the order of their names; ``demo`` as the bundled log."""
-    from ..motion.ros_file import is_recording
     from .common import bundled
 
     found: list[str] = []
     for text in paths:
-        path = bundled(text, options.source, "_log.csv", "log")
-        if any(c in text for c in "*?[") and not path.exists():
-            matches = sorted(glob.glob(text))  # noqa: PTH207  the pattern may begin at the root
-            if not matches:
-                raise ValueRangeError(f"no file matches {text!r}.")
-            found += matches
-        elif path.is_dir() and not is_recording(path):
-            inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
-            if not inside:
-                raise ValueRangeError(f"{text!r} is a folder without files.")
-            found += inside
-        else:
-            found.append(str(path))
+        found += files_in(bundled(text, options.source, "_log.csv", "log"), text)
     return tuple(found)
 
 
@@ -215,7 +222,7 @@ def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_mi
     from functools import partial
 
     from ..identification.log_side import motor_side
-    from ..motion.motion_log import joints_without_column, open_motion_file
+    from ..motion.motion_file import joints_without_column, open_motion_file
     from .common import bundled
 
     held = (
@@ -245,16 +252,3 @@ def _number(text: str, option: str) -> float | None:
         return float(text)
     except ValueError:
         raise ValueRangeError(f"{option} {text!r} is neither a number nor {_AUTO}.") from None
-
-
-def _write_table(found: IdentifiedRobot, path: str | Path) -> None:
-    from ..core.csv_writer import CsvWriter
-    from ..outputs import replacing
-
-    with replacing(path) as scratch, scratch.open("wb") as file:
-        writer = CsvWriter(file)
-        writer.row(["group", "value", "deviation", "low", "high", "file"])
-        for name, value, deviation, (low, high), before in zip(
-            found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True
-        ):
-            writer.row([name, *(repr(float(x)) for x in (value, deviation, low, high, before))])

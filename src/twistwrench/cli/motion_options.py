@@ -57,7 +57,8 @@ def open_motion(
     load: Load, path: Path, *, degrees: bool, columns: Iterable[str], rate: float | None, lock_missing: bool
 ) -> tuple[Robot, MotionLog]:
     """The robot, and the motion in the file as a motion of it; raises what :meth:`MotionLog.open` raises."""
-    from ..motion.motion_log import MotionLog, joints_without_column, moves_motors, open_motion_file
+    from ..motion.motion_file import joints_without_column, moves_motors, open_motion_file
+    from ..motion.motion_log import MotionLog
 
     told = parse_columns(columns)
     file = open_motion_file(path)

@@ -12,6 +12,7 @@ from ..verdict import ExitCode
 from .common import RobotOptions, check_extra, motion_path
 from .motion_options import motion_options, open_motion
 from .progress import share_done
+from .work import files_in, worker_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -51,6 +52,7 @@ def torques_options(function: Callable[..., None]) -> Callable[..., None]:
             multiple=True,
             help="A point mass carried; may be repeated.",
         ),
+        worker_options,
         motion_options(required=True),
     ):
         function = option(function)
@@ -75,6 +77,8 @@ def answer_torques(
     why: bool,
     smooth: bool,
     no_friction: bool,
+    workers: int | None,
+    scheduler: str | None,
 ) -> ExitCode:
     """Print the report with ``show``, and write the files; 0 where the verdict is OK. Raises errors of the library."""
     from ..outputs import check_outputs, picture_path
@@ -82,6 +86,16 @@ def answer_torques(
     if split and csv_path is None:
         raise ValueRangeError("--split adds columns to the file of --csv, and there is none. Add --csv OUT.csv.")
     path = motion_path(options, trajectory)
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
+    if (paths := files_in(path, trajectory)) != [str(path)] or workers is not None or scheduler is not None:
+        from .many_torques import TorquesOf, answer_many
+
+        if plot_path or motor_plot or split or why:
+            raise ValueRangeError(
+                "--plot, --motor-plot, --split and --why are of one motion. Give one file, and no --workers."
+            )
+        work = TorquesOf(options, reading, payloads, wrenches, limits_path, smooth, friction=not no_friction)
+        return answer_many(work, paths, show, csv_path=csv_path, workers=workers, scheduler=scheduler)
     check_extra(plot_path or motor_plot)
     plot_path = None if plot_path is None else picture_path(plot_path)
     motor_plot = None if motor_plot is None else picture_path(motor_plot)
@@ -98,8 +112,8 @@ def answer_torques(
     from ..report.torques import analyse
     from .tables.torques import report_view
 
-    reading: dict[str, Any] = {"columns": columns, "rate": rate, "lock_missing": lock_missing}
     robot, read = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
+    options.refuse_motor_side(robot, "torques")
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)

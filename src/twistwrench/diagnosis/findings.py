@@ -51,6 +51,10 @@ class Edit:
     text: str
 
 
+_ALL = 1e8
+"""Per cent of what is left, from which a repair takes all inertia that a joint moves."""
+
+
 @dataclass(frozen=True)
 class Effect:
     """Effect of a finding: the largest changes between the file and its repair, over random configurations.
@@ -78,7 +82,9 @@ class Effect:
     effort_joint: str = ""
 
     def __str__(self) -> str:
-        said = [f"M of {self.inertia_joint} by {_percent(self.inertia_percent)}"] if self.inertia_joint else []
+        lost = self.inertia_percent >= _ALL
+        by = f"M of {self.inertia_joint} " + ("to next to nothing" if lost else f"by {_percent(self.inertia_percent)}")
+        said = [by] if self.inertia_joint else []
         if self.torque_joint:
             share = (
                 f", {_percent(self.effort_percent)} of the effort of {self.effort_joint}" if self.effort_joint else ""

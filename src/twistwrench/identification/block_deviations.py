@@ -43,7 +43,7 @@ class GroupCovariance:
     @property
     def deviations(self) -> Array:
         """(r,) standard deviations."""
-        return np.sqrt(self.matrix.diagonal())
+        return np.sqrt(np.maximum(self.matrix.diagonal(), 0.0))  # of what is known, rounding is left
 
     def half_width(self, level: float = 0.95) -> Array:
         """(r,) half the width of intervals that hold the truth with that chance.

@@ -23,7 +23,12 @@ _COARSE = 0.15
 def column_doubts(seen: Evidence) -> list[LogDoubt]:
     """All of them; gains of columns that are exchanged say nothing."""
     exchanged = _exchanged(seen)
-    return [*_dead(seen), *_saturated(seen), *_coarse(seen), *(exchanged or _gains(seen))]
+    return [
+        *_dead(seen),
+        *_saturated(seen),
+        *_coarse(seen),
+        *(exchanged or ([] if seen.payload_only else _gains(seen))),
+    ]
 
 
 def _dead(seen: Evidence) -> list[LogDoubt]:

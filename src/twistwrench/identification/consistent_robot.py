@@ -108,6 +108,55 @@ class ConsistentRobot:
             if f"{joint}.{kind}" in names
         }
 
+    def outside(self, interval: Array, deviations: Array) -> list[str]:
+        """Sentence on groups that the pull to the file takes out of their intervals.
+
+        Parameters
+        ----------
+        interval : (r, 2) array, of each group
+        deviations : (r,) array
+
+        Returns
+        -------
+        sentences : list of str, one or none
+
+        Examples
+        --------
+        >>> fit = PositiveFit(1.0, np.arange(28.0), 0.0, 0)
+        >>> import twistwrench as tw
+        >>> from twistwrench.identification.unknown_parameters import UnknownParameters
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.planar_2r()))
+        >>> found = ConsistentRobot(base, fit, ((1.0, 0.1),), 0.2, ())
+        >>> found.outside(base.project(fit.values)[:, None] + [-1.0, 1.0], np.ones(base.count))
+        []
+        """
+        low, high = interval.T
+        values = self.base.project(self.fit.values)
+        out = np.maximum(values - high, low - values) / np.maximum(deviations, 1e-300)
+        worst = [int(k) for k in np.argsort(-out) if out[k] > 0]
+        if not worst:
+            return []
+        listed = "; ".join(f"{self.base.names[k]} {values[k]:.4g} ({low[k]:.4g} to {high[k]:.4g})" for k in worst[:3])
+        more = f", and {len(worst) - 3} more" if len(worst) > 3 else ""
+        return [
+            f"bodies that can exist, pulled to the file's, put {len(worst)} of {len(values)} groups outside their 95 % "
+            f"intervals: {listed}{more}. Torques held out are predicted as well; a smaller pull (--keep-close) stays nearer "
+            "to the log"
+        ]
+
+    @property
+    def of_several_joints(self) -> dict[str, float]:
+        """Friction and motor inertia of motors that turn several joints at once, by name: no file has a place for them."""
+        unknown = self.base.unknown
+        kinds = {"motor_inertia", "viscous", "coulomb"}
+        return {
+            name: float(value)
+            for name, value in zip(unknown.names, self.fit.values, strict=True)
+            if "+" in name
+            and name.rpartition(".")[2] in kinds
+            and name.rpartition(".")[0] not in unknown.model.velocity_names
+        }
+
     @property
     def robot(self) -> Robot:
         """The robot with these bodies, and with friction and motor inertias as its joints feel them."""
@@ -136,7 +185,7 @@ def consistent_robot(
     """
     prior = PositivePrior.of(base, values, sizes)
     parts = [fold for fold in folds if fold[2] > 0]
-    total = _sum(parts)
+    total = sum_of(parts)
     strengths = (
         STRENGTHS
         if strength is None
@@ -145,7 +194,7 @@ def consistent_robot(
     left = np.zeros(len(strengths))
     of_file = 0.0
     for k, part in enumerate(parts):
-        rest = _sum([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
+        rest = sum_of([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
         fits = PositiveProblem(base, prior, *rest, sizes).path(strengths)
         left += [_squares(part, base.project(fit.values)) for fit in fits]
         of_file += _squares(part, _file_with_drives(base, rest, weak))
@@ -156,7 +205,8 @@ def consistent_robot(
     return ConsistentRobot(base, fit, curve, float(np.sqrt(of_file / total[2])), prior.repaired)
 
 
-def _sum(parts: Sequence[Information]) -> Information:
+def sum_of(parts: Sequence[Information]) -> Information:
+    """Of the information of several parts."""
     N, c, y = parts[0]
     for other in parts[1:]:
         N, c, y = N + other[0], c + other[1], y + other[2]

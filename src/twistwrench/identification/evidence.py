@@ -52,6 +52,8 @@ class Evidence:
     acceleration: Array
     rate: float
     dead: Array
+    payload_only: bool = False
+    """What the file lacks is sought, so its torques are not expected."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..typing import Array
+from .base_columns import BaseColumns
 from .parameter_groups import BaseParameters
 from .zero_phase import Filtered, SteadySamples, kept_rows, low_pass, states_below
 
@@ -53,7 +54,12 @@ class FilteredRows:
 
     @classmethod
     def of(
-        cls, base: BaseParameters, samples: Sequence[SteadySamples], cutoff: float, friction_speed: Array
+        cls,
+        base: BaseParameters,
+        samples: Sequence[SteadySamples],
+        cutoff: float,
+        friction_speed: Array,
+        most: float = MOST_ROWS,
     ) -> FilteredRows:
         """Rows of logs below a cut-off.
 
@@ -63,6 +69,7 @@ class FilteredRows:
         samples : sequence of SteadySamples
         cutoff : float [Hz]
         friction_speed : (nv,) array [rad/s or m/s]
+        most : float, rows of all logs together
 
         Returns
         -------
@@ -73,7 +80,7 @@ class FilteredRows:
         total = sum(log.seconds for log in samples)
         for k, log in enumerate(samples):
             s = states_below(log, cutoff)
-            rows = kept_rows(s, cutoff, max(1.0, MOST_ROWS * log.seconds / total))
+            rows = kept_rows(s, cutoff, max(1.0, most * log.seconds / total))
             w, fixed = _columns(base, s, rows, cutoff, friction_speed)
             W.append(w)
             known.append(fixed)
@@ -91,6 +98,11 @@ class FilteredRows:
             states,
             slices,
         )
+
+    @property
+    def nbytes(self) -> int:
+        """What it takes in memory: columns, states, and splines of the torques, which are four times their size."""
+        return int(self.W.nbytes + sum(8 * s.tau.nbytes for s in self.states))
 
     def torques(self, shift: float) -> Array:
         """(m, nv) torques that are ``shift`` seconds later in the log than the positions of the rows, springs taken off."""
@@ -146,33 +158,27 @@ def _columns(
     nv = s.dq.shape[1]
     W = np.zeros((len(wanted), nv, base.count))
     known = np.zeros((len(wanted), nv))
+    columns = BaseColumns.of(base)
     for begin in range(0, len(s.time), _CHUNK):
-        inner = (wanted >= begin) & (wanted < begin + _CHUNK)
-        if not inner.any():
+        inner = np.flatnonzero((wanted >= begin) & (wanted < begin + _CHUNK))
+        if not inner.size:
             continue
         a, b = max(0, begin - margin), min(len(s.time), begin + _CHUNK + margin)
-        w, fixed = columns_in(base, s.q[a:b], s.dq[a:b], s.ddq[a:b], friction_speed)
-        at = wanted[inner] - a
-        for j in range(nv):
-            felt = np.flatnonzero(base.felt[j])
-            if felt.size:
-                W[np.ix_(np.flatnonzero(inner), np.array([j]), felt)] = low_pass(w[:, j, felt], cutoff, s.rate)[at][
-                    :, None
-                ]
-        if fixed.any():
-            known[inner] = low_pass(fixed, cutoff, s.rate)[at]
+        states, at = (s.q[a:b], s.dq[a:b], s.ddq[a:b]), wanted[inner] - a
+        entries = low_pass(columns.rows(*states, friction_speed), cutoff, s.rate)[at]
+        for j, (groups, place) in enumerate(zip(columns.groups, columns.slices, strict=True)):
+            W[np.ix_(inner, np.array([j]), groups)] = entries[:, None, place]
+        if base.unknown.model.springs:
+            known[inner] = low_pass(of_springs(base, *states), cutoff, s.rate)[at]
     return W, known
 
 
-def columns_in(base: BaseParameters, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> tuple[Array, Array]:
-    """The kept columns (n, nv, r) in states, and what springs do (n, nv)."""
-    unknown = base.unknown
-    w = unknown.columns(base.kept, q, dq, ddq, friction_speed)
-    fixed = np.zeros(dq.shape)
-    if unknown.model.springs:
-        whole = np.asarray(unknown.robot.inverse_dynamics(q, dq, ddq))
-        fixed = whole - unknown.robot.regressor(q, dq, ddq) @ unknown.robot.parameters
-    return w, fixed
+def of_springs(base: BaseParameters, q: Array, dq: Array, ddq: Array) -> Array:
+    """(n, nv) what springs do in states."""
+    robot = base.unknown.robot
+    if not base.unknown.model.springs:
+        return np.zeros(dq.shape)
+    return np.asarray(robot.inverse_dynamics(q, dq, ddq)) - robot.regressor(q, dq, ddq) @ robot.parameters
 
 
 @dataclass(eq=False)
@@ -193,10 +199,10 @@ class JudgedStates:
         """At the same times for every cut-off."""
         total = sum(s.seconds for s in samples)
         parts = [states_below(s, cutoff, _JUDGED_ROWS / total) for s in samples]
-        made = [columns_in(base, s.q, s.dq, s.ddq, friction_speed) for s in parts]
+        columns = [base.unknown.columns(base.kept, s.q, s.dq, s.ddq, friction_speed) for s in parts]
         return cls(
-            np.concatenate([w for w, _ in made]),
-            np.concatenate([fixed for _, fixed in made]),
+            np.concatenate(columns),
+            np.concatenate([of_springs(base, s.q, s.dq, s.ddq) for s in parts]),
             np.repeat(np.arange(len(parts)), [len(s.time) for s in parts]),
             np.concatenate([s.time for s in parts]),
             parts,

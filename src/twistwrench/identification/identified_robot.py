@@ -21,8 +21,10 @@ from ..typing import Array
 from ..verdict import Verdict, Word
 from .block_deviations import GroupCovariance
 from .consistent_robot import ConsistentRobot, consistent_robot
+from .essential_groups import EssentialGroups, essential_groups
 from .evidence import LogDoubt
 from .held_out import HeldOut
+from .identified_payload import IdentifiedPayload, payload_from
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
 from .setting_choice import FitSettings
@@ -55,6 +57,7 @@ class IdentifiedRobot:
     sizes : (p,) array, that each unknown parameter could have at most
     information : tuple, N, c and |τ|² of the weighted rows, in units of their residuals
     folds : tuple, the same of each fifth of the time
+    payload_frame : str or None, what carries the payload that alone was sought
     """
 
     original: Robot
@@ -71,6 +74,7 @@ class IdentifiedRobot:
     sizes: Array
     information: Information
     folds: tuple[Information, ...]
+    payload_frame: str | None = None
 
     def __repr__(self) -> str:
         return (
@@ -129,8 +133,22 @@ class IdentifiedRobot:
 
     @property
     def robot(self) -> Robot:
-        """The identified robot: bodies that can exist, friction, motor inertias."""
+        """The identified robot: bodies that can exist, friction, motor inertias; or the original with the payload found."""
+        if self.payload is not None:
+            return self.original.with_payload(self.payload.inertia, self.payload.frame)
         return self.consistent.robot
+
+    @cached_property
+    def payload(self) -> IdentifiedPayload | None:
+        """The payload, where ``payload_only`` was asked for."""
+        if self.payload_frame is None:
+            return None
+        return payload_from(self.original, self.payload_frame, self.base, self.values, self.covariance.matrix)
+
+    @cached_property
+    def essential(self) -> EssentialGroups:
+        """The fewest groups that predict rows held out as well as all of them."""
+        return essential_groups(self.groups, self.folds, self.prior.size, self.base.held, self.values)
 
     def interval(self, level: float = 0.95) -> Array:
         """Intervals of the groups.
@@ -168,7 +186,7 @@ class IdentifiedRobot:
         """Names of the groups whose deviation is beyond 30 % of their value, vaguest first."""
         share = self.standard_deviations / np.maximum(np.abs(self.values), 1e-300)
         order = np.argsort(-share)
-        return tuple(self.groups[k] for k in order if share[k] > _VAGUE)
+        return tuple(self.groups[k] for k in order if share[k] > _VAGUE and not self.base.held[k])
 
     @property
     def parameters(self) -> Mapping[str, tuple[float, float]]:
@@ -223,6 +241,10 @@ class IdentifiedRobot:
 
         if self.verdict.word is Word.LOOK_AGAIN and not force:
             raise ValueRangeError(f"nothing is written after {self.verdict}. Pass force=True to write all the same.")
+        if self.payload_frame is not None:
+            raise ValueRangeError(
+                "a payload alone is no robot to write. Take found.payload, or with_payload of the robot."
+            )
         found = self.consistent
         notes = check_written(found)
         of = f" from {', '.join(logs)}" if logs else ""
@@ -231,6 +253,18 @@ class IdentifiedRobot:
             f"{100 * self.held_out.all:.3g} % of the torques left in rows held out ({self.held_out.kind}), "
             f"pull to the file {found.fit.strength:g}"
         )
+        if together := found.of_several_joints:
+            numbers = ", ".join(f"{name} {value:.4g}" for name, value in together.items())
+            notes.append(
+                f"no file can say what one motor does to several joints: {numbers}. Without it the torques of these joints are "
+                "not predicted as they are here"
+            )
+            said += f"; not in it: {numbers}"
+        notes += found.outside(self.interval(), self.standard_deviations)
+        if actuators is None and (inertia := found.of_joints("motor_inertia")):
+            listed = ", ".join(f"{joint} {value:.4g}" for joint, value in inertia.items())
+            notes.append(f"motor inertias stand in an actuator file only, and none is written: {listed}")
+            said += "; motor inertias are not in it"
         made = None if path is None else written_robot(self.original, found, said)
         text = None if actuators is None else actuator_text(self.original.model, found, given)
         if text is not None and not same_actuators(text, found) <= _SAME:
@@ -315,8 +349,12 @@ class IdentifiedRobot:
             scratch.write_text(page, encoding="utf-8")
         return target
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self, *, essential: bool = False) -> dict[str, Any]:
         """The findings as plain data, in SI units: what ``--json`` writes.
+
+        Parameters
+        ----------
+        essential : bool, whether the essential groups are told as well
 
         Returns
         -------
@@ -362,10 +400,19 @@ class IdentifiedRobot:
                 )
             },
             "vague": list(self.vague),
+            "held": {self.groups[k]: float(self.values[k]) for k in np.flatnonzero(self.base.held)},
+            "essential": dict(zip(self.essential.names, self.essential.values.tolist(), strict=True))
+            if essential
+            else None,
+            "payload": None if self.payload is None else self.payload.to_dict(),
         }
 
-    def to_json(self) -> str:
+    def to_json(self, *, essential: bool = False) -> str:
         """:meth:`to_dict` as text.
+
+        Parameters
+        ----------
+        essential : bool, as for :meth:`to_dict`
 
         Returns
         -------
@@ -381,7 +428,7 @@ class IdentifiedRobot:
         >>> found.to_json()[0]
         '{'
         """
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
+        return json.dumps(self.to_dict(essential=essential), indent=2, ensure_ascii=False) + "\n"
 
 
 def _known(values: Mapping[str, float]) -> dict[str, float | None]:

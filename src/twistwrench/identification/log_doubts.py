@@ -36,7 +36,7 @@ def doubts_of(seen: Evidence) -> tuple[LogDoubt, ...]:
         *_contradictions(seen),
         *columns,
         *_late(seen),
-        *_without(seen),
+        *([] if seen.payload_only else _without(seen)),
         *_unexciting(seen),
         *negative,
         *_unexplained(seen),
@@ -111,10 +111,11 @@ def _less(base: BaseParameters, body: int, G: SpatialInertia) -> Array:
 
 
 def _unexciting(seen: Evidence) -> list[LogDoubt]:
-    unknown = seen.deviations > _UNTOLD * seen.prior.size
+    free = ~seen.base.held
+    unknown = (seen.deviations > _UNTOLD * seen.prior.size)[free]
     if unknown.sum() <= _UNTOLD * len(unknown):
         return []
-    worst = np.argsort(-(seen.deviations / seen.prior.size))[:3]
+    worst = np.argsort(-(seen.deviations / seen.prior.size * free))[:3]
     names = "; ".join(seen.base.names[k].split(" ")[0] for k in worst)
     return [
         LogDoubt(

@@ -1,12 +1,6 @@
-"""The room that a motion has: limits of positions, rates, accelerations and torques, the floor, and clearances of the user.
+"""The room that a motion has: limits of positions, rates, accelerations and torques, the floor, and what must not touch.
 
-Every limit is a band, low ≤ x ≤ high, with a size that makes the distance s from its edge a share. What an optimiser is held
-away from edges by is Σ -log s, continued below a width w by the parabola that has its value and slope there,
-
-    ((s - 2 w)² / w² - 1) / 2 - log w,      s < w
-
-so that it is finite beyond the edge, too (Hauser and Saccon, "A barrier function method for the optimization of trajectory
-functionals with constraints", CDC 2006).
+Every limit is a band, low ≤ x ≤ high, with a size that makes the distance s from its edge a share.
 """
 
 from __future__ import annotations
@@ -21,13 +15,14 @@ from ..errors import ShapeError, ValueRangeError
 from ..motion.bounds import Bounds
 from ..robot import Robot
 from ..typing import Array
+from .capsule_distances import CapsuleRoom
 
 Clear = Callable[[Array], Array]
 """Distances (n, ...) [m] of configurations (n, nq), below 0 where something touches."""
 _NEAR = 0.1
 """m: the size of a clearance."""
-_STILL = 1e-9
-"""m by which the height of a link that does not move may differ."""
+_STEP = 1e-5
+"""By which configurations are displaced for slopes of what the user tells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,23 +33,31 @@ class Band:
     high: Array
     size: Array
 
+    @cached_property
+    def edges(self) -> tuple[tuple[float, Array, Array], ...]:
+        """Sign, places (k,) and limits (k,) of the edges above and below."""
+        return tuple(
+            (sign, np.flatnonzero(np.isfinite(limit)), limit[np.isfinite(limit)])
+            for sign, limit in ((1.0, self.high), (-1.0, self.low))
+        )
+
+    def shares(self, x: Array) -> Array:
+        """(n, k) distances of x (n, m) from all edges, as shares; below 0 beyond them."""
+        return np.concatenate(
+            [sign * (limit - x[:, told]) / self.size[told] for sign, told, limit in self.edges], axis=1
+        )
+
     def least(self, x: Array) -> float:
         """The least distance from an edge, as a share; below 0 beyond it."""
-        above = ((self.high - x) / self.size).min(initial=np.inf)
-        return float(min(above, ((x - self.low) / self.size).min(initial=np.inf)))
+        return float(self.shares(x).min(initial=np.inf))
 
-    def barrier(self, x: Array, width: float) -> tuple[float, Array]:
-        """The barrier of x (n, m), and its derivative (n, m)."""
-        value, slope = 0.0, np.zeros_like(x)
-        for sign, limit in ((1.0, self.high), (-1.0, self.low)):
-            told = np.isfinite(limit)
-            s = sign * (limit - x)[:, told] / self.size[told]
-            inside = s >= width
-            logs = -np.log(np.maximum(s, width))
-            value += float(np.where(inside, logs, ((s / width - 2.0) ** 2 - 1.0) / 2.0 + logs).sum())
-            by_s = np.where(inside, -1.0 / np.maximum(s, width), (s / width - 2.0) / width)
-            slope[:, told] -= sign * by_s / self.size[told]
-        return value, slope
+    def slope(self, forces: Array) -> Array:
+        """(n, m) derivative by x of the sum of forces (n, k) times shares."""
+        found, done = np.zeros((len(forces), len(self.size))), 0
+        for sign, told, _ in self.edges:
+            found[:, told] -= sign * forces[:, done : done + len(told)] / self.size[told]
+            done += len(told)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,74 +69,76 @@ class MotionRoom:
     robot : Robot, whose own friction counts among the torques
     bounds : Bounds, those to keep
     friction_speed : (nv,) array, speed at which dry friction turns, for what has to be smooth
-    floor : float, optional [m], height that no moving link's origin goes below
+    capsules : CapsuleRoom, of the floor and the robot itself
     clear : callable, optional
     """
 
     robot: Robot
     bounds: Bounds
     friction_speed: Array
-    floor: float | None = None
+    capsules: CapsuleRoom
     clear: Clear | None = None
 
     @cached_property
-    def bands(self) -> tuple[Band, Band, Band]:
-        """Of positions, velocities and accelerations."""
+    def bands(self) -> tuple[Band, Band, Band, Band, Band]:
+        """Of positions, velocities, accelerations, torques and clearances."""
         b = self.bounds
         half = (b.upper - b.lower) / 2.0
+        count = self.clearances(self.robot.neutral[None]).shape[1]
         return (
             Band(b.lower, b.upper, np.where(np.isfinite(half), half, 1.0)),
             _both_ways(b.velocity),
             _both_ways(b.acceleration),
+            _both_ways(b.effort),
+            Band(np.zeros(count), np.full(count, np.inf), np.full(count, _NEAR)),
         )
-
-    @cached_property
-    def reacting(self) -> Band:
-        """Of torques and clearances."""
-        torques, count = _both_ways(self.bounds.effort), self.clearances(self.robot.neutral[None]).shape[1]
-        return Band(
-            np.append(torques.low, np.zeros(count)),
-            np.append(torques.high, np.full(count, np.inf)),
-            np.append(torques.size, np.full(count, _NEAR)),
-        )
-
-    @cached_property
-    def moving(self) -> Array:
-        """Numbers of the links whose origins change their height."""
-        heights = self.robot.link_poses(self.robot.random_configuration(0, 32))[..., 2, 3]
-        return np.flatnonzero(np.ptp(heights, axis=0) > _STILL)
 
     def clearances(self, q: Array) -> Array:
-        """(n, m) distances [m]: heights of the moving links' origins above the floor, and those of ``clear``."""
-        parts = [np.zeros((len(q), 0))]
-        if self.floor is not None and self.moving.size:
-            parts.append(self.robot.link_poses(q)[:, self.moving, 2, 3] - self.floor)
-        if self.clear is not None:
-            try:
-                own = np.asarray(self.clear(q), float)
-            except (TypeError, ValueError) as problem:
-                raise ValueRangeError(f"clear could not be asked for {len(q)} configurations: {problem}") from None
-            if own.ndim < 1 or len(own) != len(q) or not np.isfinite(own).all():
-                raise ShapeError(
-                    f"clear gave an array of shape {own.shape} for {len(q)} configurations: give a distance [m] for each, "
-                    "finite, below 0 where something touches."
-                )
-            parts.append(own.reshape(len(q), -1))
-        return np.concatenate(parts, axis=1)
+        """(n, m) distances [m]: those of the capsules, and those of ``clear``."""
+        return np.concatenate([self.capsules.distances(q, _NEAR), self._told(q)], axis=1)
 
-    def smooth_reactions(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """(n, nv + m) torques and clearances, dry friction turning smoothly and at its largest."""
+    def clearance_slopes(self, q: Array, weights: Array) -> Array:
+        """(n, nq) derivative by the joints of a sum of the clearances with weights (n, m)."""
+        own = self.capsules.count
+        found = self.capsules.slopes(q, weights[:, :own])
+        if self.clear is not None and weights[:, own:].any():
+            for k, step in enumerate(_STEP * np.eye(q.shape[1])):
+                moved = (self._told(q + step) - self._told(q - step)) / (2.0 * _STEP)
+                found[:, k] += (moved * weights[:, own:]).sum(axis=1)
+        return found
+
+    def _told(self, q: Array) -> Array:
+        if self.clear is None:
+            return np.zeros((len(q), 0))
+        try:
+            found = np.asarray(self.clear(q), float)
+        except (TypeError, ValueError) as problem:
+            raise ValueRangeError(f"clear could not be asked for {len(q)} configurations: {problem}") from None
+        if found.ndim < 1 or len(found) != len(q) or not np.isfinite(found).all():
+            raise ShapeError(
+                f"clear gave an array of shape {found.shape} for {len(q)} configurations: give a distance [m] for each, "
+                "finite, below 0 where something touches."
+            )
+        return found.reshape(len(q), -1)
+
+    def smooth_torques(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """(n, nv) torques, dry friction turning smoothly and at its largest."""
         f = self.robot.model.friction
         rigid = np.asarray(self.robot.inverse_dynamics(q, dq, ddq))
         dry = (f.static + f.load * np.abs(rigid)) * np.tanh(dq / self.friction_speed)
-        return np.concatenate([rigid + f.viscous * dq + dry, self.clearances(q)], axis=1)
+        return np.asarray(rigid + f.viscous * dq + dry)
 
     def least(self, q: Array, dq: Array, ddq: Array) -> float:
         """The least distance from any edge, as a share of its size; below 0 beyond one. Friction as the robot's file has it."""
+        found = self.least_of_joints(q, dq, ddq)
+        if found < 0.0:
+            return found
         tau = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=True))
-        reactions = np.concatenate([tau, self.clearances(q)], axis=1)
-        found = [band.least(x) for band, x in zip(self.bands, (q, dq, ddq), strict=True)]
-        return min(*found, self.reacting.least(reactions))
+        return min(found, self.bands[3].least(tau), self.bands[4].least(self.clearances(q)))
+
+    def least_of_joints(self, q: Array, dq: Array, ddq: Array) -> float:
+        """The same of positions, velocities and accelerations alone."""
+        return min(band.least(x) for band, x in zip(self.bands, (q, dq, ddq), strict=False))
 
 
 def _both_ways(limit: Array) -> Band:

@@ -19,6 +19,8 @@ from .unknown_parameters import UnknownParameters
 _NOTHING = 1e-9
 """Share of a column's own length, or of the longest's, below which what others leave of it is rounding."""
 _ROWS_PER_COLUMN = 3
+_HELD = 1e-7
+"""Share of its size by which a known value may be missed."""
 _EXACT = 1e-7
 """Coefficients below that are rounding, in units of the columns' own lengths."""
 
@@ -77,10 +79,38 @@ class BaseParameters:
         ones = np.ones(nv)
         W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones)
         scale = unknown.scales(ones, ones, ones)
-        kept, grouping = _kept(W.reshape(states * nv, p) * scale)
+        free = np.flatnonzero(~unknown.held)
+        kept, found = _kept((W * scale)[..., free].reshape(states * nv, len(free)))
         # W S z with x = S z: z_b + B z_d is the group, in units of x its kept parameter's.
-        felt = (W[..., kept] != 0).any(axis=0)
-        return cls(unknown, kept, _rounded(grouping) * scale[kept][:, None] / scale[None, :], felt)
+        grouping = np.eye(p)  # what is known is a group of its own
+        grouping[np.ix_(free[kept], free)] = _rounded(found) * scale[free[kept]][:, None] / scale[None, free]
+        kept = np.sort(np.concatenate([free[kept], np.flatnonzero(unknown.held)]))
+        return cls(unknown, kept, grouping[kept], (W[..., kept] != 0).any(axis=0))
+
+    @property
+    def held(self) -> Array:
+        """(r,) bool, groups that are a parameter whose value is known."""
+        return np.asarray(self.unknown.held[self.kept])
+
+    def weak_sizes(self, sizes: Array) -> Array:
+        """Sizes that groups could have at most, where parameters could have sizes (p,); next to none for what is known.
+
+        Parameters
+        ----------
+        sizes : (p,) array
+
+        Returns
+        -------
+        sizes : (r,) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> base = BaseParameters.of(UnknownParameters(tw.robots.pendulum(), friction=(), known={"rod.mcx": 0.0}))
+        >>> base.weak_sizes(np.ones(11)).round(3).tolist()
+        [1.414, 0.0, 1.0]
+        """
+        return np.sqrt(self.grouping**2 @ sizes**2) * np.where(self.held, _HELD, 1.0)
 
     @property
     def count(self) -> int:

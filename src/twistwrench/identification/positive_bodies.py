@@ -32,6 +32,8 @@ _DONE = 1e-10
 _THIN, _LIGHT, _RADIUS = 1e-3, 1e-3, 0.05
 """Shares that a prior body has at least: of its own second moments, of the robot's mass, and of its reach as a radius."""
 _SMALL_DRIVE = 1e-3
+_HOLD = 1e6
+"""Weight that holds known values, in units of the residuals, per size that they could have."""
 
 
 def _basis() -> Array:
@@ -130,6 +132,8 @@ class PositivePrior:
             rows = np.flatnonzero(base.grouping[:, k])
             if rows.size:
                 drives[k] = max(drives[k], float(lacking[rows[0]] / base.grouping[rows[0], k]))
+        known = positive & base.unknown.held
+        drives[known] = np.maximum(base.unknown.file_values[known], _SMALL_DRIVE * _SMALL_DRIVE * sizes[known])
         return cls(np.array(bodies), drives, positive, tuple(repaired))
 
 
@@ -156,9 +160,15 @@ class PositiveProblem:
     """The cost of one set of rows: N (r, r), c (r,) and y = |τ|² of the groups."""
 
     def __init__(self, base: BaseParameters, prior: PositivePrior, N: Array, c: Array, y: float, sizes: Array) -> None:
-        self.base, self.prior, self.y = base, prior, y
+        self.base, self.prior = base, prior
         K = base.grouping
         self.H, self.g = K.T @ N @ K, K.T @ c
+        held = np.flatnonzero(base.unknown.held)
+        weight = (_HOLD / sizes[held]) ** 2
+        known = base.unknown.file_values[held]
+        self.H[held, held] += weight
+        self.g[held] += weight * known
+        self.y = y + float(weight @ known**2)
         of_bodies = base.unknown.of_bodies
         self._bodies = [
             np.array([int(np.flatnonzero(of_bodies == 10 * i + k)[0]) for k in range(10)])

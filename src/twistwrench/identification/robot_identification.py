@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +13,11 @@ from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
 from ..typing import Array
-from .block_deviations import group_covariance
+from .block_deviations import group_covariance, hanging
 from .evidence import Evidence
+from .filtered_rows import MOST_ROWS, FilteredRows
 from .held_out import HeldOut, HeldOutRows
+from .identified_payload import unknown_of
 from .identified_robot import IdentifiedRobot
 from .log_doubts import doubts_of
 from .log_side import MotorSide
@@ -24,7 +28,9 @@ from .unknown_parameters import UnknownParameters, check_speed
 from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples
 
-_METHODS = ("irls", "wls", "ols")
+MOST_SAMPLES = 100_000
+"""Of all logs, from which their rows are gathered in portions."""
+METHODS = ("irls", "wls", "ols")
 _DEAD = 0.8
 """Share of the rows, in which a torque that is measured is one number at most."""
 
@@ -41,6 +47,8 @@ def identify(
     shift: float | None = None,
     method: Method = "irls",
     motor_side: MotorSide | None = None,
+    known: Mapping[str, float] | None = None,
+    payload_only: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> IdentifiedRobot:
     """Identify masses, inertias, friction and motor inertias of a robot from logs of positions and torques.
@@ -61,6 +69,9 @@ def identify(
     shift : float, optional, by how much torques are later than positions [s]; None: chosen
     method : "irls", "wls" or "ols", weights of the rows
     motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
+    known : mapping, optional, values that are held, by names such as ``link_3.m`` and ``joint_2.viscous``, in SI units
+    payload_only : str, optional
+        A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
     progress : callable, optional, told the share that is done
 
     Returns
@@ -73,6 +84,8 @@ def identify(
         A log has no torques.
     TrajectoryError
         A log is too short, or of another robot.
+    UnknownNameError
+        A name is none of the robot's.
     ValueRangeError
         An option is out of range.
 
@@ -92,26 +105,61 @@ def identify(
     (True, 12)
     """
     require_robot(robot, "identify")
-    trained, tested = _motions(robot, logs, "logs"), _motions(robot, test, "test")
+    trained, tested = checked_motions(robot, logs, "logs"), checked_motions(robot, test, "test")
     if not trained:
         raise ShapeError("identify: there is no log. Give one with torques at least.")
-    if method not in _METHODS:
-        raise UnknownNameError.of("method", method, _METHODS)
-    asked = Asked(
-        None if cutoff is None else check_speed(cutoff),
-        None if friction_speed is None else check_speed(friction_speed),
-        None if shift is None else _finite(shift),
-    )
+    if method not in METHODS:
+        raise UnknownNameError.of("method", method, METHODS)
+    asked = asked_settings(cutoff, friction_speed, shift)
+    same: dict[str, Any] = {
+        "motor_inertia": motor_inertia,
+        "friction": friction,
+        "motor_side": motor_side,
+        "known": known,
+    }
+    if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES:
+        from .gathering import gather
+
+        fixed: dict[str, Any] = {"method": method, "cutoff": cutoff, "friction_speed": friction_speed, "shift": shift}
+        whole = gather(robot, trained, **same, payload_only=payload_only, **fixed, progress=progress)
+        return whole.identified(gather(robot, tested, like=whole) if tested else None)
+    unknown = unknown_of(robot, payload_only=payload_only, **same)
     tell = progress or (lambda _share: None)
-    unknown = UnknownParameters(robot, motor_inertia, tuple(friction), motor_side)
+    return identified(unknown, robot, trained, tested, asked, method, tell, payload_only=payload_only).robot
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What was identified, and of what rows."""
+
+    robot: IdentifiedRobot
+    dead: Array
+    rows: FilteredRows
+    hanging: float
+
+
+def identified(
+    unknown: UnknownParameters,
+    robot: Robot,
+    trained: Sequence[Motion],
+    tested: Sequence[Motion],
+    asked: Asked,
+    method: Method,
+    tell: Callable[[float], None],
+    *,
+    payload_only: str | None = None,
+    anew: bool = True,
+    most_rows: float = MOST_ROWS,
+) -> Identified:
+    """The identification of checked logs; settings are chosen anew for each fifth held out where ``anew``."""
     base = BaseParameters.of(unknown)
     samples = [_samples(motion, k, "logs") for k, motion in enumerate(trained)]
     dead = _dead(trained)
     if dead.all():
         raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
-    source = SettingRows(base, samples, asked, dead)
+    source = SettingRows(base, samples, asked, dead, most_rows)
     sizes = unknown.scales(*source.typical())
-    prior = Prior(base.project(unknown.file_values), np.sqrt(base.grouping**2 @ sizes**2))
+    prior = Prior(base.project(unknown.file_values), base.weak_sizes(sizes))
     tell(0.2)
     settings = source.choose(prior, range(FOLDS))
     tell(0.4)
@@ -122,9 +170,9 @@ def identify(
     covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
     tell(0.5)
     names = unknown.model.velocity_names
-    if tested:
+    if tested or not anew:
         among = _five_fold(source, prior, method, names, lambda _: settings)
-        held_out = _predicted(base, tested, asked, dead, settings, x, names)
+        held_out = _predicted(base, tested, asked, dead, settings, x, names) if tested else among
     else:
         chosen: dict[int, FitSettings] = {}
 
@@ -137,10 +185,10 @@ def identify(
         among = held_out = _five_fold(source, prior, method, names, nested)
     seen = Evidence(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.deviations, held_out, among,
-        rows.acceleration, min(s.rate for s in samples), dead,
+        rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
-    return IdentifiedRobot(
+    found = IdentifiedRobot(
         original=robot,
         base=base,
         values=x,
@@ -155,10 +203,22 @@ def identify(
         sizes=sizes,
         information=_information(trial.W, trial.tau, sigma, weights),
         folds=_fold_information(trial, fold, sigma, weights),
+        payload_frame=payload_only,
+    )
+    return Identified(found, dead, rows, hanging((trial.tau - trial.W @ x) / sigma))
+
+
+def asked_settings(cutoff: float | None, friction_speed: float | None, shift: float | None) -> Asked:
+    """What the user fixes; raises ValueRangeError for what is no frequency, speed or time."""
+    return Asked(
+        None if cutoff is None else check_speed(cutoff),
+        None if friction_speed is None else check_speed(friction_speed),
+        None if shift is None else _finite(shift),
     )
 
 
-def _motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -> tuple[Motion, ...]:
+def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -> tuple[Motion, ...]:
+    """The logs, if they are motions of the robot with torques; raises ShapeError and TrajectoryError."""
     motions = (given,) if isinstance(given, Motion) else tuple(given)
     for k, motion in enumerate(motions):
         if not isinstance(motion, Motion):

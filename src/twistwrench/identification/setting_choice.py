@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..typing import Array
-from .filtered_rows import FilteredRows, JudgedStates
+from .bounded_memory import BoundedMemory
+from .filtered_rows import MOST_ROWS, FilteredRows, JudgedStates
 from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
 from .zero_phase import SteadySamples, cutoffs, states_below
@@ -29,6 +31,8 @@ _ROWS = 10.0
 """Equations for each group that a cut-off has to leave."""
 _KEPT = 64
 """Settings whose normal equations are kept."""
+_BYTES = 64 * 2**20
+"""Of rows at several cut-offs that are kept at a time; beyond, those used longest ago are made again."""
 _NEAR = 1e-3
 """s, about an offset that was found, where it is sought again."""
 _WORTH = 2e-3
@@ -63,7 +67,14 @@ class Asked:
 class SettingRows:
     """The rows of logs at each cut-off that is tried, made once; ``dead`` (nv,) bool are joints without a torque."""
 
-    def __init__(self, base: BaseParameters, samples: Sequence[SteadySamples], asked: Asked, dead: Array) -> None:
+    def __init__(
+        self,
+        base: BaseParameters,
+        samples: Sequence[SteadySamples],
+        asked: Asked,
+        dead: Array,
+        most_rows: float = MOST_ROWS,
+    ) -> None:
         self.base, self.samples, self.asked, self.dead = base, samples, asked, dead
         self.tried = (
             (asked.cutoff,)
@@ -72,23 +83,24 @@ class SettingRows:
         )
         speed = _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed
         self.usual_speed = np.full(base.unknown.model.nv, speed)
-        self._rows: dict[float, FilteredRows] = {}
-        self._judged: dict[float, JudgedStates] = {}
+        self._most = most_rows
+        self._rows = BoundedMemory[FilteredRows](_BYTES, lambda rows: rows.nbytes)
+        self._judged = BoundedMemory[JudgedStates](_BYTES // 3, lambda states: states.W.nbytes)
         self._blocks: dict[tuple[float, float, bytes], tuple[NormalEquations, ...]] = {}
 
     def rows(self, cutoff: float) -> FilteredRows:
         """At that cut-off, with the usual speed of friction."""
-        if cutoff not in self._rows:
-            made = FilteredRows.of(self.base, self.samples, cutoff, self.usual_speed)
-            made.W[:, self.dead], made.dead = 0.0, self.dead
-            self._rows[cutoff] = made
-        return self._rows[cutoff]
+
+        def made() -> FilteredRows:
+            rows = FilteredRows.of(self.base, self.samples, cutoff, self.usual_speed, self._most)
+            rows.W[:, self.dead], rows.dead = 0.0, self.dead
+            return rows
+
+        return self._rows.of(cutoff, made)
 
     def judged(self, cutoff: float) -> JudgedStates:
         """States of positions below that cut-off."""
-        if cutoff not in self._judged:
-            self._judged[cutoff] = JudgedStates.of(self.base, self.samples, cutoff, self.usual_speed)
-        return self._judged[cutoff]
+        return self._judged.of(cutoff, lambda: JudgedStates.of(self.base, self.samples, cutoff, self.usual_speed))
 
     def folds(self, log: Array, time: Array) -> Array:
         """(m,) the block of time that each row belongs to, 0 to 4: fifths of all logs together."""
@@ -208,18 +220,32 @@ class Trial:
 
     def __init__(self, source: SettingRows, settings: FitSettings) -> None:
         self.settings, self._asked = settings, source.asked
-        self._rows = source.rows(settings.cutoff)
-        self._W = self._rows.W
+        self._source, self._felt = source, source.base.felt
         self.coulomb = source.base.unknown.coulomb_columns(source.base.kept)
-        fold = source.folds(self._rows.log, self._rows.time)
-        self._places = [_as_slice(np.flatnonzero(fold == b)) for b in range(FOLDS)]
-        self._tau = self._rows.torques(settings.shift)
-        if not np.array_equal(settings.friction_speed, source.usual_speed):
-            self._W = self._W.copy()
-            for c, joints in self.coulomb:
-                self._W[:, :, c] = self._rows.coulomb(c, joints, settings.friction_speed)
-        self._felt = source.base.felt
         self._blocks = list(source.kept_blocks(settings, self._made))
+
+    @cached_property
+    def _rows(self) -> FilteredRows:
+        return self._source.rows(self.settings.cutoff)
+
+    @cached_property
+    def _places(self) -> list[Array | slice]:
+        fold = self._source.folds(self._rows.log, self._rows.time)
+        return [_as_slice(np.flatnonzero(fold == b)) for b in range(FOLDS)]
+
+    @cached_property
+    def _tau(self) -> Array:
+        return self._rows.torques(self.settings.shift)
+
+    @cached_property
+    def _W(self) -> Array:
+        rows, settings = self._rows, self.settings
+        if np.array_equal(settings.friction_speed, self._source.usual_speed):
+            return rows.W
+        W = rows.W.copy()
+        for c, joints in self.coulomb:
+            W[:, :, c] = rows.coulomb(c, joints, settings.friction_speed)
+        return W
 
     def _made(self) -> list[NormalEquations]:
         return [NormalEquations.of(self._W[p], self._tau[p], self._felt) for p in self._places]
@@ -268,11 +294,12 @@ class Trial:
 
     def score(self, prior: Prior, blocks: Sequence[int]) -> float:
         """The sum of log |residual|² over the joints, of blocks predicted from the others."""
-        left = sum((self._blocks[b].squares(x) for b, x in self.fits(prior, blocks)), np.zeros(self._W.shape[1]))
+        left = sum((self._blocks[b].squares(x) for b, x in self.fits(prior, blocks)), np.zeros(len(self._felt)))
         return float(np.log(np.maximum(left, 1e-300)).sum())
 
     def shift(self, shift: float) -> None:
         """Take torques from another time."""
+        _ = self._W  # of the settings before
         self._tau = self._rows.torques(shift)
         self.settings = replace(self.settings, shift=shift)
         for k, p in enumerate(self._places):
@@ -282,7 +309,7 @@ class Trial:
 
     def speed(self, friction_speed: Array) -> None:
         """Take other speeds of friction."""
-        changed = friction_speed != self.settings.friction_speed
+        changed, _, _ = friction_speed != self.settings.friction_speed, self._W, self._tau
         self.settings = replace(self.settings, friction_speed=friction_speed)
         if self._W is self._rows.W:
             self._W = self._W.copy()

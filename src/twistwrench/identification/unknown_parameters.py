@@ -10,8 +10,8 @@ fc_k tanh(s_k·dq / v_0)) to all of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -45,13 +45,16 @@ class UnknownParameters:
     motor_inertia : bool, a motor inertia for each joint, as the joint feels it
     friction : sequence of str, ``viscous``, ``coulomb``, ``offset``
     motor_side : MotorSide, optional; motors that turn with several joints have parameters of their own
+    known : mapping, values of parameters that are held, by their names
 
     Raises
     ------
     ModelError
         A joint has several degrees of freedom, or the robot has rotors already.
     UnknownNameError
-        ``friction`` names something else.
+        ``friction`` or ``known`` name something else.
+    ValueRangeError
+        A known value is no number, or nothing is left to be found.
 
     Examples
     --------
@@ -65,6 +68,7 @@ class UnknownParameters:
     motor_inertia: bool = True
     friction: Sequence[str] = ("viscous", "coulomb", "offset")
     motor_side: MotorSide | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         robot = require_robot(self.robot, "identification")
@@ -86,6 +90,13 @@ class UnknownParameters:
             )
         bare = replace(robot.model, armature=np.zeros(robot.nv))
         object.__setattr__(self, "robot", Robot(bare))
+        for name, value in self.known.items():
+            if name not in self.names:
+                raise UnknownNameError.of("parameter", name, self.names)
+            if not np.isfinite(value):
+                raise ValueRangeError(f"{name} is known to be {value!r}, which is no finite number.")
+        if self.held.all():
+            raise ValueRangeError("all parameters are known, so there is nothing to identify.")
 
     @property
     def model(self) -> Model:
@@ -130,9 +141,16 @@ class UnknownParameters:
 
     @cached_property
     def file_values(self) -> Array:
-        """(p,) what the robot's file says; 0 for drives."""
+        """(p,) what the robot's file says, 0 for drives; and what is known."""
         own = self.robot.parameters
-        return np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
+        found = np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
+        found[self.held] = [self.known[name] for name in np.array(self.names)[self.held]]
+        return found
+
+    @cached_property
+    def held(self) -> Array:
+        """(p,) bool, those whose values are known."""
+        return np.isin(self.names, list(self.known))
 
     @cached_property
     def lengths(self) -> tuple[float, float]:
@@ -210,7 +228,8 @@ class UnknownParameters:
         if mine.size:
             W[:, :, mine] = self.robot.regressor(q, dq, ddq)[..., places[mine]]
         for c in np.flatnonzero(places < 0):
-            self._drive_column(W[:, :, c], int(which[c]), dq, ddq, friction_speed)
+            value, s = self.drive(int(which[c]), dq, ddq, friction_speed)
+            W[:, :, c] = value[:, None] * s
         return W
 
     def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
@@ -239,22 +258,37 @@ class UnknownParameters:
                 found.append((c, self.coupled[place] != 0))
         return found
 
-    def _drive_column(self, out: Array, k: int, dq: Array, ddq: Array, friction_speed: Array) -> None:
-        """Fill the column (n, nv) of one parameter of a drive."""
+    def drive(self, k: int, dq: Array, ddq: Array, friction_speed: Array) -> tuple[Array, Array]:
+        """Column of one parameter of a drive: what it multiplies, and the share of it that each joint feels.
+
+        Parameters
+        ----------
+        k : int, number of the parameter
+        dq, ddq : (n, nv) array
+        friction_speed : (nv,) array, v_0 [rad/s or m/s]
+
+        Returns
+        -------
+        value : (n,) array
+        s : (nv,) array; the column is value s'
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> UnknownParameters(tw.robots.pendulum()).drive(11, np.full((1, 1), 2.0), np.zeros((1, 1)), np.ones(1))
+        (array([2.]), array([1.]))
+        """
         _, kind, place = self._entries[k]
         together = kind.startswith("coupled ")
         s = self.coupled[place] if together else np.eye(self.model.nv)[place]
         plain = kind.removeprefix("coupled ")
-        speed = dq @ s
         if plain == "motor_inertia":
-            value = ddq @ s
-        elif plain == "viscous":
-            value = speed
-        elif plain == "coulomb":
-            value = np.tanh(speed / friction_speed[int(np.flatnonzero(s)[-1])])
-        else:
-            value = np.ones(len(dq))
-        out[...] = value[:, None] * s
+            return ddq @ s, s
+        if plain == "viscous":
+            return dq @ s, s
+        if plain == "coulomb":
+            return np.tanh(dq @ s / friction_speed[int(np.flatnonzero(s)[-1])]), s
+        return np.ones(len(dq)), s
 
 
 def check_speed(value: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from ..typing import Array
 from .normal_equations import NormalEquations, Prior
 
-_HUBER, _MAD = 1.345, 1.4826
+HUBER, _MAD = 1.345, 1.4826
 _ROUNDS = 12
 Method = Literal["irls", "wls", "ols"]
 
@@ -37,7 +37,7 @@ def weighted_fit(
     for _ in range(_ROUNDS):
         left = tau - W @ x
         sigma = np.maximum(_MAD * np.median(np.abs(left), axis=0), 1e-9 * np.abs(tau).max(axis=0) + 1e-300)
-        weights = np.minimum(1.0, _HUBER / np.maximum(np.abs(left / sigma), 1e-300))
+        weights = np.minimum(1.0, HUBER / np.maximum(np.abs(left / sigma), 1e-300))
         root = np.sqrt(weights) / sigma
         A, b = W * root[..., None], tau * root
         equations = NormalEquations.of(A, b, felt)

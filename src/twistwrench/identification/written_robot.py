@@ -274,6 +274,9 @@ def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, obje
     head = f"# {SIGNATURE}: friction and motor inertias as the joints feel them\n"
     if offset:
         head += "".join(f"# offset of the torque of {name}: {value:.6g}\n" for name, value in offset.items())
+    head += "".join(
+        f"# of several joints, not read: {name} {value!r}\n" for name, value in found.of_several_joints.items()
+    )
     return head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 

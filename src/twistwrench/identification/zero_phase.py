@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ..typing import Array
 
 ORDER = 4
 """Of the filter; twice that, forward and backward."""
-_STATE_RATE, _ROW_RATE = 20.0, 2.5
+STATE_RATE, ROW_RATE = 20.0, 2.5
 """Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
 _STEADY = 1e-3
 """Share of the step that stamps may be off without being moved to a steady clock."""
@@ -120,13 +121,20 @@ class Filtered:
     tau: Array
 
 
+@lru_cache(maxsize=32)
+def _filter(cutoff: float, rate: float) -> Array:
+    from scipy.signal import butter
+
+    return np.asarray(butter(ORDER, cutoff, fs=rate, output="sos"))
+
+
 def low_pass(x: Array, cutoff: float, rate: float) -> Array:
     """Samples (n, ...) below a cut-off [Hz], without delay; as they are where the cut-off is above what they can show."""
     if cutoff >= 0.45 * rate:
         return x
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sos = butter(ORDER, cutoff, fs=rate, output="sos")
+    sos = _filter(float(cutoff), float(rate))
     pad = min(len(x) - 1, int(3 * rate / cutoff) + 1)
     return np.asarray(sosfiltfilt(sos, x, axis=0, padlen=pad))
 
@@ -152,15 +160,24 @@ def states_below(samples: SteadySamples, cutoff: float, rate: float | None = Non
     >>> bool(np.abs(found.ddq[60:-60, 0] + np.sin(found.time[60:-60])).max() < 1e-3)
     True
     """
-    every = max(1, math.floor(samples.rate / (rate or _STATE_RATE * cutoff)))
+    every = max(1, math.floor(samples.rate / (rate or STATE_RATE * cutoff)))
     step = 1.0 / samples.rate
-    q = low_pass(samples.q, cutoff, samples.rate)
-    dq = np.gradient(q, step, axis=0)
-    ddq = np.gradient(dq, step, axis=0)
-    tau = low_pass(samples.tau, cutoff, samples.rate)
-    time = samples.start + step * np.arange(len(q))
-    rows = slice(None, None, every)
-    return Filtered(time[rows], samples.rate / every, q[rows], dq[rows], ddq[rows], tau[rows])
+    time = samples.start + step * np.arange(len(samples))
+    return states_below_of(time, samples.q, samples.tau, step, cutoff, slice(None, None, every))
+
+
+def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: float, rows: slice) -> Filtered:
+    """States below a cut-off [Hz] at some of the samples, which are a ``step`` apart [s]."""
+    rate = 1.0 / step
+    states = np.empty((4, len(time[rows]), q.shape[1]))
+    for j in range(q.shape[1]):  # one joint after another: what is in between stays small
+        x = low_pass(q[:, j], cutoff, rate)
+        rates = np.gradient(x, step)
+        for out, values in zip(
+            states, (x, rates, np.gradient(rates, step), low_pass(tau[:, j], cutoff, rate)), strict=True
+        ):
+            out[:, j] = values[rows]
+    return Filtered(time[rows], rate / (rows.step or 1), *states)
 
 
 def kept_rows(states: Filtered, cutoff: float, most: float) -> slice:
@@ -168,7 +185,7 @@ def kept_rows(states: Filtered, cutoff: float, most: float) -> slice:
 
     Of long logs fewer, ``most``, spread evenly: rows that are near each other hang together anyway.
     """
-    every = max(1, math.floor(states.rate / (_ROW_RATE * cutoff)), math.ceil(len(states.time) / most))
+    every = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(len(states.time) / most))
     border = math.ceil(states.rate / cutoff)
     border = min(border, len(states.time) // 10)
     return slice(border, len(states.time) - border, every)
@@ -180,7 +197,7 @@ def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
     At each of them there are ``rows`` rows at least.
     """
     most = 0.1 * min(s.rate for s in samples)
-    least = max(4.0 / min(s.seconds for s in samples), rows / (_ROW_RATE * sum(s.seconds for s in samples)))
+    least = max(4.0 / min(s.seconds for s in samples), rows / (ROW_RATE * sum(s.seconds for s in samples)))
     steps = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
     found = tuple(f for f in steps if least <= f <= most)
     return found or (most,)

@@ -61,10 +61,10 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     What NumPy would refuse, convert or copy first is left to NumPy: then its errors and its rules are its own.
     """
     owner = _owner_of()(kernel)
-    if owner is None or len(given) != len(owner.program.inputs):
+    if owner is None or len(given) != len(owner.given.inputs):
         return None
     arrays = tuple([np.asarray(a) if type(a) in (list, tuple) else a for a in given])
-    batch = _batch(arrays, owner.program.inputs)
+    batch = _batch(arrays, owner.given.inputs)
     if batch is None:
         return None
     single = _is_single(arrays)
@@ -73,7 +73,7 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     if count < 2:
         return None
     count = max(count // threads * threads, min(count, threads))  # an even number for each, where there are enough
-    shapes = [batch + port.shape for port in owner.program.outputs]
+    shapes = [batch + port.shape for port in owner.given.outputs]
     outputs = _outputs(out, shapes, FLOAT32 if single else FLOAT64, arrays)
     if outputs is None:
         return None
@@ -85,7 +85,7 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     )  # the first that is long enough: what lies inside it stays whole
     rows = -(-batch[axis] // count)
     rows = -(-rows // ROWS) * ROWS if rows >= ROWS else rows
-    ports = (*owner.program.inputs, *owner.program.outputs)
+    ports = (*owner.given.inputs, *owner.given.outputs)
     axes = [_axis(a, port, axis - len(batch)) for a, port in zip((*arrays, *outputs), ports, strict=True)]
     slices = [slice(first, first + rows) for first in range(0, batch[axis], rows)]
     views = [
@@ -110,13 +110,13 @@ def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
     if kernel.nout == 1 and first.size < 4 * NOTABLE:
         return None
     owner = _owner_of()(kernel)
-    if owner is None or type(first) is not np.ndarray or len(arrays) != len(owner.program.inputs):
+    if owner is None or type(first) is not np.ndarray or len(arrays) != len(owner.given.inputs):
         return None
-    ports = owner.program.outputs
+    ports = owner.given.outputs
     least = ONE_ROOM if len(ports) == 1 else SEVERAL_ROOMS
-    if owner.row * first.size < least * owner.program.inputs[0].size:  # a guess: other inputs may have more samples
+    if owner.row * first.size < least * owner.given.inputs[0].size:  # a guess: other inputs may have more samples
         return None
-    batch = _batch(arrays, owner.program.inputs)
+    batch = _batch(arrays, owner.given.inputs)
     if batch is None:
         return None
     return room([batch + port.shape for port in ports], FLOAT32 if _is_single(arrays) else FLOAT64)

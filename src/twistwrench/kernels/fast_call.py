@@ -17,7 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from ..program.products import Products
 from ..program.program import Port, Program
+from ..program.recurrence import Recurrence
+from ..program.search import Search
 from ..targets.fast_call_checks import FLOAT_VALUE
 from ..targets.fast_call_text import (
     BYTES_DATA,
@@ -101,7 +104,7 @@ def make_call(
     if owner is None or not _understood():
         return None
     asked, parameters = asked or CallForm(), _Parameters.of(method)
-    way = _way(owner.program, parameters, asked)
+    way = _way(owner.given, parameters, asked)
     if way is None:
         return None
     code = assembled(call_assembly(way), CALL, owner.machine)
@@ -176,7 +179,7 @@ def calls_before(ufunc: Any) -> int:
     return 2 if length < LONG else length // EACH
 
 
-def _way(program: Program, parameters: _Parameters, asked: CallForm) -> Way | None:
+def _way(program: Program | Products | Recurrence | Search, parameters: _Parameters, asked: CallForm) -> Way | None:
     """How the builtin is called; None where none can be."""
     ports = (*program.inputs, *program.outputs)
     count = len(program.inputs) - len(asked.keys)

@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import KernelError
+from ..program.products import Products
 from ..program.program import Program, axes_of
 from ..program.recurrence import Recurrence
+from ..program.search import Search
 from ..targets.processor import DOUBLE, SINGLE, Precision, chosen
 from . import interpreter
 from .batch_split import effort
@@ -61,14 +63,14 @@ class _UFuncObject(ctypes.Structure):
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Program | Recurrence, name: str, doc: str) -> None:
+    def __init__(self, program: Program | Products | Recurrence | Search, name: str, doc: str, *, lone: bool) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
-        self.given, self.program = program, program.program if isinstance(program, Recurrence) else program
-        self.machine = chosen()
+        self.given, self.program = program, program if isinstance(program, Program) else program.program
+        self.machine = replace(chosen(), vector_bits=DOUBLE.bits) if lone else chosen()
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE, self.machine)}
         self.lone: dict[str, Code] = {}
         self.stand_in = _LOOP(self._single)
@@ -91,7 +93,7 @@ class _Owner:
     @cached_property
     def row(self) -> int:
         """Bytes of all results of a sample, in doubles."""
-        return DOUBLE.bytes * sum(port.size for port in self.program.outputs)
+        return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
 
     def _single(self, args: int, dims: int, steps: int, data: int) -> None:
         """Stand in for the float32 loop: compile it, put it in the table, run it.
@@ -131,7 +133,7 @@ class _Owner:
     def alone(self, precision: Precision) -> Code:
         """Code for single samples: a lane of its own, unless the program is so long that one compilation is enough."""
         with LOCK:
-            if len(self.program.instructions) > LONGEST_ALONE:
+            if len(self.program.instructions) > LONGEST_ALONE or self.machine.lanes(precision) == 1:
                 self.address(precision)
                 return self.code[precision.char]
             if precision.char not in self.lone:
@@ -140,12 +142,15 @@ class _Owner:
             return self.lone[precision.char]
 
 
-def make_ufunc(program: Program | Recurrence, name: str, doc: str) -> np.ufunc:
+def make_ufunc(
+    program: Program | Products | Recurrence | Search, name: str, doc: str, *, lone: bool = False
+) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
-    That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``.
+    That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is
+    ``lone`` is for one sample at a time, in one lane.
     """
-    owner = _Owner(program, name, doc)
+    owner = _Owner(program, name, doc, lone=lone)
     ufunc = _constructor()(
         ctypes.addressof(owner.functions), ctypes.addressof(owner.data), ctypes.addressof(owner.types),
         2, len(program.inputs), len(program.outputs), _NONE_IDENTITY,

@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from ..errors import TrajectoryError
 from ..typing import Array
+from .array_stream import LARGE
 from .column_names import time_meaning
 from .column_units import split_unit, time_factor
 from .row_block import Block
@@ -93,7 +95,10 @@ class JoinedFile:
         return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size)
 
     def blocks(self, used: Sequence[int]) -> Iterator[Block]:
-        """All rows, in blocks: of the ``used`` columns; read whole, as stamps may be anywhere."""
+        """All rows, in blocks: of the ``used`` columns. Files whose stamps differ are read whole, as they may be anywhere."""
+        if self.size > LARGE and self._one_clock:
+            yield from self._side_by_side(used)
+            return
         wanted = [self.places[k] for k in used]
         tables, times = [], []
         for k, part in enumerate(self.parts):
@@ -104,11 +109,46 @@ class JoinedFile:
             times.append(None if stamp is None else whole[:, -1] * _seconds(part.header[stamp]))
             tables.append(whole[:, : len(own)])
         table = self._joined(tables, times)
-        places = np.argsort(np.argsort([file for file, _ in wanted], kind="stable"), kind="stable")
-        table = table[:, places]
+        table = table[:, _in_order(wanted)]
         for k in range(0, len(table), _ROWS):
             rows = table[k : k + _ROWS]
             yield Block(rows, int(self.size * len(rows) / len(table)), lambda row, k=k: f"row {k + row + 1}")  # type: ignore[misc]
+
+    @cached_property
+    def _one_clock(self) -> bool:
+        """Whether rows of one number belong together: no file has stamps, or all have the same."""
+        if self.stamps[0] is None:
+            return True
+        columns = [([s], _seconds(p.header[s])) for p, s in zip(self.parts, self.stamps, strict=True) if s is not None]
+        stamps = [
+            (b.table[:, 0] * factor for b in part.blocks(column))
+            for part, (column, factor) in zip(self.parts, columns, strict=True)
+        ]
+        try:
+            return all(np.abs(t - t[0]).max(initial=0.0) <= _SAME_STAMPS for t in _abreast(stamps))
+        except _UnevenError:
+            return False
+
+    def _side_by_side(self, used: Sequence[int]) -> Iterator[Block]:
+        """Rows of one number, block by block; raises TrajectoryError where one file has more of them."""
+        wanted, row = [self.places[k] for k in used], 0
+        order = _in_order(wanted)
+        mine = [[c for file, c in wanted if file == k] for k in range(len(self.parts))]
+        files = [k for k, columns in enumerate(mine) if columns]
+        share = self.size / sum(self.parts[k].size for k in files)
+        read = [(b.table for b in self.parts[k].blocks(mine[k])) for k in files]
+        try:
+            for tables in _abreast(read):
+                first = row
+                row += len(tables[0])
+                table = np.concatenate(tables, axis=1)[:, order]
+                yield Block(table, int(share * 8 * table.size), lambda k, first=first: f"row {first + k + 1}")  # type: ignore[misc]
+        except _UnevenError as problem:
+            raise TrajectoryError(
+                f"{self.path}: files without a time are joined row by row, and their rows differ: "
+                f"{self.parts[files[problem.which]].path.name} has more than the {row} of another. Cut them alike, or "
+                "give each a column of time."
+            ) from None
 
     def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
         """None: it is read whole."""
@@ -142,6 +182,31 @@ class JoinedFile:
                     np.stack([np.interp(first[kept], time, x) for x in table.T], axis=1).reshape(kept.sum(), -1)
                 )
         return np.concatenate(found, axis=1)
+
+
+class _UnevenError(Exception):
+    """One of several files has rows left when another has none."""
+
+    def __init__(self, which: int) -> None:
+        super().__init__()
+        self.which = which
+
+
+def _abreast(parts: Sequence[Iterator[Array]]) -> Iterator[list[Array]]:
+    """Portions of equally many rows from each of several, which come in portions of any length."""
+    kept = [next(part, None) for part in parts]
+    while all(x is not None for x in kept):
+        some = [x for x in kept if x is not None]
+        count = min(map(len, some))
+        yield [x[:count] for x in some]
+        kept = [x[count:] if len(x) > count else next(part, None) for x, part in zip(some, parts, strict=True)]
+    if (left := [k for k, x in enumerate(kept) if x is not None and len(x)]) and len(left) < len(kept):
+        raise _UnevenError(left[0])
+
+
+def _in_order(wanted: Sequence[tuple[int, int]]) -> Array:
+    """Takes columns that stand file by file to the order in which they were wanted."""
+    return np.argsort(np.argsort([file for file, _ in wanted], kind="stable"), kind="stable")
 
 
 def _time_of(header: Sequence[str]) -> int | None:

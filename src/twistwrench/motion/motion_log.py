@@ -4,31 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core.files import as_path
 from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
 from ..model.model import Limits, Model
 from ..typing import Array
-from .array_file import array_file
-from .column_choice import absent_joints
+from .array_stream import LARGE, ArrayStream
 from .columns import Columns
 from .contradictions import Contradictions
 from .coordinates import Coordinates
 from .csv_file import CsvFile
-from .joined_files import JOINS, JoinedFile
-from .npz_file import NpzFile, is_archive
+from .motion_file import MotionFile, open_motion_file
+from .npz_file import NpzFile
+from .passing_runs import passing_runs
 from .repeats import Repeats
-from .ros_file import is_recording, ros_file
 from .row_block import Block
 
 _NO_ROTATION = 1e-6  # norm of a quaternion
-
-MotionFile = CsvFile | NpzFile | JoinedFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +61,8 @@ class MotionLog:
     """Which column is which."""
     coordinates: Coordinates
     """Names and units of the robot's coordinates."""
+    first_row: int = 0
+    """Number of the first row that is given, of a part of a file."""
     _last: _Pass = field(default_factory=_Pass)
 
     @classmethod
@@ -172,7 +170,7 @@ class MotionLog:
             angle=self.columns.angle,
             angle_stated=self.columns.angle_stated,
         )
-        last, rows = -math.inf, 0
+        last, rows = -math.inf, self.first_row
         for block in self.file.blocks(self.columns.used):
             table = self._timed(block, rows, last)
             if len(table):
@@ -189,6 +187,52 @@ class MotionLog:
             raise TrajectoryError(f"{self.path}: no rows after the header of line {line}. Give at least one.")
         found.add(self.motion(final))
         yield final
+
+    def part(self, begin: int, end: int) -> MotionLog | None:
+        """Rows of the log from one to another, with their own times; None where the file is read from its beginning only.
+
+        Parameters
+        ----------
+        begin, end : int, numbers of rows
+
+        Returns
+        -------
+        part : MotionLog or None
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> log.part(0, 10) is None
+        True
+        """
+        if isinstance(self.file, NpzFile):
+            rows = replace(self.file, table=self.file.table[max(0, begin) : end])
+            return replace(self, file=rows, first_row=max(0, begin), _last=_Pass())
+        if isinstance(self.file, ArrayStream):
+            return replace(self, file=self.file.part(begin, end), first_row=max(0, begin), _last=_Pass())
+        return None
+
+    def stamps(self) -> Iterator[Array]:
+        """Times of all rows, in blocks [s], as they stand in the file.
+
+        Returns
+        -------
+        times : iterator of (n,) arrays
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> sum(len(times) for times in log.stamps())
+        751
+        """
+        rows = 0
+        for block in self.file.blocks(self.columns.used[:1]):
+            yield (
+                np.arange(rows, rows + len(block.table)) if self.columns.counted else block.table[:, 0]
+            ) * self.columns.seconds
+            rows += len(block.table)
 
     def excerpts(self, count: int, rows: int) -> list[Array]:
         """Runs of consecutive rows spread evenly over the file, its ends included.
@@ -217,7 +261,7 @@ class MotionLog:
         try:
             blocks = self.file.excerpts(self.columns.used, count, rows)
             if blocks is None:
-                return [np.concatenate(list(self.tables()))]
+                return passing_runs(self.tables, count, rows, whole=self.size <= LARGE)
             found = []
             for block in blocks:
                 repeats = self._repeats()
@@ -343,39 +387,3 @@ class MotionLog:
                     "quaternion is zero, which is no rotation. Write 1, 0, 0, 0 for none, or remove the row."
                 )
         return table
-
-
-def open_motion_file(path: str | Path) -> MotionFile:
-    """The motion file at that path, of any robot: CSV, an archive of ``simulate --npz``, or several, ``a.csv+b.csv``."""
-    if JOINS in str(path) and not _is_there(as_path(path)):
-        return JoinedFile.open(path, open_motion_file)
-    if is_recording(as_path(path)):
-        return ros_file(as_path(path))
-    if (arrays := array_file(as_path(path))) is not None:
-        return arrays
-    return NpzFile.open(path) if is_archive(as_path(path)) else CsvFile.open(path)
-
-
-def _is_there(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # no path at all
-        return False
-
-
-def moves_motors(path: str | Path | MotionFile) -> bool:
-    """Whether the file has columns for the motors of elastic joints; what is wrong with it is said when it is opened."""
-    try:
-        file = open_motion_file(path) if isinstance(path, str | Path) else path
-    except TwistWrenchError:
-        return False
-    return any(name.strip().endswith(".motor") for name in file.header)
-
-
-def joints_without_column(
-    path: str | Path | MotionFile, model: Model, columns: Mapping[str, str] | None = None
-) -> tuple[str, ...]:
-    """The joints of a model that a motion file has no column for, by its header; ``columns`` as in :meth:`MotionLog.open`."""
-    file = open_motion_file(path) if isinstance(path, str | Path) else path
-    joints = [b.joint.name for b in model.leaders if b.joint.nv]
-    return absent_joints(file.header, Coordinates.of(model), joints, columns or {})

@@ -90,7 +90,8 @@ def _draw(
         outline = _outline(shape.points[:, list(view)])
         axes.fill(*outline.T, color=PALE, zorder=1, label=label)
         label = None
-    for inertia, colour, style, name in ((before, VERMILION, "--", "in the file"), (after, BLUE, "-", "repaired")):
+    # The file's last: dashes show on a line where both are alike, as a negative moment drawn as nothing may be.
+    for inertia, colour, style, name in ((after, BLUE, "-", "repaired"), (before, VERMILION, "--", "in the file")):
         for solid in equal_inertia_ellipsoid(inertia) if inertia.mass > 0 else ():
             outline = _outline(solid.vertices[:, list(view)])
             x, y = np.concatenate([outline, outline[:1]]).T

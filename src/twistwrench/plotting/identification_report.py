@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ..core.html_table import html_table
+from ..motion.coordinates import Coordinates
 from .style import (
     AXIS,
     BLUE,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from ..identification import IdentifiedRobot
 
 _BAND = 1.96
-_MOST_GROUPS = 80
+_MOST_GROUPS, _NAMED_GROUPS, _LONGEST_NAME = 80, 30, 22
 _PURPOSE = "Drawing the identification"
 
 
@@ -70,10 +71,10 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
     '.png'
     """
     names = found.held_out.names
-    height = 1.5 * len(names) + 3.4
+    height = 1.5 * len(names) + 4.6
     title = f"{found.original.name}: {found.verdict.word}, {100 * found.held_out.all:.3g} % left in rows held out"
     with figure(11.0, height, title, _PURPOSE) as drawn:
-        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[1.5 * len(names), 3.2]))
+        upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[1.5 * len(names), 4.4]))
         _torques(upper.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0], found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _groups(left, found)
@@ -133,10 +134,10 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     yield "<h2>Residuals</h2>"
     yield _svg(10.0, 2.6, lambda drawn: _bars(drawn.subplots(), found))
     yield "<h2>Groups of parameters</h2>"
-    yield _svg(10.0, 3.2, lambda drawn: _groups(drawn.subplots(), found))
+    yield _svg(10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found))
     rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
     cells = ((group, *map(float, (value, sigma, *ends, before))) for group, value, sigma, ends, before in rows)
-    yield html_table("", ("group", "value", "deviation", "95 % from", "to", "file"), cells)
+    yield html_table("", ("group [SI units]", "value", "deviation", "95 % from", "to", "file"), cells)
     yield "<h2>Bodies that can exist</h2>"
     yield _svg(7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found))
     consistent = found.consistent
@@ -171,6 +172,8 @@ def _svg(width: float, height: float, draw: Any) -> str:
 def _torques(grid: Any, found: IdentifiedRobot) -> None:
     """Measured, and predicted with a band of 95 % of the residuals; logs behind each other."""
     parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
+    turning = Coordinates.of(found.original.model).angular_velocity
+    units = ["N m" if turns else "N" for turns in turning]
     begin, ends = 0.0, dict[float, float]()
     for rows in parts:
         for log in np.unique(rows.log):
@@ -196,8 +199,9 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
         axes.set_title(
             f"{name}: {100 * share:.3g} % left" if math.isfinite(share) else f"{name}: no torque", loc="left"
         )
+        axes.set_ylabel(units[j])
     grid[0].legend(fontsize=SMALL, frameon=False, ncols=3, loc="upper right")
-    grid[-1].set_xlabel("s")
+    grid[-1].set_xlabel("time [s]")
 
 
 def _bars(axes: Axes, found: IdentifiedRobot) -> None:
@@ -224,9 +228,20 @@ def _groups(axes: Axes, found: IdentifiedRobot) -> None:
     axes.plot(k, found.prior.mean[k] / size[k], "_", color=VERMILION, markersize=7, label="file")
     axes.axhline(0.0, color=AXIS, linewidth=0.8)
     axes.set_ylim(-1.6, 1.6)
-    axes.set_xlabel("group, in the order of the table")
+    if len(k) <= _NAMED_GROUPS:
+        axes.set_xticks(k, [_short(found.groups[i]) for i in k], rotation=55, ha="right", rotation_mode="anchor")
+        axes.tick_params(axis="x", labelsize=SMALL)
+    else:
+        axes.set_xlabel("group, in the order of the table")
     axes.set_ylabel("share of the larger of value and file")
     axes.legend(fontsize=SMALL, frameon=False, ncols=3, loc="lower right")
+
+
+def _short(group: str) -> str:
+    """A group by its first parameter."""
+    first, plus, _ = group.partition(" + ")
+    named = first if len(first) <= _LONGEST_NAME else f"{first[:_LONGEST_NAME]}…"
+    return f"{named} + …" if plus else named
 
 
 def _pull(axes: Axes, found: IdentifiedRobot) -> None:

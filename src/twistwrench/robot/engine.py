@@ -19,10 +19,12 @@ from ..kernels.call_form import CallForm
 from ..kernels.interpreter import compiles
 from ..model.configuration import random_configuration
 from ..model.model import Model
+from ..program.products import Products
 from ..program.program import Program
 from ..program.recurrence import Recurrence
+from ..program.search import Search
 from ..typing import Array
-from . import large_derivatives
+from . import large_derivatives, long_robots
 from .derivative_options import is_symbolic
 from .out_argument import refuse_lazy, refuse_overlap, refuse_text, unfit
 from .quantities import QUANTITIES
@@ -50,6 +52,8 @@ class Engine:
         self._called_again = called_again
         """Gives whom to tell of calls with one state."""
         self._kernels: dict[Any, Any] = {}
+        self.single_poses: dict[Any, Any] = {}
+        """How single poses are looked for, by the options."""
         self._called: dict[Any, Any] = {}
         self._calls: dict[Any, int] = {}
         """How often each kind of call was made with one state; :data:`ENOUGH` where nobody wants to know any more."""
@@ -77,7 +81,8 @@ class Engine:
         if large_derivatives.applies(self.model, asked):
             found: Any = large_derivatives.LargeDerivatives(self, options)
         else:
-            program, title = program_of_several(self.model, asked), ", ".join(asked)
+            program: Program | Products | None = long_robots.products_of(self.model, asked)
+            program, title = program or program_of_several(self.model, asked), ", ".join(asked)
             inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
             doc = f"{title} of {self.model.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
             found = compiled(program, title, doc)
@@ -238,17 +243,26 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     return found if len(found) > 1 else found[0]
 
 
-def compiled(given: Program | Recurrence, name: str, doc: str) -> Any:
-    """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long."""
-    program = given.program if isinstance(given, Recurrence) else given
+def compiled(given: Program | Products | Recurrence | Search, name: str, doc: str, *, lone: bool = False) -> Any:
+    """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long.
+
+    What is ``lone`` is for one sample at a time.
+    """
+    program = given if isinstance(given, Program) else given.program
     # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
     # samples of three axes at most, and second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
         from ..targets.numpy import NumpyKernel
+        from ..targets.numpy_products import NumpyProducts
+        from ..targets.numpy_search import NumpySearch
         from ..targets.numpy_steps import NumpySteps
 
-        return NumpySteps(given, name, doc) if isinstance(given, Recurrence) else NumpyKernel(given, name, doc)
+        if isinstance(given, Program):
+            return NumpyKernel(given, name, doc)
+        if isinstance(given, Products):
+            return NumpyProducts(given, name, doc)
+        return NumpySteps(given, name, doc) if isinstance(given, Recurrence) else NumpySearch(given, name, doc)
     from ..kernels.ufunc import make_ufunc
 
-    return make_ufunc(given, name, doc)
+    return make_ufunc(given, name, doc, lone=lone)

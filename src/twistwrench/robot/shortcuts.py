@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -26,11 +27,19 @@ if TYPE_CHECKING:
     from .closed_robot import ClosedRobot
     from .cuda_robot import CudaRobot
     from .explanation import Explanation
-    from .inverse_kinematics import InverseKinematics
+    from .reached_poses import InverseKinematics
 
 Law = Callable[[float, Array, Array], Any]
 """A function of (t, q, dq)."""
 Method = Literal["dopri5", "rk4", "semi_implicit", "euler", "midpoint", "variational", "variational6"]
+
+
+@cache
+def _inverse_kinematics() -> Callable[..., InverseKinematics]:
+    """Imported at the first call; an import statement takes a good part of what a pose near by does."""
+    from .inverse_kinematics import solve
+
+    return solve
 
 
 class Shortcuts:
@@ -39,27 +48,30 @@ class Shortcuts:
     def inverse_kinematics(
         self: Any,
         T: ArrayLike,
-        frame: str | None = None,
+        frame: str | Sequence[str] | None = None,
         q0: ArrayLike | None = None,
         *,
-        rows: Rows = None,
+        rows: Rows | Mapping[str, Rows] = None,
         restarts: int = 30,
         rng: np.random.Generator | int | None = 0,
         angle: float = 1e-10,
         distance: float = 1e-10,
+        nearest: bool = False,
     ) -> InverseKinematics:
         """Inverse kinematics: configurations, inside the joints' limits, at which a frame has the pose T.
 
         Parameters
         ----------
-        T : (4, 4) array_like, wanted pose in the base frame [m]
-        frame : str, optional, a link of the robot; its tip if None
+        T : (4, 4) array_like, wanted pose in the base frame [m]; (k, 4, 4) of k frames at once
+        frame : str, optional, a link of the robot; its tip if None; a sequence of k names for k frames at once
         q0 : (nq,) array_like, optional, where the search starts; None: neutral
-        rows : str or iterable, optional, rows of the twist that count; ``"vx vy vz"`` asks for the position only
+        rows : str or iterable, optional, rows of the twist that count; ``"vx vy vz"`` asks for the position only;
+            a mapping of frames to rows where frames differ
         restarts : int, random starts where the first fails
         rng : numpy Generator or seed, for the random starts
         angle : float, tolerance [rad]
         distance : float, tolerance [m]
+        nearest : bool, whether what the poses leave free is used to come as near to ``q0`` as they let
 
         Returns
         -------
@@ -77,7 +89,9 @@ class Shortcuts:
 
         Notes
         -----
-        Newton's method, damped, MR section 6.2. Any batch of T and q0.
+        Newton's method, damped, MR section 6.2. Any batch of T and q0. What is left of several frames is the root of the sum
+        of squares. ``nearest`` goes on from what was found, by Newton steps in the poses' null space, 240 at most: what it
+        reaches is the nearest on the way, not on other branches (Siciliano et al., Robotics, section 3.5.1).
 
         Examples
         --------
@@ -87,9 +101,62 @@ class Shortcuts:
         >>> bool(found.converged), found.q.shape
         (True, (6,))
         """
-        from .inverse_kinematics import solve
+        return _inverse_kinematics()(self, T, frame, q0, rows, restarts, rng, angle, distance, nearest)
 
-        return solve(self, T, frame, q0, rows=rows, restarts=restarts, rng=rng, angle=angle, distance=distance)
+    def inverse_kinematics_branches(
+        self: Any,
+        T: ArrayLike,
+        frame: str | None = None,
+        *,
+        rows: Rows = None,
+        starts: int = 256,
+        rng: np.random.Generator | int | None = 0,
+        angle: float = 1e-10,
+        distance: float = 1e-10,
+    ) -> InverseKinematics:
+        """All branches of inverse kinematics that are found: elbow up and down, wrist turned over, and so on.
+
+        Parameters
+        ----------
+        T : (4, 4) array_like, wanted pose in the base frame [m]
+        frame : str, optional, a link of the robot; its tip if None
+        rows : str or iterable, optional, rows of the twist that count
+        starts : int, how many places the search starts from
+        rng : numpy Generator or seed, for these places
+        angle : float, tolerance [rad]
+        distance : float, tolerance [m]
+
+        Returns
+        -------
+        found : InverseKinematics
+            A row for each branch, with the least angles first; none where the pose was not reached. All are inside the limits.
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``T`` is no single pose, another argument is invalid, or the robot has more joints than there are rows.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Notes
+        -----
+        Joints that differ by full turns are one branch, told with the smallest angles the limits allow. A search from random
+        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> T = arm.forward_kinematics([0.3, 0.8])
+        >>> arm.inverse_kinematics_branches(T, rows="vx vy").q.round(3) + 0.0
+        array([[ 0.3,  0.8],
+               [ 1.1, -0.8]])
+        """
+        from .pose_branches import branches
+
+        return branches(self, T, frame, rows, starts, rng, angle, distance)
 
     def simulate(
         self: Any,

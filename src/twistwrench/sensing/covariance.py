@@ -88,6 +88,11 @@ def by_witnesses(Q: Array, left: Array, half: Array, label: Array) -> tuple[Arra
     for g, (a, b) in enumerate(zip(starts, [*starts[1:], len(order)], strict=True)):
         q = Q[order[a:b]].reshape(-1, p)
         M[g] = q.T @ q
+    return by_moments(M, s, half)
+
+
+def by_moments(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
+    """The same of what witnesses add up to: M (g, p, p) of Q_g' Q_g, and s (g, p) of Q_g' e_g."""
     values, U = np.linalg.eigh(M)
     if values.max() > _WHOLE:
         return None

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ..program.products import Products
 from ..program.program import Program
 from ..program.recurrence import Recurrence
+from ..program.search import Search
 from . import avx2_module
-from .batch_loop import loop
+from .batch_loop import Loop, loop
 from .llvm import LOOP, assembly
 from .processor import Machine, Precision
+from .product_loop import products_over
+from .search_loop import search_over
 from .sections import in_sections
 from .time_loop import loop_over
 
@@ -20,15 +24,25 @@ LONG = 2000
 """Programs beyond this many instructions are emitted in sections; from here on they run faster, too (bench/NOTES.md)."""
 
 
-def modules(given: Program | Recurrence, precision: Precision, machine: Machine) -> Iterator[str]:
+def modules(given: Program | Products | Recurrence | Search, precision: Precision, machine: Machine) -> Iterator[str]:
     """The texts to compile and to link together."""
-    program, around = (given.program, loop_over(given)) if isinstance(given, Recurrence) else (given, loop)
+    program = given if isinstance(given, Program) else given.program
+    around = _around(given, machine)
     if _is_long_enough(program) and avx2_module.serves(program, machine):
         yield avx2_module.module(program, precision, machine, LOOP, around)
     elif len(program.instructions) > LONG:
         yield from in_sections(program, precision, machine, around)
     else:
         yield assembly(program, precision, machine, around)
+
+
+def _around(given: Program | Products | Recurrence | Search, machine: Machine) -> Loop:
+    """The loop around the blocks."""
+    if isinstance(given, Recurrence):
+        return loop_over(given)
+    if isinstance(given, Products):
+        return products_over(given, fused=machine.fused)
+    return search_over(given) if isinstance(given, Search) else loop
 
 
 def _is_long_enough(program: Program) -> bool:

@@ -100,6 +100,7 @@ class LlvmWriter:
         inside, end = self.label("then"), self.label("done")
         self.do(f"br i1 {condition}, label %{inside}, label %{end}")
         self.begin(inside)
+        self.after = inside
         yield
         self.do(f"br label %{end}")
         self.begin(end)

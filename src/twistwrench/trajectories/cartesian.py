@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import PathError, ShapeError, ValueRangeError
-from ..robot.inverse_kinematics import twist_left
+from ..robot.inverse_kinematics import pose_finder, twist_left
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .paths import JointPath, one_degree_joints
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _FIRST, _MOST = 64, 4096
 _ARRIVED = 1e-11
 _NEWTON = 12
+"""Steps of our own, where those compiled for inverse kinematics find nothing near by; they say why."""
 _JUMP = 0.5
 """rad or m: what a joint may move from one place to the next when the places are as close as they get."""
 
@@ -153,7 +154,7 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
     every = tuple(range(6))
     lower, upper = robot.limits.lower, robot.limits.upper
     names = robot.joint_names
-    found = [q0]
+    found, near = [q0], pose_finder(robot, frame, _ARRIVED)
     if _outside(q0, lower, upper).any():
         k = int(_outside(q0, lower, upper).argmax())
         return np.array(
@@ -163,6 +164,10 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
         q, last = found[-1].copy(), found[-1]
         if robot.nv <= 6 and len(found) > 1:
             q = 2.0 * last - found[-2]  # redundant joints would drift on by themselves
+        step = near(target, q)
+        if step is not None and np.abs(step - last).max() <= _JUMP:
+            found.append(step)
+            continue
         for _ in range(_NEWTON):
             e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], every)[0]
             if np.abs(e).max() <= _ARRIVED:

@@ -27,8 +27,18 @@ def excitation_view(found: ExcitingMotion, *, degrees: bool) -> RenderableType:
         ),
         _joints(found, degrees=degrees),
         _groups(found),
-        Text("! Whether links touch each other was not looked at: twistwrench view shows the motion."),
+        *_clearances(found),
     )
+
+
+def _clearances(found: ExcitingMotion) -> list[Text]:
+    """How far it stays from things, and what was not looked at."""
+    words = {"itself": "of capsules around links from each other", "floor": "from the floor"}
+    said = [f"{1000.0 * value:.3g} mm {words[name]}" for name, value in found.clearances.items()]
+    lines = [Text(f"least distances: {', '.join(said)}")] if said else []
+    if "itself" not in found.clearances:
+        lines.append(Text("! Whether links touch each other was not looked at: twistwrench view shows the motion."))
+    return lines + [Text(f"! not looked at: {sentence}.") for sentence in found.unwatched]
 
 
 def _joints(found: ExcitingMotion, *, degrees: bool) -> Table:

@@ -19,9 +19,9 @@ _KINDS = {"test": "in the logs of --test", "five-fold": "in fifths of the time, 
 _VAGUE = 5
 
 
-def identification_view(found: IdentifiedRobot) -> RenderableType:
-    """The verdict first, then what it rests on."""
-    return Group(*_parts(found))
+def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> RenderableType:
+    """The verdict first, then what it rests on; the essential groups where they are asked for."""
+    return Group(*_parts(found), *(_essential(found) if essential else ()))
 
 
 def _parts(found: IdentifiedRobot) -> Iterator[RenderableType]:
@@ -39,11 +39,36 @@ def _parts(found: IdentifiedRobot) -> Iterator[RenderableType]:
         f"rad/s or m/s; weights {found.method}; deviations from blocks of {found.covariance.block:.3g} s"
     )
     yield _residuals(found)
+    yield from _payload(found)
     yield _groups(found)
+    if found.base.held.any():
+        yield Text(f"{int(found.base.held.sum())} parameters were held at known values")
     if vague := found.vague:
         names = "; ".join(name.split(" ")[0] for name in vague[:_VAGUE])
         more = f", and {len(vague) - _VAGUE} more" if len(vague) > _VAGUE else ""
         yield Text(f"vague, deviation beyond 30 %: {names}{more}")
+
+
+def _payload(found: IdentifiedRobot) -> Iterator[Text]:
+    payload = found.payload
+    if payload is None:
+        return
+    com = ", ".join(f"{x:.4g} ± {d:.2g}" for x, d in zip(payload.com, payload.com_deviations, strict=True))
+    yield Text(
+        f"payload at {payload.frame}: {payload.mass:.4g} ± {payload.mass_deviation:.2g} kg, centre of mass "
+        f"({com}) m in its frame"
+    )
+    if payload.untold:
+        yield Text(f"no torque of this robot tells {', '.join(payload.untold)}: taken as the file has it")
+
+
+def _essential(found: IdentifiedRobot) -> Iterator[Text]:
+    one = found.essential
+    names = "; ".join(f"{name.split(' ')[0]} {value:.4g}" for name, value in zip(one.names, one.values, strict=True))
+    yield Text(
+        f"{len(one.names)} essential groups of {int((~found.base.held).sum())} predict rows held out to "
+        f"{_percent(one.held_out)}, all to {_percent(one.curve[0][1])} (in units of each joint's residuals): {names}"
+    )
 
 
 def _residuals(found: IdentifiedRobot) -> Table:
@@ -59,7 +84,7 @@ def _residuals(found: IdentifiedRobot) -> Table:
 def _groups(found: IdentifiedRobot) -> Table:
     table = Table(
         box=SIMPLE_HEAD,
-        title=title_line(f"{found.base.count} groups of parameters"),
+        title=title_line(f"{int((~found.base.held).sum())} groups of parameters"),
         title_justify="left",
         pad_edge=False,
     )
@@ -67,7 +92,9 @@ def _groups(found: IdentifiedRobot) -> Table:
     for name in ("value", "deviation", "95 % from", "to", "file"):
         table.add_column(name, justify="right", no_wrap=True)
     rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
-    for name, value, deviation, (low, high), before in rows:
+    for held, (name, value, deviation, (low, high), before) in zip(found.base.held, rows, strict=True):
+        if held:
+            continue
         table.add_row(Text(name), *(f"{x:.4g}" for x in (value, deviation, low, high, before)))
     return table
 

@@ -11,6 +11,9 @@ from rich.text import Text
 
 from ...report.log_quality import LogColumn, LogQuality
 
+_MANY_ZEROS, _FEW_STEPS = 0.1, 50
+"""Share of the rows that are exactly zero, and steps of the grid from end to end, that are worth a word."""
+
 
 def log_view(quality: LogQuality) -> RenderableType:
     """A line on the clock, and a table of the columns."""
@@ -20,8 +23,9 @@ def log_view(quality: LogQuality) -> RenderableType:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("", overflow="fold")
     for column in quality.columns:
-        numbers = (column.least, column.most, column.grid, column.noise)
-        table.add_row(Text(column.name), *(f"{x:.4g}" if x else "–" for x in numbers), Text(_said(column), "yellow"))
+        ends, rest = (column.least, column.most), (column.grid, column.noise)
+        cells = [*(f"{x:.4g}" for x in ends), *(f"{x:.4g}" if x else "–" for x in rest)]
+        table.add_row(Text(column.name), *cells, Text(_said(column), "yellow"))
     return Group(Text.assemble((quality.path.name, "bold"), f"  {_clock(quality)}"), table)
 
 
@@ -44,4 +48,9 @@ def _clock(quality: LogQuality) -> str:
 def _said(column: LogColumn) -> str:
     if column.dead:
         return "one number throughout"
-    return f"cut off: {100 * column.cut:.2g} % of the rows at an extreme" if column.cut else ""
+    said = [f"cut off: {100 * column.cut:.2g} % of the rows at an extreme"] if column.cut else []
+    if column.zeros > _MANY_ZEROS:
+        said.append(f"exactly 0 in {100 * column.zeros:.2g} % of the rows")
+    if column.grid and column.most - column.least < _FEW_STEPS * column.grid:
+        said.append(f"no more than {round((column.most - column.least) / column.grid)} steps of its grid in all")
+    return "; ".join(said)

@@ -1,0 +1,205 @@
+"""Exciting trajectories: the motion from whose log :func:`identify` can tell base parameters best, within all limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..errors import ShapeError, UnknownNameError, ValueRangeError
+from ..motion.bounds import Bounds, bounds_of
+from ..robot import Robot
+from ..robot.robot_argument import require_robot
+from ..typing import Array
+from .capsule_distances import CapsuleRoom
+from .exciting_motion import ExcitingMotion
+from .link_capsules import LinkCapsules
+from .motion_information import CRITERIA, Criterion, MotionInformation
+from .motion_room import Clear, MotionRoom, half_and_middle, shared_bounds
+from .motion_search import MotionSearch
+from .parameter_groups import BaseParameters
+from .rest_series import RestSeries
+from .unknown_parameters import UnknownParameters, check_speed
+
+_NOISE = 0.01
+"""Share of a joint's torque limit that its torque's noise is taken for where none is told."""
+_MOST_HARMONICS = 50
+
+
+def exciting_trajectory(
+    robot: Robot,
+    duration: float = 20.0,
+    harmonics: int = 5,
+    *,
+    share: float = 0.9,
+    velocity: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+    effort: ArrayLike | None = None,
+    floor: float | None = None,
+    clear_of_itself: bool = True,
+    clear: Clear | None = None,
+    motor_inertia: bool = True,
+    friction: Sequence[str] = ("viscous", "coulomb", "offset"),
+    friction_speed: float = 0.05,
+    noise: ArrayLike | None = None,
+    criterion: Criterion = "log_det",
+    seed: int = 0,
+    restarts: int = 3,
+    step: float = 0.01,
+    progress: Callable[[float], None] | None = None,
+) -> ExcitingMotion:
+    """Exciting motion: a Fourier series at rest at both ends whose log tells most of the base parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+        As for :func:`identify`: without actuators, every joint of one degree of freedom.
+    duration : float, T, the period of the first harmonic [s]
+    harmonics : int, N
+    share : float, up to 1, of the limits of positions (about their middle), velocities and torques that is used
+    velocity : (nv,) array_like or float, optional, limits in place of the robot's [rad/s, m/s]
+    acceleration : (nv,) array_like or float, optional, limits, used wholly [rad/s², m/s²]
+    effort : (nv,) array_like or float, optional, limits in place of the robot's [N m, sliding joints: N]
+    floor : float, optional, height in the base frame that no link that rises and falls goes below [m]
+    clear_of_itself : bool, whether links that no joint connects are kept apart
+    clear : callable, optional
+        Given configurations (n, nq), tells distances (n, ...) [m], below 0 where something touches.
+    motor_inertia : bool, whether each joint has a motor's inertia besides its bodies
+    friction : sequence of str, of ``viscous``, ``coulomb``, ``offset``, that will be identified
+    friction_speed : float, speed at which Coulomb friction turns [rad/s, m/s]
+    noise : (nv,) array_like or float, optional
+        Deviation of the torques [N m, sliding joints: N]; None: a hundredth of each limit, 1 where there is none.
+    criterion : "log_det" or "deviations"
+        What is made large, log det of the information, or small, the median of the predicted deviations.
+    seed : int, of the random motions that the search begins with
+    restarts : int, how often it begins anew; the best of all is taken
+    step : float, between samples of the motion [s]
+    progress : callable, optional, told the share that is done
+
+    Returns
+    -------
+    found : ExcitingMotion
+
+    Raises
+    ------
+    ModelError
+        A joint has several degrees of freedom, or the robot has actuators.
+    ShapeError, UnknownNameError, ValueRangeError
+        An argument is out of range, nothing limits a joint, or no motion keeps all limits.
+
+    Notes
+    -----
+    Limits are kept at 320 instants per period of the highest harmonic, the file's friction counted. Links are capsules
+    around the shapes of the robot's file, those for contact where there are any; :attr:`ExcitingMotion.unwatched` says what
+    has none.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> arm = tw.robots.planar_2r()
+    >>> found = tw.identification.exciting_trajectory(arm, 8.0, 3, velocity=2.0, acceleration=8.0, effort=60.0)
+    >>> found.motion.violations(tw.trajectories.bounds_of(arm, velocity=2.0, acceleration=8.0, effort=60.0))
+    ()
+    """
+    require_robot(robot, "exciting_trajectory")
+    unknown = UnknownParameters(robot, arguments.flag(motor_inertia, "motor_inertia"), tuple(friction))
+    rng = arguments.generator(seed, "seed")
+    series = RestSeries(arguments.positive(duration, "duration", "s"), _harmonics(harmonics))
+    bounds = _bounds(robot, share, velocity, acceleration, effort)
+    speed = np.full(robot.nv, check_speed(arguments.number(friction_speed, "friction_speed")))
+    if criterion not in CRITERIA:
+        raise UnknownNameError.of("criterion", criterion, CRITERIA)
+    information = MotionInformation(BaseParameters.of(unknown), _noise(robot, noise), speed, series.duration, criterion)
+    room = MotionRoom(robot, bounds, speed, _capsules(robot, floor, itself=clear_of_itself), _asked(clear))
+    search = MotionSearch(series, information, room, *_sizes(robot, bounds, series))
+    times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")
+    if step > series.duration / 20:
+        raise ValueRangeError(f"step is {step:g} s: a motion of {series.duration:g} s needs 20 samples at least.")
+    best = _best(search, rng, times, progress or (lambda _share: None))
+    if best is None:
+        raise ValueRangeError(
+            f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {share:g} of its torques, above the "
+            "floor and clear of things, near any of many random configurations. Give a larger share or a lower floor."
+        )
+    return ExcitingMotion(robot, series, search.coefficients(best), room, information, step)
+
+
+def _best(search: MotionSearch, rng: np.random.Generator, times: int, tell: Callable[[float], None]) -> Array | None:
+    """The best that some searches come to, each with random motions of its own; None where no motion is possible."""
+    found = [search.best(rng, lambda done, k=k: tell((k + done) / times)) for k in range(times)]  # type: ignore[misc]
+    return max((z for z in found if z is not None), key=search.merit, default=None)
+
+
+def _capsules(robot: Robot, floor: float | None, *, itself: bool) -> CapsuleRoom:
+    height = None if floor is None else arguments.number(floor, "floor")
+    if height is not None and not np.isfinite(height):
+        raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
+    return CapsuleRoom.of(robot, LinkCapsules.of(robot), floor=height, itself=arguments.flag(itself, "clear_of_itself"))
+
+
+def _asked(clear: Clear | None) -> Clear | None:
+    if clear is not None and not callable(clear):
+        raise ValueRangeError(
+            f"clear is {arguments.shown(clear)}: give a function of configurations that tells distances."
+        )
+    return clear
+
+
+def _sizes(robot: Robot, bounds: Bounds, series: RestSeries) -> tuple[Array, Array]:
+    """Typical positions, velocities and accelerations (3, nv), and where joints are in the middle (nv,)."""
+    turning = np.array([b.joint.turning[0] for b in robot.model.leaders])
+    half, middle = half_and_middle(bounds)
+    both = np.isfinite(half)
+    rate = 2.0 * np.pi * series.harmonics / series.duration
+    wide = np.where(both, half, np.where(turning, np.pi, 1.0))
+    fast = np.minimum(bounds.velocity, wide * rate)
+    typical = np.stack([wide, fast, np.minimum(bounds.acceleration, fast * rate)])
+    return typical, np.where(both, middle, np.clip(0.0, bounds.lower, bounds.upper))
+
+
+def _harmonics(harmonics: int) -> int:
+    count = arguments.whole(harmonics, "harmonics")
+    if count > _MOST_HARMONICS:
+        raise ValueRangeError(f"harmonics is {count}: give {_MOST_HARMONICS} at most.")
+    return count
+
+
+def _bounds(
+    robot: Robot,
+    share: float,
+    velocity: ArrayLike | None,
+    acceleration: ArrayLike | None,
+    effort: ArrayLike | None,
+) -> Bounds:
+    """The limits to keep, of which each joint has one at least that bounds how far it goes."""
+    if not arguments.positive(share, "share") <= 1.0:
+        raise ValueRangeError(f"share is {share:g}: give a share of the robot's limits, above 0 and at most 1.")
+    bounds = shared_bounds(bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort), share)
+    names = np.array(robot.model.velocity_names)
+    still = (bounds.upper - bounds.lower <= 0) | (bounds.velocity <= 0) | (bounds.effort <= 0)
+    if still.any():
+        raise ValueRangeError(
+            f"joint {names[still][0]!r} has no room to move: its limits of position are one, or another is 0. "
+            "Lock it: robot.lock({name: position})."
+        )
+    free = ~np.isfinite(bounds.upper - bounds.lower) & np.isinf(bounds.velocity) & np.isinf(bounds.acceleration)
+    if free.any():
+        raise ValueRangeError(
+            f"nothing limits how far and how fast joint {names[free][0]!r} of {robot.name!r} moves. Give acceleration=…, or "
+            "limits of velocity in its file."
+        )
+    return bounds
+
+
+def _noise(robot: Robot, noise: ArrayLike | None) -> Array:
+    if noise is None:
+        effort = robot.limits.effort
+        return np.where(np.isfinite(effort) & (effort > 0), _NOISE * effort, 1.0)
+    given = np.asarray(arguments.finite(noise, "noise", names=robot.model.velocity_names), float)
+    if given.shape not in ((), (robot.nv,)):
+        raise ShapeError(f"noise has shape {given.shape}: give one number, or {robot.nv}, one for each joint.")
+    if not (given > 0).all():
+        raise ValueRangeError("noise has a deviation that is not above 0. Give those of the torques [N m, N].")
+    return np.broadcast_to(given, (robot.nv,)).copy()

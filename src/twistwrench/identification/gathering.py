@@ -1,0 +1,280 @@
+"""Gathering information of logs of any length: settings from an excerpt, then one pass over all rows, piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.cluster import Failure, Workers
+from ..errors import ShapeError, TrajectoryError, UnknownNameError
+from ..motion.motion import Motion
+from ..robot import Robot
+from ..robot.robot_argument import require_robot
+from ..typing import Array
+from .evidence import LogDoubt, percent
+from .held_out import HeldOut, HeldOutRows
+from .identified_payload import unknown_of
+from .information import Information
+from .information_file import SHOWN
+from .information_fit import fit_of
+from .joint_moments import MOST_BLOCKS, JointMoments
+from .log_piece import Piece
+from .log_side import MotorSide
+from .log_source import PIECE, LogClock, LogSource
+from .robot_identification import METHODS, asked_settings, checked_motions, identified
+from .streamed_rows import RowFrame
+from .unknown_parameters import UnknownParameters
+from .weights import Method
+
+_WINDOWS, _WINDOW = 16, 4096
+"""Runs of rows that settings are chosen on."""
+_OTHERS, _LEAST_LEFT, _OF_JOINT = 2.5, 0.12, 0.35
+"""Times what is left of the torques of all logs, and shares of its own and of a joint's, from which a log is another's."""
+_MOST_ROWS = 3000
+"""Of equations of an excerpt."""
+
+
+def gather(
+    robot: Robot,
+    logs: Motion | str | Path | Sequence[Motion | str | Path],
+    *,
+    like: Information | None = None,
+    motor_inertia: bool = True,
+    friction: Sequence[str] = ("viscous", "coulomb", "offset"),
+    cutoff: float | None = None,
+    friction_speed: float | None = None,
+    shift: float | None = None,
+    method: Method = "irls",
+    motor_side: MotorSide | None = None,
+    known: Mapping[str, float] | None = None,
+    payload_only: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    rate: float | None = None,
+    degrees: bool = False,
+    client: Any = None,
+    progress: Callable[[float], None] | None = None,
+) -> Information:
+    """Gather the information of logs of any length, in memory that does not grow with them.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file has it, without actuators.
+    logs : Motion, path, or sequence of them
+        Files are read in portions where their format allows it: CSV, npy, parquet, HDF5.
+    like : Information, optional
+        Settings are taken from it in place of an excerpt, so that the new information can be added to it.
+    motor_inertia : bool
+    friction : sequence of str, ``viscous``, ``coulomb``, ``offset``
+    cutoff : float, optional, of the low-pass [Hz]; None: chosen
+    friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
+    shift : float, optional, by how much torques are later than positions [s]; None: chosen
+    method : "irls", "wls" or "ols", weights of the rows
+    motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
+    known : {name: float}, optional, values of parameters that are held, as for :func:`identify`
+    payload_only : str, optional, the frame of a payload that alone is sought, as for :func:`identify`
+    columns, rate, degrees : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
+    client : dask.distributed.Client, optional, whose workers read the files; bits do not depend on them
+    progress : callable, optional, told the share that is done
+
+    Returns
+    -------
+    information : Information
+
+    Raises
+    ------
+    ShapeError
+        There is no log, or one has no torques.
+    TrajectoryError
+        No log can be read. One of several that cannot is left out, and a doubt says so.
+    ValueRangeError
+        An option is out of range.
+
+    Notes
+    -----
+    Settings are chosen on 16 runs of 4096 rows spread over the logs. What they are off is an unknown of the fit of all rows,
+    to first order. Large residuals are weighted by the excerpt's fit, so that one pass is enough.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, t = tw.robots.pendulum(), np.arange(0, 40, 0.01)
+    >>> q = (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None]
+    >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
+    >>> log = tw.Motion(t, q, tau=tau, robot=arm)
+    >>> week = tw.identification.gather(arm, log[:2000], friction=())
+    >>> both = week + tw.identification.gather(arm, log[2000:], like=week)
+    >>> both.samples, bool(abs(both.identified().held_out.all) < 0.01)
+    (4000, True)
+    """
+    require_robot(robot, "gather")
+    given = [logs] if isinstance(logs, Motion | str | Path) else list(logs)
+    if not given:
+        raise ShapeError("gather: there is no log. Give one with torques at least.")
+    if method not in METHODS:
+        raise UnknownNameError.of("method", method, METHODS)
+    reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "side": motor_side}
+    sources = [LogSource.of(robot, log, k, **reading) for k, log in enumerate(given, start=1)]
+    checked_motions(robot, [s.motion for s in sources if s.motion is not None], "logs")
+    team, tell = Workers.on(client), progress or (lambda _share: None)
+    failed: dict[str, str] = {}
+    clocks = dict(_kept(sources, team.results(LogSource.clock, sources, lambda s: tell(0.1 * s)), failed))
+    if like is None:
+        asked = asked_settings(cutoff, friction_speed, shift)
+        sought: dict[str, Any] = {"motor_inertia": motor_inertia, "friction": friction, "motor_side": motor_side}
+        unknown = unknown_of(robot, **sought, known=known, payload_only=payload_only)
+        start = _from_excerpt(unknown, robot, [sources[k] for k in clocks], asked, method, failed, payload_only)
+    else:
+        start = replace(like, moments=JointMoments.none(like.frame, 0), doubts=(), logs=())
+    tell(0.2)
+    pieces = _pieces(start.frame, sources, clocks)
+    made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
+    whole: Information | None = None
+    left, said = dict[str, HeldOut](), dict[str, str]()
+    x = _reference(start, like)
+    for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
+        path, results = sources[k].path, [result for _, result in of_log]
+        if broken := [result.reason for result in results if isinstance(result, Failure)]:
+            failed[path] = broken[0]
+            continue
+        fine = [result for result in results if not isinstance(result, Failure)]
+        moments = fine[0][0]
+        for more, _ in fine[1:]:
+            moments = moments + more
+        if not moments.counts.any():
+            failed[path] = "it is too short for its cut-off"
+            continue
+        if contradictions := [sentence for _, sentences in fine for sentence in sentences]:
+            said[path] = contradictions[0]
+        about: dict[str, Any] = {"seconds": clocks[k].seconds, "samples": clocks[k].rows, "logs": (path,)}
+        part = replace(start, moments=moments, doubts=(), **about)
+        left[path] = fit_of(part).predicted(x, "test")
+        whole = part if whole is None else whole + part
+    if whole is None:
+        raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
+    doubts = [LogDoubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
+    doubts += [LogDoubt("contradiction", f"{path}: {sentence}") for path, sentence in said.items()]
+    usual = [fit_of(like).predicted(x, "test")] if like is not None else list(left.values())
+    return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
+
+
+def _reference(start: Information, like: Information | None) -> Array:
+    """Unknowns that logs are compared by: of the logs before, or of the excerpt."""
+    if like is not None:
+        return fit_of(like).solved(np.arange(len(like.moments.counts)))[0]
+    return np.concatenate([start.frame.x, np.zeros(start.frame.extra)])
+
+
+def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[LogDoubt]:
+    """Logs whose torques the same unknowns explain far worse than those of half of the others."""
+    found = []
+    half = float(np.quantile([one.all for one in usual], 0.5, method="lower"))
+    names = usual[0].names
+    of_joints = np.quantile([[one.joints[name] for name in names] for one in usual], 0.5, axis=0, method="lower")
+    for path, one in left.items():
+        worse = [n for n, u in zip(names, of_joints, strict=True) if one.joints[n] > max(_OTHERS * float(u), _OF_JOINT)]
+        if worse or one.all > max(_OTHERS * half, _LEAST_LEFT):
+            worst = max(worse, key=lambda name: one.joints[name], default="")
+            most = f", at {worst} to {percent(one.joints[worst])}" if worst else ""
+            found.append(
+                LogDoubt(
+                    "other-torques",
+                    f"{path} is explained to {percent(one.all)}{most} by what explains others to {percent(half)}: its torques "
+                    "are not those of the same rigid bodies. Was friction compensated, or something carried, in one of them?",
+                    tuple(worse),
+                )
+            )
+    return found
+
+
+def _kept(sources: Sequence[LogSource], results: Any, failed: dict[str, str]) -> list[tuple[int, Any]]:
+    """What did not fail, by the number of its source."""
+    found = []
+    for k, (source, result) in enumerate(zip(sources, results, strict=True)):
+        if isinstance(result, Failure):
+            failed[source.path] = result.reason
+        else:
+            found.append((k, result))
+    if not found:
+        raise TrajectoryError(next(iter(failed.values())))
+    return found
+
+
+def _pieces(frame: RowFrame, sources: Sequence[LogSource], clocks: Mapping[int, LogClock]) -> list[tuple[int, Piece]]:
+    """Pieces of all logs, by the number of the log: the same whoever works."""
+    cuts: list[tuple[int, int, int | None]] = []
+    for k, clock in clocks.items():
+        whole = clock.rows <= PIECE or not sources[k].in_parts
+        cuts += [(k, 0, None)] if whole else [(k, a, min(a + PIECE, clock.rows)) for a in range(0, clock.rows, PIECE)]
+    found = []
+    for k, begin, end in cuts:
+        clock = clocks[k]
+        seconds = clock.seconds * ((clock.rows if end is None else end) - begin) / clock.rows
+        blocks = int(np.clip(min(MOST_BLOCKS // len(cuts), seconds / _BLOCK), 1, MOST_BLOCKS))
+        found.append((k, Piece(frame, sources[k], clock, begin, end, blocks)))
+    return found
+
+
+_BLOCK = 2.0
+"""s that a block of time lasts at least."""
+
+
+def _from_excerpt(
+    unknown: UnknownParameters,
+    robot: Robot,
+    sources: Sequence[LogSource],
+    asked: Any,
+    method: Method,
+    failed: dict[str, str],
+    payload_only: str | None,
+) -> Information:
+    """No rows yet, with the settings that some rows of the logs ask for."""
+    some = [sources[k] for k in np.unique(np.linspace(0, len(sources) - 1, _WINDOWS).astype(int))]
+    windows: list[Motion] = []
+    for source, result in zip(some, Workers().results(_Windows(-(-_WINDOWS // len(some))).of, some), strict=True):
+        if isinstance(result, Failure):
+            failed[source.path] = result.reason
+        else:
+            windows += result
+    if not windows:
+        raise TrajectoryError(next(iter(failed.values())))
+    moving = [w for w in windows if np.ptp(w.q, axis=0).any()] or windows
+    seen = identified(
+        unknown, robot, moving, (), asked, method, lambda _share: None,
+        payload_only=payload_only, anew=False, most_rows=_MOST_ROWS,
+    )  # fmt: skip
+    found = seen.robot
+    free = asked.shift is None, asked.friction_speed is None and "coulomb" in unknown.friction
+    frame = RowFrame(
+        found.base,
+        found.settings,
+        found.values,
+        np.where(seen.dead, 1.0, found.sigma),
+        seen.dead,
+        *free,
+        method == "irls",
+    )
+    shown = found.held_out.rows
+    rows = HeldOutRows(*(np.concatenate([getattr(x, k) for x in shown]) for k in SHOWN)) if shown else None
+    return Information(
+        robot, frame, JointMoments.none(frame, 0), found.prior, found.sizes, method, 0.0, 0, seen.hanging, (),
+        found.doubts, rows, payload_only,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Windows:
+    count: int
+
+    def of(self, source: LogSource) -> list[Motion]:
+        """Runs of rows of one log, cut to no more than asked for."""
+        found = source.excerpts(max(2, self.count), _WINDOW)
+        whole = found[0]
+        if len(found) == 1 and len(whole) > self.count * _WINDOW:
+            return LogSource(source.robot, source.path, motion=whole).excerpts(self.count, _WINDOW)
+        return found[: self.count] if len(found) > self.count else found

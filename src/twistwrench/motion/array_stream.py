@@ -1,0 +1,202 @@
+"""Large binary files of columns, read in blocks: npy, parquet and HDF5; memory stays bounded however long they are."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.foreign_errors import foreign_errors
+from ..errors import MissingExtraError, TrajectoryError
+from ..typing import Array
+from .row_block import Block
+
+LARGE = 1 << 25
+"""Bytes, beyond which a file is not read whole."""
+_ROWS = 1 << 14
+_NUMBERS = "iufb"
+
+Read = Callable[[Sequence[int], int, int], Iterator[Array]]
+"""Of columns, the first row, and the row after the last: portions (n, columns)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayStream:
+    """A file of columns whose rows stay in it.
+
+    Attributes
+    ----------
+    path : Path
+    header : tuple of str
+    rows : int, of the file
+    size : int, of the file [bytes]
+    read : callable, portions of some columns between two rows
+    begin, end : int, the rows that are given
+    """
+
+    path: Path
+    header: tuple[str, ...]
+    rows: int
+    size: int
+    read: Read
+    begin: int = 0
+    end: int = -1
+
+    @classmethod
+    def open(cls, path: Path) -> ArrayStream | None:
+        """Look at the file; None where it is small, or not made of columns that can be read in portions."""
+        reader = _READERS.get(path.suffix.lower())
+        if reader is None or not path.is_file() or path.stat().st_size < LARGE:
+            return None
+        with foreign_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {path.suffix[1:]}: {reason}.")):
+            found = reader(path)
+        if found is None:
+            return None
+        header, rows, read = found
+        return cls(path, tuple(header), rows, path.stat().st_size, read, 0, rows)
+
+    def part(self, begin: int, end: int) -> ArrayStream:
+        """The same file from one row to another, as far as it has them."""
+        return replace(self, begin=max(0, begin), end=min(self.rows, end))
+
+    def blocks(self, used: Sequence[int]) -> Iterator[Block]:
+        """All rows, in blocks: of the ``used`` columns, which must be finite numbers."""
+        row, bytes_per_row = self.begin, self.size / max(1, self.rows)
+        portions = self.read(list(used), self.begin, self.end)
+        reason = f"{self.path}: cannot be read from row {row + 1} on"
+        while True:
+            with foreign_errors(lambda said: TrajectoryError(f"{reason}: {said}. Is the file cut short?")):
+                table = next(portions, None)
+            if table is None:
+                return
+            if not np.isfinite(table).all():
+                bad = row + int((~np.isfinite(table).all(axis=1)).argmax())
+                raise TrajectoryError(f"{self.path}: row {bad + 1} has a number that is not finite. Remove the row.")
+            yield Block(table, int(bytes_per_row * len(table)), lambda k, row=row: f"row {row + k + 1}")  # type: ignore[misc]
+            row += len(table)
+
+    def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
+        """Up to ``count`` runs of ``rows`` consecutive rows spread evenly over the file, its ends included."""
+        whole = self.end - self.begin
+        if whole <= count * rows:
+            return None
+        found = []
+        for k in range(count):
+            first = self.begin + (whole - rows) * k // (count - 1)
+            blocks = list(self.part(first, first + rows).blocks(used))
+            table = np.concatenate([b.table for b in blocks])
+            found.append(Block(table, 0, blocks[0].place))
+        return found
+
+
+def _npy(path: Path) -> tuple[list[str], int, Read] | None:
+    """Rows in C order of one type, or records of numbers."""
+    with path.open("rb") as file:
+        version = np.lib.format.read_magic(file)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, columns_first, dtype = read_header(file)
+        offset = file.tell()
+    names = dtype.names
+    kinds = [dtype[name].kind if not dtype[name].shape else "-" for name in names] if names else [dtype.kind]
+    if columns_first or any(k not in _NUMBERS for k in kinds) or len(shape) != (1 if names else 2):
+        return None
+    header = list(names) if names else [f"column{k + 1}" for k in range(shape[1])]
+    width = dtype.itemsize if names else dtype.itemsize * shape[1]
+    if path.stat().st_size < offset + width * shape[0]:
+        raise TrajectoryError(f"{path}: has fewer rows than the {shape[0]} that it says. Is the file cut short?")
+
+    def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
+        with path.open("rb") as file:
+            file.seek(offset + begin * width)
+            for first in range(begin, end, _ROWS):
+                count = min(_ROWS, end - first)
+                data = file.read(count * width)
+                if len(data) < count * width:
+                    raise TrajectoryError("there are fewer rows than its header says")
+                if names:
+                    records = np.frombuffer(data, dtype)
+                    yield np.stack([records[names[k]] for k in used], axis=1).astype(float, copy=False)
+                else:
+                    yield np.frombuffer(data, dtype).reshape(count, -1)[:, list(used)].astype(float, copy=False)
+
+    return header, shape[0], read
+
+
+def _parquet(path: Path) -> tuple[list[str], int, Read] | None:
+    try:
+        import pyarrow.parquet
+        import pyarrow.types
+    except ImportError:
+        raise MissingExtraError.of("pyarrow", "logs", "Reading parquet") from None
+    with pyarrow.parquet.ParquetFile(path) as file:
+        fields = list(file.schema_arrow)
+        starts = np.cumsum([0, *(file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups))])
+    is_number = (pyarrow.types.is_floating, pyarrow.types.is_integer)
+    header = [f.name for f in fields if any(test(f.type) for test in is_number)]
+    if not header or any(pyarrow.types.is_temporal(f.type) for f in fields):
+        return None  # dates are seconds since the first of them
+
+    def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
+        names = [header[k] for k in used]
+        groups = [k for k in range(len(starts) - 1) if starts[k] < end and starts[k + 1] > begin]
+        row = int(starts[groups[0]]) if groups else 0
+        with pyarrow.parquet.ParquetFile(path) as file:
+            for batch in file.iter_batches(_ROWS, row_groups=groups, columns=names, use_threads=False):
+                a, b = max(begin, row) - row, min(end, row + batch.num_rows) - row
+                row += batch.num_rows
+                if a < b:
+                    part = batch.slice(a, b - a)
+                    yield np.stack(
+                        [part.column(name).to_numpy(zero_copy_only=False).astype(float, copy=False) for name in names],
+                        axis=1,
+                    )
+
+    return header, int(starts[-1]), read
+
+
+def _hdf5(path: Path) -> tuple[list[str], int, Read] | None:
+    try:
+        import h5py
+    except ImportError:
+        raise MissingExtraError.of("h5py", "logs", "Reading HDF5") from None
+    found: list[tuple[str, tuple[int, ...]]] = []
+
+    def look(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in _NUMBERS and item.ndim in (1, 2) and item.size:
+            found.append((name, item.shape))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(look)
+    counts = Counter(shape[0] for _, shape in found for _ in range(1 if len(shape) == 1 else shape[1]))
+    if not counts or any(len(shape) == 2 and 1 in shape for _, shape in found):
+        return None
+    rows = max(counts, key=lambda n: (counts[n], n))
+    places: list[tuple[str, int | None, str]] = []
+    for name, shape in found:
+        if shape[0] == rows and len(shape) == 1:
+            places.append((name, None, name))
+        elif shape[0] == rows:
+            places += [(name, k, f"{name}{k + 1}") for k in range(shape[1])]
+
+    def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
+        wanted = [places[k][:2] for k in used]
+        with h5py.File(path, "r") as file:
+            for first in range(begin, end, _ROWS):
+                last = min(end, first + _ROWS)
+                parts = {name: file[name][first:last] for name in dict.fromkeys(name for name, _ in wanted)}
+                yield np.stack([parts[name] if k is None else parts[name][:, k] for name, k in wanted], axis=1).astype(
+                    float, copy=False
+                )
+
+    return [label for _, _, label in places], rows, read
+
+
+_READERS: dict[str, Callable[[Path], tuple[list[str], int, Read] | None]] = {
+    ".npy": _npy,
+    ".parquet": _parquet,
+    **dict.fromkeys((".h5", ".hdf5"), _hdf5),
+}

@@ -1,0 +1,117 @@
+"""What inverse kinematics found: configurations, whether they are there, and why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..typing import Array
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What was looked for: all that results have in common."""
+
+    joint_names: tuple[str, ...]
+    rows: tuple[int, ...]
+
+
+@dataclass(eq=False, repr=False, slots=True)  # and not frozen, which takes as long as a step of the search
+class InverseKinematics:
+    """Result of inverse kinematics: configurations that reach poses, or come as near as was found.
+
+    Leading axes are the poses'.
+    """
+
+    q: Array
+    """(..., nq): the best configuration found, inside the limits; nan where the pose is."""
+
+    _said: Array
+    _asked: Searched
+
+    @property
+    def converged(self) -> Array:
+        """(...) of bool: whether it is there to the tolerances, and nothing less counts."""
+        return np.asarray(self._said[..., 1] > 0.0)
+
+    @property
+    def angle(self) -> Array:
+        """(...) rad that are left; of a float32 ``q`` before it was rounded to that, as ``distance`` and ``converged``."""
+        return self._length(turning=True)
+
+    @property
+    def distance(self) -> Array:
+        """(...) m that are left."""
+        return self._length(turning=False)
+
+    @property
+    def starts(self) -> Array:
+        """(...) of int: how many starts it took."""
+        return np.asarray(self._said[..., 0].astype(int))
+
+    @property
+    def held(self) -> Array:
+        """(..., nv) of bool: joints whose limits keep this from coming nearer."""
+        held: Array = self._said[..., self._said.shape[-1] - len(self.joint_names) :] > 0.5
+        return held & ~self.converged[..., None]
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """A name for each entry of ``held``."""
+        return self._asked.joint_names
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Rows of the twist that were asked for, 0 to 5."""
+        return self._asked.rows
+
+    def _length(self, *, turning: bool) -> Array:
+        """Of the part of the twist that is left."""
+        total = np.zeros(self._said.shape[:-1])
+        for k, row in enumerate(self.rows):
+            if (row < 3) == turning:
+                total = total + self._said[..., 3 + k] ** 2
+        return np.asarray(np.sqrt(total), self.q.dtype)
+
+    def reason(self, *index: int) -> str:
+        """Why a pose was not reached, in words.
+
+        Parameters
+        ----------
+        *index : int, of the pose in the batch
+
+        Returns
+        -------
+        text : str, empty where the pose was reached
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> far = tw.se3.exp([0, 0, 0, 5, 0, 0])
+        >>> tw.robots.planar_2r().inverse_kinematics(far, rows="vx vz", restarts=2).reason()[:12]
+        'out of reach'
+        """
+        if bool(self.converged[index]):
+            return ""
+        d, a = float(self.distance[index]), float(self.angle[index])
+        if np.isnan(d) or np.isnan(a):
+            return "the pose has entries that are not numbers"
+        left = f"the nearest found is {d:.3g} m and {a:.3g} rad away, after {int(self.starts[index])} starts"
+        held = [n for n, h in zip(self.joint_names, self.held[index], strict=True) if h]
+        if held:
+            return f"{', '.join(held)} {'is at its limit' if len(held) == 1 else 'are at their limits'}: {left}"
+        return f"out of reach, or of this search: {left}"
+
+    def __repr__(self) -> str:
+        return f"<InverseKinematics: {self}>"
+
+    def __str__(self) -> str:
+        if self.converged.ndim == 0:
+            return f"reached: {self.distance:.2g} m, {self.angle:.2g} rad left" if self.converged else self.reason()
+        return f"{int(self.converged.sum())} of {self.converged.size} poses reached"
+
+
+def selected(found: InverseKinematics, which: Array, q: Array) -> InverseKinematics:
+    """Those of some poses of a batch with one axis, in an order; ``q`` is what they have."""
+    return InverseKinematics(q, found._said[which], found._asked)

@@ -1,0 +1,136 @@
+"""Folders of files in `torques`, `identify` and `log info`: each file reported, failed ones too, whoever works on them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from identification_logs import known_log
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+from twistwrench.core.cluster import Failure, Workers, workers_of
+
+ARM = tw.robots.planar_2r()
+pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's processes that end
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Three logs, one cut in the middle of a row, and one of another robot."""
+    path = tmp_path_factory.mktemp("logs")
+    for seed in (1, 2, 3):
+        known_log(ARM, seed, seconds=12.0, rate=100.0).motion.to_csv(path / f"log{seed}.csv")
+    text = (path / "log3.csv").read_text()
+    (path / "log3.csv").write_text(text[: len(text) // 2].rpartition(",")[0] + "\n")
+    (path / "other.csv").write_text("time,elbow\n0,1\n1,2\n2,3\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def team():
+    pytest.importorskip("distributed")
+    with workers_of(2) as found:
+        yield found
+
+
+def fails_once(path):
+    """Takes its process with it the first time."""
+    if not os.path.exists(path):
+        open(path, "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 7
+
+
+def refuses(value):
+    if value < 0:
+        raise tw.ValueRangeError("below zero")
+    return value
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such signals")
+def test_a_killed_worker_loses_nothing(team, tmp_path):
+    assert list(team.results(fails_once, [str(tmp_path / "begun")])) == [7]
+
+
+def test_results_come_in_order_and_failures_stay_their_own(team):
+    for workers in (Workers(), team):
+        found = list(workers.results(refuses, [1, -1, 3]))
+        assert found == [1, Failure("below zero"), 3]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such signals")
+def test_bits_do_not_depend_on_workers_nor_on_their_death(team):
+    logs = [known_log(ARM, seed, seconds=20.0, rate=200.0).motion for seed in range(6)]
+    alone = tw.identification.gather(ARM, logs, cutoff=8.0)
+    killed = []
+
+    def kill(share):
+        if share > 0.2 and not killed:
+            killed.append(team.client.submit(os.getpid, pure=False).result())
+            os.kill(killed[0], signal.SIGKILL)
+
+    shared = tw.identification.gather(ARM, logs, cutoff=8.0, client=team.client, progress=kill)
+    assert killed
+    np.testing.assert_array_equal(shared.moments.sums, alone.moments.sums)
+    np.testing.assert_array_equal(shared.values, alone.values)
+
+
+def test_identify_reports_a_log_that_it_leaves_out(folder, tmp_path):
+    out = tmp_path / "found.json"
+    result = run("identify", "planar_2r", folder, "--cutoff", 8, "--information", tmp_path / "a.npz", "--json", out)
+    assert result.exit_code == 1, result.output
+    found = json.loads(out.read_text())
+    left = [d["sentence"] for d in found["doubts"] if d["kind"] == "left-out"]
+    assert found["verdict"] == "UNSURE" and len(left) == 2
+    assert "log3.csv" in left[0] and "other.csv" in left[1]
+    information = tw.identification.Information.load(tmp_path / "a.npz", ARM)
+    assert [os.path.basename(p) for p in information.logs] == ["log1.csv", "log2.csv"]
+
+
+def test_information_is_updated_next_week(folder, tmp_path):
+    kept, both = tmp_path / "week.npz", tmp_path / "both.npz"
+    first = run("identify", "planar_2r", folder / "log1.csv", "--cutoff", 8, "--information", kept)
+    assert first.exit_code == 0, first.output
+    second = run("identify", "planar_2r", folder / "log2.csv", "--add", kept, "--information", both)
+    assert second.exit_code == 0, second.output
+    assert len(tw.identification.Information.load(both, ARM).logs) == 2
+    twice = run("identify", "planar_2r", folder / "log1.csv", "--add", kept)
+    assert twice.exit_code == 2 and "already" in twice.output
+    cut = tmp_path / "cut.npz"
+    cut.write_bytes(kept.read_bytes()[:-500])
+    refused = run("identify", "planar_2r", folder / "log2.csv", "--add", cut)
+    assert refused.exit_code == 2 and "no information that can be read" in refused.output
+
+
+def test_torques_of_a_folder(folder, tmp_path):
+    table = tmp_path / "table.csv"
+    result = run("torques", "planar_2r", "--trajectory", folder, "--csv", table)
+    assert result.exit_code == 1, result.output
+    rows = table.read_text().splitlines()
+    assert [row.split(",")[1] for row in rows[1:]].count("failed") == 2 and len(rows) == 5
+    assert run("torques", "planar_2r", "--trajectory", folder, "--plot", tmp_path / "a.png").exit_code == 2
+
+
+def test_log_info_of_a_folder_reports_what_cannot_be_read(folder):
+    result = run("log", "info", folder, "--json")
+    assert result.exit_code == 2 and "log3.csv" in result.stderr
+    assert [os.path.basename(q["path"]) for q in json.loads(result.stdout)] == ["log1.csv", "log2.csv", "other.csv"]
+
+
+def test_a_scheduler_that_is_not_there(folder, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("twistwrench.core.cluster._PATIENCE", 0.5)
+    result = run("identify", "planar_2r", folder / "log1.csv", "--scheduler", "tcp://127.0.0.1:9")
+    assert result.exit_code == 2 and "no Dask scheduler answers at 'tcp://127.0.0.1:9'" in result.output
+    both = run("identify", "planar_2r", folder / "log1.csv", "--scheduler", "tcp://127.0.0.1:9", "--workers", 2)
+    assert both.exit_code == 2 and "Choose one" in both.output

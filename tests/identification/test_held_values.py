@@ -1,0 +1,152 @@
+"""Values that are known stay, a payload is found alone, and few groups predict what all of them do."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from identification_logs import coloured, fourier_states, known_log
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+from twistwrench.identification import identify
+
+ARM = tw.robots.planar_2r()
+UR5 = tw.robots.ur5().lock({"shoulder_pan_joint": 0.0, "elbow_joint": 1.0, "wrist_3_joint": 0.0})
+BOX = tw.SpatialInertia.from_com(2.0, (0.02, -0.03, 0.1), np.diag([0.01, 0.012, 0.008]))
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["identify", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return known_log(ARM, 3, seconds=10.0, rate=100.0)
+
+
+@pytest.fixture(scope="module")
+def free(planar):
+    return identify(ARM, planar.motion, cutoff=10.0)
+
+
+def test_what_is_known_stays_and_is_a_group_of_its_own(planar, free):
+    known = {"link2.m": 1.0, "joint1.viscous": float(planar.drives["viscous"][0])}
+    found = identify(ARM, planar.motion, cutoff=10.0, known=known)
+    assert found.base.count == free.base.count + 1  # link2.m was a part of other groups
+    for name, value in known.items():
+        assert abs(found.parameters[name][0] - value) < 1e-6 and found.parameters[name][1] < 1e-6
+        assert abs(found.consistent.value(name) - value) < 1e-5
+    assert not any(" link2.m " in f"{group} " for group in found.groups)
+    assert any(" link2.m " in f"{group} " for group in free.groups)
+    assert found.verdict.ok and found.to_dict()["held"] == pytest.approx(known)
+
+
+def test_what_is_known_makes_the_rest_no_less_sure(planar, free):
+    """Textbook's deviations, which only the equations decide."""
+    known = {"joint1.viscous": float(planar.drives["viscous"][0])}
+    found = identify(ARM, planar.motion, cutoff=10.0, known=known, method="ols", friction_speed=0.05, shift=0.0)
+    before = identify(ARM, planar.motion, cutoff=10.0, method="ols", friction_speed=0.05, shift=0.0)
+    surer = found.covariance.textbook / before.covariance.textbook
+    assert found.groups == before.groups and surer.max() < 1.01
+    assert surer[found.groups.index("joint1.coulomb")] < 0.9  # which a slow motion confuses with it
+
+
+def test_a_wrong_value_is_held_all_the_same(planar):
+    found = identify(ARM, planar.motion, cutoff=10.0, known={"joint2.coulomb": 5.0})
+    assert abs(found.parameters["joint2.coulomb"][0] - 5.0) < 1e-5
+    assert not found.verdict.ok
+
+
+@pytest.fixture(scope="module")
+def loaded_log():
+    t, q, dq, ddq = fourier_states(UR5, 15.0, 100.0, np.random.default_rng(1))
+    tau = UR5.with_payload(BOX, "tool0").inverse_dynamics(q, dq, ddq) + np.array([0.5, 0.0, -0.2])
+    return tw.Motion(t, q, tau=tau + 0.1 * coloured(len(t), UR5.nv, 100.0, np.random.default_rng(2)), robot=UR5)
+
+
+def test_a_payload_alone(loaded_log):
+    found = identify(UR5, loaded_log, cutoff=10.0, payload_only="tool0")
+    payload = found.payload
+    assert found.verdict.ok, found.verdict
+    assert abs(payload.mass - 2.0) < 4 * payload.mass_deviation < 0.1
+    told = payload.com_deviations < 0.01
+    assert told.sum() >= 2 and (np.abs(payload.com - BOX.com) < 4 * payload.com_deviations)[told].all()
+    with pytest.raises(tw.TwistWrenchError, match="payload"):
+        found.write("nowhere.urdf")
+
+
+def test_a_payload_of_nothing(loaded_log):
+    """A log without a payload: a mass of nothing, within what it is said to be sure to."""
+    t, q, dq, ddq = fourier_states(UR5, 15.0, 100.0, np.random.default_rng(1))
+    tau = UR5.inverse_dynamics(q, dq, ddq) + 0.1 * coloured(len(t), UR5.nv, 100.0, np.random.default_rng(2))
+    payload = identify(UR5, tw.Motion(t, q, tau=tau, robot=UR5), cutoff=10.0, payload_only="tool0").payload
+    assert abs(payload.mass) < 4 * payload.mass_deviation
+
+
+def test_few_groups_predict_what_all_of_them_do(free):
+    """Of an arm whose links' centres of mass are on their axes: these two groups are nothing."""
+    essential = free.essential
+    assert {"link1.mcy", "link2.mcy"}.isdisjoint(essential.names)
+    assert len(essential.names) < free.base.count and essential.held_out <= 1.01 * min(s for _, s in essential.curve)
+    shares = [share for _, share in essential.curve]
+    assert shares[-1] > 3 * shares[0]  # one group alone predicts little
+
+
+def test_the_command(planar, tmp_path):
+    planar.motion.to_csv(tmp_path / "log.csv")
+    out = tmp_path / "found.json"
+    said = run(
+        "planar_2r", tmp_path / "log.csv", "--cutoff", 10, "--known", "link2.mass=1 kg", "--essential", "--json", out
+    )
+    assert said.exit_code == 0, said.output
+    assert "essential groups" in said.output and "held at known values" in said.output
+    found = json.loads(out.read_text())
+    assert found["held"] == {"link2.m": pytest.approx(1.0)} and 5 < len(found["essential"]) < found["base_parameters"]
+    said = run("planar_2r", tmp_path / "log.csv", "--cutoff", 10, "--payload-only", "link2", "--json", out)
+    assert "payload at link2" in said.output
+    assert json.loads(out.read_text())["payload"]["frame"] == "link2"
+
+
+BAD = {
+    "no such parameter": (("--known", "link9.m=1"), "link9.m"),
+    "no value": (("--known", "link2.m"), "NAME=VALUE"),
+    "no such kind": (("--known", "link2.colour=1"), "NAME=VALUE"),
+    "another unit": (("--known", "link2.m=1 lb"), "lb"),
+    "no number": (("--known", "link2.m=nan"), "finite"),
+    "no such frame": (("--payload-only", "hand"), "hand"),
+    "a frame that stands": (("--payload-only", "base"), "does not move"),
+    "a robot of a payload": (("--payload-only", "link2", "--out", "new.urdf"), "--out"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line(case, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options, word = BAD[case]
+    said = run("planar_2r", "demo", *options)
+    assert said.exit_code == 2 and word in said.output and not list(tmp_path.iterdir()), said.output
+
+
+def test_logs_of_any_length_hold_what_is_known(planar, tmp_path):
+    from twistwrench.identification import Information, gather
+
+    known = {"link2.m": 1.0}
+    week = gather(ARM, planar.motion, cutoff=10.0, known=known)
+    again = Information.load(week.save(tmp_path / "week.npz"), ARM)
+    for found in (week.identified(), again.identified()):
+        assert abs(found.parameters["link2.m"][0] - 1.0) < 1e-6
+        assert found.to_dict()["held"] == pytest.approx(known)
+    with pytest.raises(tw.ValueRangeError, match="groups"):
+        _ = week + gather(ARM, planar.motion, cutoff=10.0)
+
+
+def test_a_payload_alone_from_a_log_in_portions(loaded_log, tmp_path):
+    from twistwrench.identification import Information, gather
+
+    week = gather(UR5, loaded_log, cutoff=10.0, payload_only="tool0")
+    payload = Information.load(week.save(tmp_path / "week.npz"), UR5).identified().payload
+    assert payload.frame == "tool0"
+    assert abs(payload.mass - 2.0) < 4 * payload.mass_deviation < 0.1

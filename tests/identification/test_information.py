@@ -1,0 +1,222 @@
+"""Information of long logs: streamed in pieces it is that of the whole, it adds up, and it comes back from its file."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from identification_logs import known_log
+from numpy.testing import assert_allclose, assert_array_equal
+
+import twistwrench as tw
+from twistwrench.identification import Information, gather, gathering, log_piece, log_source
+from twistwrench.identification.filtered_rows import FilteredRows
+from twistwrench.identification.log_chunks import chunks
+from twistwrench.identification.log_source import LogClock, LogSource
+from twistwrench.identification.normal_equations import NormalEquations
+from twistwrench.identification.zero_phase import SteadySamples
+
+ARM = tw.robots.planar_2r()
+FIXED = {"cutoff": 8.0, "shift": 0.003, "friction_speed": 0.05}
+
+
+@pytest.fixture(scope="module")
+def log():
+    return known_log(ARM, 3, seconds=120.0, rate=250.0).motion
+
+
+@pytest.fixture
+def small_pieces(monkeypatch):
+    """Pieces and chunks far shorter than the log."""
+    for module in (log_source, log_piece, gathering):
+        monkeypatch.setattr(module, "PIECE", 7000)
+    monkeypatch.setattr(log_piece, "_LEAST_CORE", 2000)
+    monkeypatch.setattr(log_piece, "_CORE", 500)
+
+
+def equations(information):
+    return information.moments.equations(information.frame, 0, slice(None))
+
+
+def recorded(path, motion, columns=()):
+    """As records of numbers in an npy file."""
+    names = ["time", *ARM.coordinate_names, *(f"{n}.tau" for n in ARM.joint_names)]
+    table = np.column_stack([motion.time, motion.q, motion.tau])
+    records = np.zeros(len(table), [(name, float) for name in names])
+    for name, values in zip(names, table.T, strict=True):
+        records[name] = values
+    np.save(path, records)
+    return path
+
+
+def test_rows_are_those_of_the_whole_log_in_memory(log):
+    """W and τ of :class:`FilteredRows`, whose settings are fixed; filters of chunks begin 16 periods outside, where what they
+    begin with is below 1e-16, and derivatives of that are below 1e-10 of the columns."""
+    streamed = gather(ARM, log, **FIXED)
+    base = streamed.frame.base
+    rows = FilteredRows.of(base, [SteadySamples.of(log.time, log.q, log.tau, "log")], 8.0, np.full(2, 0.05))
+    whole = NormalEquations.of(rows.W, rows.torques(0.003))
+    found = equations(streamed)
+    assert found.rows == whole.rows == len(rows.W)
+    for a, b in ((found.N, whole.N), (found.c, whole.c), (found.y, whole.y)):
+        assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(b).max())
+    x, sigma = whole.solve(streamed.weak)
+    wls = gather(ARM, log, **FIXED, method="wls")
+    assert_allclose(wls.values, x, rtol=1e-9, atol=1e-9 * np.abs(x).max())
+    assert sigma.all()
+
+
+def test_pieces_say_what_the_whole_says(log, small_pieces, monkeypatch, tmp_path):
+    """A file read in seventeen chunks of five pieces, against the motion in one."""
+    monkeypatch.setattr("twistwrench.motion.array_stream.LARGE", 0)
+    in_pieces = gather(ARM, recorded(tmp_path / "log.npy", log), **FIXED)
+    assert in_pieces.moments.counts.shape[0] == 4 * 12 + 3
+    monkeypatch.undo()
+    whole = gather(ARM, log, **FIXED)
+    a, b = equations(in_pieces), equations(whole)
+    assert a.rows == b.rows and in_pieces.samples == len(log)
+    assert_allclose(a.N, b.N, rtol=1e-9, atol=1e-9 * np.abs(b.N).max())
+    assert_allclose(in_pieces.values, whole.values, rtol=1e-9, atol=1e-9 * np.abs(whole.values).max())
+
+
+def test_chunks_own_every_sample_once(log):
+    """Of a log with a pause, cut anywhere."""
+    source = LogSource(ARM, "log", motion=log)
+    late = log.time + np.where(log.time > 50.0, 30.0, 0.0)
+    paused = tw.Motion(late, log.q, log.dq, log.ddq, log.tau, robot=ARM, in_seconds=True)
+    for motion in (log, paused):
+        clock = LogClock.of(iter([motion.time]), "log")
+        rows = LogSource(ARM, "log", motion=motion).portions()
+        owned = [(c.stretch, *c.own) for c in chunks(rows, clock, ARM.model, 999, 400, (-np.inf, np.inf))]
+        assert sum(b - a for _, a, b in owned) == len(motion)
+        for s in range(len(clock.begins)):
+            mine = [(a, b) for stretch, a, b in owned if stretch == s and a < b]
+            assert all(b == c for (_, b), (c, _) in pairwise(mine))
+    assert source.path == "log"
+
+
+def test_weeks_add_up(log, tmp_path):
+    """Two halves, the second gathered like the first and added a week later, against a fit of both."""
+    first = gather(ARM, log[:15000])
+    kept = Information.load(first.save(tmp_path / "week.npz"), ARM)
+    assert_array_equal(kept.values, first.values)
+    second = gather(ARM, log[15000:], like=kept)
+    both = kept + second
+    assert both.samples == len(log) and both.logs == (*first.logs, *second.logs)
+    one, two, sum_of = equations(first), equations(second), equations(both)
+    assert_allclose(sum_of.N, one.N + two.N, rtol=1e-12, atol=1e-9)
+    found = both.identified()
+    assert (found.standard_deviations < first.identified().standard_deviations).mean() > 0.8
+    assert found.held_out.all < 0.05
+    with pytest.raises(tw.ValueRangeError, match="do not add up"):
+        first + gather(ARM, log[15000:], cutoff=3.0)
+    with pytest.raises(tw.ValueRangeError, match="is of 'planar_2r'"):
+        Information.load(tmp_path / "week.npz", tw.robots.pendulum())
+
+
+def test_normal_equations_lose_no_digits_that_matter(log):
+    """Against orthogonal factors, in units of the deviations."""
+    assert gather(ARM, log, **FIXED).check() < 1e-6
+
+
+def test_intervals_hold_the_truth():
+    """Of 95 %: 13 groups of 8 logs, whose noise hangs together; fewer than nine in ten would be 4 deviations of the count."""
+    inside = []
+    for seed in range(8):
+        known = known_log(ARM, seed, seconds=60.0, rate=100.0)
+        found = gather(ARM, known.motion, cutoff=5.0).identified()
+        low, high = found.interval(0.95).T
+        inside += ((low <= known.truth(found)) & (known.truth(found) <= high)).tolist()
+    assert np.mean(inside) > 0.85
+
+
+def test_large_motions_are_gathered_by_identify(log, monkeypatch):
+    monkeypatch.setattr("twistwrench.identification.robot_identification.MOST_SAMPLES", 20_000)
+    found = tw.identification.identify(ARM, log, cutoff=8.0)
+    assert found.held_out.all < 0.05
+    assert_array_equal(found.values, gather(ARM, log, cutoff=8.0).values)
+
+
+@pytest.mark.parametrize("when", ["writing", "closing"])
+def test_a_full_disk_leaves_the_old_file(log, tmp_path, monkeypatch, when):
+    """Whatever the moment, what was saved before is there, and nothing beside it."""
+    import errno
+
+    path = gather(ARM, log[:6000], **FIXED).save(tmp_path / "week.npz")
+    before = path.read_bytes()
+
+    def full(file, **arrays):
+        if when == "closing":
+            file.write(b"PK")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(tw.ValueRangeError, match=r"No space left on device\. Free space"):
+        gather(ARM, log[:6000], **FIXED).save(path)
+    assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["week.npz"]
+
+
+def test_a_dead_channel_is_announced_and_counts_nothing(log):
+    tau = log.tau.copy()
+    tau[:, 1] = 0.25
+    dead = tw.Motion(log.time, log.q, log.dq, log.ddq, tau, robot=ARM, in_seconds=True)
+    information = gather(ARM, dead, cutoff=8.0)
+    assert "dead-torque" in {d.kind for d in information.doubts}
+    assert equations(information).y[1] == 0
+    assert information.identified().held_out.sizes[1] == 0
+
+
+def test_logs_cut_short_are_said_to_be(log, tmp_path, monkeypatch):
+    """A large file that ends before its header says, and one with a number missing in its middle."""
+    monkeypatch.setattr("twistwrench.motion.array_stream.LARGE", 0)
+    path = recorded(tmp_path / "log.npy", log)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(tw.TrajectoryError, match="cut short"):
+        gather(ARM, path)
+    holed = tw.Motion(log.time, log.q, log.dq, log.ddq, log.tau.copy(), robot=ARM, in_seconds=True)
+    holed.tau[20_000, 0] = np.nan
+    recorded(path, holed)
+    with pytest.raises(tw.TrajectoryError, match="row 20001 has a number that is not finite"):
+        gather(ARM, path)
+
+
+def test_a_log_of_other_torques_is_named(log, tmp_path):
+    """Next week, something is carried; the second joint's torque is turned."""
+    first = gather(ARM, log[:15000], **FIXED)
+    tau = log.tau[15000:] * [1.0, -1.0]
+    half = log[15000:]
+    turned = tw.Motion(half.time, half.q, half.dq, half.ddq, tau, robot=ARM, in_seconds=True)
+    assert gather(ARM, half, like=first).doubts == ()
+    (doubt,) = gather(ARM, turned, like=first).doubts
+    assert doubt.kind == "other-torques" and "number 1" in doubt.sentence
+
+
+def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
+    """Far from what settings were chosen on."""
+    monkeypatch.setattr(gathering, "_WINDOW", 300)
+    monkeypatch.setattr("twistwrench.motion.motion_log.LARGE", 0)
+    arm = tw.robots.ur5()
+    motion = known_log(arm, 1, seconds=120.0, rate=100.0).motion
+    q = motion.q.copy()
+    q[5_345:, 0] += 4.0
+    jumped = tw.Motion(motion.time, q, motion.dq, motion.ddq, motion.tau, robot=arm, in_seconds=True)
+    jumped.to_csv(tmp_path / "log.csv")
+    doubts = gather(arm, tmp_path / "log.csv", **FIXED).doubts
+    assert any("log.csv: " in d.sentence and "jump" in d.sentence for d in doubts if d.kind == "contradiction"), doubts
+
+
+def test_rows_that_nothing_explains_count_little(log):
+    """A push of three seconds in two minutes: the robust weights leave less than half of what it does to plain least squares."""
+    tau = log.tau.copy()
+    tau[10_000:10_750] += 0.5 * log.tau.std(axis=0)
+    pushed = tw.Motion(log.time, log.q, log.dq, log.ddq, tau, robot=ARM, in_seconds=True)
+    clean = gather(ARM, log, **FIXED).identified()
+    off = {
+        method: np.linalg.norm(
+            (gather(ARM, pushed, **FIXED, method=method).values - clean.values) / clean.standard_deviations
+        )
+        for method in ("irls", "wls")
+    }
+    assert off["irls"] < 0.5 * off["wls"], off

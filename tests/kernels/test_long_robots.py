@@ -1,0 +1,157 @@
+"""Matrices of long robots, by loops over pairs of joints: the same numbers as unrolled, on any tree, however they are asked for."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.kernels.ufunc import owner_of
+from twistwrench.program.products import Products
+from twistwrench.robot import Robot, long_robots
+from twistwrench.targets.numpy_products import NumpyProducts
+from twistwrench.targets.processor import SINGLE, host
+from twistwrench.testing import random_robot
+from twistwrench.testing.robots import KINDS
+
+NAMES = ("mass_matrix", "inverse_dynamics_derivatives")
+COUNT = 2 * host().lanes(SINGLE) + 3
+
+
+def tree(seed: int, joints: int = 10, *, floating: bool = False) -> Robot:
+    kinds = [kind for kind in KINDS if kind not in ("mimic", "fixed")]
+    return random_robot(seed, joints, kinds, floating_base=floating)
+
+
+@functools.cache
+def in_loops(seed: int, *, floating: bool = False) -> Robot:
+    """The same tree, its matrices made in loops, however small it is."""
+    robot = tree(seed, floating=floating)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(long_robots, "FROM", 0)
+        for name in NAMES:
+            assert isinstance(owner_of(robot.kernel(name)).given, Products)
+    return robot
+
+
+def states(robot: Robot, count: int = COUNT) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(5)
+    return robot.random_configuration(rng, count), *rng.standard_normal((2, count, robot.nv))
+
+
+def sizes(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """What entries of M are at most, by Cauchy and Schwarz: the square root of the diagonal's product."""
+    d = np.sqrt(np.einsum("...ii->...i", robot.mass_matrix(q)))
+    return d[..., :, None] * d[..., None, :]
+
+
+@pytest.mark.parametrize(("seed", "floating"), [(1, False), (2, True)])
+def test_trees_of_all_joints_have_the_matrices_they_have_unrolled(seed, floating):
+    """Poses of random robots are some metres from the base, tips of a kilogram: 1e-15 times (distance over size)² of inertia."""
+    plain, robot = tree(seed, floating=floating), in_loops(seed, floating=floating)
+    q, dq, ddq = states(robot)
+    size = sizes(plain, q)
+    M = robot.mass_matrix(q)
+    assert (np.abs(M - plain.mass_matrix(q)) <= 1e-10 * size).all()
+    assert (np.swapaxes(M, -1, -2) == M).all()  # to the bit
+    assert ((M == 0) == (plain.mass_matrix(q) == 0)).mean() > 0.95  # branches know nothing of each other
+    for found, wanted in zip(
+        robot.inverse_dynamics_derivatives(q, dq, ddq), plain.inverse_dynamics_derivatives(q, dq, ddq), strict=True
+    ):
+        assert np.abs(found - wanted).max() <= 1e-12 * np.abs(wanted).max()
+
+
+def test_a_wrench_is_felt_by_the_derivatives():
+    plain, robot = tree(4), tree(4)
+    frame = robot.frame_names[-1]
+    q, dq, ddq = states(robot, 5)
+    F = np.random.default_rng(1).standard_normal((5, 6))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(long_robots, "FROM", 0)
+        found = robot.inverse_dynamics_derivatives(q, dq, ddq, wrench_on_robot={frame: F})
+    wanted = plain.inverse_dynamics_derivatives(q, dq, ddq, wrench_on_robot={frame: F})
+    for a, b in zip(found, wanted, strict=True):
+        assert np.abs(a - b).max() <= 1e-12 * np.abs(b).max()
+
+
+def test_a_state_has_its_bits_wherever_it_stands():
+    """Alone, in any batch, in rows with gaps, into arrays of other strides."""
+    robot = in_loops(1)
+    q, dq, ddq = states(robot)
+    M, whole = robot.mass_matrix(q), robot.inverse_dynamics_derivatives(q, dq, ddq)
+    n = robot.nv
+    for some in (slice(0, 1), slice(3, 8), slice(None, None, 2)):
+        assert (robot.mass_matrix(q[some]) == M[some]).all()
+        for a, b in zip(robot.inverse_dynamics_derivatives(q[some], dq[some], ddq[some]), whole, strict=True):
+            assert (a == b[some]).all()
+    for _ in range(3):
+        assert (robot.mass_matrix(q[4]) == M[4]).all()
+    out = np.full((COUNT, n + 2, 2 * n), 7.0)
+    robot.mass_matrix(np.asfortranarray(q), out=out[:, 1:-1, ::2])
+    assert (out[:, 1:-1, ::2] == M).all()
+    assert (out[:, :, 1::2] == 7.0).all()
+    assert (out[:, [0, -1]] == 7.0).all()
+
+
+def test_many_states_go_past_the_caches_with_the_same_bits(monkeypatch):
+    from twistwrench.targets import product_loop
+
+    monkeypatch.setattr(product_loop, "BEYOND_CACHES", 1)
+    other = tree(1)
+    monkeypatch.setattr(long_robots, "FROM", 0)
+    many = other.kernel("mass_matrix")
+    monkeypatch.undo()
+    q = states(other)[0]
+    assert (many(q) == in_loops(1).mass_matrix(q)).all()
+
+
+def test_single_precision():
+    robot = in_loops(1)
+    arrays = states(robot)
+    single = [a.astype(np.float32) for a in arrays]
+    for name, count in (("mass_matrix", 1), ("inverse_dynamics_derivatives", 3)):
+        found, wanted = (getattr(robot, name)(*some[:count]) for some in (single, arrays))
+        for a, b in zip(*((x if isinstance(x, tuple) else (x,)) for x in (found, wanted)), strict=True):
+            assert a.dtype == np.float32
+            assert np.abs(a - b).max() <= 2e-4 * np.abs(b).max()
+
+
+def test_numpy_makes_the_same_of_the_factors(monkeypatch):
+    robot = in_loops(1)
+    monkeypatch.setattr(long_robots, "FROM", 0)
+    q, dq, ddq = states(robot, 4)
+    for name, arrays in zip(NAMES, ((q,), (q, dq, ddq)), strict=True):
+        products = long_robots.products_of(robot.model, {name: {}})
+        slow, fast = NumpyProducts(products, name, "")(*arrays), robot.kernel(name)(*arrays)
+        for a, b in zip(*((x if isinstance(x, tuple) else (x,)) for x in (slow, fast)), strict=True):
+            assert np.abs(a - b).max() <= 1e-13 * np.abs(b).max()
+
+
+def test_springs_and_armature_are_added(monkeypatch):
+    """A chain of elastic joints in MuJoCo's format, which has both."""
+    body = "".join(
+        f'<body name="b{k}" pos="0 0 0.3"><joint name="j{k}" axis="{k % 2} {(k + 1) % 2} 0" stiffness="{k + 1}" '
+        'armature="0.1"/><geom type="sphere" size="0.05" mass="1"/>'
+        for k in range(20)
+    )
+    text = f"<mujoco><worldbody>{body}{'</body>' * 20}</worldbody></mujoco>"
+    plain, robot = tw.load(text), tw.load(text)
+    q, dq, ddq = states(robot, 5)
+    for one in (plain, robot):
+        for name in NAMES:
+            one.kernel(name)
+        monkeypatch.setattr(long_robots, "FROM", 0)
+    assert isinstance(owner_of(robot.kernel("mass_matrix")).given, Products)
+    assert (np.abs(robot.mass_matrix(q) - plain.mass_matrix(q)) <= 1e-10 * sizes(plain, q)).all()
+    for a, b in zip(
+        robot.inverse_dynamics_derivatives(q, dq, ddq), plain.inverse_dynamics_derivatives(q, dq, ddq), strict=True
+    ):
+        assert np.abs(a - b).max() <= 1e-12 * np.abs(b).max()
+
+
+def test_short_robots_and_those_with_followers_stay_unrolled(bundled):
+    for robot in (bundled("panda"), bundled("quadruped"), random_robot(2, 30, ("revolute", "mimic"))):
+        for name in NAMES:
+            assert long_robots.products_of(robot.model, {name: {}}) is None

@@ -1,0 +1,42 @@
+"""What `log info` says of a large file, block by block, against the same file in memory."""
+
+from __future__ import annotations
+
+import numpy as np
+from click.testing import CliRunner
+
+from twistwrench.cli.main import main
+from twistwrench.report import log_quality
+from twistwrench.report.log_quality import LogQuality
+
+
+def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):
+    """Gaps, repeated and backward stamps, a cut-off and a dead column; the grid of 0.001 in every run of rows."""
+    rng = np.random.default_rng(0)
+    steps = np.full(20_000, 0.01) + 1e-4 * rng.normal(size=20_000)
+    steps[[500, 9000]], steps[700], steps[800] = 3.0, 0.0, -0.02
+    t = np.cumsum(steps)
+    x = np.round(np.clip(np.sin(t) + 0.01 * rng.normal(size=len(t)), -0.9, 2.0), 3)
+    table = np.column_stack([t, x, np.full_like(t, 0.25), rng.normal(size=len(t))])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, table, delimiter=",", header="time,cut,dead,noise", comments="", fmt="%.9g")
+    whole = LogQuality.of(path)
+    monkeypatch.setattr(log_quality, "_LARGE", 0)
+    blocks = LogQuality.of(path)
+    for name in ("rows", "time", "seconds", "gaps", "longest", "repeated", "backward"):
+        assert getattr(blocks, name) == getattr(whole, name), name
+    np.testing.assert_allclose([blocks.rate, blocks.jitter], [whole.rate, whole.jitter], rtol=0.02)
+    assert whole.gaps == 2 and whole.repeated == 1 and whole.backward == 1
+    for a, b in zip(blocks.columns, whole.columns, strict=True):
+        assert (a.name, a.least, a.most, a.dead, a.cut, a.zeros) == (b.name, b.least, b.most, b.dead, b.cut, b.zeros)
+        np.testing.assert_allclose([a.grid, a.noise], [b.grid, b.noise], rtol=0.2, atol=1e-12)
+
+
+def test_zeros_and_columns_of_few_steps_are_worth_a_word(tmp_path):
+    t = np.arange(1000) * 0.01
+    table = np.column_stack([t, np.where(t < 5, 0.0, np.sin(t)), np.round(0.01 * np.sin(t), 3), np.sin(t)])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,half,coarse,fine", comments="", fmt="%.9g")
+    said = " ".join(CliRunner().invoke(main, ["log", "info", str(tmp_path / "log.csv")]).output.split())
+    assert said.count("exactly 0 in 50 % of the rows") == 1
+    assert said.count("no more than 20 steps of its grid in all") == 1
+    assert LogQuality.of(tmp_path / "log.csv").columns[0].zeros == 0.5
