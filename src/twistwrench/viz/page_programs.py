@@ -16,9 +16,8 @@ from ..robot import Robot
 from ..simulation.tableau import RK4
 
 LARGEST = 10_000
-"""Instructions of the longest program that a page carries: an arm of 24 joints. Browsers do not optimise much longer ones."""
-ALWAYS = ("poses", "holding")
-"""What a page cannot do without, however long it is; both are linear in the number of bodies."""
+"""Instructions of the longest forward dynamics that a page carries: an arm of 24 joints. Browsers do not optimise much longer
+programs. The others are there for every robot: they are shorter, and grow with the number of bodies."""
 STEP = 1 / 8000
 """Of a fall [s]. By the fourth-order method the bundled arms keep their energy to a millionth of a joule over seconds."""
 
@@ -44,29 +43,29 @@ class PagePrograms:
 
     def data(self) -> dict[str, Any]:
         """What the page's header says of them: texts by name, and what else the page needs to run them."""
-        robot, texts = self.robot, self._texts()
+        robot, why = self.robot, self._why_it_stays()
         mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
         weight = mass * float(np.linalg.norm(robot.model.gravity))
         a, b, _, _, _ = RK4.numbers
         return {
-            "programs": texts,
+            "programs": self._texts(falls=why is None),
             "wrenchFrames": self.wrenches,
             "payloadName": "more at tip" if robot.model.payloads else "payload at tip",
             "payload": None if self.tip is None else _round_above(mass / 2 or 1.0),
             "push": None if self.tip is None else _round_above(weight or 10.0),
-            "fall": {"why": self._why_it_stays(texts), "step": STEP, "a": [row.tolist() for row in a], "b": b.tolist()},
+            "fall": {"why": why, "step": STEP, "a": [row.tolist() for row in a], "b": b.tolist()},
         }
 
-    def _texts(self) -> dict[str, str]:
-        """JavaScript by the name the page calls it; what a robot has no use for, and what is too long, is not there."""
+    def _texts(self, *, falls: bool) -> dict[str, str]:
+        """JavaScript by the name the page calls it; what a robot has no use for is not there."""
         model = self.robot.model
         if not model.bodies:
             return {}
-        load: dict[str, Any] = {} if self.tip is None else {"parameters": f"{self.payload}.mass"}
-        pushed: dict[str, Any] = {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
+        load, pushed = self._loads()
         asked: dict[str, tuple[str, dict[str, Any]]] = {"poses": ("link_poses", {})}
         if model.nv:
             asked["holding"] = "holding_torques", {**pushed, **load}
+        if falls:
             asked["acceleration"] = "forward_dynamics", {**pushed, **load}
             asked["rates"] = "coordinate_rates", {}
             asked["kinetic"] = "kinetic_energy", load
@@ -75,31 +74,28 @@ class PagePrograms:
             asked["centre"] = "center_of_mass", load
         if self.tip is not None and model.nv:
             asked["jacobian"] = "jacobian", {"frame": self.tip, "kind": "world_aligned"}
-        engine, found = self.robot.engine, {}
-        for name, (quantity, options) in asked.items():
-            if quantity == "forward_dynamics" and self._singular():
-                continue
-            bridged = BridgedQuantity(engine, quantity, options)
-            if name in ALWAYS or len(bridged.program.instructions) <= LARGEST:
-                found[name] = javascript_module(bridged)
-        return found
+        return {
+            name: javascript_module(BridgedQuantity(self.robot.engine, quantity, options))
+            for name, (quantity, options) in asked.items()
+        }
 
-    def _singular(self) -> bool:
-        try:
-            self.robot.engine.require_invertible()
-        except SingularMassMatrixError:
-            return True
-        return False
+    def _loads(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The options that make the payload an input, and those for the wrenches."""
+        load = {} if self.tip is None else {"parameters": f"{self.payload}.mass"}
+        return load, {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
 
-    def _why_it_stays(self, texts: dict[str, str]) -> str | None:
+    def _why_it_stays(self) -> str | None:
         """Why it cannot be let go, a sentence, or None where it can."""
         if not self.robot.nv:
             return "Nothing of it moves."
         if any(not b.joint.driven for b in self.robot.model.bodies):
             return "A base that floats has no floor to fall on here, so it cannot be let go."
-        if self._singular():
+        try:
+            self.robot.engine.require_invertible()
+        except SingularMassMatrixError:
             return "Some joint moves nothing that has mass, so it cannot be let go."
-        if "acceleration" not in texts:
+        load, pushed = self._loads()
+        if len(self.robot.program("forward_dynamics", **pushed, **load).instructions) > LARGEST:
             return f"Its forward dynamics takes more than {LARGEST} operations, too much for a page, so it cannot be let go."
         return None
 
