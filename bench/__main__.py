@@ -27,7 +27,7 @@ ALONE = (
     "inverse_kinematics",
     "long_chain",
 )
-SECTIONS = (*sorted(ALONE), "rollout", "threads")
+SECTIONS = (*sorted(ALONE), "rollout", "simulate", "threads")
 ALL_CORES = ("threads",)  # the others keep to one
 
 
@@ -70,6 +70,11 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
 
         return rollout.times(options.rounds)
 
+    def simulate() -> dict[str, Any]:
+        from bench import simulate  # needs MuJoCo too
+
+        return simulate.times(options.rounds)
+
     if name not in ALL_CORES:
         pin_to_one_core()
     cases, rounds = _cases(options), options.rounds
@@ -84,6 +89,7 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "one_body": lambda: one_body.times(rounds),
         "one_call": lambda: one_call.times(rounds, cases),
         "rollout": rollout,
+        "simulate": simulate,
         "threads": lambda: threads.times(rounds),
     }[name]()
 
@@ -112,6 +118,7 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
             results[section] = _part(section, options)
         with suppress(ImportError):  # the robots say what is missing
             results["rollout"] = _part("rollout", options)
+            results["simulate"] = _part("simulate", options)
         results["kernels"] = {case.name: footprint.kernel_times(case) for case in _cases(options)}
         panda = next(c for c in CASES if c.name == "panda")
         results["start"] = footprint.start_times(panda, max(options.rounds // 2, 3))

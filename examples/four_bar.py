@@ -2,8 +2,8 @@
 
 The tree of joints is cut at the pin between coupler and rocker, and closed there with ``robot.close``. Over one turn of the
 crank at constant speed, inverse dynamics of the one motor gives its torque, and λ the load of the cut pin. Then the motor is
-let go, and the linkage swings for ten seconds under its weight: Runge and Kutta's fourth order, and after each step the nearest
-configuration with the loop closed and the nearest velocity with A dq = 0.
+let go, and the linkage swings for ten seconds under its weight: ``closed.simulate`` takes steps of Runge and Kutta's fourth
+order, and ends each at the nearest configuration with the loop closed and the nearest velocity with A dq = 0.
 
 Run it: ``python examples/four_bar.py [FOLDER]``. It writes four_bar.png. Needs ``pip install "twistwrench[plot]"``.
 """
@@ -66,22 +66,9 @@ def at_constant_speed(closed: ClosedRobot, q: np.ndarray, speed: float) -> tuple
 
 def swing(closed: ClosedRobot, q: np.ndarray, dq: np.ndarray, duration: float, dt: float) -> dict[str, np.ndarray]:
     """The free motion, and how well it keeps the loop, the velocity and the energy."""
-    robot, kept = closed.robot, []
-
-    def rate(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        return np.array([dq, closed.forward_dynamics(q, dq, np.zeros(3)).ddq])
-
-    for step in range(round(duration / dt)):
-        k1 = rate(q, dq)
-        k2 = rate(*(q, dq) + dt / 2 * k1)
-        k3 = rate(*(q, dq) + dt / 2 * k2)
-        k4 = rate(*(q, dq) + dt * k3)
-        q, dq = (q, dq) + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        q = closed.consistent(q)
-        dq = closed.project_velocity(q, dq)
-        gap, slip = np.abs(closed.constraint_error(q)).max(), np.abs(closed.constraint_jacobian(q) @ dq).max()
-        kept.append([(step + 1) * dt, robot.kinetic_energy(q, dq) + robot.potential_energy(q), gap, slip])
-    return dict(zip(("time", "energy", "gap", "slip"), np.array(kept).T, strict=True))
+    found = closed.simulate(q, dq, duration, dt)
+    slip = np.abs(closed.constraint_jacobian(found.q) @ found.dq[..., None]).max(axis=(1, 2))
+    return {"time": found.times, "energy": found.energy, "gap": found.gap, "slip": slip}
 
 
 def draw_linkage(axes: plt.Axes, closed: ClosedRobot, q: np.ndarray) -> None:

@@ -115,7 +115,12 @@ def test_files_and_tables_give_the_numbers_back(tmp_path):
     read = columns(motion.to_csv(tmp_path / "motion.csv"))
     assert np.array_equal(read["elbow_joint.torque"], motion.tau[:, 2])
     degrees = columns(motion.to_csv(tmp_path / "degrees.csv", degrees=True))
-    assert np.allclose(np.radians(degrees["elbow_joint"]), motion.q[:, 2], atol=1e-14)
+    assert np.allclose(np.radians(degrees["elbow_joint [deg]"]), motion.q[:, 2], atol=1e-14)
+    assert np.allclose(np.radians(degrees["elbow_joint.vel [deg/s]"]), motion.dq[:, 2], atol=1e-14)
+    for said in (False, True):  # the unit in the header counts, whatever is said of the file
+        again = tw.Motion.from_file(tmp_path / "degrees.csv", robot, degrees=said)
+        for name in ("q", "dq", "ddq", "tau"):
+            np.testing.assert_allclose(getattr(again, name), getattr(motion, name), rtol=1e-14, atol=1e-14)
 
 
 def test_named_axes_give_the_numbers_back_to_every_method():

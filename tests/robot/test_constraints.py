@@ -686,6 +686,27 @@ def test_inverse_dynamics_with_friction_is_undone_by_forward_dynamics_with_it(li
     assert_close(found.lam, lam, 1e-11, "λ")
 
 
+@pytest.mark.parametrize("kind", ["closure", "body", "world_aligned", "space"])
+def test_wrenches_across_the_joints_turn_them_with_the_torques_of_their_motors(kind):
+    """What a joint's axis takes of the wrench across it is τ: of motors that of theirs, nothing at the others."""
+    F = {"panda_hand_tcp": [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]}
+    if kind == "closure":
+        closed, q = closed_platform()
+        motors, F = [f"hip{k}" for k in range(LEGS)], {"plate": F["panda_hand_tcp"]}
+    else:
+        panda = tw.robots.panda()
+        closed, q, motors = panda.constrain("panda_hand_tcp", "vz wx", kind=kind), panda.random_configuration(0), None
+    rng = np.random.default_rng(1)
+    dq = closed.project_velocity(q, rng.standard_normal((2, closed.nv)))
+    ddq = closed.project_acceleration(q, dq, rng.standard_normal(closed.nv))
+    tau = closed.inverse_dynamics(q, dq, ddq, motors, wrench_on_robot=F).tau
+    across = closed.joint_wrenches(q, dq, ddq, motors, wrench_on_robot=F)
+    for i, body in enumerate(closed.robot.model.bodies):
+        mine = (across[:, i, None] @ body.joint.axes.T)[:, 0]
+        assert_close(mine, tau[:, body.places[1]], ROUNDING, body.joint.name, scale=np.abs(tau).max())
+    assert np.abs(across - closed.robot.joint_wrenches(q, dq, ddq, wrench_on_robot=F)).max() > 0.1
+
+
 def test_the_example_draws_and_says_what_its_motion_keeps(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     example = runpy.run_path(str(ROOT / "examples" / "four_bar.py"))

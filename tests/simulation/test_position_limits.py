@@ -42,7 +42,7 @@ def test_a_joint_that_starts_at_its_limit_and_falls_outward_ends_the_run_at_once
         found = door.simulate(q0, dq0, 1.0, 1e-3, limits="stop", method=method, tau=tau)
         assert not found.completed
         assert found.times.tolist() == [0.0]
-        assert found.stopped == f"joint 'hinge0' moves beyond its {side.replace(' ', ' limit ')} at 0 s"
+        assert found.stopped == f"joint 'hinge0' moves beyond its {side.replace(' ', ' limit ')} rad at 0 s"
         assert [e.time for e in found.events] == [0.0]
 
 
@@ -89,12 +89,12 @@ def test_a_joint_held_at_its_limit_with_rounding_rests_there():
 def test_two_joints_at_their_limits_end_it_by_the_one_that_moves_outward():
     pair = doors((0.0, 1.5), (0.0, 1.5))
     found = pair.simulate(None, None, 1.0, limits="stop", tau=[WEIGHT + 1.0, 0.0])
-    assert found.stopped == "joint 'hinge1' moves beyond its lower limit 0 at 0 s"
+    assert found.stopped == "joint 'hinge1' moves beyond its lower limit 0 rad at 0 s"
 
 
 def test_a_start_beyond_a_limit_is_refused_and_one_beyond_it_by_rounding_is_not():
     door = doors((0.0, 1.5))
-    with pytest.raises(tw.ValueRangeError, match=r"joint 'hinge0' is at 1\.50001, beyond its upper limit 1\.5"):
+    with pytest.raises(tw.ValueRangeError, match=r"joint 'hinge0' is at 1\.50001 rad, beyond its upper limit 1\.5 rad"):
         door.simulate([1.50001], limits="stop")
     rounded = door.simulate([float(np.float32(1.5) * (1 + 1e-7))], [-1.0], 0.1, limits="stop")
     assert rounded.completed
@@ -130,7 +130,7 @@ def test_the_command_ends_at_once_with_a_sentence_and_says_no(tmp_path):
     asked = ["simulate", str(tmp_path / "door.urdf"), "--duration", "0.2"]
     done = CliRunner().invoke(main, [*asked, "--stop-at-limits"])
     assert done.exit_code == 1, done.output
-    assert "joint 'hinge' moves beyond its lower limit 0 at 0 s" in done.output
+    assert "joint 'hinge' moves beyond its lower limit 0 rad at 0 s" in done.output
     assert "STOPPED" in done.output
     assert CliRunner().invoke(main, asked).exit_code == 0
     within = CliRunner().invoke(main, [*asked, "--stop-at-limits", "--at", "hinge=1.4"])

@@ -108,7 +108,7 @@ def test_robots_that_cannot_move_or_start_are_refused(arm):
         tw.robots.floating_box().simulate(np.zeros(7))
     panda = tw.robots.panda()
     with pytest.raises(
-        tw.ValueRangeError, match="outside already: joint 'panda_joint4' is at 0, beyond its upper limit"
+        tw.ValueRangeError, match="outside already: joint 'panda_joint4' is at 0 rad, beyond its upper limit"
     ):
         panda.simulate(limits="stop")
 
@@ -304,7 +304,8 @@ def test_functions_cannot_change_the_state_they_are_shown(arm):
 
     for method in ("rk4", "variational"):
         found = arm.simulate([1, 1], None, 0.3, 0.01, method=method, controller=law, tau=law)
-        np.testing.assert_array_equal(found.q, arm.simulate([1, 1], None, 0.3, 0.01, method=method).q)
+        still = arm.simulate([1, 1], None, 0.3, 0.01, method=method, tau=lambda t, q, dq: [0.0, 0.0])
+        np.testing.assert_array_equal(found.q, still.q)
 
 
 def test_a_motion_gone_wrong_is_remarked_on(arm):
@@ -548,8 +549,31 @@ def test_the_command_prints_and_writes(tmp_path):
     np.testing.assert_allclose(found.q[0], [np.pi / 2, 0])
     np.testing.assert_allclose(found.dq[0], [0, -np.pi])
     np.testing.assert_allclose(found.tau[0], [3, 0])
-    torques = CliRunner().invoke(main, ["torques", "planar_2r", "--trajectory", str(tmp_path / "a.csv")])
-    assert torques.exit_code == 0, torques.output
+    assert "joint1 [deg],joint2 [deg],joint1.vel [deg/s]" in (tmp_path / "a.csv").read_text()
+    again = SimulationResult.load(tmp_path / "a.csv")
+    for name in ("q", "dq", "ddq", "tau"):
+        np.testing.assert_allclose(getattr(again, name), getattr(found, name), rtol=1e-14, atol=1e-14)
+    for flags in ([], ["--degrees"]):  # the header names its unit, so the file means the same either way
+        motion = tw.Motion.from_file(tmp_path / "a.csv", tw.robots.planar_2r(), degrees=bool(flags))
+        np.testing.assert_allclose(motion.q, found.q, rtol=1e-14, atol=1e-14)
+        torques = CliRunner().invoke(main, ["torques", "planar_2r", "--trajectory", str(tmp_path / "a.csv"), *flags])
+        assert torques.exit_code == 0, torques.output
+    with pytest.raises(tw.ValueRangeError, match="has no robot that says what turns"):
+        again.to_csv(tmp_path / "b.csv", degrees=True)
+
+
+def test_a_start_inside_the_ground_is_remarked_on_with_its_point_and_depth():
+    """k d^n of 1e5 · 0.3^1.5 N against a weight of 60 N; and what stands at rest, or lands, is no reason to speak."""
+    command = ("floating_box", "--duration", 0.01, "--ground", 0, "--touch", "box", "--touch", "box:0.1,0,0.05")
+    inside = twistwrench(*command, "--at", "root_joint=1,0,0,0,0,0,-0.3")
+    said = " ".join(inside.output.split())
+    assert "point (0, 0, 0) of 'box' starts 0.3 m below the plane" in said
+    for height in (0.0, -0.001, 0.3):  # at 1e5 N/m^1.5 it rests at 0.7 mm or more
+        fine = twistwrench(*command, "--at", f"root_joint=1,0,0,0,0,0,{height}")
+        assert fine.exit_code == 0 and "below the plane" not in fine.output
+    box = tw.robots.floating_box().with_gravity([0, 0, 0])
+    found = box.simulate([1, 0, 0, 0, 0, 0, -0.01], duration=1e-3, contacts=Plane("box"))
+    assert "starts 0.01 m below" in found.remarks[0]
 
 
 def test_degrees_are_those_of_planar_joints_too(tmp_path):
@@ -577,7 +601,7 @@ def test_an_interrupted_command_shows_and_writes_what_there_is(tmp_path, monkeyp
         rates(self, t, y, out)
 
     monkeypatch.setattr(System, "rates", until_half)
-    done = twistwrench("planar_2r", "--dt", 0.01, "--method", "euler", "--npz", tmp_path / "a.npz")
+    done = twistwrench("planar_2r", "--dt", 0.01, "--method", "midpoint", "--npz", tmp_path / "a.npz")
     assert done.exit_code == ExitCode.INTERRUPTED, done.output
     assert "interrupted" in done.output
     assert 0.5 <= SimulationResult.load(tmp_path / "a.npz").times[-1] <= 0.52

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -143,7 +144,8 @@ def answer_simulate(
             raise
         result, failure = interrupt.result, interrupt
     show(simulation_view(loaded, result, degrees=degrees))
-    for path, write in ((csv_path, result.to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
+    to_csv = partial(result.to_csv, degrees=degrees)
+    for path, write in ((csv_path, to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
         if path is not None:
             show(f"wrote {write(path)}")
     if isinstance(failure, KeyboardInterrupt):

@@ -9,6 +9,9 @@ import numpy as np
 from ..model.model import Model
 from ..typing import Array
 
+DEGREES = {"": "deg", ".vel": "deg/s", ".acc": "deg/s^2"}
+"""What columns of coordinates, velocities and accelerations are in where angles are in degrees, by the end of their names."""
+
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
@@ -28,6 +31,30 @@ class Coordinates:
     """(nq,) bool: an angle that a log may wrap at ±π, a continuous joint's or a planar joint's theta."""
     quaternions: tuple[slice, ...]
     """Where in q the quaternions of floating joints stand."""
+
+    def headers(self, suffix: str = "", *, degrees: bool = False) -> list[str]:
+        """The names of the columns of a quantity in files of ours; angles in ``degrees`` say so.
+
+        Parameters
+        ----------
+        suffix : ``""``, ``".vel"``, ``".acc"`` or ``".torque"``
+        degrees : bool, whether angles are in degrees there
+
+        Returns
+        -------
+        headers : list of str, (nq,) or (nv,)
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> Coordinates.of(tw.robots.pendulum().model).headers(".vel", degrees=True)
+        ['joint1.vel [deg/s]']
+        """
+        names, turning = (self.velocity_names, self.angular_velocity) if suffix else (self.names, self.angular)
+        unit = DEGREES.get(suffix) if degrees else None
+        return [
+            f"{n}{suffix}" + f" [{unit}]" * (unit is not None and bool(t)) for n, t in zip(names, turning, strict=True)
+        ]
 
     @classmethod
     def of(cls, model: Model) -> Coordinates:

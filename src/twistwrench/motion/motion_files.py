@@ -22,7 +22,7 @@ class MotionFiles:
 
         Parameters
         ----------
-        degrees : bool, angles in degrees
+        degrees : bool, angles in degrees, which their columns' names then say: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
         Returns
         -------
@@ -41,10 +41,13 @@ class MotionFiles:
         q = self.q * np.where(names.angular, unit, 1.0)
         turning = np.where(names.angular_velocity, unit, 1.0)
         parts: Mapping[str, Array | None] = {".vel": self.dq * turning, ".acc": self.ddq * turning, ".torque": self.tau}
-        found = {time_column(names.names): self.time, **{name: q[:, k] for k, name in enumerate(names.names)}}
+        found = {
+            time_column(names.names): self.time,
+            **{name: q[:, k] for k, name in enumerate(names.headers(degrees=degrees))},
+        }
         for suffix, values in parts.items():
             if values is not None:
-                found |= {name + suffix: values[:, k] for k, name in enumerate(names.velocity_names)}
+                found |= {name: values[:, k] for k, name in enumerate(names.headers(suffix, degrees=degrees))}
         return found
 
     def to_csv(self: Any, path: str | Path, *, degrees: bool = False) -> Path:
@@ -53,7 +56,7 @@ class MotionFiles:
         Parameters
         ----------
         path : str or Path
-        degrees : bool, angles in degrees
+        degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
         Returns
         -------

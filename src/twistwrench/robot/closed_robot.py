@@ -30,6 +30,7 @@ from ..errors import ConstraintError, UnknownNameError, ValueRangeError
 from ..model.model import BASE
 from ..typing import Array
 from . import closed_robot_checks as checks
+from .closed_shortcuts import ClosedShortcuts
 from .quantity_methods import Rows
 from .robot import Robot
 from .state_arguments import names_of
@@ -42,7 +43,7 @@ __all__ = ["ClosedRobot", "ConstrainedMotion", "ConstrainedTorques", "MotionForc
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ClosedRobot:
+class ClosedRobot(ClosedShortcuts):
     """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
 
     Made by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7.

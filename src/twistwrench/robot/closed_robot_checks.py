@@ -130,23 +130,26 @@ def _six_sizes(robot: Robot, constraint: Constraint) -> Array:
 
 
 def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
-    """Some configurations with the loops closed, found from random ones or from around ``near``; (n, nq)."""
+    """Some configurations with the loops closed, found from known and random ones or from around ``near``; (n, nq)."""
     rng, robot = np.random.default_rng(0), closed.robot
     if near is None:
-        starts = np.concatenate([robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
+        known = [robot.add(q, _spread(rng, robot, 4)) for q in robot.model.configurations.values()]
+        starts = np.concatenate([*known, robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
     else:
-        spread = np.repeat([0.0, 0.01, 0.1, 0.3], STARTS // 4)[:, None]
-        starts = robot.add(
-            arguments.one(near, "near", robot.nq, names=robot.coordinate_names),
-            spread * rng.standard_normal((STARTS, robot.nv)),
-        )
+        q = arguments.one(near, "near", robot.nq, names=robot.coordinate_names)
+        starts = robot.add(q, _spread(rng, robot, STARTS))
     q, left = closed.settled(starts, 0.01 * FOUND)
     if not (left <= FOUND).any():
         raise ConstraintError(
-            f"no configuration found at which {closed.constraints[-1].name!r} closes: from {STARTS} starts the nearest "
+            f"no configuration found at which {closed.constraints[-1].name!r} closes: from {len(starts)} starts the nearest "
             f"leaves a gap of {left.min():.3g} ({_in_units(closed)}). Check pose and rows, or give near=q, one near it."
         )
     return np.asarray(q[left <= FOUND])
+
+
+def _spread(rng: np.random.Generator, robot: Robot, n: int) -> Array:
+    """Steps (n, nv) to places at and around a configuration, none first."""
+    return np.repeat([0.0, 0.01, 0.1, 0.3], n // 4)[:, None] * rng.standard_normal((n, robot.nv))
 
 
 def require_angle(closed: ClosedRobot, q: Array) -> None:

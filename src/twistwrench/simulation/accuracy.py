@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,9 +43,12 @@ class Extent:
     @classmethod
     def of(cls, robot: Robot, states: Array) -> Extent:
         """Of states (n, nq + nv or more)."""
-        rows = np.unique(np.linspace(0, len(states) - 1, min(len(states), _ROWS)).round().astype(int))
+        rows: Any = slice(None)
+        if len(states) > _ROWS:
+            rows = np.linspace(0, len(states) - 1, _ROWS).round().astype(int)
         q, dq = states[rows, : robot.nq], states[:, robot.nq : robot.nq + robot.nv]
-        each, speeds = np.ptp(robot.subtract(q, q[0]), axis=0), np.abs(dq).max(axis=0)
+        ways, rates = (np.ascontiguousarray(x.T) for x in (robot.subtract(q, q[0]), np.abs(dq)))  # rows are faster
+        each, speeds = np.ptp(ways, axis=1), rates.max(axis=1)
         travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
         angular = Coordinates.of(robot.model).angular_velocity
         for group in (angular, ~angular):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from ..errors import SimulationError
 from ..typing import Array
+from .compiled_attempts import CompiledAttempts
 from .force_probes import ForceProbes
 from .forces import WORKS, System
 from .schemes import RungeKutta
@@ -29,8 +31,12 @@ class Stepper:
         self.stiffness = Stiffness(system, self.scheme, duration)
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
         self.h, self.rejected = 0.0, 0
+        self.attempts: CompiledAttempts | None = None
+        """Its steps in machine code, where no force is a function in Python."""
+        self.speed = 0.0
+        """The square of all velocities after the last of these."""
         self.rate_after = np.zeros(0)
-        """f at the end of the last step."""
+        """f at the end of the last step; a part of what the dense output is made of."""
         self.errors = np.zeros(system.size)
         """What the steps were judged to be off by, one by one, added up."""
         self.last: tuple[float, float, Array, Array] = (0.0, 0.0, np.zeros(0), np.zeros(0))
@@ -43,26 +49,33 @@ class Stepper:
         while True:
             t1 = until if t + 1.01 * h >= until else t + h
             step = t1 - t
-            y1 = scheme.step(t, y, step, rate)
-            self.stiffness.look(t, step, y, y1)
-            error = step * np.dot(scheme.error, scheme.K)
-            allowed = self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
-            size = float(np.sqrt(np.mean(np.square((error / allowed)[judged]))))
-            if size <= 1.0:
-                size = max(size, self._unseen(t, step, y, allowed))
+            if self.attempts is None:
+                y1 = scheme.step(t, y, step, rate)
+                self.stiffness.look(t, step, y, y1)
+                error = step * np.dot(scheme.error, scheme.K)
+                allowed = self._allowed(y, y1)
+                size = float(np.sqrt(np.mean(np.square((error / allowed)[judged]))))
+                if size <= 1.0:
+                    size = max(size, self._unseen(t, step, y, allowed))
+            else:
+                y1, scheme.K, error, found = self.attempts.take(y, rate, step)
+                square, steep, away, self.speed = found.tolist()
+                self.stiffness.note(t, step, math.sqrt(steep), math.sqrt(away))
+                size = math.sqrt(square)
             if size <= 1.0:
                 factor = min(grow, max(_SHRINK, _SAFETY * size**self.power)) if size > 0 else grow
                 if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
                     self.h = step * factor
                 self.errors += np.abs(error)
-                self.rate_after = scheme.K[-1].copy()
-                self.last = (t, step, y, scheme.dense.T @ scheme.K)
+                K = scheme.K if self.attempts else scheme.K.copy()  # machine code has new arrays each time
+                self.rate_after = K[-1]
+                self.last = (t, step, y, K)
                 return t1, y1
             self.rejected += 1
             grow = 1.0
             h = step * (max(_SHRINK, _SAFETY * size**self.power) if np.isfinite(size) else 0.1)
             if h < 1e-14 * max(t, 1e-3):
-                bad = np.abs(error / allowed)[system.moving]
+                bad = np.abs(error / self._allowed(y, y1))[system.moving]
                 worst = int(np.argmax(np.where(np.isfinite(bad), bad, np.inf)))
                 raise SimulationError(
                     f"at t = {t:.9g} s steps shrink below {h:.1e} s and still miss the tolerance, most of all in joint "
@@ -70,12 +83,16 @@ class Stepper:
                     "continuous, or take a method of fixed steps."
                 )
 
-    def between(self, t: float) -> Array:
-        """The state at a time within the last step, by the dense output."""
-        t0, h, y0, Q = self.last
-        y = y0 + h * _dense((t - t0) / h, Q)
-        self.system.manifold.normalise(y[: self.system.nq])
+    def between(self, times: Array) -> Array:
+        """The states (m, size) at times (m,) within the last step, by the dense output."""
+        t0, h, y0, K = self.last
+        y = y0 + h * _dense(((times - t0) / h)[:, None], self.scheme.dense.T @ K)
+        for one in y:
+            self.system.manifold.normalise(one[: self.system.nq])
         return y
+
+    def _allowed(self, y: Array, y1: Array) -> Array:
+        return self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
 
     def judged(self, spans: Array) -> Array:
         """What all steps so far were judged to be off by, (nv,) [rad or m], errors of velocity for ``spans`` (nv) [s].

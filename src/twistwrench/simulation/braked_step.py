@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,14 +29,19 @@ class BrakedStep:
         self.dry = rubs_dry(robot.model) & friction
         """Joints with dry friction, (nv,)."""
         self.gains = np.zeros(robot.nv) if gains is None else gains
-        key = "braked step", friction, gains is not None
+        self._robot, self._gained = robot, gains is not None
+
+    @cached_property
+    def kernel(self) -> Any:
+        """(q, dq, h, tau, push, gains) to velocities, torques applied and those of friction; made where it is needed."""
+        robot = self._robot
 
         def made() -> Any:
             robot.engine.require_invertible()
             doc = f"Velocities of {robot.name} after a step, compiled."
-            return compiled(_program(robot, friction, gains is not None), "braked step", doc)
+            return compiled(_program(robot, self.friction, self._gained), "braked step", doc)
 
-        self.kernel = robot.engine.kept(key, made)
+        return robot.engine.kept(("braked step", self.friction, self._gained), made)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
         """Where the velocities change, (nq,): halfway with friction, at the beginning without."""

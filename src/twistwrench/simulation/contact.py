@@ -30,6 +30,12 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
+_PRESSED = 3.0
+"""Times the robot's weight that presses a point in: more at the start is no robot that stands or lands there."""
+_NOTHING = 1e-9
+"""N: what is no force, for robots without weight."""
+
+
 @dataclass(frozen=True)
 class Plane:
     """Contact plane n·x = height that points of one frame run into; ``docs/simulation.md`` has the law.
@@ -149,6 +155,21 @@ class PlaneContact:
         held = plane.friction * pushed / np.sqrt(np.sum(slide * slide, axis=1) + plane.slip**2)
         f = (pushed[:, None] * n - held[:, None] * slide) @ R  # on the points, in the frame
         return self.robot.wrench_torques(q, np.concatenate([so3.cross(p, f).sum(axis=0), f.sum(axis=0)]), frame)
+
+    def buried(self, q: Array) -> str:
+        """What to say of a start with a point deeper inside than the robot's weight presses it; empty where none is."""
+        plane, model = self.plane, self.robot.model
+        depths = self._depths(self.robot.forward_kinematics(q, plane.frame))
+        worst, weight = int(depths.argmax()), sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)
+        depth = max(float(depths[worst]), 0.0)
+        if not plane.stiffness * depth**plane.exponent > max(_PRESSED * float(weight), _NOTHING):
+            return ""
+        stored = float(plane.stiffness * (np.maximum(depths, 0.0) ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
+        x, y, z = np.asarray(plane.points)[worst]
+        return (
+            f"point ({x:g}, {y:g}, {z:g}) of {plane.frame!r} starts {depth:.4g} m below the plane, which throws the robot out: "
+            f"{stored:.3g} J are in that contact at the start. Start higher, or with the plane lower"
+        )
 
     def _depths(self, T: Array) -> Array:
         return self.plane.height - (np.asarray(self.plane.points) @ T[:3, :3].T + T[:3, 3]) @ np.asarray(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,8 +37,11 @@ class EasedFriction:
     """
 
     def __init__(self, robot: Robot, creep: Array) -> None:
-        self.creep, self.dry = creep, rubs_dry(robot.model)
-        self._kernel = robot.engine.kept("eased friction", lambda: _eased(robot))
+        self.robot, self.creep, self.dry = robot, creep, rubs_dry(robot.model)
+
+    @cached_property
+    def _kernel(self) -> Any:
+        return self.robot.engine.kept("eased friction", lambda: _eased(self.robot))
 
     def left(self, dq: Array, tau: Array) -> Array:
         """What friction leaves of the torques tau, (nv)."""

@@ -88,9 +88,9 @@ class UnseenForces:
         system = self.probes.system
         before, system.held = (system.held, system.applied, system.evaluations), held
         try:
-            lasts = lasting(system, t + self.h, after, change)
+            lasts = lasting(system, system.moving, t + self.h, after, change)
         except SimulationError:
-            lasts = np.inf
+            lasts = np.array(np.inf)
         finally:
             system.held, system.applied, system.evaluations = before
         return np.asarray(np.minimum(np.where(extent.rests, end, extent.spans), lasts) * self._sum)

@@ -137,6 +137,23 @@ class System:
         force = self.forces(t, q, dq, powers)
         out[self.moving] = self.robot.forward_dynamics(q, dq, force)
 
+    def constant_accelerations(self, states: Array) -> Array:
+        """Of states (m, size) where nothing that acts is a function, (m, nv)."""
+        self.evaluations += len(states)
+        q, dq = states[:, : self.nq], states[:, self.moving]
+        total = np.broadcast_to(self.held, dq.shape)
+        if self.friction is not None:
+            total = self.friction.left(dq, total)
+        for _, push in self._pushes(0.0, q, dq, q):
+            total = total + push
+        return np.asarray(self.robot.forward_dynamics(q, dq, total))
+
+    def accelerations(self, t: float, y: Array) -> Array:
+        """Of a state, (nv,)."""
+        rate = np.zeros(self.size)
+        self.rates(t, y, rate)
+        return rate[self.moving]
+
 
 def torque_law(tau: Any, nv: int) -> tuple[Array, Law | None]:
     """Constant torques (nv), and torques as a function; one of them is nothing."""

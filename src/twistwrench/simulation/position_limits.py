@@ -25,6 +25,8 @@ class PositionLimits:
 
     names: tuple[str, ...]
     """(m,) of the joints."""
+    units: tuple[str, ...]
+    """(m,) "rad" or "m"."""
     sides: Array
     """(m,) -1 for a lower limit, 1 for an upper one."""
     limits: Array
@@ -41,7 +43,15 @@ class PositionLimits:
         """Those of a robot; ValueRangeError where it has none."""
         given, tolerance = robot.limits, robot.limits.tolerance
         rows = [
-            (b.joint.name, side, float(limits[b.v_index]), float(tolerance[b.v_index]), b.q_index, b.v_index)
+            (
+                b.joint.name,
+                b.joint.coordinate_units[0],
+                side,
+                limits[b.v_index],
+                tolerance[b.v_index],
+                b.q_index,
+                b.v_index,
+            )
             for b in robot.model.leaders
             if b.joint.nv == 1
             for side, limits in ((-1, given.lower), (1, given.upper))
@@ -49,10 +59,8 @@ class PositionLimits:
         ]
         if not rows:
             raise ValueRangeError(f"limits='stop': robot {robot.name!r} has no limits of position. Leave limits out.")
-        names, sides, limits, tolerances, coordinates, velocities = zip(*rows, strict=True)
-        return cls(
-            names, np.array(sides), np.array(limits), np.array(tolerances), np.array(coordinates), np.array(velocities)
-        )
+        names, units, *numbers = zip(*rows, strict=True)
+        return cls(names, units, *map(np.array, numbers))
 
     def margins(self, q: Array) -> Array:
         """How far each joint is inside each of its limits, (nq) → (m,), negative beyond it [rad or m]."""
@@ -64,11 +72,12 @@ class PositionLimits:
         worst = int(share.argmax())
         if share[worst] <= 1.0:
             return ""
-        return f"joint {self.names[worst]!r} is at {q[self.coordinates[worst]]:.6g}, beyond {self.limit(worst)}"
+        place = f"{q[self.coordinates[worst]]:.6g} {self.units[worst]}"
+        return f"joint {self.names[worst]!r} is at {place}, beyond {self.limit(worst)}"
 
     def limit(self, k: int) -> str:
         """Limit k in words."""
-        return f"its {'lower' if self.sides[k] < 0 else 'upper'} limit {self.limits[k]:.6g}"
+        return f"its {'lower' if self.sides[k] < 0 else 'upper'} limit {self.limits[k]:.6g} {self.units[k]}"
 
     def level(self, k: int, before: float) -> float:
         """The margin at which an event happens, for a joint whose margin was ``before``."""

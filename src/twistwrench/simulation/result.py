@@ -159,12 +159,13 @@ class SimulationResult:
             )
         return replace(self, simulated=robot)
 
-    def to_csv(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
         """Write a CSV file that ``twistwrench torques`` reads as a motion, and :meth:`load` gives back to the last bit.
 
         Parameters
         ----------
         path : str or Path
+        degrees : bool, angles in degrees, which the header then says: ``elbow [deg]``, ``elbow.vel [deg/s]``
 
         Returns
         -------
@@ -173,12 +174,13 @@ class SimulationResult:
         Raises
         ------
         ValueRangeError
-            Nothing can be written.
+            Nothing can be written; or degrees are asked for of a result from a file, which has no robot.
 
         Notes
         -----
         Columns: time, each coordinate, ``.vel``, ``.acc`` and ``.torque`` of each velocity, energies, works and
-        momentum. What else there is stands in comments before the header.
+        momentum. What else there is stands in comments before the header. What is written in degrees comes back with the
+        rounding of the conversion.
 
         Examples
         --------
@@ -191,7 +193,7 @@ class SimulationResult:
         """
         from .result_files import write_csv
 
-        return write_csv(self, path)
+        return write_csv(self, path, degrees=degrees)
 
     def to_npz(self, path: str | Path) -> Path:
         """Write NumPy's archive of arrays, which :meth:`load` gives back to the last bit.
@@ -288,29 +290,35 @@ class SimulationResult:
 
 @dataclass
 class Record:
-    """The states kept so far: time, state, accelerations and torques of each, added all at once or not at all."""
+    """The states kept so far: times, states, accelerations and torques of each, added all at once or not at all."""
 
-    rows: list[tuple[float, Array, Array, Array]] = field(default_factory=list)
+    blocks: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
+    """(m,), (m, size), (m, nv) and (m, nv)."""
     events: list[Happening] = field(default_factory=list)
 
     @property
-    def times(self) -> list[float]:
-        """Of the states [s]."""
-        return [row[0] for row in self.rows]
+    def last(self) -> float:
+        """The time of the last state [s]; -inf where none is kept."""
+        return float(self.blocks[-1][0][-1]) if self.blocks else -np.inf
 
     @property
-    def states(self) -> list[Array]:
-        """(q, dq, W) each."""
-        return [row[1] for row in self.rows]
+    def states(self) -> Array:
+        """(q, dq, W) of all, (n, size)."""
+        return np.concatenate([block[1] for block in self.blocks])
 
     def keep(self, t: float, y: Array, ddq: Array, tau: Array) -> None:
         """Add a state."""
-        self.rows.append((t, y.copy(), ddq.copy(), tau.copy()))
+        self.blocks.append((np.array([t]), y[None].copy(), ddq[None].copy(), tau[None].copy()))
+
+    def keep_block(self, times: Array, states: Array, accelerations: Array, tau: Array) -> None:
+        """Add states (m, size) under the same torques."""
+        if len(times):
+            torques = np.broadcast_to(tau, accelerations.shape)
+            self.blocks.append((times.copy(), states.copy(), accelerations.copy(), torques))
 
     def result(self, robot: Robot, works: tuple[str, ...], **said: Any) -> SimulationResult:
         """All that was kept, with energies and momentum."""
-        times, states, accelerations, torques = zip(*self.rows, strict=True)
-        Y = np.array(states)
+        times, Y, accelerations, torques = (np.concatenate(parts) for parts in zip(*self.blocks, strict=True))
         q, dq, W = Y[:, : robot.nq], Y[:, robot.nq : robot.nq + robot.nv], Y[:, robot.nq + robot.nv :]
         with np.errstate(all="ignore"):  # the last states before a failure may be enormous
             kinetic, potential = robot.kinetic_energy(q, dq), robot.potential_energy(q)
@@ -321,11 +329,11 @@ class Record:
             coordinate_names=robot.coordinate_names,
             coordinate_units=tuple(u for b in robot.model.leaders for u in b.joint.coordinate_units),
             velocity_names=robot.model.velocity_names,
-            times=np.array(times),
+            times=times,
             q=q.copy(),
             dq=dq.copy(),
-            ddq=np.array(accelerations),
-            tau=np.array(torques),
+            ddq=accelerations,
+            tau=torques,
             kinetic_energy=np.asarray(kinetic),
             potential_energy=np.asarray(potential),
             work={name: W[:, k].copy() for k, name in enumerate(works)},

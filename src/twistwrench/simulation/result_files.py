@@ -16,8 +16,9 @@ import numpy as np
 from ..core.csv_writer import CsvWriter, meant_text
 from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes
 from ..core.foreign_errors import foreign_errors
-from ..errors import NotFoundError, TrajectoryError
+from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..motion.column_names import time_column
+from ..motion.coordinates import DEGREES, Coordinates
 from ..outputs import replacing
 from ..typing import Array
 from .events import Happening
@@ -47,13 +48,17 @@ _ADDED: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
 _MOMENTUM = tuple(f"momentum.{x}" for x in ("mx", "my", "mz", "fx", "fy", "fz"))
 
 
-def write_csv(result: SimulationResult, path: str | Path) -> Path:
+def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = False) -> Path:
     """Comments with what is said in words, a header, and a row for each state."""
+    header = _header(result.coordinate_names, result.velocity_names)
+    factors: dict[str, Array] = {}
+    if degrees:
+        header, factors = _in_degrees(result, header)
     columns = [
         result.times,
-        result.q,
-        result.dq,
-        result.ddq,
+        result.q * factors.get("", 1.0),
+        result.dq * factors.get(".vel", 1.0),
+        result.ddq * factors.get(".vel", 1.0),
         result.tau,
         result.kinetic_energy,
         result.potential_energy,
@@ -63,9 +68,36 @@ def write_csv(result: SimulationResult, path: str | Path) -> Path:
     with replacing(path) as scratch, scratch.open("wb") as file:
         file.write(f"# {_MARK}\n# {_said(result)}\n".encode())
         writer = CsvWriter(file)
-        writer.row(_header(result.coordinate_names, result.velocity_names))
+        writer.row(header)
         writer.numbers(np.column_stack(columns))
     return path
+
+
+def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str], dict[str, Array]]:
+    """The header that says so, and what takes coordinates and velocities there."""
+    if result.simulated is None:
+        raise ValueRangeError(
+            "degrees: this result was read from a file, and has no robot that says what turns: result.of(robot).to_csv(…)."
+        )
+    names = Coordinates.of(result.simulated.model)
+    said = [header for suffix in DEGREES for header in names.headers(suffix, degrees=True)]
+    turning = {"": names.angular, ".vel": names.angular_velocity}
+    factors = {suffix: np.where(angular, np.degrees(1.0), 1.0) for suffix, angular in turning.items()}
+    return [header[0], *said, *header[1 + len(said) :]], factors
+
+
+def _to_radians(header: list[str], expected: list[str]) -> Array | None:
+    """What takes each column to SI units, (n,); None where the columns are others than expected."""
+    degree, units = np.radians(1.0), tuple(f" [{unit}]" for unit in DEGREES.values())
+    if len(header) != len(expected):
+        return None
+    factors = np.ones(len(header))
+    for k, (name, wanted) in enumerate(zip(header, expected, strict=True)):
+        if name != wanted:
+            if name not in [wanted + unit for unit in units]:
+                return None
+            factors[k] = degree
+    return factors
 
 
 def _header(coordinates: Sequence[str], v: Sequence[str]) -> list[str]:
@@ -127,7 +159,9 @@ def _read_csv(data: bytes) -> SimulationResult:
         )
     words = _words(json.loads(lines.readline()[1:]))
     coordinates, velocities = words["coordinate_names"], words["velocity_names"]
-    if [meant_text(cell) for cell in next(csv.reader(lines), [])] != _header(coordinates, velocities):
+    header = [meant_text(cell) for cell in next(csv.reader(lines), [])]
+    factors = _to_radians(header, _header(coordinates, velocities))
+    if factors is None:
         raise TrajectoryError("columns other than those that were written. Write it again, whole.")
     rows = lines.readlines()
     if not rows or not rows[-1].endswith("\n"):
@@ -137,7 +171,7 @@ def _read_csv(data: bytes) -> SimulationResult:
     sizes = [1, nq, nv, nv, nv, 1, 1, *([1] * len(WORKS)), 6]
     if table.shape[1] != sum(sizes):
         raise TrajectoryError(f"rows of {table.shape[1]} numbers, {sum(sizes)} wanted.")
-    parts = [part.copy() for part in np.split(table, np.cumsum(sizes)[:-1], axis=1)]
+    parts = [part.copy() for part in np.split(table * factors, np.cumsum(sizes)[:-1], axis=1)]
     times, q, dq, ddq, tau, kinetic, potential, *work, momentum = parts
     arrays = dict(zip(_ARRAYS, (times[:, 0], q, dq, ddq, tau, kinetic[:, 0], potential[:, 0], momentum), strict=True))
     return _result(words, arrays, {w: x[:, 0] for w, x in zip(WORKS, work, strict=True)})

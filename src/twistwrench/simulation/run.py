@@ -12,20 +12,20 @@ from ..errors import SimulationError
 from ..typing import Array
 from .accuracy import Accuracy, Extent
 from .adaptive import Stepper
+from .compiled_steps import CompiledSteps
 from .contact_steps import Touches
 from .events import Watch
 from .force_probes import ForceProbes, UnseenForces
 from .forces import WORKS, System
+from .free_steps import take_freely
 from .result import Record, SimulationResult
-from .schemes import ADAPTIVE, Scheme
-from .step_doubling import StepDoubling
+from .schemes import ADAPTIVE, OneByOne, Scheme
+from .step_blocks import FASTEST, take_blocks
+from .step_doubling import Flow, StepDoubling
 from .user_functions import Law
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-_FASTEST = 1e6
-"""rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
 
 
 class Run:
@@ -51,7 +51,9 @@ class Run:
         self.watch: Watch | None = None
         self.controller: Law | None = None
         self.constant = system.held
-        self.tick: Callable[[float], None] = lambda _t: None
+        self.tick: Callable[[float], None] | None = None
+        self.compiled: CompiledSteps | None = None
+        """Its steps in machine code, where nothing asks Python for a force or looks at a step."""
         self.stopped = ""
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
@@ -66,21 +68,26 @@ class Run:
     def fixed(self) -> None:
         """Steps of one length."""
         y = self._begin()
-        for k in range(self.n):
+        if self.compiled is not None:
+            take_blocks(self, self.compiled)
+            if self.steps == self.n:
+                return
+            y = self.last[1].copy()
+        for k in range(self.steps, self.n):
             t = k * self.h
             self._sample(t, y)
             self.system.rates(t, y, self.rate)
             if k % self.every == 0:
                 self._keep(t, y)
             t1 = (k + 1) * self.h if k + 1 < self.n else self.end
-            y1 = self._checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
+            y1 = self.checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
             if (k == 0 and self._leaves_at_once(y, y1, self.h)) or self._ended(t, y, [(self.h, y1)]):
                 return
             changed = self._touched(t1, y, y1) or self._stuck_or_slid(y, y1)
             self.doubling.note(t, y, y1, self.system.held, changed=changed)
             self.unseen.note(t, y, y1)
             y = y1
-            self._advance(t1, y)
+            self.advance(t1, y)
         self.system.rates(self.end, y, self.rate)
         self._keep(self.end, y)
 
@@ -93,24 +100,28 @@ class Run:
         self._sample(t, y)
         self.system.rates(t, y, self.rate)
         self._keep(t, y)
+        if stepper.attempts is not None:
+            take_freely(self, stepper)
+            return
         kept = 1
         while t < end:
             until = (k + 1) * self.h if self.controller is not None and k + 1 < self.n else end
             t1, y1 = stepper.step(t, y, self.rate, until)
             self.rejected, rate1 = stepper.rejected, stepper.rate_after
-            y1 = self._checked(t, t1, y1)
+            y1 = self.checked(t, t1, y1)
             if t == 0.0 and self._leaves_at_once(y, y1, t1):
                 return
-            points = []
+            begin = kept
             while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
-                points.append((kept * spacing - t, stepper.between(kept * spacing)))
                 kept += 1
+            times = np.arange(begin, kept) * spacing
+            points = list(zip((times - t).tolist(), stepper.between(times), strict=True))
             if self._ended(t, y, [*points, (t1 - t, y1)], points):
                 return
             for s, between in points:
                 self._keep_at(t + s, between)
             t, y = t1, y1
-            self._advance(t, y)
+            self.advance(t, y)
             if self.controller is not None and t == until and t < end:
                 k += 1
                 self._sample(t, y)
@@ -125,7 +136,7 @@ class Run:
 
     def result(self, stopped: str, *, completed: bool) -> SimulationResult:
         """All up to here, the last good state included."""
-        if not self.record.rows or self.last[0] > self.record.rows[-1][0]:
+        if self.last[0] > self.record.last:
             self._keep_rough(*self.last)
         said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
@@ -134,13 +145,13 @@ class Run:
 
     def judge(self) -> None:
         """Find what the steps so far are off by."""
-        if not self.record.rows:
+        if not self.record.blocks:
             return
-        extent = Extent.of(self.robot, np.array(self.record.states))
+        extent = Extent.of(self.robot, self.record.states)
         if self.stepper is not None:
             error: Array | None = self.stepper.judged(extent.spans)
         else:
-            error = self.doubling.errors(self.system, self.scheme, extent.spans) if self.doubling.steps else None
+            error = self.doubling.errors(self.system, self.flow, extent.spans) if self.doubling.steps else None
         if error is not None:
             self.accuracy = Accuracy.of(extent, error)
         left_out = self.unseen.error(extent, self.last[0])
@@ -149,6 +160,11 @@ class Run:
             self.accuracy = Accuracy.of(extent, np.fmax(self.accuracy.error, left_out))
 
     # ── parts of a step ──
+
+    @property
+    def flow(self) -> Flow:
+        """The steps of its method from any state."""
+        return self.compiled or OneByOne(self.system, self.scheme)
 
     def _begin(self) -> Array:
         y = self.last[1].copy()
@@ -180,10 +196,12 @@ class Run:
         braked, moving = self.system.braked, self.system.moving
         return braked is not None and bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
 
-    def _advance(self, t: float, y: Array) -> None:
+    def advance(self, t: float, y: Array) -> None:
+        """Take note of a step that is good, to y at t."""
         self.steps += 1
         self.last = (t, y)
-        self.tick(t)
+        if self.tick is not None:
+            self.tick(t)
 
     def _keep(self, t: float, y: Array) -> None:
         """Keep a state whose rates were computed last."""
@@ -202,12 +220,12 @@ class Run:
             unknown = np.full(self.robot.nv, np.nan)
             self.record.keep(t, y, unknown, unknown)
 
-    def _checked(self, t0: float, t1: float, y: Array) -> Array:
+    def checked(self, t0: float, t1: float, y: Array) -> Array:
         """The state with its quaternions of unit length; SimulationError where a step was unstable."""
         s = self.system
         s.manifold.normalise(y[: s.nq])
         speed = np.abs(y[s.moving])
-        if not (speed.max() < _FASTEST and np.isfinite(y).all()):
+        if not (speed.max() < FASTEST and np.isfinite(y).all()):
             bad = int(np.argmax(np.where(np.isfinite(speed), speed, np.inf)))
             advice = f"Take a smaller dt than {self.h:g} s, or method={ADAPTIVE!r}."
             if self.method == ADAPTIVE:

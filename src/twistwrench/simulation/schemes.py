@@ -83,6 +83,24 @@ class SemiImplicit:
         return y1
 
 
+class OneByOne:
+    """Steps of a method from any state: the rates there first, quaternions brought to unit length last."""
+
+    takes_many = False
+
+    def __init__(self, system: System, scheme: Scheme) -> None:
+        self.system, self.scheme, self.order = system, scheme, scheme.order
+        self.accelerations = system.accelerations
+
+    def after(self, t: float, y: Array, h: float) -> Array:
+        """The state a time ``h`` later."""
+        rate = np.zeros(self.system.size)
+        self.system.rates(t, y, rate)
+        y = self.scheme.step(t, y, h, rate)
+        self.system.manifold.normalise(y[: self.system.nq])
+        return y
+
+
 METHODS: dict[str, Callable[[System], Scheme]] = {
     "dopri5": lambda system: RungeKutta(system, DORMAND_PRINCE),
     "euler": lambda system: RungeKutta(system, EULER),

@@ -16,6 +16,10 @@ from ..model.friction import NONE_GIVEN
 from ..typing import Array
 from .adaptive import Stepper
 from .braked_step import BrakedStep
+from .closed_steps import ClosedSteps
+from .closed_system import ClosedScheme, ClosedStepper, ClosedSystem, Loops
+from .compiled_attempts import CompiledAttempts
+from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
 from .events import Event, Watch
@@ -53,6 +57,7 @@ def simulate(
     max_step: float | None = None,
     every: int = 1,
     progress: Callable[[float], None] | None = None,
+    loops: Loops | None = None,
 ) -> SimulationResult:
     """Simulation of a robot from one state; see :meth:`twistwrench.Robot.simulate`.
 
@@ -76,6 +81,7 @@ def simulate(
     max_step : float, optional, the longest step of dopri5 [s]
     every : int, keep one state in so many
     progress : callable, optional, told the share done, from 0 to 1
+    loops : Loops, optional, constraints to keep to, those of :meth:`twistwrench.ClosedRobot.simulate`
 
     Returns
     -------
@@ -102,19 +108,19 @@ def simulate(
     h = end / n
     held, law = torque_law(tau, robot.nv)
     surfaces = _contacts(robot, contacts)
-    system = System(
-        robot,
-        tau=law,
-        wrenches=wrench_laws(robot, wrench_on_robot),
-        contacts=surfaces,
-        friction=None,
-    )
+    acting: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": surfaces}
+    system = System(robot, **acting) if loops is None else ClosedSystem(loops, **acting)
     system.held = held
     scheme, adapts = scheme_of(method, system), method == ADAPTIVE
     y0 = _start(robot, system, q0, dq0)
+    if loops is not None:
+        scheme = ClosedScheme(scheme, loops)
+        loops.begin(y0)
     remarks = (
         [] if abs(h - dt) <= 1e-9 * dt else [f"states {h:.6g} s apart, not {dt:.6g} s, so that a whole number fills it"]
     )
+    planes = [contact for contact in surfaces if isinstance(contact, PlaneContact)]
+    remarks += [said for plane in planes if (said := plane.buried(y0[: robot.nq]))]
     friction = arguments.flag(friction, "friction")
     rubs, gains = friction and robot.model.friction.any, _rate_gains(robot, tau)
     if friction and not rubs:
@@ -129,7 +135,7 @@ def simulate(
     elif rubs:
         system.friction = EasedFriction(robot, _creep(robot, y0, 0.0 if adapts else h, creep))
         if eased := easing_remark(robot.model, system.friction.creep):
-            remarks.append(eased)
+            remarks.append(eased if loops is None else eased.rpartition("; ")[0])  # those of closed robots ease, too
     watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     if watched or surfaces or stops is not None:
@@ -149,11 +155,19 @@ def simulate(
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
         run.tick = lambda t: progress(min(t / end, 1.0))
+    alone = (
+        run.watch is None and controller is None
+    )  # nothing looks at its steps, or gives torques from one to the next
     try:
         with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
             if adapts:
-                run.adaptive(Stepper(system, *tolerances, longest, probe_spacing(h, end), end))
+                asked = (*tolerances, longest, probe_spacing(h, end), end)
+                stepper = Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked)
+                stepper.attempts = CompiledAttempts.of(system, tolerances) if alone and loops is None else None
+                run.adaptive(stepper)
             else:
+                of = CompiledSteps.of if loops is None else ClosedSteps.of
+                run.compiled = of(system, method, scheme.order, h) if alone else None
                 run.fixed()
             run.judge()
     except SimulationError as problem:

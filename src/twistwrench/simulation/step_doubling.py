@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SimulationError
 from .forces import System
-from .schemes import Scheme
 
 Array = NDArray[np.float64]
 
@@ -31,15 +31,43 @@ _MOST = 2000
 _ROUNDING = 1e-14
 
 
+class Accelerations(Protocol):
+    """What a motion obeys."""
+
+    def accelerations(self, t: float, y: Array, /) -> Array:
+        """Of a state (size,), (nv,)."""
+
+
+class Flow(Accelerations, Protocol):
+    """Steps of one method, one by one or many at once."""
+
+    @property
+    def order(self) -> int:
+        """Of the method."""
+
+    @property
+    def takes_many(self) -> bool:
+        """Whether states and times may have an axis of their own before."""
+
+    def after(self, t: float, y: Array, h: float, /) -> Array:
+        """The state a time h later, quaternions of unit length."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Step:
     """One step of the run: from y at t to ``after``, under the torques ``held`` by the controller."""
 
-    number: int
-    t: float
+    number: Any
+    t: Any
     y: Array
     after: Array
     held: Array
+
+    @classmethod
+    def of_all(cls, steps: list[_Step]) -> _Step:
+        """Steps under the same torques as one, with an axis of steps first."""
+        numbers, times, before, after = zip(*((s.number, s.t, s.y, s.after) for s in steps), strict=True)
+        return cls(np.array(numbers), np.array(times), np.array(before), np.array(after), steps[0].held)
 
 
 def probed_steps(n: int) -> Iterator[int]:
@@ -65,8 +93,7 @@ class StepDoubling:
     def __init__(self, n: int, h: float, *, lagging: bool) -> None:
         self.h, self.lagging = h, lagging
         """Whether velocities are those of half a step before: see :meth:`_lagging`."""
-        self._due = probed_steps(n)
-        self._next: int | None = next(self._due, None)
+        self._due = frozenset(probed_steps(n))
         self._spread: list[_Step] = []
         self._changed: list[_Step] = []
         self.steps = self._changes = 0
@@ -76,9 +103,8 @@ class StepDoubling:
         """Take note of a step, the next one; ``changed``: a contact begins or ends in it, or dry friction changes sides."""
         step = _Step(self.steps, t, y, after, held)
         self.steps += 1
-        if step.number == self._next:
+        if step.number in self._due:
             self._spread.append(step)
-            self._next = next(self._due, None)
         if changed:
             for one in (self._last, step):
                 if one is not None and (not self._changed or self._changed[-1].number < one.number):
@@ -87,7 +113,16 @@ class StepDoubling:
                         self._changed.append(one)
         self._last = step
 
-    def errors(self, system: System, scheme: Scheme, spans: Array) -> Array | None:
+    def note_block(self, times: Array, states: Array, held: Array, changed: NDArray[np.bool_]) -> None:
+        """Take note of the next n steps, from times (n,) through states (n + 1, size); ``changed`` (n,) as of one step."""
+        first, n = self.steps, len(times)
+        noted = {k - first for k in self._due if first <= k < first + n}
+        noted |= {*np.flatnonzero(changed).tolist(), *np.flatnonzero(changed[1:]).tolist(), n - 1}  # and those before
+        for k in sorted(noted):
+            self.steps = first + k
+            self.note(float(times[k]), states[k].copy(), states[k + 1].copy(), held, changed=bool(changed[k]))
+
+    def errors(self, system: System, flow: Flow, spans: Array) -> Array | None:
         """What all steps are off by, all together and signs left out, (nv,) [rad or m]; None where no step could be probed.
 
         An error of velocity counts as the way it makes in ``spans`` (nv) [s], or until friction and damping have ended it.
@@ -95,11 +130,11 @@ class StepDoubling:
         special = {step.number for step in self._changed}
         before = system.held, system.applied, system.evaluations
         try:
-            spread = self._probe(system, scheme, [s for s in self._spread if s.number not in special], spans)
-            changed = self._probe(system, scheme, self._changed, spans)
+            spread = self._probe(system, flow, [s for s in self._spread if s.number not in special], spans)
+            changed = self._probe(system, flow, self._changed, spans)
             if spread is None and changed is None:
                 return None
-            total = self._late(system, scheme, spans)
+            total = self._late(system, flow, spans)
         finally:
             system.held, system.applied, system.evaluations = before
         if spread is not None:
@@ -108,73 +143,66 @@ class StepDoubling:
             total += self._changes * changed[1].mean(axis=0)
         return total
 
-    def _probe(self, system: System, scheme: Scheme, steps: list[_Step], spans: Array) -> tuple[Array, Array] | None:
+    def _probe(self, system: System, flow: Flow, steps: list[_Step], spans: Array) -> tuple[Array, Array] | None:
         """The numbers (m,) of the steps that could be taken in halves, and how far off they were, (m, nv)."""
-        numbers, pairs, times = [], [], []
-        for step in steps:
+        found = []
+        for step in [_Step.of_all(steps)] if steps and flow.takes_many else steps:
             system.held = step.held
             try:
-                take = self._lagging if self.lagging else self._halves
-                halves = take(system, scheme, step)
-                lasts = lasting(system, step.t + self.h, step.after, halves[system.moving] - step.after[system.moving])
+                halves = (self._lagging if self.lagging else self._halves)(system, flow, step)
+                change = (halves - step.after)[..., system.moving]
+                lasts = lasting(flow, system.moving, step.t + self.h, step.after, change)
             except SimulationError:  # a function that fails at other times than those of the run
                 continue
-            if np.isfinite(halves).all():
-                numbers.append(step.number)
-                pairs.append((step.after, halves))
-                times.append(lasts)
-        if not pairs:
+            found.append((step.number, step.after, halves, lasts))
+        if not found:
             return None
-        whole, halved = (np.array(x) for x in zip(*pairs, strict=True))
+        numbers, whole, halved, times = (np.array(x, float) for x in zip(*found, strict=True))
+        whole, halved = whole.reshape(-1, system.size), halved.reshape(-1, system.size)
+        good = np.isfinite(halved).all(axis=1)
+        if not good.any():
+            return None
+        whole, halved, times = whole[good], halved[good], times.ravel()[good]
         q, v = slice(0, system.nq), system.moving
         places = _above_rounding(system.robot.subtract(whole[:, q], halved[:, q]), whole[:, q])
         speeds = _above_rounding(whole[:, v] - halved[:, v], whole[:, v])
-        off = places + np.minimum(spans, np.array(times)[:, None]) * speeds
-        return np.array(numbers, float), off / (1.0 - 0.5**scheme.order)
+        off = places + np.minimum(spans, times[:, None]) * speeds
+        return numbers.ravel()[good], off / (1.0 - 0.5**flow.order)
 
-    def _late(self, system: System, scheme: Scheme, spans: Array) -> Array:
+    def _late(self, system: System, flow: Flow, spans: Array) -> Array:
         """What it does that the first velocities of a lagging method are too late: they were given for the start itself."""
         if not self.lagging:
             return np.zeros(system.nv)
-        first = min([*self._spread[:1], *self._changed[:1]], key=lambda step: step.number)
+        first, v = min([*self._spread[:1], *self._changed[:1]], key=lambda step: step.number), system.moving
         system.held = first.held
-        late = self._half(system, scheme, first.t, first.y)[system.moving] - first.y[system.moving]
-        return np.asarray(np.minimum(spans, lasting(system, first.t, first.y, late)) * np.abs(late))
+        late = flow.after(first.t, first.y, 0.5 * self.h)[v] - first.y[v]
+        return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late)) * np.abs(late))
 
-    def _halves(self, system: System, scheme: Scheme, step: _Step) -> Array:
+    def _halves(self, _system: System, flow: Flow, step: _Step) -> Array:
         """The state after two steps of half the length."""
-        return self._half(system, scheme, step.t + 0.5 * self.h, self._half(system, scheme, step.t, step.y))
+        half = 0.5 * self.h
+        return flow.after(step.t + half, flow.after(step.t, step.y, half), half)
 
-    def _half(self, system: System, scheme: Scheme, t: float, y: Array) -> Array:
-        rate = np.zeros(system.size)
-        system.rates(t, y, rate)
-        y = scheme.step(t, y, 0.5 * self.h, rate)
-        system.manifold.normalise(y[: system.nq])
-        return y
-
-    def _lagging(self, system: System, scheme: Scheme, step: _Step) -> Array:
+    def _lagging(self, system: System, flow: Flow, step: _Step) -> Array:
         """The same for a method whose velocities are those of h/2 before, and with half the step those of h/4 before.
 
         Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
         one time to the other before the halves, and back after them, by the accelerations over a half step.
         """
-        v, start, end = system.moving, step.y.copy(), step.after
-        start[v] += 0.5 * (self._half(system, scheme, step.t, step.y)[v] - step.y[v])
-        halves = self._halves(system, scheme, replace(step, y=start))
-        halves[v] -= 0.5 * (self._half(system, scheme, step.t + self.h, end)[v] - end[v])
+        v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
+        start[v] += 0.5 * (flow.after(step.t, step.y, half)[v] - step.y[v])
+        halves = self._halves(system, flow, replace(step, y=start))
+        halves[v] -= 0.5 * (flow.after(step.t + self.h, end, half)[v] - end[v])
         return halves
 
 
-def lasting(system: System, t: float, y: Array, off: Array) -> float:
-    """About how long a difference of velocities (nv) lasts, by the accelerations it brings [s]; inf where nothing damps it."""
-    if not off.any():
-        return np.inf
-    moved, rates = y.copy(), np.zeros((2, system.size))
-    moved[system.moving] += off
-    system.rates(t, y, rates[0])
-    system.rates(t, moved, rates[1])
-    damped = -float(off @ (rates[1] - rates[0])[system.moving])
-    return float(off @ off) / damped if damped > 0.0 else np.inf
+def lasting(flow: Accelerations, moving: slice, t: Any, y: Array, off: Array) -> Array:
+    """About how long differences of velocities (..., nv) last, by the accelerations they bring, (...) s; inf undamped."""
+    moved = y.copy()
+    moved[..., moving] += off
+    damped = -np.vecdot(off, flow.accelerations(t, moved) - flow.accelerations(t, y))
+    with np.errstate(all="ignore"):
+        return np.where(damped > 0.0, np.vecdot(off, off) / damped, np.inf)
 
 
 def _above_rounding(off: Array, of: Array) -> Array:

@@ -171,4 +171,4 @@ def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
     a, b, _, _, _ = tableau.numbers
     last = len(b) - 1
     rows = [(float(i > 0), b[i], a[i + 1][i], 0.0, 0.0) for i in range(last)]
-    return (*(tuple(map(float, row)) for row in rows), (1.0, float(b[last]), 0.0, 1.0, 1.0))
+    return (*(tuple(map(float, row)) for row in rows), (float(last > 0), float(b[last]), 0.0, 1.0, 1.0))

@@ -36,9 +36,13 @@ class Stiffness:
         """Take note of a step from y at t that was tried. Raises SimulationError where the run would hardly end."""
         K, moving = self.scheme.K, slice(0, self.system.size - len(WORKS))
         z = y + h * np.dot(self.scheme.a[-2], K[:-2])
-        away = float(np.linalg.norm((y1 - z)[moving]))
+        self.note(t, h, h * float(np.linalg.norm((K[-1] - K[-2])[moving])), float(np.linalg.norm((y1 - z)[moving])))
+
+    def note(self, t: float, h: float, steep: float, away: float) -> None:
+        """The same, of two states so far away from each other, whose rates differ by ``steep`` / h."""
+        K = self.scheme.K
         self._tried += 1
-        self._at_edge += h * float(np.linalg.norm((K[-1] - K[-2])[moving])) > _EDGE * away > 0.0
+        self._at_edge += steep > _EDGE * away > 0.0
         if self._tried < _WINDOW:
             return
         mean = (t - self._begin) / self._tried

@@ -1,0 +1,80 @@
+"""Back onto the constraints from nearby, on symbols: what a step of an integrator leaves is taken away again.
+
+With M = L'DL, Y = L⁻ᵀA' and S = Y'D⁻¹Y = A M⁻¹ A', the least changes in the kinetic metric are
+
+    (1)  q ← q ⊕ -M⁻¹A'S⁻¹ g(q),  g the gaps of the loops
+    (2)  dq ← dq - M⁻¹A'S⁻¹ A dq
+
+(1) is taken twice with the matrices of the first q, Newton's method simplified: gaps of a step are small, and each time shrink
+by the square of what was moved. (2) is exact at the q found. Source: Hairer, Lubich and Wanner, Geometric Numerical
+Integration, section IV.4, projection methods; in the metric of M the projection is the same in any coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..model.model import Model
+from ..typing import Array
+from .constraints import Closure, Constraint, closure_poses, constraint_jacobian
+from .integration import add, normalised
+from .mass_matrix import mass_matrix
+from .recursion import zeros
+from .tree_factorisation import factored, lowered, raised, solved
+
+ROUNDS = 2
+"""Of (1): a gap of 1e-5 of the robot's size becomes one of 1e-10, and that rounding."""
+
+
+def projected(
+    model: Model, q: Array, dq: Array, constraints: Sequence[Constraint], independent: Sequence[int]
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """q and dq on the constraints, the gaps and the rates A dq before, the gaps after, and the pivots of A M⁻¹ A'.
+
+    (nq,), (nv,), (rows of closures,), (independent rows,), (rows of closures,), (independent rows,). ``independent`` are the
+    numbers of the rows of A that do not depend on earlier ones.
+    """
+    with_gap = [k for k, c in enumerate(_rowwise(constraints)) if isinstance(c, Closure)]
+    closing = [n for n, k in enumerate(with_gap) if k in independent]
+    before = after = small_gaps(model, q, constraints)
+    if closing:
+        (L, D), A = factored(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))
+        Y = lowered(L, A[[with_gap[n] for n in closing]].T)
+        R, E = factored(Y.T @ (D[:, None] * Y))
+        for _ in range(ROUNDS):
+            q = add(model, q, -raised(L, D * (Y @ solved(R, E, after[closing]))))  # (1)
+            after = small_gaps(model, q, constraints)
+    q = normalised(model, q)
+    (L, D), A = factored(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))[list(independent)]
+    Y = lowered(L, A.T)
+    R, E = factored(Y.T @ (D[:, None] * Y))
+    rates = A @ dq
+    return q, dq - raised(L, D * (Y @ solved(R, E, rates))), before, rates, after, 1.0 / E  # (2)
+
+
+def small_gaps(model: Model, q: Array, constraints: Sequence[Constraint]) -> Array:
+    """The gaps of the closures' rows, rad and m, right to the third order; zero where :func:`.loop_closure.closure_gaps` are.
+
+    Sines stand for angles.
+    """
+    closures = [c for c in constraints if isinstance(c, Closure)]
+    if not closures:
+        return zeros(0)
+    T = closure_poses(model, q, tuple(closures))
+    return np.concatenate([_small_gap(c.rows, T[n, :3, :3], T[n, :3, 3]) for n, c in enumerate(closures)])
+
+
+def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
+    turning = [k for k in range(3) if k in rows]
+    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    if len(turning) == 2:
+        k = 3 - sum(turning)
+        i, j = (k + 1) % 3, (k + 2) % 3
+        turn[i], turn[j] = -R[j, k], R[i, k]  # e_k × R e_k
+    return np.concatenate([turn, p])[list(rows)]
+
+
+def _rowwise(constraints: Sequence[Constraint]) -> list[Constraint]:
+    return [c for c in constraints for _ in c.rows]

@@ -1,0 +1,211 @@
+"""Methods of a closed robot that open what is built on it: simulation, and statics on its inverse dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from ..algorithms.constrained import ConstrainedTorques
+    from ..simulation import Event, JointStops, Plane
+    from ..simulation.closed_simulation import ClosedSimulation
+    from .shortcuts import Law
+    from .wrench_arguments import Wrenches
+
+ClosedMethod = Literal["rk4", "dopri5", "semi_implicit", "euler"]
+
+
+class ClosedShortcuts:
+    """Methods of a closed robot that open what is built on it."""
+
+    def simulate(
+        self: Any,
+        q0: ArrayLike | None = None,
+        dq0: ArrayLike | None = None,
+        duration: float = 1.0,
+        dt: float = 1e-3,
+        *,
+        method: ClosedMethod = "rk4",
+        tau: ArrayLike | Law | None = None,
+        controller: Law | None = None,
+        wrench_on_robot: Mapping[str, Any] | None = None,
+        friction: bool = False,
+        creep: float | None = None,
+        contacts: Plane | JointStops | Iterable[Plane | JointStops] = (),
+        limits: Literal["stop"] | None = None,
+        events: Event | Law | Iterable[Event | Law] = (),
+        rtol: float = 1e-8,
+        atol: float = 1e-10,
+        max_step: float | None = None,
+        every: int = 1,
+        progress: Callable[[float], None] | None = None,
+    ) -> ClosedSimulation:
+        """Simulation: the motion from one state, by constrained dynamics, each step of which ends on the constraints.
+
+        Parameters
+        ----------
+        q0 : (nq,) array_like, optional, configuration at the start, loops closed; None: a closed one near neutral
+        dq0 : (nv,) array_like, optional, velocities at the start [rad/s, m/s]; None: at rest
+        duration : float [s]
+        dt : float, a state every so often [s]
+        method : str, the integrator
+            ``"rk4"``, ``"semi_implicit"`` and ``"euler"`` with steps of ``dt``, and ``"dopri5"``, which adapts them.
+        tau : (nv,) array_like or function of (t, q, dq), optional, joint torques [N m, sliding joints: N]
+        controller : function of (t, q, dq), optional, asked every ``dt``, its torques held until the next time
+        wrench_on_robot : {frame: (6,) or function of (t, q, dq)}, optional, (m, f) in that frame [N m, N]
+        friction : bool, count the friction of the joints
+        creep : float, optional, joint velocity below which friction is eased off [rad/s, m/s]
+        contacts : ``tw.simulation.Plane`` and ``JointStops``, one or several
+        limits : "stop" or None; ``"stop"`` ends where a joint reaches a limit
+        events : ``tw.simulation.Event`` or function of (t, q, dq), one or several
+        rtol, atol : float, tolerances of dopri5
+        max_step : float, optional, the longest step of dopri5 [s]
+        every : int, keep one state in so many
+        progress : callable, optional, told the part that is done, 0 to 1
+
+        Returns
+        -------
+        result : ClosedSimulation, a SimulationResult with λ, the gaps, and what steps left to be projected away
+
+        Raises
+        ------
+        ConstraintError
+            The first state is far from the constraints.
+        SimulationError
+            The constraints lose rank on the way, loops cannot be closed again, a step is unstable, or a controller
+            fails; all that was computed is in ``.result``.
+        ShapeError, ValueRangeError, UnknownNameError
+            An argument is invalid, or the first configuration is singular.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        Projections are the least in the kinetic metric. docs/constraints.md explains; Hairer, Lubich and Wanner,
+        Geometric Numerical Integration, section IV.4.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> swing = held.simulate(held.consistent([-0.6, 0.2, 2.2]), duration=0.5)
+        >>> len(swing), bool(swing.gap.max() < 1e-12), swing.relative_drift < 1e-6
+        (501, True, True)
+        """
+        from ..simulation.closed_simulation import simulate_closed
+
+        return simulate_closed(
+            self, q0, dq0, duration, dt, method=method, tau=tau, controller=controller, wrench_on_robot=wrench_on_robot,
+            friction=friction, creep=creep, contacts=contacts, limits=limits, events=events, rtol=rtol, atol=atol,
+            max_step=max_step, every=every, progress=progress,
+        )  # fmt: skip
+
+    def holding_torques(
+        self: Any,
+        q: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> ConstrainedTorques:
+        """Holding torques of static equilibrium: τ of the ``actuated`` joints, and λ, of τ = g + A'λ + Σ J'F_by - Σ J'F_on.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        actuated : iterable of str, optional, joints that have a motor; None: all
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+
+        Returns
+        -------
+        torques : ConstrainedTorques
+            ``tau`` (nv,) [N m, sliding joints: N], zero at the other joints, and ``lam`` (k,) [N m, N].
+
+        Raises
+        ------
+        ConstraintError
+            Loops are open at q, or the motors named cannot hold the robot.
+        UnknownNameError
+            ``actuated`` names no joint of the robot, or a wrench is at no frame of it.
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        :meth:`inverse_dynamics` at rest; MR sections 5.2 and 8.7.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> q = held.consistent([-0.6, 0.2, 2.2])
+        >>> tau = held.holding_torques(q, ["joint1"]).tau
+        >>> bool(abs(held.forward_dynamics(q, [0, 0, 0], tau).ddq).max() < 1e-10)
+        True
+        """
+        rest = np.zeros(self.nv)
+        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        return self.inverse_dynamics(q, rest, rest, actuated, **given)
+
+    def joint_wrenches(
+        self: Any,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        actuated: Iterable[str] | None = None,
+        *,
+        wrench_by_robot: Wrenches | None = None,
+        wrench_on_robot: Wrenches | None = None,
+    ) -> Any:
+        """Wrenches across the joints (bearing loads) of a closed robot: what each moving body receives across its joint.
+
+        Parameters
+        ----------
+        q : (nq,) array_like, configuration
+        dq : (nv,) array_like, joint velocities [rad/s, m/s]
+        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
+        actuated : iterable of str, optional, joints that have a motor; None: all
+        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
+        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
+
+        Returns
+        -------
+        F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of the open robot's
+
+        Raises
+        ------
+        ConstraintError
+            q, dq or ddq breaks the constraints, or the motors named cannot make the motion.
+        UnknownNameError
+            ``actuated`` names no joint of the robot, or a wrench is at no frame of it.
+        ShapeError
+            The last axes are not the robot's sizes, or batch shapes do not broadcast.
+
+        Notes
+        -----
+        Those of the open robot under λ of :meth:`inverse_dynamics`, a wrench on both links that a closure joins; what the
+        cut joints themselves carry is λ. MR section 8.7.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> q = held.consistent([-0.6, 0.2, 2.2])
+        >>> held.joint_wrenches(q, [0, 0, 0], [0, 0, 0], ["joint1"]).shape
+        (3, 6)
+        """
+        from .constraint_wrenches import applied
+
+        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        lam = self.inverse_dynamics(q, dq, ddq, actuated, **given).lam
+        found, free = (self.robot.joint_wrenches(q, dq, ddq, **more) for more in (given, {}))
+        for frame, F in applied(self, np.asarray(q, float), lam):  # one frame may stand in several constraints
+            found = found + (self.robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - free)
+        return found

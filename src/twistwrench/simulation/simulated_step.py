@@ -1,0 +1,116 @@
+"""One step of a simulation as a program: that of a rollout, with the works done in it and the accelerations it begins with.
+
+The state is the y = (q, dq, W) of :mod:`.forces`, and the formulas are those of :mod:`.schemes`: works are integrated by the
+method that moves the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..algorithms import integration
+from ..algorithms.coordinate_rates import coordinate_rates
+from ..algorithms.forward_dynamics import forward_dynamics
+from ..algorithms.friction import eased, torque_past_eased_friction
+from ..algorithms.jacobians import wrench_torques
+from ..algorithms.recursion import zeros
+from ..algorithms.velocity_step import velocity_step
+from ..model.model import Model
+from ..program.recurrence import Recurrence, Source
+from ..program.trace import trace
+from ..typing import Array
+from .forces import WORKS
+from .step_program import Plan, Ports, stages
+from .tableau import EULER, RK4
+
+TABLEAUS = {"euler": EULER, "rk4": RK4}
+"""The methods whose stages need the one before alone."""
+SIMULATED = ("semi_implicit", *TABLEAUS)
+"""The methods that have steps here, by their names in simulations."""
+
+
+@dataclass(frozen=True)
+class SimulatedStep(Plan):
+    """What a step of a simulation is made of; its torques and wrenches are constant."""
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Plans of one robot with one key are one program."""
+        return "simulated step", self.method, self.frames, self.friction
+
+    @property
+    def stages(self) -> int:
+        """Evaluations of forward dynamics in a step."""
+        return len(TABLEAUS[self.method].b) if self.method in TABLEAUS else 1
+
+    def recurrence(self) -> Recurrence:
+        """The program, and where its inputs come from: q, dq and W are the state, accelerations are said of each step."""
+        given = self.given
+        shapes = [(self.model.nq,), (self.model.nv,), (len(WORKS),)]
+        state: Ports = [("angles", shapes[0]), *zip(("q", "dq", "work"), shapes, strict=True)]
+        fed = [Source("state", k) for k in (0, 0, 1, 2)]
+        sources = [Source("given")] * len(given)
+        if self.method == "semi_implicit":
+            program = trace(self._semi_implicit_step, [*state, *given], ["q", "dq", "work", "ddq"])
+            return Recurrence(program, (*fed, *sources), visible=3)
+        more: Ports = [(f"{name} at start", shape) for (name, _), shape in zip(state[1:], shapes, strict=True)]
+        more += [(f"{name} sum", shape) for (name, _), shape in zip(state[1:], shapes, strict=True)]
+        fed += [*(Source("start", k) for k in range(3)), *(Source("state", k) for k in range(3, 6)), Source("stage")]
+        names = ["q", "dq", "work", "q sum", "dq sum", "work sum", "ddq"]
+        program = trace(self._stage, [*state, *more, ("stage", (5,)), *given], names)
+        return Recurrence(program, (*fed, *sources), visible=3, hidden=3, table=stages(TABLEAUS[self.method]))
+
+    # ── on symbols ──
+
+    def _semi_implicit_step(
+        self, angles: Array, q: Array, dq: Array, work: Array, h: Any, *given: Array
+    ) -> tuple[Array, ...]:
+        """As :class:`~twistwrench.simulation.schemes.SemiImplicit`; with friction, works are by the mean velocities."""
+        _, plant, rest = self._models(given)
+        tau = rest["tau"]
+        if not self.friction:
+            ddq = forward_dynamics(plant, angles, dq, tau, wrenches=self._pushed(rest))
+            dq1, powers = dq + h * ddq, self._powers(plant, angles, dq, tau, zeros(plant.nv), rest)
+            return integration.moved(self.model, q, h * dq1, angles), dq1, work + h * powers, ddq
+        middle = integration.halfway(self.model, q, h * dq, angles)
+        dq1, tau, lost = velocity_step(plant, middle, dq, h, tau, friction=True, wrenches=self._pushed(rest))
+        powers = self._powers(plant, middle, 0.5 * (dq + dq1), tau, lost, rest)
+        q1 = integration.moved(self.model, middle, 0.5 * h * dq1, middle)
+        return q1, dq1, work + h * powers, (dq1 - dq) / h
+
+    def _stage(
+        self, angles: Array, _q: Array, dq: Array, _work: Array, q0: Array, dq0: Array, work0: Array, q_sum: Array,
+        dq_sum: Array, work_sum: Array, row: Array, h: Any, *given: Array,
+    ) -> tuple[Array, ...]:  # fmt: skip
+        """One stage of a Runge-Kutta method, by its row of :func:`.step_program.stages`."""
+        keep, weight, last, all_of_them, ends = row
+        rates = self.rates(angles, dq, given)
+        pairs = list(zip((q_sum, dq_sum, work_sum), rates, strict=True))
+        sums = [keep * total + weight * rate for total, rate in pairs]
+        ends_at = [
+            x0 + h * (last * rate + all_of_them * total)
+            for x0, rate, total in zip((q0, dq0, work0), rates, sums, strict=True)
+        ]
+        return integration.normalised(self.model, ends_at[0], ends), *ends_at[1:], *sums, rates[1]
+
+    def rates(self, angles: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """Of coordinates, velocities and works, dry friction eased off; ``given`` is what a step is given but its length."""
+        _, plant, rest = self._models(given)
+        tau = force = rest["tau"]
+        if self.friction:
+            force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
+        ddq = forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
+        return coordinate_rates(self.model, angles) @ dq, ddq, self._powers(plant, angles, dq, tau, force - tau, rest)
+
+    def _powers(self, plant: Model, at: Array, dq: Array, tau: Array, lost: Array, rest: dict[str, Array]) -> Array:
+        """Of torques, friction, wrenches and contacts, in the order of :data:`.forces.WORKS`, (4,)."""
+        pushes: Sequence[Array] = [wrench_torques(plant, at, rest[f"wrench at {f}"], f) for f in self.frames]
+        found = zeros(len(WORKS))
+        found[0], found[1] = tau @ dq, lost @ dq
+        for push in pushes:
+            found[2] = found[2] + push @ dq
+        return np.asarray(found)

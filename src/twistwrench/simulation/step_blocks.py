@@ -1,0 +1,44 @@
+"""The part of a run that machine code takes: blocks of steps, what is kept of each, and where it stops."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .compiled_steps import CompiledSteps
+
+if TYPE_CHECKING:
+    from .run import Run
+
+FASTEST = 1e6
+"""rad/s or m/s: what no robot reaches, and a step that is too long soon does."""
+_LOOKS = 100
+"""Blocks of a run of which progress is told, at least."""
+
+
+def take_blocks(run: Run, steps: CompiledSteps) -> None:
+    """Take the steps of a run as long as they are stable: a block that is not stays to be taken step by step."""
+    system, moving = run.system, run.system.moving
+    most = steps.most if run.tick is None else min(steps.most, max(1, run.n // _LOOKS))
+    while run.steps < run.n:
+        first, y = run.steps, run.last[1]
+        Y, ddq = steps.take(y, min(most, run.n - first))
+        if not (np.isfinite(Y).all() and np.abs(Y[:, moving]).max() < FASTEST):
+            return
+        numbers = np.arange(first, first + len(Y) + 1)
+        times, states = np.asarray(numbers * run.h, float), np.concatenate([y[None], Y])
+        if numbers[-1] == run.n:
+            times[-1] = run.end
+        kept = slice(-first % run.every, len(Y), run.every)
+        run.record.keep_block(times[kept], states[kept], ddq[kept], system.held)
+        changed = np.zeros(len(Y), bool)
+        if system.braked is not None:
+            signs = np.sign(states[:, moving])
+            changed = (signs[1:] != signs[:-1])[:, system.braked.dry].any(axis=1)
+        run.doubling.note_block(times[:-1], states, system.held, changed)
+        run.steps, run.last = first + len(Y), (float(times[-1]), states[-1])
+        if run.tick is not None:
+            run.tick(run.last[0])
+    t, y = run.last
+    run.record.keep_block(np.array([t]), y[None], steps.accelerations(t, y)[None], system.held)
