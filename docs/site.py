@@ -17,7 +17,19 @@ _FENCE = re.compile(r"^```(\w+) [^\n]+$", re.MULTILINE)
 """What the tests read behind a block's language: no-run, exit=1."""
 _ROLE = re.compile(r":(?:func|class|meth|data|attr|mod|exc):\s*<code>(?:([^<&]+) &lt;)?(~?)([\w.]+)(?:&gt;)?</code>")
 _LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
-_MODULES = ("control", "statics", "simulation", "trajectories", "sensing", "diagnosis", "convert", "viz", "se3", "so3")
+_MODULES = (
+    "control",
+    "statics",
+    "simulation",
+    "trajectories",
+    "sensing",
+    "diagnosis",
+    "convert",
+    "viz",
+    "se3",
+    "so3",
+    "pointwise",
+)
 
 
 def on_files(files: Any, config: Any) -> Any:

@@ -95,6 +95,7 @@ if _typing.TYPE_CHECKING:
     from . import diagnosis as diagnosis
     from . import identification as identification
     from . import modern_robotics as modern_robotics
+    from . import pointwise as pointwise
     from . import sensing as sensing
     from . import simulation as simulation
     from . import statics as statics
@@ -112,6 +113,7 @@ _LATER = (
     "diagnosis",
     "identification",
     "modern_robotics",
+    "pointwise",
     "sensing",
     "simulation",
     "statics",

@@ -73,6 +73,7 @@ def test_dir_has_every_public_name_and_nothing_else():
         "diagnosis",
         "identification",
         "modern_robotics",
+        "pointwise",
         "sensing",
         "simulation",
         "statics",

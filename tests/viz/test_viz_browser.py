@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chromium import browser
 from test_viz_page import ROBOTS
 
 import twistwrench as tw
@@ -18,39 +17,9 @@ from twistwrench.report.loaded_robot import LoadedRobot, Payload
 from twistwrench.viz import read_motion, scene_of, write_page
 
 REFERENCE = Path(__file__).with_name("viz_page.png")
-READY = "!!window.viewer || document.getElementById('failure').textContent"
 
 
-@pytest.fixture(scope="module")
-def page():
-    with browser() as found:
-        found.offline()
-        yield found
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("pages")
-
-
-@pytest.fixture(scope="module")
-def show(page, folder):
-    """Opens a robot's page, and checks that it comes up without a complaint and asks for nothing."""
-
-    def show(name, robot, **options):
-        path = folder / f"{name}.html"
-        if not path.exists():
-            write_page(robot, path, **options)
-        page.complaints.clear()
-        page.requests.clear()
-        page.open(path.as_uri())
-        assert page.wait(READY) is True, page.run("document.getElementById('failure').textContent")
-        page.run("new Promise(requestAnimationFrame)")
-        assert page.complaints == []
-        assert page.requests == [path.as_uri()]
-        return page
-
-    return show
+pytest_plugins = ("page_fixtures",)
 
 
 @pytest.fixture(scope="module")
@@ -74,10 +43,8 @@ def test_the_pages_kinematics_and_statics_are_the_robots(show, name):
         poses = np.array(page.run("viewer.robot.frames.map((f) => mul(poseOf(viewer.poses, f.body), f.pose))"))
         np.testing.assert_allclose(poses.reshape(-1, 4, 4), robot.link_poses(q), atol=1e-12)
         expected = robot.holding_torques(q, wrench_on_robot=wrench)
-        np.testing.assert_allclose(page.run("viewer.tau"), expected, atol=1e-11 * max(1.0, np.abs(expected).max()))
-        np.testing.assert_allclose(
-            page.run("centreOfMass(viewer.robot, viewer.poses)"), robot.center_of_mass(q), atol=1e-12
-        )
+        np.testing.assert_allclose(page.run("viewer.tau"), expected, atol=1e-12 * max(1.0, np.abs(expected).max()))
+        np.testing.assert_allclose(page.run("viewer.mechanics.centre(viewer.q)"), robot.center_of_mass(q), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -86,17 +53,17 @@ def test_the_pages_force_ellipsoid_and_polytope_are_those_of_statics(show, bundl
     page = show(f"{name}_forces", robot)
     found = 0
     for q in robot.random_configuration(2, 6):
-        page.run(f"viewer.setCoordinates({js(q)}); var tip = tipJacobian(viewer.robot, viewer.poses)")
-        J = np.array(page.run("tip.columns")).T
+        page.run(f"viewer.setCoordinates({js(q)}); var columns = viewer.mechanics.tipColumns(viewer.q)")
+        J = np.array(page.run("columns")).T
         np.testing.assert_allclose(J, robot.jacobian(q, kind="world_aligned")[3:], atol=1e-12)
-        L = np.reshape(page.run("forceEllipsoid(viewer.robot, tip.columns)"), (3, 3))
+        L = np.reshape(page.run("forceEllipsoid(viewer.robot, columns)"), (3, 3))
         A = statics.wrench_ellipsoid(robot, q, limits=robot.limits.effort).matrix
         np.testing.assert_allclose(L.T @ A @ L, np.eye(3), atol=1e-6)  # Cholesky of a matrix squared: half the digits
         try:
             expected = statics.wrench_polytope(robot, q).vertices
         except tw.ValueRangeError:
             continue
-        corners = np.array(page.run("forcePolytope(viewer.robot, tip.columns, viewer.tau).corners"))
+        corners = np.array(page.run("forcePolytope(viewer.robot, columns, viewer.tau).corners"))
         gaps = np.linalg.norm(corners[:, None] - expected[None], axis=2)
         scale = np.abs(expected).max()
         assert gaps.min(axis=1).max() < 1e-6 * scale

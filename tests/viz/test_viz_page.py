@@ -7,8 +7,6 @@ import warnings
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
-from scipy.spatial.transform import Rotation
 
 import twistwrench as tw
 from twistwrench.lie import se3
@@ -52,37 +50,6 @@ def robots():
 
 
 ROBOTS = dict(robots())
-
-
-def pose_of(body: dict, q: np.ndarray) -> np.ndarray:
-    """By SciPy, from what the page says of a joint."""
-    at = q[body["q"] : body["q"] + body["nq"]]
-    axes = np.array(body["axes"])
-    if body["kind"] == "rotor":
-        return np.eye(4)
-    if body["kind"] == "floating":
-        return se3.pose(Rotation.from_quat(at[[1, 2, 3, 0]]).as_matrix(), at[4:])
-    if body["kind"] == "planar":
-        slide = axes[1, 3:] * at[0] + axes[2, 3:] * at[1]
-        return se3.pose(Rotation.from_rotvec(axes[0, :3] * at[2]).as_matrix(), slide)
-    return expm(se3.hat(axes[0] * (body["ratio"] * at[0] + body["offset"])))
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_what_the_page_holds_gives_the_robots_poses(tmp_path, name):
-    robot = ROBOTS[name]
-    header, _ = read_page(write_page(robot, tmp_path / "page.html"))
-    q = robot.random_configuration(3)
-    poses: list[np.ndarray] = []
-    for body in header["bodies"]:
-        up = np.eye(4) if body["parent"] < 0 else poses[body["parent"]]
-        poses.append(up @ np.reshape(body["placement"], (4, 4)) @ pose_of(body, q))
-    for frame, expected in zip(header["frames"], robot.link_poses(q), strict=True):
-        up = np.eye(4) if frame["body"] < 0 else poses[frame["body"]]
-        np.testing.assert_allclose(up @ np.reshape(frame["pose"], (4, 4)), expected, atol=1e-12)
-    masses = np.array([b["mass"] for b in header["bodies"]])
-    places = np.array([T[:3, :3] @ b["com"] + T[:3, 3] for T, b in zip(poses, header["bodies"], strict=True)])
-    np.testing.assert_allclose(masses @ places / masses.sum(), robot.center_of_mass(q), atol=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapters 3
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,7 +97,7 @@ def work(results: Sequence[Expr], known: Known) -> Work:
             ends = sum(slope is not node.trace.one for slope in known[node].values())
             reverse += 2 * ends * used[node].bit_count()
             continue
-        operands = [x for x in (node.a, node.b) if x is not None and x in reach]
+        operands = [x for x in _made_of(node) if x in reach]
         multiplies = node.op not in ("add", "sub", "neg")
         for x in operands:
             forward += multiplies * reach[x].bit_count()
@@ -111,45 +111,48 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 # ── the chain rule ──
 
 
-def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
-    """The operands of an operation that vary, each with the derivative by it. The sign's is 0: it jumps, and stays."""
-    trace, a, b = node.trace, node.a, node.b
-    found: list[tuple[Expr | None, Any]] = []
-    if a in active:
-        if node.op in ("add", "sub"):
-            found.append((a, 1.0))
-        elif node.op == "neg":
-            found.append((a, -1.0))
-        elif node.op == "mul":
-            found.append((a, b))
-        elif node.op == "div":
-            found.append((a, 1.0 / b))  # type: ignore[operator]
-        elif node.op == "sqrt":
-            found.append((a, 0.5 / node))
-        elif node.op == "sin":
-            found.append((a, trace.cos(a)))  # type: ignore[arg-type]
-        elif node.op == "cos":
-            found.append((a, -trace.sin(a)))  # type: ignore[arg-type]
-        elif node.op == "exp":
-            found.append((a, node))
-        elif node.op in ("min", "max"):
-            found.append((a, _taken(node)))
-    if b in active:
-        if node.op in ("add", "sub"):
-            found.append((b, 1.0 if node.op == "add" else -1.0))
-        elif node.op == "mul":
-            found.append((b, a))
-        elif node.op == "div":
-            found.append((b, -(node * (1.0 / b))))  # type: ignore[operator]
-        elif node.op in ("min", "max"):
-            found.append((b, 1.0 - _taken(node)))
-    return found  # type: ignore[return-value]
-
-
-def _taken(node: Expr) -> Any:
+def _taken(node: Expr, a: Any, b: Any) -> Any:
     """1 where a minimum or maximum is its first operand, 0 where it is the second, and a half of each where they meet."""
-    apart = node.b - node.a if node.op == "min" else node.a - node.b  # type: ignore[operator]
+    apart = b - a if node.op == "min" else a - b
     return 0.5 + 0.5 * apart.sign()
+
+
+_RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
+    "add": (lambda f, a, b: 1.0, lambda f, a, b: 1.0),
+    "sub": (lambda f, a, b: 1.0, lambda f, a, b: -1.0),
+    "neg": (lambda f, a, b: -1.0,),
+    "mul": (lambda f, a, b: b, lambda f, a, b: a),
+    "div": (lambda f, a, b: 1.0 / b, lambda f, a, b: -(f * (1.0 / b))),
+    "sqrt": (lambda f, a, b: 0.5 / f,),
+    "sin": (lambda f, a, b: a.cos(),),
+    "cos": (lambda f, a, b: -a.sin(),),
+    "exp": (lambda f, a, b: f,),
+    "sign": (lambda f, a, b: 0.0,),  # it jumps, and stays
+    "min": (_taken, lambda f, a, b: 1.0 - _taken(f, a, b)),
+    "max": (_taken, lambda f, a, b: 1.0 - _taken(f, a, b)),
+    "tanh": (lambda f, a, b: 1.0 - f * f,),
+    "log": (lambda f, a, b: 1.0 / a,),
+    "arctan2": (lambda f, a, b: b / (a * a + b * b), lambda f, a, b: -(a / (a * a + b * b))),
+}
+"""The derivative of f(a, b) by each operand."""
+
+
+def _made_of(node: Expr) -> tuple[Expr, ...]:
+    """The operands of an operation, or of the function that it computes."""
+    composed, a, b = node.trace.composed, node.a, node.b
+    if composed and node.index in composed:
+        return composed[node.index].operands
+    return () if a is None else (a,) if b is None else (a, b)
+
+
+def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
+    """The operands of an operation that vary, each with the derivative by it."""
+    composed, operands = node.trace.composed.get(node.index), _made_of(node)
+    if not operands:
+        return []
+    rules = _RULES[node.op if composed is None else composed.name]
+    a, b = (*operands, None)[:2]
+    return [(x, rule(node, a, b)) for x, rule in zip(operands, rules, strict=True) if x in active]
 
 
 def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[list[Any]]:
@@ -183,13 +186,13 @@ def _active(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
         if node.index not in seen:
             seen[node.index] = node
             if node not in known:
-                stack.extend(x for x in (node.a, node.b) if x is not None)
+                stack.extend(_made_of(node))
     masks: dict[Expr, int] = {}
     for _, node in sorted(seen.items()):
         mask = sum(1 << d for d in known.get(node, ()))
         if node not in known and node.op != "sign":
-            for x in (node.a, node.b):
-                mask |= 0 if x is None else masks.get(x, 0)
+            for x in _made_of(node):
+                mask |= masks.get(x, 0)
         if mask:
             masks[node] = mask
     return masks

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .composed import arctan2, log, tanh
+
 if TYPE_CHECKING:
     from .trace import Trace
 
@@ -75,10 +77,16 @@ class Expr:
         return self * self.sign()
 
     def __pow__(self, power: Any) -> Any:
-        """Whole and half powers, by products and a square root."""
+        """Whole and half powers by products and a square root, others, of positive numbers, by exp and log."""
+        if isinstance(power, np.ndarray):
+            return _elementwise(np.power, self, power)
+        if isinstance(power, Expr):
+            return (power * self.log()).exp()
         twice = 2 * float(power) if isinstance(power, int | float | np.number) else np.nan
-        if not (abs(twice) <= _LARGEST_POWER and twice == int(twice)):
-            raise TypeError(f"a traced value to the power of {power!r}: whole and half powers up to 64 can be traced.")
+        if not abs(twice) <= _LARGEST_POWER:
+            raise TypeError(f"a traced value to the power of {power!r}: powers up to 64 can be traced.")
+        if twice != int(twice):
+            return (float(power) * self.log()).exp()
         if twice < 0:
             return 1.0 / self ** (-power)
         whole, half = divmod(int(twice), 2)
@@ -86,6 +94,9 @@ class Expr:
         while whole:
             result, square, whole = (result * square if whole & 1 else result), square * square, whole >> 1
         return result
+
+    def __rpow__(self, base: Any) -> Any:
+        return _elementwise(np.power, base, self) if isinstance(base, np.ndarray) else self.trace.lift(base) ** self
 
     def __eq__(self, other: object) -> bool:
         if self is other:
@@ -124,6 +135,26 @@ class Expr:
     def exp(self) -> Expr:
         """e to its power; what ``np.exp`` calls."""
         return self.trace.exp(self)
+
+    def log(self) -> Expr:
+        """Natural logarithm; what ``np.log`` calls."""
+        return log(self)
+
+    def tanh(self) -> Expr:
+        """Hyperbolic tangent; what ``np.tanh`` calls."""
+        return tanh(self)
+
+    def arctan(self) -> Expr:
+        """Arc tangent; what ``np.arctan`` calls."""
+        return arctan2(self, self.trace.one)
+
+    def arctan2(self, x: Any) -> Expr:
+        """The angle of the point (x, the value); what ``np.arctan2`` calls."""
+        return arctan2(self, self.trace.lift(x))
+
+    def hypot(self, other: Any) -> Any:
+        """Root of the sum of two squares; what ``np.hypot`` calls. It is not differentiable at 0: NaN."""
+        return (self * self + other * other).sqrt()
 
     def clip(self, lower: Any, upper: Any) -> Expr:
         """The value, or the limit it is beyond; NaN stays NaN."""

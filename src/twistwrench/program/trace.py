@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import KernelError
 from ..typing import Array
+from .composed import Composed
 from .expr import Expr
 from .program import Port, Program
 from .schedule import build
@@ -30,6 +31,7 @@ class Trace:
     def __init__(self) -> None:
         self._table: dict[tuple[Any, ...], Expr] = {}
         self._turned: dict[int, tuple[Expr, Expr]] = {}
+        self.composed: dict[int, Composed] = {}
         self.zero = self.constant(0.0)
         self.one = self.constant(1.0)
 
@@ -51,6 +53,7 @@ class Trace:
         """Let go of all expressions: they hold this trace, and a ring of millions waits long for Python's collector."""
         self._table.clear()
         self._turned.clear()
+        self.composed.clear()
 
     def constant(self, value: float) -> Expr:
         """A constant; -0.0 is 0.0."""

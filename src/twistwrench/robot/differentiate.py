@@ -17,9 +17,11 @@ from .engine import compiled
 from .robot import Robot
 
 _ADVICE = (
-    "It runs once, on symbols, for all values there will be: +, -, *, /, @, ** by whole and half numbers, np.sin, np.cos, "
-    "np.tan, np.sqrt, np.exp, np.abs and robots' methods of the names that robot.kernel takes are understood; branches and "
-    "comparisons of values, np.linalg.inv and solve, math.sin are not. np.array([…]) holds symbols, np.zeros(n) only floats."
+    "It runs once, on symbols, for all values there will be: +, -, *, /, @, **, np.sin, np.cos, np.tan, np.arctan, np.arctan2, "
+    "np.sqrt, np.exp, np.log, np.tanh, np.hypot, np.abs and robots' methods of the names that robot.kernel takes are "
+    "understood; branches and comparisons of values, np.linalg.inv and solve, math.sin are not. For np.maximum, minimum, clip "
+    "and where take tw.pointwise. np.array([…]) holds symbols, np.zeros(n) only floats; np.arctan2 and np.hypot want a symbol "
+    "as their first."
 )
 
 

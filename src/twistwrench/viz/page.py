@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..lie import se3
-from ..motion.coordinates import Coordinates
 from ..outputs import replacing
 from ..typing import Array
-from .colours import COLOURS, SHARES, force_scale, torque_marks
+from .colours import force_scale
+from .page_programs import PagePrograms
+from .page_robot import robot_data, wrench_data
 from .scene import Scene, scene_of
-from .skeleton import turned_z
-from .sliders import sliders_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,10 +29,19 @@ if TYPE_CHECKING:
     from .drawn_motion import DrawnMotion
 
 _TRIANGLES = 150_000
-_SCRIPTS = ("robot.js", "solids.js", "stage.js", "panel.js", "page.js")
+_SCRIPTS = (
+    "matrices.js",
+    "coordinates.js",
+    "forces.js",
+    "mechanics.js",
+    "fall.js",
+    "solids.js",
+    "stage.js",
+    "panel.js",
+    "load.js",
+    "page.js",
+)
 _KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
-_LONGEST_ARROW = 0.35
-"""Of the largest force, as a share of the robot's size."""
 
 
 def write_page(
@@ -97,8 +104,10 @@ def page_text(
     start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
     box = _Box()
-    data = _robot_data(robot, start) | _scene_data(scene, box, start, motion)
-    data |= _wrench_data(robot, wrench_on_robot or {}) | {"forceScale": force_scale(robot, scene)}
+    wrenches = wrench_on_robot or {}
+    data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
+    data |= wrench_data(robot, wrenches) | {"forceScale": force_scale(robot, scene)}
+    data |= PagePrograms(robot, tuple(wrenches)).data()
     for torque, peak in zip(
         data["torques"], [0.0] * robot.nv if motion is None else motion.peaks.tolist(), strict=True
     ):
@@ -156,64 +165,6 @@ class _Box:
         return base64.b64encode(zlib.compress(raw, 9)).decode("ascii")
 
 
-def _robot_data(robot: Robot, start: Array) -> dict[str, Any]:
-    model, coordinates = robot.model, Coordinates.of(robot.model)
-    leaders = {b.joint.name: b for b in model.leaders}
-    limits = robot.limits.effort.tolist()
-    return {
-        "name": robot.name,
-        "gravity": model.gravity.tolist(),
-        "start": np.asarray(start, float).tolist(),
-        "coordinates": [
-            {"name": n, "turns": bool(t)} for n, t in zip(coordinates.names, coordinates.endless, strict=True)
-        ],
-        "bodies": [
-            {
-                "name": b.link,
-                "kind": b.joint.kind,
-                "parent": b.parent,
-                "placement": b.placement.ravel().tolist(),
-                "axes": b.joint.axes.tolist(),
-                "q": b.q_index,
-                "nq": b.joint.nq,
-                "v": b.v_index,
-                "ratio": b.ratio,
-                "offset": b.offset,
-                "follows": b.follows,
-                "mass": float(b.inertia.mass),
-                "com": np.asarray(b.inertia.com, float).tolist() if b.inertia.mass > 0 else [0.0, 0.0, 0.0],
-            }
-            for b in model.bodies
-        ],
-        "frames": [{"name": n, "body": f.body, "pose": f.pose.ravel().tolist()} for n, f in model.all_frames.items()],
-        "tip": None if model.tip is None else list(model.all_frames).index(model.tip),
-        "torques": [
-            {"name": n, "unit": u, "limit": limit if 0 < limit < np.inf else None}
-            for n, u, limit in zip(coordinates.velocity_names, coordinates.torque_units, limits, strict=True)
-        ],
-        "hands": sliders_of(model),
-        "springs": [
-            {
-                "stiffness": s.stiffness,
-                "rest": s.rest,
-                "ends": [{"q": leaders[n].q_index, "v": leaders[n].v_index, "weight": w} for n, w in s.terms],
-            }
-            for s in model.springs
-        ],
-        "colours": {**COLOURS, "shares": SHARES},
-        "marks": [
-            {
-                "torque": m.torque,
-                "body": m.body,
-                "pose": m.pose.ravel().tolist(),
-                "turns": m.turns,
-                "reversed": np.diag([1.0, -1.0, -1.0, 1.0]).ravel().tolist(),
-            }
-            for m in torque_marks(model)
-        ],
-    }
-
-
 def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | None) -> dict[str, Any]:
     surfaces: list[dict[str, Any]] = []
     numbers: dict[int, int] = {}
@@ -245,29 +196,6 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
     }
 
 
-def _wrench_data(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """The wrenches on the robot, and their arrows: a moment's around its axis, a force's along it."""
-    frames = list(robot.frame_names)
-    given = {
-        name: arguments.finite(arguments.one(F, f"the wrench on {name!r}", 6), "a wrench", 6)
-        for name, F in wrenches.items()
-    }
-    largest = max((float(np.linalg.norm(F[3:])) for F in given.values()), default=0.0)
-    data: list[dict[str, Any]] = []
-    marks: list[dict[str, Any]] = []
-    for name, F in given.items():
-        robot.model.frame(name)
-        m, f = F[:3], F[3:]
-        frame = frames.index(name)
-        data.append({"frame": frame, "moment": m.tolist(), "force": f.tolist()})
-        for part, turns in ((m, True), (f, False)):
-            if (size := float(np.linalg.norm(part))) > 0:
-                length = 0.0 if turns else max(0.08, _LONGEST_ARROW * size / largest)
-                T = se3.pose(turned_z(part), np.zeros(3))
-                marks.append({"frame": frame, "pose": T.ravel().tolist(), "length": length, "turns": turns})
-    return {"wrenches": data, "wrenchMarks": marks}
-
-
 def _motion_data(robot: Robot, motion: DrawnMotion, box: _Box) -> dict[str, Any]:
     path = None
     if robot.tip is not None:
@@ -292,13 +220,13 @@ def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
 
 def _switches(data: Mapping[str, Any], scene: Scene) -> tuple[dict[str, bool], list[tuple[str, str]]]:
     """What is on at first, and the buttons: only those that have something to show."""
-    has_tip = data["tip"] is not None and data["forceScale"] > 0
+    has_tip = "jacobian" in data["programs"] and data["forceScale"] > 0
     known = (
         ("looks", "Robot", True, True),
         ("inertia", "Inertia ellipsoids", True, not scene.dressed and not scene.doubtful),
         ("torques", "Torques", bool(data["marks"]), True),
         ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
-        ("com", "Centre of mass", any(b["mass"] > 0 for b in data["bodies"]), False),
+        ("com", "Centre of mass", "centre" in data["programs"], False),
         ("frames", "Frames", True, False),
         ("ellipsoid", "Force ellipsoid", has_tip, False),
         ("polytope", "Force polytope", has_tip, False),

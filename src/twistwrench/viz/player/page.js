@@ -16,6 +16,8 @@ class Viewer {
   constructor(robot, array) {
     this.robot = robot;
     this.q = robot.start.slice();
+    this.mechanics = new Mechanics(robot);
+    this.fall = null; // while it is let go
     this.shown = { ...robot.shown };
     this.stage = new Stage(document.getElementById("stage"), robot.size);
     this.stage.target = robot.target.slice();
@@ -51,6 +53,7 @@ class Viewer {
   advance(now) {
     const past = Math.min(0.1, (now - (this.now ?? now)) / 1000), times_ = this.motion && this.motion.time;
     this.now = now;
+    if (this.fall) this.fallOn(past);
     if (!this.playing) return;
     const [begin, end] = [times_[0], times_[times_.length - 1]];
     let time = this.time + this.speed * past;
@@ -66,6 +69,7 @@ class Viewer {
     high = Math.min(high, t.length - 1);
     const share = high > low ? (this.time - t[low]) / (t[high] - t[low]) : 0;
     this.posed = false;
+    this.fall = null;
     this.q = between(this.robot, this.motion.q(low), this.motion.q(high), share);
     this.tau = this.motion.torques(low).map((x, k) => (1 - share) * x + share * this.motion.torques(high)[k]);
     this.refresh();
@@ -75,12 +79,33 @@ class Viewer {
     this.q = q;
     this.posed = true;
     this.playing = false;
+    this.fall = null;
+    this.refresh();
+  }
+
+  letGo() {
+    this.setCoordinates(this.q);
+    this.fall = new Fall(this.mechanics, this.q);
+    this.refresh();
+  }
+
+  fallOn(seconds) {
+    this.fall.advance(seconds);
+    this.q = this.fall.q;
+    this.refresh();
+  }
+
+  stop() { this.setCoordinates(this.q); }
+
+  loaded() { // payload or push changed
+    if (!this.fall) return this.setCoordinates(this.q);
+    this.fall.reckon();
     this.refresh();
   }
 
   refresh() {
-    this.poses = bodyPoses(this.robot, this.q);
-    if (this.posed) this.tau = holdingTorques(this.robot, this.q);
+    this.poses = this.mechanics.poses(this.q);
+    if (this.posed) this.tau = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
     this.forces = null;
     this.panel.update();
   }
@@ -121,6 +146,7 @@ class Viewer {
     if (shown.frames) this.frameMarks(items);
     if (shown.com) this.comMarks(items, lines);
     if (shown.wrenches) this.wrenchMarks(items);
+    if (robot.payload !== null) this.loadMarks(items);
     if (shown.ellipsoid || shown.polytope) this.forceMarks(items);
     if (shown.path && this.motion && this.motion.path) lines.push({ kept: this.motion.path, colour: [...robot.colours.path, 0.9], strip: true });
     this.stage.draw(items, lines, robot.floor);
@@ -148,11 +174,11 @@ class Viewer {
   }
 
   comMarks(items, lines) {
-    const p = centreOfMass(this.robot, this.poses);
+    const p = this.mechanics.centre(this.q);
     if (!p) return;
-    const at = [1, 0, 0, p[0], 0, 1, 0, p[1], 0, 0, 1, p[2], 0, 0, 0, 1];
+    const at = shifted(p);
     items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...this.robot.colours.com, 1], shadow: true, over: true });
-    const low = [1, 0, 0, p[0], 0, 1, 0, p[1], 0, 0, 1, this.robot.floor, 0, 0, 0, 1], flat = scaling(0.02 * this.robot.size);
+    const low = shifted([p[0], p[1], this.robot.floor]), flat = scaling(0.02 * this.robot.size);
     flat[10] = 1e-4 * this.robot.size;
     items.push({ kept: this.ball, model: mul(low, flat), colour: [...this.robot.colours.com, 0.7] });
   }
@@ -165,12 +191,21 @@ class Viewer {
     }
   }
 
+  loadMarks(items) { // what the sliders put on the tip
+    const { robot, mechanics, shown } = this, p = place(mechanics.tipPose(this.q)), push = norm(mechanics.push);
+    const radius = 0.07 * robot.size * Math.cbrt(mechanics.mass / robot.payload);
+    if (shown.looks && mechanics.mass) items.push({ kept: this.ball, model: mul(shifted(p), scaling(radius)), colour: [...robot.colours.payload, 1], shadow: true });
+    if (!push) return;
+    const length = Math.round(100 * Math.max(0.08, 0.35 * push / robot.push)) / 100, T = mul(shifted(p), alongZ(mechanics.push));
+    items.push({ kept: this.cached(`push ${length}`, () => arrow(length, 0.014)), model: mul(T, scaling(robot.size)), colour: [...robot.colours.wrench, 1] });
+  }
+
   forceMarks(items) { // both change with the pose, and only then
     const { robot, shown } = this;
     if (robot.tip === null || !robot.forceScale) return;
     if (!this.forces) {
-      const { columns, p } = tipJacobian(robot, this.poses);
-      const polytope = forcePolytope(robot, columns, holdingTorques(robot, this.q));
+      const columns = this.mechanics.tipColumns(this.q), p = place(this.mechanics.tipPose(this.q));
+      const polytope = forcePolytope(robot, columns, this.mechanics.holding(this.q));
       if (this.solid) this.stage.forget(this.solid);
       this.solid = polytope && this.stage.keep(solidOf(polytope.facets));
       this.forces = { p, ellipsoid: forceEllipsoid(robot, columns), polytope };
@@ -181,7 +216,6 @@ class Viewer {
   }
 }
 
-const scaling = (s) => [s, 0, 0, 0, 0, s, 0, 0, 0, 0, s, 0, 0, 0, 0, 1];
 const AXES = [[0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1], IDENTITY]; // z onto x, y, z
 
 function grid(size, floor) { // lines a round length apart, under the robot and some way around

@@ -17,6 +17,7 @@ class Panel {
       robot.notes.forEach((text) => (of("notes").querySelector("ul").appendChild(document.createElement("li")).textContent = text));
     }
     robot.switches.forEach(([key, label]) => this.switch(key, label));
+    this.load = new LoadPanel(this);
     if (viewer.motion) this.playBar(of);
     new ResizeObserver(() => this.cover(of)).observe(of("stage"));
   }
@@ -137,8 +138,9 @@ class Panel {
   update() {
     const viewer = this.viewer, { robot, tau, q } = viewer, shares = viewer.shares();
     const largest = Math.max(...tau.map(Math.abs), ...robot.torques.map(({ peak }) => peak), 1e-3);
-    const digits = Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
-    this.title.textContent = viewer.posed ? "Torques that hold this pose" : "Torques of the motion";
+    const digits = viewer.fall ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
+    this.title.textContent = viewer.fall ? "Torques: none, let go" : viewer.posed ? "Torques that hold this pose" : "Torques of the motion";
+    this.load.update();
     this.bars.forEach(({ fill, number, share }, k) => {
       const x = shares[k], wide = 50 * Math.min(1, Math.abs(x)), limit = robot.torques[k].limit;
       Object.assign(fill.style, { left: `${x < 0 ? 50 - wide : 50}%`, width: `${wide}%`, background: css(viewer.colour(k, x)) });
@@ -154,7 +156,7 @@ class Panel {
     });
     if (!this.time) return;
     this.time.value = viewer.time;
-    this.clock.textContent = viewer.posed ? "posed by hand" : `${viewer.time.toFixed(2)} / ${Number(this.time.max).toFixed(2)} s`;
+    this.clock.textContent = viewer.fall ? "let go" : viewer.posed ? "posed by hand" : `${viewer.time.toFixed(2)} / ${Number(this.time.max).toFixed(2)} s`;
     this.play.textContent = viewer.playing ? "❚❚" : "▶";
     this.play.setAttribute("aria-label", viewer.playing ? "Pause" : "Play");
   }

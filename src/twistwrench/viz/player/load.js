@@ -1,0 +1,45 @@
+// What is put on the robot by hand, payload and push, and the button that lets it go.
+"use strict";
+
+class LoadPanel {
+  constructor(panel) {
+    const { viewer } = panel, { robot, mechanics } = viewer;
+    Object.assign(this, { panel, viewer });
+    document.getElementById("load").hidden = !robot.torques.length;
+    this.sliders = [];
+    if (robot.payload !== null) {
+      this.slider(robot.payloadName, 0, robot.payload, "kg", (x) => { mechanics.mass = x; });
+      ["x", "y", "z"].forEach((axis, k) => this.slider(`push on tip, ${axis}`, -robot.push, robot.push, "N", (x) => { mechanics.push[k] = x; }));
+    }
+    this.button = document.getElementById("let-go");
+    this.said = document.getElementById("fall");
+    this.button.hidden = robot.fall.why !== null;
+    this.said.textContent = robot.fall.why || "";
+    this.button.addEventListener("click", () => (viewer.fall ? viewer.stop() : viewer.letGo()));
+  }
+
+  slider(name, least, most, unit_, set) {
+    const slider = document.createElement("input"), step = (most - least) / 200;
+    Object.assign(slider, { type: "range", id: `load-${this.sliders.length}`, min: least, max: most, step });
+    slider.value = 0;
+    slider.setAttribute("aria-label", `${name} [${unit_}]`);
+    const [, , number] = this.panel.row("load", this.panel.cell("name", name), slider, this.panel.cell("number"));
+    const digits = Math.max(0, 2 - Math.floor(Math.log10(most)));
+    const tell = () => { number.textContent = `${signed(Number(slider.value), digits)} ${unit_}`; };
+    slider.addEventListener("input", () => { set(Number(slider.value)); tell(); this.viewer.loaded(); });
+    tell();
+    this.sliders.push(slider);
+  }
+
+  update() {
+    const { fall, robot } = this.viewer;
+    if (robot.fall.why !== null) return;
+    this.button.textContent = fall ? "Stop" : "Let go";
+    if (!fall) this.said.textContent = "From rest, without torques, friction and stops.";
+    else {
+      const worked = fall.work ? ` − work of the ${this.viewer.mechanics.any ? "wrenches" : "push"} ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
+      this.said.textContent = `${fall.time.toFixed(2)} s: kinetic energy ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} = ${energy(total)} J, kept to ${fall.drift.toExponential(0)} J`;
+    }
+  }
+}
+const energy = (x) => signed(x, 3);

@@ -1,0 +1,79 @@
+// The robot's mechanics: the programs that twistwrench made for it, and what is put on it by hand, a payload and a push.
+"use strict";
+
+const NO_WRENCH = [0, 0, 0, 0, 0, 0];
+const compiled = (text) => new Function(text.replace("export function", "return function"))();
+
+class Mechanics {
+  constructor(robot) {
+    this.robot = robot;
+    this.run = {};
+    for (const [name, text] of Object.entries(robot.programs)) this.run[name] = compiled(text);
+    this.mass = 0; // at the tip [kg]
+    this.push = [0, 0, 0]; // on the tip, in the base's axes [N]
+    const [n, nv] = [16 * (robot.bodies.length + robot.frames.length + 1), robot.torques.length];
+    this.scratch = { poses: new Float64Array(n), with: new Float64Array(nv), without: new Float64Array(nv), zero: new Float64Array(nv) };
+    this.still = robot.wrenchFrames.map(() => NO_WRENCH);
+    const names = robot.frames.map((frame) => frame.name);
+    this.given = robot.wrenchFrames.map((name) => {
+      const mine = robot.wrenches.find((wrench) => names[wrench.frame] === name);
+      return mine ? [...mine.moment, ...mine.force] : NO_WRENCH;
+    });
+    this.any = this.given.some((F) => F.some((x) => x));
+    this.pushed = robot.payload === null ? -1 : robot.wrenchFrames.indexOf(names[robot.tip]);
+  }
+
+  get load() { // the last input of the programs that have one
+    return this.robot.payload === null ? [] : [[this.mass]];
+  }
+
+  // T_s,body of every body.
+  poses(q) {
+    if (!this.robot.bodies.length) return [];
+    const T = this.run.poses(q);
+    return this.robot.bodies.map((_, k) => Array.from(T.subarray(16 * k, 16 * k + 16)));
+  }
+
+  tipPose(q) { // behind the bodies stand the frames of the wrenches
+    const at = 16 * (this.robot.bodies.length + this.pushed);
+    return this.run.poses(q, this.scratch.poses).slice(at, at + 16);
+  }
+
+  // The wrenches on the robot, each in its own frame: those given, and the push.
+  wrenches(q) {
+    if (this.pushed < 0 || !this.push.some((x) => x)) return this.given;
+    const all = this.given.slice(), [a, b, c, x, y, z] = all[this.pushed], [u, v, w] = turnedBack(this.tipPose(q), this.push);
+    all[this.pushed] = [a, b, c, x + u, y + v, z + w];
+    return all;
+  }
+
+  // The torques that hold the robot still: gravity, springs, and the wrenches on it. MR section 8.1, dq = ddq = 0.
+  holding(q, wrenches = this.wrenches(q), out = new Float64Array(this.robot.torques.length)) {
+    return this.run.holding ? this.run.holding(q, ...wrenches, ...this.load, out) : out;
+  }
+
+  centre(q) {
+    return this.run.centre ? Array.from(this.run.centre(q, ...this.load)) : null;
+  }
+
+  // What moves the tip, in the base's axes: a column (3) for each velocity. MR section 5.1.
+  tipColumns(q) {
+    const J = this.run.jacobian(q), n = this.robot.torques.length;
+    return this.robot.torques.map((_, k) => [J[3 * n + k], J[4 * n + k], J[5 * n + k]]);
+  }
+
+  // d(entries of q)/dt, dv/dt, and the power of the wrenches, at joint torques of zero; y is q, v, and one entry more.
+  motion(y, slope) {
+    const nq = this.robot.coordinates.length, nv = this.robot.torques.length, { scratch } = this;
+    const v = y.subarray(nq), wrenches = this.wrenches(y);
+    this.run.rates(y, v, slope);
+    this.run.acceleration(y, v, scratch.zero, ...wrenches, ...this.load, slope.subarray(nq));
+    slope[nq + nv] = 0;
+    if (!this.any && wrenches === this.given) return slope;
+    this.holding(y, wrenches, scratch.with); // tau = g - J' F
+    this.holding(y, this.still, scratch.without);
+    for (let k = 0; k < nv; k++) slope[nq + nv] += v[k] * (scratch.without[k] - scratch.with[k]);
+    return slope;
+  }
+}
+const poseOf = (poses, body) => (body < 0 ? IDENTITY : poses[body]);
