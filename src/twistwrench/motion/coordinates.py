@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -74,6 +75,13 @@ class Coordinates:
         >>> Coordinates.of(tw.robots.planar_2r().model).names
         ('joint1', 'joint2')
         """
+        found = _KEPT.get(model)
+        if found is None:
+            found = _KEPT[model] = cls._made(model)
+        return found
+
+    @classmethod
+    def _made(cls, model: Model) -> Coordinates:
         joints = [b.joint for b in model.leaders]
         position_of = np.full(model.nv, -1)
         for b in model.leaders:
@@ -107,3 +115,7 @@ def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[A
         velocities.append(v)
         accelerations.append(a)
     return np.concatenate(velocities, axis=1), np.concatenate(accelerations, axis=1)
+
+
+_KEPT: WeakKeyDictionary[Model, Coordinates] = WeakKeyDictionary()
+"""Of each model as long as it lives: simulations ask for it in every run."""
