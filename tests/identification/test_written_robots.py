@@ -189,3 +189,13 @@ def test_what_no_file_holds_and_what_is_pulled_out_of_its_interval_is_told(tmp_p
     pulled = plain.consistent_at(1e4)
     (said,) = pulled.outside(plain.interval(), plain.standard_deviations)
     assert "outside their 95 % intervals" in said
+
+
+def test_the_page_shows_each_picture_and_friction_only_where_it_was_sought(tmp_path):
+    log = known_log(tw.robots.planar_2r(), 3, seconds=10.0, rate=100.0).motion
+    found = tw.identification.identify(tw.robots.planar_2r(), log, cutoff=10.0)
+    page = found.report(tmp_path / "a.html").read_text("utf-8")
+    assert page.count("<svg") == 7 and "<h2>Friction</h2>" in page
+    bare = tw.identification.identify(tw.robots.planar_2r(), log, cutoff=10.0, friction=())
+    page = bare.report(tmp_path / "b.html").read_text("utf-8")
+    assert page.count("<svg") == 6 and "<h2>Friction</h2>" not in page

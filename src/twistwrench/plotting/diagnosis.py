@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 
 _MOST = 6
 """Links in one picture: those with the worst findings."""
-_VIEWS = ((0, 1), (0, 2), (1, 2))
+VIEWS = ((0, 1), (0, 2), (1, 2))
+"""Axes of a link that lie in each of the three pictures of it."""
 
 
 def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
@@ -64,7 +66,7 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
         grid = drawn.subplots(len(pairs), 3, squeeze=False)
         for row, (link, check, after) in zip(grid, pairs, strict=True):
             before = report.subject.robot.model.link_inertias[link]
-            for axes, view in zip(row, _VIEWS, strict=True):
+            for axes, view in zip(row, VIEWS, strict=True):
                 _draw(axes, report, link, before, after, view)
             row[0].set_title(f"{link}: {check}", loc="left")
         grid[0][2].legend(fontsize=SMALL, frameon=False, loc="upper right")
@@ -91,7 +93,15 @@ def _draw(
         axes.fill(*outline.T, color=PALE, zorder=1, label=label)
         label = None
     # The file's last: dashes show on a line where both are alike, as a negative moment drawn as nothing may be.
-    for inertia, colour, style, name in ((after, BLUE, "-", "repaired"), (before, VERMILION, "--", "in the file")):
+    draw_inertias(axes, [(after, BLUE, "-", "repaired"), (before, VERMILION, "--", "in the file")], view)
+
+
+def draw_inertias(axes: Axes, inertias: Sequence[tuple[SpatialInertia, str, str, str]], view: tuple[int, int]) -> None:
+    """Outlines of the uniform ellipsoids that have these inertias, and their centres of mass: inertia, colour, style, name.
+
+    ``view`` are the axes of the link that lie in the picture.
+    """
+    for inertia, colour, style, name in inertias:
         for solid in equal_inertia_ellipsoid(inertia) if inertia.mass > 0 else ():
             outline = _outline(solid.vertices[:, list(view)])
             x, y = np.concatenate([outline, outline[:1]]).T

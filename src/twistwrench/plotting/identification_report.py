@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.html_table import html_table
 from ..motion.coordinates import Coordinates
+from .identified_drawings import draw_bodies, draw_friction, draw_residuals, frictional
 from .style import (
     AXIS,
     BLUE,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 _BAND = 1.96
 _MOST_GROUPS, _NAMED_GROUPS, _LONGEST_NAME = 80, 30, 22
+_ABREAST = 4
 _PURPOSE = "Drawing the identification"
 
 
@@ -106,7 +108,7 @@ def identification_page(found: IdentifiedRobot) -> str:
     >>> tau = tw.Motion(t, q, robot=arm).torques() + 0.01 * np.sin(40 * t)[:, None]
     >>> found = tw.identification.identify(arm, tw.Motion(t, q, tau=tau, robot=arm), friction=())
     >>> identification_page(found).count("<svg")
-    4
+    6
     """
     return "\n".join(_page(found)) + "\n"
 
@@ -133,6 +135,12 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(_rows(drawn, len(names)), found))
     yield "<h2>Residuals</h2>"
     yield _svg(10.0, 2.6, lambda drawn: _bars(drawn.subplots(), found))
+    yield "<h3>In time</h3>"
+    yield _svg(10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, len(names)), found))
+    if count := len(frictional(found)):
+        yield "<h2>Friction</h2>"
+        rows_of = -(-count // _ABREAST)
+        yield _svg(10.0, 2.3 * rows_of, lambda drawn: draw_friction(_abreast(drawn, count), found))
     yield "<h2>Groups of parameters</h2>"
     yield _svg(10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found))
     rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
@@ -145,10 +153,20 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
         f"<p>Pull γ = {consistent.fit.strength:g}: {100 * consistent.held_out:.3g} % left in fifths held out, weighted; by "
         f"the file's own bodies with friction {100 * consistent.of_file:.3g} %.</p>"
     )
+    count = len(consistent.inertias)
+    yield _svg(9.0, 2.5 * count, lambda drawn: draw_bodies(drawn.subplots(count, 3, squeeze=False), found))
     bodies = zip(found.base.unknown.model.bodies, consistent.inertias, strict=True)
     links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(f"{x:.3g}" for x in G.com)) for b, G in bodies)
     yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
     yield "</html>"
+
+
+def _abreast(drawn: Figure, count: int) -> Any:
+    """Axes for some curves, a few in a row."""
+    grid = drawn.subplots(-(-count // _ABREAST), min(count, _ABREAST), squeeze=False).ravel()
+    for axes in grid[count:]:
+        axes.remove()
+    return grid[:count]
 
 
 def _rows(drawn: Figure, count: int) -> Any:
