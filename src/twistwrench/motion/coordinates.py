@@ -49,7 +49,7 @@ class Coordinates:
         --------
         >>> import twistwrench as tw
         >>> Coordinates.of(tw.robots.pendulum().model).headers(".vel", degrees=True)
-        ['joint1.vel [deg/s]']
+        ['hinge.vel [deg/s]']
         """
         names, turning = (self.velocity_names, self.angular_velocity) if suffix else (self.names, self.angular)
         unit = DEGREES.get(suffix) if degrees else None

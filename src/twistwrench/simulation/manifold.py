@@ -40,7 +40,7 @@ class Manifold:
         if self.flat:
             out[:] = dq
         else:
-            self._rates(q, dq, out)
+            self._rates(q, dq, out=out)
 
     def move(self, q: Array, dv: Array) -> Array:
         """q ⊕ dv, (nq,), (nv,) → (nq,)."""
