@@ -484,6 +484,23 @@ def test_the_oldest_entries_go_when_there_are_too_many(place, monkeypatch):
     assert {*keys[-4:]} <= left
 
 
+def test_entries_that_another_process_drops_meanwhile_are_no_fault(place, monkeypatch):
+    """Two processes that drop the oldest entries at once; a warning is an error here."""
+    monkeypatch.setattr(cache, "MOST_ENTRIES", 8)
+    keys = [hashlib.sha256(bytes([k])).hexdigest() for k in range(12)]
+    plain = Path.stat
+
+    def stat(self, **options):
+        if self.name in keys[:3] and sys._getframe(1).f_code.co_name != "is_file":
+            raise FileNotFoundError(self)  # it was there when the folder was listed
+        return plain(self, **options)
+
+    monkeypatch.setattr(Path, "stat", stat)
+    for key in keys:
+        cache.store(key, b"code")
+    assert keys[-1] in {entry.name for entry in place.iterdir()}
+
+
 def test_files_of_others_in_the_folder_stay(place, monkeypatch):
     """Someone may have named a folder that is full of other things."""
     monkeypatch.setattr(cache, "MOST_ENTRIES", 4)

@@ -143,7 +143,15 @@ def _prune(place: Path) -> None:
     entries = [p for p in place.iterdir() if _OURS.fullmatch(p.name) and p.is_file()]
     if len(entries) <= MOST_ENTRIES:
         return
-    entries.sort(key=lambda p: p.stat().st_mtime)
+    entries.sort(key=_written)
     for old in entries[: MOST_ENTRIES // 4]:
         with suppress(OSError):
             old.unlink()
+
+
+def _written(entry: Path) -> float:
+    """When an entry was written; of one that another process has dropped since it was listed, long ago."""
+    try:
+        return entry.stat().st_mtime
+    except OSError:
+        return 0.0
