@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -490,12 +491,12 @@ def test_entries_that_another_process_drops_meanwhile_are_no_fault(place, monkey
     keys = [hashlib.sha256(bytes([k])).hexdigest() for k in range(12)]
     plain = Path.stat
 
-    def stat(self, **options):
+    def vanished(self, **options):
         if self.name in keys[:3] and sys._getframe(1).f_code.co_name != "is_file":
             raise FileNotFoundError(self)  # it was there when the folder was listed
         return plain(self, **options)
 
-    monkeypatch.setattr(Path, "stat", stat)
+    monkeypatch.setattr(Path, "stat", vanished)
     for key in keys:
         cache.store(key, b"code")
     assert keys[-1] in {entry.name for entry in place.iterdir()}
