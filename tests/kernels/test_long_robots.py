@@ -155,3 +155,26 @@ def test_short_robots_and_those_with_followers_stay_unrolled(bundled):
     for robot in (bundled("panda"), bundled("quadruped"), random_robot(2, 30, ("revolute", "mimic"))):
         for name in NAMES:
             assert long_robots.products_of(robot.model, {name: {}}) is None
+
+
+def limbs(count: int, joints: int) -> str:
+    """Limbs of revolute joints on one trunk."""
+    inertial = '<inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    parts = [f'<robot name="limbs"><link name="trunk">{inertial}</link>']
+    for k in range(count):
+        for j in range(joints):
+            parent, axis = f"l{k}_{j - 1}" if j else "trunk", f"{j % 2} {(j + 1) % 2} 0"
+            parts.append(
+                f'<link name="l{k}_{j}">{inertial}</link><joint name="j{k}_{j}" type="continuous"><parent link="{parent}"/>'
+                f'<child link="l{k}_{j}"/><origin xyz="0.1 0.02 0.3"/><axis xyz="{axis}"/></joint>'
+            )
+    return "".join([*parts, "</robot>"])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_humanoid_stays_unrolled_and_a_chain_of_a_hundred_does_not(name):
+    """Loops halve the speed of a humanoid's derivatives, whose joints mostly do not carry each other."""
+    humanoid, chain = tw.load(limbs(4, 8), floating_base=True), tw.load(limbs(1, 100))
+    assert (humanoid.nv, chain.nv) == (38, 100)
+    assert long_robots.products_of(humanoid.model, {name: {}}) is None
+    assert long_robots.products_of(chain.model, {name: {}}) is not None

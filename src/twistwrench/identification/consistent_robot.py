@@ -140,8 +140,8 @@ class ConsistentRobot:
         more = f", and {len(worst) - 3} more" if len(worst) > 3 else ""
         return [
             f"bodies that can exist, pulled to the file's, put {len(worst)} of {len(values)} groups outside their 95 % "
-            f"intervals: {listed}{more}. Torques held out are predicted as well; a smaller pull (--keep-close) stays nearer "
-            "to the log"
+            f"intervals: {listed}{more}. Torques held out are predicted as well; a smaller pull (consistent_at, --keep-close) "
+            "stays nearer to the log"
         ]
 
     @property

@@ -21,8 +21,7 @@ from .quantity_programs import evaluated, inputs_of
 FROM = 100_000
 """Instructions, as they are estimated here, of the smallest unrolled program that gives way to loops.
 
-A humanoid's are a third of the estimate, as most pairs of its joints are short of entries, and run twice as fast unrolled:
-talos' derivatives, estimated at 49,000, are 18,000, and take 1.1 us a state where loops take 2.2 (512 states, AVX-512).
+A humanoid's derivatives are a third of the estimate, and run twice as fast unrolled (bench/NOTES.md).
 """
 
 
