@@ -31,7 +31,7 @@ from ..model.model import BASE
 from ..typing import Array
 from . import closed_robot_checks as checks
 from .closed_shortcuts import ClosedShortcuts
-from .quantity_methods import Rows
+from .quantity_types import Rows
 from .robot import Robot
 from .state_arguments import names_of
 from .wrench_arguments import Wrenches

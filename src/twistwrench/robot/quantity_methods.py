@@ -10,9 +10,7 @@ from typing import Any
 from ..errors import UnknownNameError
 from ..screws.wrench import Wrench
 from .derivative_methods import DerivativeMethods
-from .quantity_types import In, Out, Wrenches
-from .quantity_types import Kind as Kind
-from .quantity_types import Rows as Rows
+from .quantity_types import In, Kind, Out, Wrenches
 from .wrench_arguments import unlabelled
 
 
