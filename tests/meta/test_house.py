@@ -46,8 +46,6 @@ LONG = {
     "identification/setting_choice.py",
     "identification/written_robot.py",
     "kernels/fast_call.py",
-    "robot/closed_robot.py",
-    "robot/closed_robot_checks.py",
     "robot/quantities.py",
     "simulation/rollout_inputs.py",
     "targets/fast_call_text.py",

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..model.model import Model
 from ..typing import Array
-from .constraints import Closure, Constraint, closure_poses, constraint_jacobian
+from .constraints import Closure, Constraint, closure_poses, constraint_jacobian, with_gaps
 from .integration import add, normalised
 from .mass_matrix import mass_matrix
 from .recursion import zeros
@@ -36,7 +36,7 @@ def projected(
     (nq,), (nv,), (rows of closures,), (independent rows,), (rows of closures,), (independent rows,). ``independent`` are the
     numbers of the rows of A that do not depend on earlier ones.
     """
-    with_gap = [k for k, c in enumerate(_rowwise(constraints)) if isinstance(c, Closure)]
+    with_gap = [k for k, has in enumerate(with_gaps(constraints)) if has]
     closing = [n for n, k in enumerate(with_gap) if k in independent]
     before = after = small_gaps(model, q, constraints)
     if closing:
@@ -74,7 +74,3 @@ def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
         i, j = (k + 1) % 3, (k + 2) % 3
         turn[i], turn[j] = -R[j, k], R[i, k]  # e_k × R e_k
     return np.concatenate([turn, p])[list(rows)]
-
-
-def _rowwise(constraints: Sequence[Constraint]) -> list[Constraint]:
-    return [c for c in constraints for _ in c.rows]

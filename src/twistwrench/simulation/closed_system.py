@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..algorithms.constraints import kept, with_gaps
 from ..algorithms.loop_projection import projected
 from ..algorithms.weighted_svd import SAFE, doubtful
 from ..errors import SimulationError, ValueRangeError
 from ..kernels.ufunc import owner_of
 from ..program.trace import trace
 from ..robot import closed_robot_checks as checks
+from ..robot.constraint_sizes import CLOSED, gap_units
 from ..robot.engine import compiled
 from ..typing import Array
 from .adaptive import Stepper
@@ -28,8 +30,6 @@ if TYPE_CHECKING:
 
 CLOSED_METHODS = (ADAPTIVE, "rk4", "semi_implicit", "euler")
 """Those whose steps ask for nothing but rates; the variational ones know the open robot alone."""
-CLOSED = 1e-12
-"""rad, and part of the robot's length: how far loops may be open after a step."""
 SMALL = 1e-2
 """Part of its usual size from which a pivot of A M⁻¹ A' is small."""
 SHRUNK = 0.25
@@ -42,11 +42,11 @@ class Loops:
 
     def __init__(self, closed: ClosedRobot) -> None:
         self.closed, robot = closed, closed.robot
-        self.with_gap = checks.with_gaps(closed.constraints)
-        self.kept = checks.kept(closed.constraints, closed.independent)
+        self.with_gap = with_gaps(closed.constraints)
+        self.kept = kept(closed.constraints, closed.independent)
         self._nq = robot.nq
         self._moving = slice(robot.nq, robot.nq + robot.nv)
-        self._units = checks.gap_units(closed)
+        self._units = gap_units(closed)
         self._sizes = closed.sizes[list(closed.independent)] ** 2
         self._project = robot.engine.kept(("projection", closed.constraints, closed.independent), self._compiled)
         self.dynamics = robot.kernel("constrained_dynamics", constraints=self.kept)
