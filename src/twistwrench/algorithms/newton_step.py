@@ -27,6 +27,7 @@ from . import integration
 from .forward_kinematics import forward_kinematics
 from .friction import signs
 from .jacobians import jacobian
+from .loop_projection import LoopRows
 from .recursion import zeros
 from .tree_factorisation import factored, solved
 
@@ -60,6 +61,10 @@ class NewtonStep:
     """(nv,) the coordinate of each such joint; -1 of all others."""
     posture: bool = False
     """Whether to come as near to a posture as the poses let, which is given behind them."""
+    loops: LoopRows | None = None
+    """Rows of closed loops, which are to be closed at the poses."""
+    gaps: tuple[float, ...] = ()
+    """How far each of those may be open, rad or m."""
     rounds: int = 3
     """In how many rounds the joints are found that their limits hold; with 1, what meets a limit goes no further."""
 
@@ -71,12 +76,12 @@ class NewtonStep:
     @property
     def sizes(self) -> tuple[int, ...]:
         """Numbers of what :meth:`__call__` passes on beside the next q."""
-        return self.model.nq, 2, len(self.rows), self.model.nv, 2
+        return self.model.nq, 2, len(self.scale), self.model.nv, 2
 
     @property
     def begins(self) -> tuple[float, ...]:
         """What is passed on to the first step, behind q."""
-        return (0.0, FAR, *[0.0] * (len(self.rows) + self.model.nv), 0.0, 1.0)
+        return (0.0, FAR, *[0.0] * (len(self.scale) + self.model.nv), 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
         """The next q, and what is passed on to the next step, of :attr:`sizes`.
@@ -120,7 +125,7 @@ class NewtonStep:
         return fine
 
     def left(self, angles: Array, targets: Array) -> Array:
-        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself."""
+        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself; then gaps of loops."""
         parts = []
         for (frame, rows), T_d in zip(self.frames, targets, strict=True):
             T, last = forward_kinematics(self.model, angles, frame), np.array([[0.0, 0.0, 0.0, 1.0]])
@@ -129,13 +134,17 @@ class NewtonStep:
                 parts.append(pose_log(between)[0])
             else:
                 parts.append(np.concatenate([rotation_log(between[:3, :3])[0], between[:3, 3]])[list(rows)])
+        if self.loops is not None:
+            parts.append(-self.loops.gaps(self.model, angles))
         return np.concatenate(parts)
 
     def there(self, e: Array, allowed: Array) -> Any:
         """1 where what is left is allowed."""
         turns = np.array([row < 3 for row in self.rows])
         fine: Any = 1.0
-        for part, most in ((e[turns], allowed[0]), (e[~turns], allowed[1])):
+        poses, open_by = np.split(e, [len(turns)])
+        gaps = open_by / np.array(self.gaps)
+        for part, most in ((poses[turns], allowed[0]), (poses[~turns], allowed[1]), (gaps, 1.0)):
             if len(part):
                 fine = fine * (1.0 - _positive(part @ part - most))
         return fine
@@ -143,8 +152,9 @@ class NewtonStep:
     def step(self, angles: Array, q: Array, V: Array, wanted: Array, slower: Any) -> tuple[Array, Array, Any]:
         """dq of (2), or of (4) with less of z, without joints that their limits hold; which these are; 1 if there are some."""
         each = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
+        each += [self.loops.jacobian(self.model, angles)] if self.loops is not None else []
         J = self.scale[:, None] * np.concatenate(each)
-        damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(self.rows))
+        damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(V))
         bounds = self.at_limits(q)
         z = integration.subtract(self.model, wanted, q) / slower if self.posture else None
         dq = _damped(J, damping, V, z)

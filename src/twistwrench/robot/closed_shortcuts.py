@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from ..algorithms.constrained import ConstrainedTorques
     from ..simulation import Event, JointStops, Plane
     from ..simulation.closed_simulation import ClosedSimulation
+    from .quantity_types import Rows
+    from .reached_poses import InverseKinematics
     from .shortcuts import Law
     from .wrench_arguments import Wrenches
 
@@ -103,6 +105,71 @@ class ClosedShortcuts:
             friction=friction, creep=creep, contacts=contacts, limits=limits, events=events, rtol=rtol, atol=atol,
             max_step=max_step, every=every, progress=progress,
         )  # fmt: skip
+
+    def inverse_kinematics(
+        self: Any,
+        T: ArrayLike,
+        frame: str | Sequence[str] | None = None,
+        q0: ArrayLike | None = None,
+        *,
+        rows: Rows | Mapping[str, Rows] = None,
+        restarts: int = 30,
+        rng: np.random.Generator | int | None = 0,
+        angle: float = 1e-10,
+        distance: float = 1e-10,
+        nearest: bool = False,
+    ) -> InverseKinematics:
+        """Inverse kinematics: configurations with the loops closed, inside the limits, at which a frame has the pose T.
+
+        Parameters
+        ----------
+        T : (4, 4) array_like, wanted pose in the base frame [m]; (k, 4, 4) of k frames at once
+        frame : str, optional, a link of the robot; its tip if None; a sequence of k names for k frames at once
+        q0 : (nq,) array_like, optional, where the search starts, loops closed or not; None: a closed configuration
+        rows : str or iterable, optional, rows of the twist that count; ``"vx vy vz"`` asks for the position only;
+            a mapping of frames to rows where frames differ
+        restarts : int, starts from random closed configurations where the first fails
+        rng : numpy Generator or seed, for the random starts
+        angle : float, tolerance [rad]
+        distance : float, tolerance [m]
+        nearest : bool, whether what poses and loops leave free is used to come as near to ``q0`` as they let
+
+        Returns
+        -------
+        found : InverseKinematics
+            It says which poses were reached, with what gap of the loops, what is left, and why.
+
+        Raises
+        ------
+        ShapeError, ValueRangeError
+            ``T`` is no pose, or another argument is invalid.
+        UnknownNameError
+            The robot has no such frame.
+        FrameError
+            No frame is named, and the robot has no single tip.
+
+        Notes
+        -----
+        The search of :meth:`twistwrench.Robot.inverse_kinematics` with the gaps of the loops as further rows, so that poses
+        and loops are met together. What was not reached is a closed configuration as near as was found, where there is one.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> T = arm.forward_kinematics(held.consistent([-0.6, 0.2, 2.2]), "link2")
+        >>> found = held.inverse_kinematics(T, "link2", rows="wx wy wz")
+        >>> bool(found.converged), bool(found.gap < 1e-12)
+        (True, True)
+        """
+        from .inverse_kinematics import solve
+        from .searched_loops import SearchedLoops
+
+        loops = self.robot.engine.kept(
+            ("searched loops", self.constraints, self.independent), lambda: SearchedLoops(self)
+        )
+        return solve(self.robot, T, frame, q0, rows, restarts, rng, angle, distance, nearest, loops)
 
     def holding_torques(
         self: Any,
