@@ -25,10 +25,10 @@ from ..model.model import Model
 from ..typing import Array
 from . import integration
 from .forward_kinematics import forward_kinematics
-from .friction import signs
 from .jacobians import jacobian
 from .loop_projection import LoopRows
 from .recursion import zeros
+from .switches import either, largest, positive
 from .tree_factorisation import factored, solved
 
 PATIENCE, NEARER = 6, 0.99
@@ -100,19 +100,19 @@ class NewtonStep:
         odd = 1.0 - self.are_poses(targets.reshape(-1, 4, 4))
         now = np.sqrt(V @ V)
         if self.posture:  # as many steps as there are, the last is the best, and shorter ones where they get no shorter
-            there = there * (1.0 - _positive(dq @ dq - _STILL * _STILL))
+            there = there * (1.0 - positive(dq @ dq - _STILL * _STILL))
             now = np.sqrt(dq @ dq) * (1.0 + idle)
-            nearer, idle = runs, idle + _HESITATION * _positive(now - _SHORTER * cost)
+            nearer, idle = runs, idle + _HESITATION * positive(now - _SHORTER * cost)
         else:
-            nearer = runs * (there + (1.0 - there) * _positive(cost - now))
-            idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
+            nearer = runs * (there + (1.0 - there) * positive(cost - now))
+            idle = (idle + 1.0) * (1.0 - positive(NEARER * cost - now))
         goes = runs * (1.0 - there) * (1.0 - odd)
         if not self.posture:
-            goes = goes * _positive(PATIENCE - idle)
+            goes = goes * positive(PATIENCE - idle)
         if self.rounds == 1:
             goes = goes * (1.0 - some)
-        said = np.array([_either(odd, -1.0, _either(nearer, there, arrived)), _either(nearer, now, cost)])
-        parts = _either(nearer, q, best), said, _either(nearer, e, least), _either(goes, held_now, held)
+        said = np.array([either(odd, -1.0, either(nearer, there, arrived)), either(nearer, now, cost)])
+        parts = either(nearer, q, best), said, either(nearer, e, least), either(goes, held_now, held)
         moved = integration.moved(self.model, q, goes * dq, angles)
         return self.inside(moved), np.concatenate([*parts, np.array([idle, goes])])  # (3)
 
@@ -121,7 +121,7 @@ class NewtonStep:
         fine: Any = 1.0
         for M in targets:
             off = np.array([*gaps(M[:3, :3].tolist()), *(M[3] - np.array([0.0, 0.0, 0.0, 1.0]))])
-            fine = fine * (1.0 - _positive(off @ off - _POSE * _POSE))
+            fine = fine * (1.0 - positive(off @ off - _POSE * _POSE))
         return fine
 
     def left(self, angles: Array, targets: Array) -> Array:
@@ -146,7 +146,7 @@ class NewtonStep:
         gaps = open_by / np.array(self.gaps)
         for part, most in ((poses[turns], allowed[0]), (poses[~turns], allowed[1]), (gaps, 1.0)):
             if len(part):
-                fine = fine * (1.0 - _positive(part @ part - most))
+                fine = fine * (1.0 - positive(part @ part - most))
         return fine
 
     def step(self, angles: Array, q: Array, V: Array, wanted: Array, slower: Any) -> tuple[Array, Array, Any]:
@@ -164,7 +164,7 @@ class NewtonStep:
             rest = _damped(J * free, damping, V, None if z is None else z * free)
             free = free * (1.0 - _leaving(rest, *bounds))
             if number == self.rounds - 1:
-                dq = np.array([_either(some, a, b) for a, b in zip(rest, dq, strict=True)])
+                dq = np.array([either(some, a, b) for a, b in zip(rest, dq, strict=True)])
         return _shortened(dq, _LONGEST_WAY if self.posture else _LONGEST_STEP), 1.0 - free, some
 
     def at_limits(self, q: Array) -> tuple[Array, Array]:
@@ -172,9 +172,9 @@ class NewtonStep:
         low, high = zeros(self.model.nv), zeros(self.model.nv)
         for k, i in enumerate(self.coordinates):
             if np.isfinite(self.low[k]):
-                low[k] = 1.0 - _positive(q[i] - (self.low[k] + _AT_LIMIT))
+                low[k] = 1.0 - positive(q[i] - (self.low[k] + _AT_LIMIT))
             if np.isfinite(self.high[k]):
-                high[k] = 1.0 - _positive((self.high[k] - _AT_LIMIT) - q[i])
+                high[k] = 1.0 - positive((self.high[k] - _AT_LIMIT) - q[i])
         return low, high
 
     def inside(self, q: Array) -> Array:
@@ -197,24 +197,10 @@ def _damped(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
 
 def _shortened(dq: Array, most: float) -> Array:
     """dq with no entry larger than ``most``."""
-    longest: Any = most
-    for x in dq:
-        longest = abs(x).clip(longest, np.inf) if hasattr(x, "clip") else max(abs(x), longest)
-    return dq * (most / longest)
+    return dq * (most / largest(dq, most))
 
 
 def _leaving(dq: Array, low: Array, high: Array) -> Array:
     """1 for each joint that is at a limit and would go beyond."""
     each = zip(low, high, dq, strict=True)
-    return np.array([a * _positive(-x - _PUSHES) + b * _positive(x - _PUSHES) for a, b, x in each])
-
-
-def _positive(x: Any) -> Any:
-    """1 where a number is above 0, else 0."""
-    s = signs(np.array([x], object))[0]
-    return 0.5 * (s + s * s)
-
-
-def _either(which: Any, a: Any, b: Any) -> Any:
-    """a where ``which`` is 1, b where it is 0: to the bit, for numbers that are finite."""
-    return which * a + (1.0 - which) * b
+    return np.array([a * positive(-x - _PUSHES) + b * positive(x - _PUSHES) for a, b, x in each])

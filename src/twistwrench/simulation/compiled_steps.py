@@ -93,6 +93,6 @@ class CompiledSteps:
 
     def accelerations(self, _t: float, y: Array) -> Array:
         """Of states (..., size), (..., nv), those that a step begins with."""
-        found = self.take(y, 1)[1][..., 0, :]
+        found = self.take(y, 1, self.h)[1][..., 0, :]
         self.system.evaluations += 1 - self.stages  # of the step only what it begins with was asked for
         return found
