@@ -47,7 +47,6 @@ LONG = {
     "identification/written_robot.py",
     "kernels/fast_call.py",
     "robot/quantities.py",
-    "simulation/rollout_inputs.py",
     "targets/fast_call_text.py",
     "viz/live.py",
 }

@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from ..algorithms.constrained import ConstrainedTorques
+    from ..screws.wrench import Wrench
     from ..simulation import Event, JointStops, Plane
+    from ..simulation.closed_rollout import ClosedRollout
     from ..simulation.closed_simulation import ClosedSimulation
+    from ..simulation.torque_laws import TorqueLaw
     from .quantity_types import Rows
     from .reached_poses import InverseKinematics
     from .shortcuts import Law
@@ -104,6 +107,80 @@ class ClosedShortcuts:
             self, q0, dq0, duration, dt, method=method, tau=tau, controller=controller, wrench_on_robot=wrench_on_robot,
             friction=friction, creep=creep, contacts=contacts, limits=limits, events=events, rtol=rtol, atol=atol,
             max_step=max_step, every=every, progress=progress,
+        )  # fmt: skip
+
+    def rollout(
+        self: Any,
+        q0: ArrayLike,
+        dq0: ArrayLike,
+        tau: ArrayLike | TorqueLaw | None = None,
+        *,
+        dt: float = 1e-3,
+        steps: int | None = None,
+        duration: float | None = None,
+        every: int = 1,
+        method: Literal["semi_implicit", "rk4"] = "semi_implicit",
+        wrench_on_robot: Mapping[str, ArrayLike | Wrench] | None = None,
+        parameters: Mapping[str, ArrayLike] | None = None,
+        friction: bool = False,
+        torque_limits: bool | ArrayLike = False,
+        torques: bool = False,
+    ) -> ClosedRollout:
+        """Rollout: motions from any batch of states, each step of which ends on the constraints, all in one kernel.
+
+        Parameters
+        ----------
+        q0 : (..., nq) array_like, configurations at the start, loops closed
+        dq0 : (..., nv) array_like, velocities at the start [rad/s, m/s]
+        tau : (nv,) or (..., steps, nv) array_like, or law, optional
+            Torques for all steps, or step by step [N m, sliding joints: N], or a law as for
+            :meth:`twistwrench.Robot.rollout`, which knows the open robot.
+        dt : float, time step [s]
+        steps : int, optional, how many; give this or ``duration``
+        duration : float, optional [s]
+        every : int, keep one state in so many
+        method : "semi_implicit" or "rk4", the integrator
+        wrench_on_robot : {frame: (6,) or (..., steps, 6)}, optional, (m, f) in that frame [N m, N]
+        parameters : {name: (...)}, optional, inertias and friction for each sample, names of ``robot.varying()``
+        friction : bool, count that of the joints, eased off at low speeds by both methods
+        torque_limits : bool or (nv,) array_like, True clips to ``limits.effort``, numbers to these
+        torques : bool, return those applied, too
+
+        Returns
+        -------
+        rollout : ClosedRollout, q (..., n, nq) and dq (..., n, nv)
+            With the gaps of each motion, what its steps left to be projected away, and where it lost its constraints.
+
+        Raises
+        ------
+        ConstraintError
+            A first state is far from the constraints.
+        ShapeError, ValueRangeError, UnknownNameError
+            An argument is invalid, or a first configuration is singular.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        The steps are those of :meth:`simulate`, in float64. Where constraints lose rank on the way, the states of that motion
+        are NaN from there on; the others go on.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> q = held.consistent([[-0.6, 0.2, 2.2], [-0.5, 0.0, 2.2]])
+        >>> many = held.rollout(q, [0, 0, 0], steps=200, every=10)
+        >>> many.q.shape, bool(many.gap.max() < 1e-12)
+        ((2, 21, 3), True)
+        """
+        from ..simulation.closed_rollout import rollout_closed
+
+        return rollout_closed(
+            self, q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, method=method,
+            wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits,
+            torques=torques,
         )  # fmt: skip
 
     def inverse_kinematics(
