@@ -29,6 +29,7 @@ from ..model.model import BASE
 from ..typing import Array
 from . import closed_robot_checks as checks
 from .closed_dynamics_methods import ClosedDynamicsMethods
+from .closed_load_methods import ClosedLoadMethods
 from .closed_shortcuts import ClosedShortcuts
 from .constraint_methods import ConstraintMethods
 from .constraint_sizes import CLOSED, gap_units, row_sizes
@@ -40,7 +41,7 @@ __all__ = ["ClosedRobot", "ConstrainedMotion", "ConstrainedTorques", "MotionForc
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ClosedRobot(ConstraintMethods, ClosedDynamicsMethods, ClosedShortcuts):
+class ClosedRobot(ConstraintMethods, ClosedDynamicsMethods, ClosedLoadMethods, ClosedShortcuts):
     """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
 
     Made by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7.

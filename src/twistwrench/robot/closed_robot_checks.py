@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.constraint_forces import UNBALANCED
+from ..algorithms.constraint_forces import SINGULAR, UNBALANCED
 from ..algorithms.constraints import Closure, row_names, with_gaps
 from ..algorithms.operational_space import ROWS
 from ..algorithms.weighted_svd import through
@@ -204,6 +204,29 @@ def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> N
         f"{rest.flat[worst]:.3g} N m or N is left over{_place(worst, rest.shape)}. Degrees of freedom: "
         f"{closed.nv - len(closed.independent)}; name as many joints that move them."
     )
+
+
+def require_independent(closed: ClosedRobot, q: Array, driven: Array) -> None:
+    """Raise unless the joints ``driven`` (nv,) have as many velocities as there are degrees of freedom, and make all others."""
+    free, named = closed.nv - len(closed.independent), int(driven.sum())
+    mine = ", ".join(joints(closed.robot, driven)) or "no joint"
+    if named != free:
+        raise ConstraintError(
+            f"{mine}: {named} velocities, and there are {free} degrees of freedom. Name joints of as many velocities, the "
+            "independent ones."
+        )
+    if not closed.independent or not (~driven).any():
+        return
+    rows = list(closed.independent)
+    A = closed.constraint_jacobian(q)[..., rows, :][..., ~driven] / closed.sizes[rows, None]
+    sigma = np.linalg.svd(A, compute_uv=False)
+    part = sigma[..., -1] / sigma[..., 0]
+    if not (part > SINGULAR).all():
+        worst = int(np.argmin(part))
+        raise ConstraintError(
+            f"{mine} do not determine the other joints{_place(worst, part.shape)}: a dead centre, or a singular configuration. "
+            "Choose other joints, or go round it."
+        )
 
 
 def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:
