@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from ..algorithms.constrained import ConstrainedTorques
+    from ..export.request import Quantities
     from ..screws.wrench import Wrench
     from ..simulation import Event, JointStops, Plane
     from ..simulation.closed_rollout import ClosedRollout
     from ..simulation.closed_simulation import ClosedSimulation
     from ..simulation.torque_laws import TorqueLaw
+    from .quantity_options import KernelOptions
     from .quantity_types import Rows
     from .reached_poses import InverseKinematics
     from .shortcuts import Law
@@ -353,3 +356,102 @@ class ClosedShortcuts:
         for frame, F in applied(self, np.asarray(q, float), lam):  # one frame may stand in several constraints
             found = found + (self.robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - free)
         return found
+
+    def kernel(self: Any, *names: str, **options: Unpack[KernelOptions]) -> np.ufunc:
+        """Compiled kernel of quantities with constraints, at the independent ones of this robot.
+
+        Parameters
+        ----------
+        *names : str, ``"constrained_dynamics"``, ``"constraint_jacobian"``, ``"constraint_bias"``, ``"closure_poses"``, and
+            with them any other of the open robot
+        **options : as for :meth:`twistwrench.Robot.kernel`, ``constraints`` filled in
+
+        Returns
+        -------
+        kernel : numpy.ufunc
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such quantity.
+        KernelError
+            None of them has constraints, or an option does not apply.
+        SingularMassMatrixError
+            A quantity needs M⁻¹, and M has none.
+
+        Notes
+        -----
+        Kernels judge nothing: of constrained dynamics the pivots of A M⁻¹ A' come with the results, and where one is near zero
+        the configuration is singular; :meth:`forward_dynamics` looks at them.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> held.kernel("constrained_dynamics").signature
+        '(3),(3),(3)->(3),(2),(2)'
+        """
+        from ..errors import KernelError
+        from .quantity_options import options_of
+
+        if not any("constraints" in options_of(name) for name in names):
+            raise KernelError(
+                f"{', '.join(names)}: nothing of this knows of constraints. Of the robot with its loops open: "
+                "closed.robot.kernel(…)."
+            )
+        return self.robot.kernel(*names, **{"constraints": self._kept, **options})
+
+    def export_c(
+        self: Any,
+        quantities: Quantities,
+        path: str | Path,
+        *,
+        precision: Literal["double", "float"] = "double",
+        prefix: str | None = None,
+        test: bool = True,
+    ) -> tuple[Path, ...]:
+        """C code export: quantities with the constraints of this robot, and those of the open one, as C99 functions.
+
+        Parameters
+        ----------
+        quantities : names as for :meth:`kernel`, with options as ``(name, {option: value})``
+        path : str or Path, a folder, or the .c file; the header goes beside it
+        precision : "double" or "float"
+        prefix : str, optional, what the functions' names begin with; None: the robot's name
+        test : bool, write a program that compares the functions with the kernels, too
+
+        Returns
+        -------
+        paths : tuple of Path, what was written
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such quantity.
+        KernelError
+            An option does not apply, or no program without branches computes it.
+        SingularMassMatrixError
+            A quantity needs M⁻¹, and M has none.
+        ValueRangeError
+            ``path`` cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> arm = tw.robots.planar_3r()
+        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     files = held.export_c(["constrained_dynamics", "mass_matrix"], folder)
+        ...     print("double lambda[2]" in files[0].read_text())
+        True
+        """
+        from ..export import export_c
+        from ..export.request import named
+        from .quantity_options import options_of
+
+        mine = [
+            (name, {"constraints": self._kept, **options} if "constraints" in options_of(name) else options)
+            for name, options in named(quantities)
+        ]
+        return export_c(self.robot, mine, path, precision=precision, prefix=prefix, test=test)
