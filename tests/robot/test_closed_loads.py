@@ -81,14 +81,14 @@ def test_parts_add_up_in_motion_with_wrenches_and_friction(platform):
 
 def test_the_motor_that_fails_is_named(linkage):
     q = linkage.consistent([0.3, 0.4, 1.2])
-    swing = linkage.simulate(q, linkage.project_velocity(q, [8.0, 0, 0]), duration=0.3)
-    motion = swing.motion
-    assert linkage.violations(motion, ["a"]) == ()
     pushed = linkage.simulate(q, duration=0.3, tau=[30.0, 0.0, 0.0]).motion
     tau = linkage.inverse_dynamics(pushed.q, pushed.dq, pushed.ddq, ["a"]).tau
-    worst = linkage.violations(pushed, ["a"], bounds_of(linkage.robot, effort=20.0))[0]
+    assert pushed.violations(tau=tau) == ()
+    worst = pushed.violations(bounds_of(linkage.robot, effort=20.0), tau=tau)[0]
     assert (worst.joint, worst.kind, worst.limit) == ("a", "torque", 20.0)
     assert abs(worst.value - tau[:, 0].max()) < 1e-12
+    with pytest.raises(tw.ShapeError, match="a row for each state"):
+        pushed.violations(tau=tau[:-1])
 
 
 # ── motors and power ──

@@ -1,4 +1,4 @@
-"""What the motors of a closed robot bear: why, how it changes, which limits it passes, and where the power goes."""
+"""What the motors of a closed robot bear: why, how it changes, and where the power goes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,6 @@ from .state_arguments import finite_states
 from .wrench_arguments import Wrenches
 
 if TYPE_CHECKING:
-    from ..motion.bounds import Bounds
-    from ..motion.motion import Motion
-    from ..motion.violations import Violation
     from .explanation import Explanation
 
 
@@ -199,53 +196,6 @@ class ClosedLoadMethods:
         ddq = self.forward_dynamics(q, dq, tau, friction=friction, **given).ddq
         left = self.robot.engine.call("torque_past_friction", dq, tau) if friction else None
         return balanced(self.robot, q, dq, ddq, tau, left, given)
-
-    def violations(
-        self: Any,
-        motion: Motion,
-        actuated: Iterable[str] | None = None,
-        bounds: Bounds | None = None,
-        *,
-        friction: bool = False,
-    ) -> tuple[Violation, ...]:
-        """Limits of position, velocity, acceleration and torque of the motors that a motion passes, worst first.
-
-        Parameters
-        ----------
-        motion : Motion, of the open robot, with the loops closed in every state
-        actuated : iterable of str, optional, joints that have a motor; None: all
-        bounds : Bounds, optional; None: the robot's own
-        friction : bool, count the friction of all joints, driven or not
-
-        Returns
-        -------
-        found : tuple of Violation; which joint fails, by how much, and when it is worst
-
-        Raises
-        ------
-        ConstraintError
-            A state breaks the constraints, or the motors named cannot make the motion.
-
-        Notes
-        -----
-        :meth:`explain` at that time says why.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> swing = held.simulate(held.consistent([-0.6, 0.2, 2.2]), duration=0.1)
-        >>> held.violations(swing.motion)
-        ()
-        """
-        from ..motion.bounds import bounds_or_own
-        from ..motion.violations import LimitCheck
-
-        check = LimitCheck(self.robot.model, bounds_or_own(self.robot, bounds))
-        tau = self.inverse_dynamics(motion.q, motion.dq, motion.ddq, actuated, friction=friction).tau
-        check.add(motion.time, motion.q, motion.dq, motion.ddq, tau)
-        return check.violations()
 
     def inverse_dynamics_derivatives(
         self: Any,
