@@ -41,6 +41,8 @@ _LONGEST_WAY, _STILL = 0.2, 1e-7
 """rad or m: how far to go towards a posture in a step, and of a step that is none."""
 _HESITATION, _SHORTER = 0.25, 0.9
 """By how much the way to a posture is divided more, after a step that is longer than this part of the one before."""
+_STIFFER = 1e-2
+"""What part of the damping of poses that of loops is, beside that of their own gaps: poses are looked for along the loops."""
 _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 
@@ -154,7 +156,10 @@ class NewtonStep:
         each = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
         each += [self.loops.jacobian(self.model, angles)] if self.loops is not None else []
         J = self.scale[:, None] * np.concatenate(each)
-        damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(V))
+        poses, gaps = np.split(V, [len(self.rows)])
+        most = 0.5 * (V @ V)
+        each = [most] * len(poses) + [0.5 * (gaps @ gaps) + _STIFFER * most] * len(gaps)
+        damping = np.diag(np.array(each) + _LEAST_DAMPING)
         bounds = self.at_limits(q)
         z = integration.subtract(self.model, wanted, q) / slower if self.posture else None
         dq = _damped(J, damping, V, z)

@@ -207,7 +207,8 @@ class _Places:
         while len(self._tables) <= number:
             more = bool(self._tables)
             some = random_configuration(self.search.model, self.rng, (PLACES + more,))
-            some = self.search.inside(some if self.search.loops is None else self.search.loops.settled(some))
+            loops, inside = self.search.loops, self.search.inside
+            some = inside(some) if loops is None else loops.places(some, inside)
             q = np.ascontiguousarray(some[more:])
             self._firsts.append(some[0])
             reached = [poses(q)[:, :3].reshape(PLACES, 12).T for poses in self.search.poses]

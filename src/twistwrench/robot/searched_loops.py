@@ -13,7 +13,13 @@ from .closed_robot_checks import some_configurations
 from .constraint_sizes import CLOSED, gap_units
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from .closed_robot import ClosedRobot
+
+
+ROUNDS = 4
+"""Times that starts are brought into the limits and onto the loops again."""
 
 
 class SearchedLoops:
@@ -40,6 +46,31 @@ class SearchedLoops:
         """The configurations (n, nq) on the loops, those from which none is found as they were."""
         found, left = self.closed.settled(q, CLOSED)
         return np.where((left <= CLOSED)[:, None], found, q)
+
+    def places(self, some: Array, inside: Callable[[Array], Array]) -> Array:
+        """Configurations (n, nq) with the loops closed inside the limits, got from some that are not closed.
+
+        Those from which none is found go towards one from which one is, half of the way and a quarter.
+        """
+        robot = self.closed.robot
+
+        def closed(q: Array) -> tuple[Array, Array]:
+            for _ in range(ROUNDS):
+                q = inside(self.settled(q))
+            found = self.settled(q)
+            return found, (inside(found) == found).all(axis=-1) & (self.open_by(found)[1] <= CLOSED)
+
+        q, good = closed(some)
+        for part in (0.5, 0.25):
+            if good.all() or not good.any():
+                break
+            rows = np.flatnonzero(~good)
+            known = np.resize(np.flatnonzero(good), len(rows))
+            q[rows], good[rows] = closed(robot.add(q[known], part * robot.subtract(some[rows], q[known])))
+        rows = np.flatnonzero(~good)
+        if good.any():
+            q[rows] = q[np.resize(np.flatnonzero(good), len(rows))]
+        return inside(q)
 
     def open_by(self, q: Array) -> tuple[Array, Array]:
         """Gaps of the rows of the search (n, rows), and the widest of all, over its unit (n,)."""
