@@ -200,7 +200,7 @@ def test_the_legs_of_the_hexapod_carry_its_weight_by_virtual_work(ran):
     """Σ F dl = dV around the circle at rest, and the power of the legs that of the energy in motion; slopes by Fourier sums."""
     example = ran(8)
     names = example.names
-    closed, robot, q, t = names["closed"], names["robot"], names["found"].q, names["t"]
+    closed, robot, q = names["closed"], names["robot"], names["found"].q
     T = robot.forward_kinematics(q, "platform")
     np.testing.assert_allclose(T, names["poses"], atol=1e-9)
     ends = np.einsum("nij,kj->nki", T[:, :3, :3], names["sockets"]) + T[:, None, :3, 3]
