@@ -64,8 +64,10 @@ def solve(
     asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance, loops)
     core = search.core
     target = arguments.real(T, "inverse_kinematics: T", *core)
-    shape, kind, start = target.shape[: -len(core)], target.dtype, robot.neutral if loops is None else loops.start
-    if q0 is not None:
+    shape, kind = target.shape[: -len(core)], target.dtype
+    if q0 is None:
+        start = robot.neutral if loops is None else loops.start
+    else:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
         kind = np.result_type(kind, start)
     if start.shape[:-1] != shape:

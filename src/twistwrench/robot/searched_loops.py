@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..algorithms.constraints import Closure
 from ..algorithms.loop_projection import LoopRows
+from ..errors import ConstraintError
 from ..typing import Array
 from .closed_robot_checks import some_configurations
 from .constraint_sizes import CLOSED, gap_units
@@ -34,8 +36,16 @@ class SearchedLoops:
         """Of each row, its number in a twist."""
         self.allowed = tuple((CLOSED * self.units[mine]).tolist())
         """How far each row may be open, rad or m."""
-        self.start = some_configurations(closed, None)[0]
-        """A configuration with the loops closed."""
+
+    @cached_property
+    def start(self) -> Array:
+        """A configuration with the loops closed; ConstraintError where none is found."""
+        try:
+            return np.asarray(some_configurations(self.closed, None)[0])
+        except ConstraintError as problem:
+            raise ConstraintError(
+                f"inverse_kinematics: {str(problem).partition('. ')[0]}. Give q0, a configuration near a closed one."
+            ) from None
 
     @property
     def key(self) -> tuple[object, ...]:

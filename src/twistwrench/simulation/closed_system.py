@@ -150,12 +150,14 @@ class ClosedSystem(System):
 
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """λ of states under the torques tau and all else that acts, (n, k); wrenches that are functions are asked again."""
+        if not len(times):
+            return np.zeros((0, len(self.loops.closed.sizes)))
         total = tau if self.friction is None else self.friction.left(dq, tau)
-        if self.wrenches or self.contacts:
-            total = total.copy()
-            for k, t in enumerate(times.tolist()):
-                for _, push in self._pushes(t, q[k], dq[k], q[k]):
-                    total[k] += push
+        for frame, law in self.wrenches.items():
+            total = total + self.robot.wrench_torques(q, law.values(times, q, dq), frame)
+        for contact in self.contacts:
+            touched = [contact.torques(*state) for state in zip(q, dq, strict=True)]
+            total = total + np.array([np.zeros(self.nv) if push is None else push for push in touched])
         _, lam, pivots = self.loops.dynamics(q, dq, total)
         closed = self.loops.closed
         if len(closed.independent) == len(closed.sizes) and not doubtful(pivots, closed.sizes).any():
