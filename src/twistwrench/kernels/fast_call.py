@@ -17,10 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ..program.products import Products
-from ..program.program import Port, Program
-from ..program.recurrence import Recurrence
-from ..program.search import Search
+from ..program.forms import Form
+from ..program.program import Port
 from ..targets.fast_call_checks import FLOAT_VALUE
 from ..targets.fast_call_text import (
     BYTES_DATA,
@@ -179,7 +177,7 @@ def calls_before(ufunc: Any) -> int:
     return 2 if length < LONG else length // EACH
 
 
-def _way(program: Program | Products | Recurrence | Search, parameters: _Parameters, asked: CallForm) -> Way | None:
+def _way(program: Form, parameters: _Parameters, asked: CallForm) -> Way | None:
     """How the builtin is called; None where none can be."""
     ports = (*program.inputs, *program.outputs)
     count = len(program.inputs) - len(asked.keys)
