@@ -7,7 +7,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.kernels.ufunc import owner_of
-from twistwrench.program.columns import Columns
+from twistwrench.program.column_groups import ColumnGroups
 from twistwrench.robot import Robot, column_loops
 from twistwrench.targets import batch_loop
 from twistwrench.targets.numpy_columns import NumpyColumns
@@ -30,7 +30,7 @@ def kernel_of(robot: Robot, monkeypatch: pytest.MonkeyPatch, least: int):
     monkeypatch.setattr(column_loops, "FROM", least)
     monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", least)
     kernel = tw.Robot(robot.model).kernel(NAME)
-    assert isinstance(owner_of(kernel).given, Columns) == (least == 0)
+    assert isinstance(owner_of(kernel).given, ColumnGroups) == (least == 0)
     return kernel
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..program.columns import Columns
+from ..program.column_groups import ColumnGroups
 from ..program.forms import Form, program_of
 from ..program.program import Port, Program
 from ..targets.processor import SINGLE
@@ -53,7 +53,7 @@ def effort(form: Form) -> int:
     """Operations of a sample, or of its step; arms and quadrupeds do 12 to 30 a nanosecond in lanes of four doubles."""
     program = program_of(form)
     entries = sum(port.size for port in (*program.inputs, *program.outputs))
-    columns = form.groups if isinstance(form, Columns) else ()
+    columns = form.groups if isinstance(form, ColumnGroups) else ()
     return _operations(program) + ENTRY * entries + sum(len(g.places) * _operations(g.program) for g in columns)
 
 

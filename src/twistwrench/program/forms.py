@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from .columns import Columns
+from .column_groups import ColumnGroups
 from .products import Products
 from .program import Program
 from .recurrence import Recurrence
 from .search import Search
 
-Form = Program | Products | Columns | Recurrence | Search
+Form = Program | Products | ColumnGroups | Recurrence | Search
 
 
 def program_of(form: Form) -> Program:

@@ -15,7 +15,7 @@ from ..algorithms.derivatives import accelerations, torque_derivatives_and_facto
 from ..algorithms.joint_factors import relations
 from ..model.base_parameters import regrouped
 from ..model.model import Model
-from ..program.columns import Columns, Group
+from ..program.column_groups import ColumnGroup, ColumnGroups
 from ..program.program import Program
 from ..program.trace import trace
 from ..targets import avx2_module
@@ -31,7 +31,7 @@ processors, and on those for which unrolled programs are emitted with registers 
 NAME = "forward_dynamics_derivatives"
 
 
-def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Columns | None:
+def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnGroups | None:
     """The program and its columns; None where it is short enough, or another quantity."""
     plain = all(set(options) <= {"wrenches"} for options in asked.values())
     if not plain or tuple(asked) != (NAME,):
@@ -46,10 +46,10 @@ def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Columns 
         return evaluated(quantity, mine, list(arrays), options)
 
     program = trace(parts, inputs_of(model, NAME, options), [*quantity.outputs, "W", "D"])
-    return Columns(program, 2, tuple(_groups(program, model.nv)))
+    return ColumnGroups(program, 2, tuple(_groups(program, model.nv)))
 
 
-def _groups(program: Program, n: int) -> list[Group]:
+def _groups(program: Program, n: int) -> list[ColumnGroup]:
     """The columns of ∂τ that are not zero, by the rows in which they are not."""
     some = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
     places: dict[tuple[bool, ...], list[tuple[int, int]]] = {}
@@ -65,4 +65,4 @@ def _groups(program: Program, n: int) -> list[Group]:
 
         return trace(solve, [("W", (n, n)), ("D", (n,)), ("x", (n,))], ["solution"])
 
-    return [Group(solution(rows), tuple(mine)) for rows, mine in places.items()]
+    return [ColumnGroup(solution(rows), tuple(mine)) for rows, mine in places.items()]

@@ -19,11 +19,8 @@ from ..kernels.call_form import CallForm
 from ..kernels.interpreter import compiles
 from ..model.configuration import random_configuration
 from ..model.model import Model
-from ..program.columns import Columns
 from ..program.forms import Form, program_of
-from ..program.products import Products
 from ..program.program import Program
-from ..program.recurrence import Recurrence
 from ..typing import Array
 from . import column_loops, large_derivatives, long_robots
 from .derivative_options import is_symbolic
@@ -254,19 +251,9 @@ def compiled(given: Form, name: str, doc: str, *, lone: bool = False) -> Any:
     # samples of three axes at most, and second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
-        from ..targets.numpy import NumpyKernel
-        from ..targets.numpy_columns import NumpyColumns
-        from ..targets.numpy_products import NumpyProducts
-        from ..targets.numpy_search import NumpySearch
-        from ..targets.numpy_steps import NumpySteps
+        from ..targets.numpy_forms import on_numpy
 
-        if isinstance(given, Program):
-            return NumpyKernel(given, name, doc)
-        if isinstance(given, Products):
-            return NumpyProducts(given, name, doc)
-        if isinstance(given, Columns):
-            return NumpyColumns(given, name, doc)
-        return NumpySteps(given, name, doc) if isinstance(given, Recurrence) else NumpySearch(given, name, doc)
+        return on_numpy(given, name, doc)
     from ..kernels.ufunc import make_ufunc
 
     return make_ufunc(given, name, doc, lone=lone)

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from ..program.columns import Columns, Group
+from ..program.column_groups import ColumnGroup, ColumnGroups
 from .llvm import Emitter
 from .llvm_text import LlvmWriter
 from .spill_frame_text import load_home, store_home
 
 
-def column_programs(columns: Columns, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
+def column_programs(columns: ColumnGroups, writer: Callable[[], LlvmWriter]) -> Iterator[str]:
     """A table of the groups' columns, and their functions."""
     for number, group in enumerate(columns.groups):
         w = writer()
@@ -30,7 +30,7 @@ def column_programs(columns: Columns, writer: Callable[[], LlvmWriter]) -> Itera
         yield f"{head} {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-def column_loop(w: LlvmWriter, columns: Columns, label: str) -> str:
+def column_loop(w: LlvmWriter, columns: ColumnGroups, label: str) -> str:
     """Call the functions; takes the label control comes from and returns the one it is in afterwards."""
     for number, group in enumerate(columns.groups):
         for entry, value in _constants(columns, group):  # the columns of the last block are in their places
@@ -42,7 +42,7 @@ def column_loop(w: LlvmWriter, columns: Columns, label: str) -> str:
     return label
 
 
-def _constants(columns: Columns, group: Group) -> Iterator[tuple[int, float]]:
+def _constants(columns: ColumnGroups, group: ColumnGroup) -> Iterator[tuple[int, float]]:
     """The constants among the entries that a group's program takes."""
     program = columns.program
     first = sum(port.size for port in group.program.inputs[:-1])
@@ -58,7 +58,7 @@ def _constants(columns: Columns, group: Group) -> Iterator[tuple[int, float]]:
 class _Column(Emitter):
     """An emitter that finds what columns share in the frame, and a column in its places."""
 
-    def __init__(self, w: LlvmWriter, columns: Columns, group: Group) -> None:
+    def __init__(self, w: LlvmWriter, columns: ColumnGroups, group: ColumnGroup) -> None:
         super().__init__(w, group.program)
         self.shared = columns.first_entries[-columns.shared]
         self.row = group.program.inputs[-1].size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..program.columns import Columns
+from ..program.column_groups import ColumnGroups
 from ..program.forms import Form, program_of
 from ..program.products import Products
 from ..program.program import Program
@@ -29,7 +29,7 @@ LONG = 2000
 def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
     """The texts to compile and to link together."""
     program, around = program_of(given), _around(given, machine)
-    if isinstance(given, Columns):
+    if isinstance(given, ColumnGroups):
         yield from in_sections(given, precision, machine, around)
     elif _is_long_enough(program) and avx2_module.serves(program, machine):
         yield avx2_module.module(program, precision, machine, LOOP, around)

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..program.columns import Columns
+from ..program.column_groups import ColumnGroups
 from .numpy import NumpyKernel
 
 
 class NumpyColumns:
     """Callable like the compiled ufunc of the same columns."""
 
-    def __init__(self, columns: Columns, name: str, doc: str) -> None:
+    def __init__(self, columns: ColumnGroups, name: str, doc: str) -> None:
         self.columns, self.__name__, self.__doc__ = columns, name, doc
         self.signature, self.nin, self.nout = columns.signature, len(columns.inputs), len(columns.outputs)
         self.kernel = NumpyKernel(columns.program, name, doc)

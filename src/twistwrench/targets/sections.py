@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from ..program.columns import Columns
+from ..program.column_groups import ColumnGroups
 from ..program.program import Program
 from .batch_loop import SHORTEST_PIECE, Loop
 from .buffers import LINE
@@ -31,9 +31,9 @@ EACH = 25
 """Sections in a module."""
 
 
-def in_sections(given: Program | Columns, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
+def in_sections(given: Program | ColumnGroups, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
     """The texts of the modules to compile and to link together."""
-    columns = given if isinstance(given, Columns) else Columns(given, 0, ())
+    columns = given if isinstance(given, ColumnGroups) else ColumnGroups(given, 0, ())
     frame = SpillFrame(columns.program, SECTION)
     yield _head(columns, frame, precision, machine, around)
     sections = list(enumerate(pairwise(frame.starts)))
@@ -50,7 +50,7 @@ def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
 # ── the loop, and what it calls ──
 
 
-def _head(columns: Columns, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
+def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
     """The loop, the preparation of the frame, and the block: it calls the sections, works on columns, and makes rows."""
     w = _writer(precision, machine)
     inputs, ports = len(columns.inputs), len(columns.inputs) + len(columns.outputs)
@@ -82,7 +82,7 @@ def _head(columns: Columns, frame: SpillFrame, precision: Precision, machine: Ma
     )
 
 
-def _rows(w: LlvmWriter, columns: Columns, label: str, tables: Sequence[str], flag: str) -> None:
+def _rows(w: LlvmWriter, columns: ColumnGroups, label: str, tables: Sequence[str], flag: str) -> None:
     """Rows of the results, of their entries in the frame; past the caches where what stands at ``flag`` is not 0."""
 
     def rows(label: str, *, streamed: bool) -> None:

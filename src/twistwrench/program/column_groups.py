@@ -13,7 +13,7 @@ from .program import Port, Program, signature_of
 
 
 @dataclass(frozen=True)
-class Group:
+class ColumnGroup:
     """Columns that one program works on. Its inputs are the shared results and a column, its result is the new column."""
 
     program: Program
@@ -22,13 +22,13 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Columns:
+class ColumnGroups:
     """A program, and what becomes of the columns of its results."""
 
     program: Program
     shared: int
     """How many of the last results only the groups take."""
-    groups: tuple[Group, ...]
+    groups: tuple[ColumnGroup, ...]
 
     @property
     def inputs(self) -> tuple[Port, ...]:
@@ -58,7 +58,7 @@ class Columns:
         port = self.program.outputs[matrix]
         return self.first_entries[matrix] + row * port.shape[1] + column
 
-    def stored_rows(self, group: Group) -> list[int]:
+    def stored_rows(self, group: ColumnGroup) -> list[int]:
         """The rows that are not zero before and after."""
         return [
             row
