@@ -15,8 +15,9 @@ from ..model.model import Model
 from ..typing import Array
 from . import quantity_programs
 from .derivative_options import is_symbolic
-from .quantities import CONFIGURATIONS, QUANTITIES
+from .quantities import QUANTITIES
 from .quantity_options import checked_options
+from .quantity_row import CONFIGURATIONS
 
 
 def names_of(model: Model, label: str) -> tuple[str, ...]:
