@@ -131,3 +131,41 @@ def test_redundant_rows_and_rows_of_velocity_change_nothing(linkage):
     blade = tw.robots.floating_box().constrain("box", "vy")
     moved = blade.inverse_kinematics(along(1.0, 2.0, 3.0), "box")
     assert moved.converged and moved.gap == 0.0
+
+
+def test_several_frames_and_several_starts_at_once(platform):
+    closed, near = platform
+    q = closed.consistent(
+        closed.robot.add(near, 0.1 * np.random.default_rng(4).standard_normal((5, closed.nv))), within=np.inf
+    )
+    T = np.stack([closed.robot.forward_kinematics(q, name) for name in ("plate", "shin1")], axis=1)
+    found = closed.inverse_kinematics(T, ["plate", "shin1"], near, rows={"plate": None, "shin1": "vx vy vz"})
+    assert found.converged.all() and np.abs(closed.constraint_error(found.q)).max() <= 1e-12
+    many = closed.inverse_kinematics(T[0, 0], "plate", q)
+    assert many.q.shape == q.shape and many.converged.all()
+
+
+@pytest.mark.parametrize(
+    ("asked", "error", "told"),
+    [
+        ({"T": np.ones((4, 4))}, tw.ValueRangeError, "pose"),
+        ({"T": np.eye(4), "frame": "nowhere"}, tw.UnknownNameError, "nowhere"),
+        ({"T": np.eye(4), "frame": "plate", "q0": [0.0]}, tw.ShapeError, "q0"),
+        ({"T": np.eye(4), "frame": "plate", "restarts": -1}, tw.ValueRangeError, "restarts"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(platform, asked, error, told):
+    with pytest.raises(error, match=told):
+        platform[0].inverse_kinematics(**asked)
+
+
+def test_a_start_that_is_not_found_is_asked_for(monkeypatch):
+    arm = tw.robots.planar_3r()
+    held = arm.close("ground", arm.tip, rows="vx vz", pose=along(1.5))
+    monkeypatch.setattr(
+        "twistwrench.robot.closed_robot_checks.STARTS", 1
+    )  # the stretched arm alone, which leads nowhere
+    T = arm.forward_kinematics(held.consistent([-0.6, 0.2, 2.2]), "link2")
+    with pytest.raises(tw.ConstraintError, match="Give q0"):
+        held.inverse_kinematics(T, "link2")
+    assert held.inverse_kinematics(T, "link2", [-0.6, 0.2, 2.2]).converged

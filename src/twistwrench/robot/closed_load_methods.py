@@ -14,6 +14,7 @@ from ..algorithms.constrained_derivatives import Slopes, constrained_derivatives
 from ..algorithms.constraint_forces import balance
 from ..algorithms.motor_side import MotorLoads, motor_loads
 from ..algorithms.power import PowerBalance
+from ..core import lazy
 from ..errors import ModelError
 from . import closed_robot_checks as checks
 from .actuation_methods import balanced
@@ -87,6 +88,7 @@ class ClosedLoadMethods:
         pressed = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
         return replace(why, parts=np.where(driven, why.parts + pressed, 0.0))
 
+    @lazy.by_blocks(lambda closed, _: [(len(closed.robot.actuators),)] * 6, MotorLoads)
     def motor_loads(
         self: Any,
         q: ArrayLike,
@@ -146,6 +148,7 @@ class ClosedLoadMethods:
         (dq,) = finite_states(robot.model, "motor_loads", dq=dq)
         return motor_loads(robot.model, dq.astype(float), tau - rotor, rotor)
 
+    @lazy.by_blocks(lambda *_: [()] * 4, PowerBalance)
     def power_balance(
         self: Any,
         q: ArrayLike,
