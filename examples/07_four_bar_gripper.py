@@ -123,5 +123,5 @@ with figure(
     axes.axhline(grip, color=GREY, linestyle="--", label="each pad")
     axes.set(xlabel="opening of the pads [mm]", ylabel="force [N]", ylim=(0, None))
     axes.margins(x=0)
-    axes.legend(frameon=False)
+    drawn.legend(loc="outside lower right", ncols=4, frameon=False, fontsize=8)
     save(drawn, asked.picture)

@@ -107,8 +107,15 @@ with figure(9.6, 4.4, f"A hexapod swings {load:.0f} kg around: which leg carries
     for k, colour in zip(legs, colours, strict=True):
         ends = seen([anchors[k], there(sockets[k])])
         stage.plot(*ends.T, color=colour, linewidth=1.5 + 5 * abs(force[moment, k]) / np.abs(force).max())
-        low = 0.75 * ends[0] + 0.25 * ends[1] if k % 2 else ends.mean(axis=0)
-        stage.annotate(f"{force[moment, k]:.0f} N", low, (5, 0), textcoords="offset points", fontsize=8)
+        stage.annotate(
+            f"{force[moment, k]:.0f} N",
+            ends[0],
+            (0, -13),
+            textcoords="offset points",
+            ha="center",
+            color=colour,
+            fontsize=8,
+        )
     stage.fill(*seen(there(sockets)).T, facecolor="#f6e8d8", edgecolor=INK, zorder=3, alpha=0.9)
     foot, top = seen(there(np.array([place * [1, 1, 0], place])))
     stage.plot(*np.array([foot, top]).T, color=INK, linewidth=1, zorder=4)

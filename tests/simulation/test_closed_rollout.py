@@ -92,7 +92,7 @@ def test_a_motion_that_loses_its_constraints_leaves_the_others_alone():
     assert np.isfinite(many.q[0, before]).all() and np.isnan(many.q[0, ~before]).all()
     assert np.abs(many.q[0, before][-1] - ended.q[before.sum() - 1]).max() < 1e-9
     assert np.isfinite(many.q[1]).all() and many.gap.max() <= 1e-12
-    assert many.unstable.tolist() == [True, False] and "1 motions lose rank" in repr(many)
+    assert many.unstable.tolist() == [True, False] and "1 of the motions lose rank" in repr(many)
 
 
 def test_a_plate_that_floats_is_rolled_out():

@@ -108,7 +108,7 @@ def _held(found: Rollout, said: tuple[Array, Array] | None) -> ClosedRollout:
         where = f", first {tuple(map(int, first))}" if found.batch else ""
         remarks = (
             *remarks,
-            f"{np.isfinite(lost_from).sum()} motions lose rank of their constraints or leave them{where} before "
+            f"{np.isfinite(lost_from).sum()} of the motions lose rank of their constraints or leave them{where} before "
             f"{float(lost_from[first]):g} s; their states after that are NaN",
         )
     known["remarks"] = remarks
