@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import html
 import json
 import zlib
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..outputs import replacing
 from ..typing import Array
-from .colours import force_scale
+from .colours import force_scale, mass_scale
 from .page_programs import PagePrograms
 from .page_robot import robot_data, wrench_data
 from .scene import Scene, scene_of
@@ -33,14 +34,22 @@ _SCRIPTS = (
     "matrices.js",
     "coordinates.js",
     "forces.js",
+    "effective_mass.js",
     "mechanics.js",
     "fall.js",
     "solids.js",
+    "orbit.js",
     "stage.js",
+    "sticks.js",
+    "grasp.js",
     "panel.js",
     "load.js",
     "page.js",
 )
+_POLICY = (
+    "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
+)
+"""Of the page, before the digests of its own scripts: it asks for nothing, and runs nothing else."""
 _KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
@@ -107,7 +116,9 @@ def page_text(
     wrenches = wrench_on_robot or {}
     data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
     data |= wrench_data(robot, wrenches) | {"forceScale": force_scale(robot, scene)}
-    data |= PagePrograms(robot, tuple(wrenches)).data()
+    programs = PagePrograms(robot, tuple(wrenches))
+    data |= programs.data()
+    data["massScale"], data["tipDirections"] = mass_scale(robot, scene) if "mass" in data["programs"] else (0.0, 0)
     for torque, peak in zip(
         data["torques"], [0.0] * robot.nv if motion is None else motion.peaks.tolist(), strict=True
     ):
@@ -117,12 +128,25 @@ def page_text(
     data["subtitle"] = _subtitle(robot, motion)
     data["shown"], data["switches"] = _switches(data, scene)
     parts = resources.files(__package__) / "player"
+    scripts = programs.script(), "\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS)
     return Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name),
+        policy=f"{_POLICY} {' '.join(map(_digest, scripts))}",
         style=(parts / "page.css").read_text("utf-8"),
-        script="\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS),
+        programs=scripts[0],
+        script=scripts[1],
         data=box.packed(data),
     )
+
+
+def _digest(script: str) -> str:
+    """What names a script in a Content-Security-Policy."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode('ascii')}'"
+
+
+def read_programs(path: str | Path) -> str:
+    """The script of a page that defines ``PROGRAMS``, its functions by name."""
+    return Path(path).read_text("utf-8").partition('<script id="programs">')[2].partition("</script>")[0]
 
 
 def read_page(path: str | Path) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -230,6 +254,7 @@ def _switches(data: Mapping[str, Any], scene: Scene) -> tuple[dict[str, bool], l
         ("frames", "Frames", True, False),
         ("ellipsoid", "Force ellipsoid", has_tip, False),
         ("polytope", "Force polytope", has_tip, False),
+        ("mass", "Mass ellipsoid", data["massScale"] > 0, False),
         ("path", "Path of the tip", bool(data["motion"] and data["motion"]["path"]), True),
     )
     return {key: on for key, _, _, on in known}, [(key, label) for key, label, there, _ in known if there]

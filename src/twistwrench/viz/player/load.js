@@ -13,6 +13,7 @@ class LoadPanel {
     }
     this.button = document.getElementById("let-go");
     this.said = document.getElementById("fall");
+    this.felt = document.getElementById("felt");
     this.button.hidden = robot.fall.why !== null;
     this.said.textContent = robot.fall.why || "";
     this.button.addEventListener("click", () => (viewer.fall ? viewer.stop() : viewer.letGo()));
@@ -31,8 +32,18 @@ class LoadPanel {
     this.sliders.push(slider);
   }
 
+  feel() { // beside the mass ellipsoid: how heavy the tip is
+    const { viewer, felt: said } = this;
+    said.hidden = !viewer.shown.mass || !viewer.weigh();
+    if (said.hidden) return;
+    const masses = viewer.weigh().map(({ mass }) => mass).filter((mass) => mass < Infinity), missing = viewer.robot.tipDirections - masses.length;
+    const heavy = masses.map((mass) => `${mass < 1000 ? mass.toPrecision(3) : Math.round(mass)} kg`).join(", ");
+    said.textContent = `Effective mass at the tip along its principal axes: ${heavy}${missing > 0 ? "; here it cannot be moved in every direction" : ""}.`;
+  }
+
   update() {
     const { fall, robot } = this.viewer;
+    this.feel();
     if (robot.fall.why !== null) return;
     this.button.textContent = fall ? "Stop" : "Let go";
     if (!fall) this.said.textContent = "From rest, without torques, friction and stops.";

@@ -2,13 +2,11 @@
 "use strict";
 
 const NO_WRENCH = [0, 0, 0, 0, 0, 0];
-const compiled = (text) => new Function(text.replace("export function", "return function"))();
 
 class Mechanics {
   constructor(robot) {
     this.robot = robot;
-    this.run = {};
-    for (const [name, text] of Object.entries(robot.programs)) this.run[name] = compiled(text);
+    this.run = PROGRAMS;
     this.mass = 0; // at the tip [kg]
     this.push = [0, 0, 0]; // on the tip, in the base's axes [N]
     const [n, nv] = [16 * (robot.bodies.length + robot.frames.length + 1), robot.torques.length];
@@ -60,6 +58,10 @@ class Mechanics {
   tipColumns(q) {
     const J = this.run.jacobian(q), n = this.robot.torques.length;
     return this.robot.torques.map((_, k) => [J[3 * n + k], J[4 * n + k], J[5 * n + k]]);
+  }
+
+  massMatrix(q) { // by rows, what is at the tip included. MR section 8.1
+    return this.run.mass(q, ...this.load);
   }
 
   // d(entries of q)/dt, dv/dt, and the power of the wrenches, at joint torques of zero; y is q, v, and one entry more.
