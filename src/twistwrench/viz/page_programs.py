@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from ..errors import SingularMassMatrixError
 from ..model.model import BASE, Frame
 from ..robot import Robot
 from ..simulation.tableau import RK4
+
+if TYPE_CHECKING:
+    from .book_sections import BookSection
 
 LARGEST = 10_000
 """Instructions of the longest mass matrix and forward dynamics that a page carries: an arm of 24 joints.
@@ -33,7 +36,8 @@ class PagePrograms:
     payload are inputs behind the state.
     """
 
-    def __init__(self, robot: Robot, wrenches: Sequence[str]) -> None:
+    def __init__(self, robot: Robot, wrenches: Sequence[str], section: BookSection | None = None) -> None:
+        self.section = section
         model = robot.model
         self.tip = model.tip if model.tip is not None and model.frame(model.tip).body != BASE else None
         named = {name: model.frame(name) for name in (*wrenches, *([] if self.tip is None else [self.tip]))}
@@ -42,6 +46,7 @@ class PagePrograms:
         if self.tip is not None:
             named[self.payload] = model.frame(self.tip)
         frames = {_unused(f"body {k}", named): Frame(k, np.eye(4)) for k in range(len(model.bodies))}
+        self.body_frames = tuple(frames)
         self.robot = Robot(replace(model, frames={**frames, **named}, sites={}))
 
     def data(self) -> dict[str, Any]:
@@ -54,8 +59,8 @@ class PagePrograms:
             "programs": list(self._functions),
             "wrenchFrames": self.wrenches,
             "payloadName": "more at tip" if robot.model.payloads else "payload at tip",
-            "payload": None if self.tip is None else _round_above(mass / 2 or 1.0),
-            "push": None if self.tip is None else _round_above(weight or 10.0),
+            "payload": None if self.tip is None else round_above(mass / 2 or 1.0),
+            "push": None if self.tip is None else round_above(weight or 10.0),
             "fall": {"why": why, "step": STEP, "a": [row.tolist() for row in a], "b": b.tolist()},
         }
 
@@ -70,7 +75,7 @@ class PagePrograms:
         model = self.robot.model
         if not model.bodies:
             return {}
-        load, pushed = self._loads
+        load, pushed = self.load, self.pushed
         asked: dict[str, tuple[str, dict[str, Any]]] = {"poses": ("link_poses", {})}
         if model.nv:
             asked["holding"] = "holding_torques", {**pushed, **load}
@@ -86,6 +91,8 @@ class PagePrograms:
         if self.tip is not None and model.nv:
             asked["rates"] = "coordinate_rates", {}
             asked["jacobian"] = "jacobian", {"frame": self.tip, "kind": "world_aligned"}
+        if self.section is not None:
+            asked |= self.section.programs(self)
         return {name: self._function(quantity, options) for name, (quantity, options) in asked.items()}
 
     def _function(self, quantity: str, options: dict[str, Any]) -> str:
@@ -103,11 +110,15 @@ class PagePrograms:
             text = text.replace(wide, narrow)
         return text
 
-    @cached_property
-    def _loads(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The options that make the payload an input, and those for the wrenches."""
-        load = {} if self.tip is None else {"parameters": f"{self.payload}.mass"}
-        return load, {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
+    @property
+    def load(self) -> dict[str, Any]:
+        """The option that makes the payload an input."""
+        return {} if self.tip is None else {"parameters": f"{self.payload}.mass"}
+
+    @property
+    def pushed(self) -> dict[str, Any]:
+        """The options that make wrenches on the robot inputs."""
+        return {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
 
     @cached_property
     def _has_inverse(self) -> bool:
@@ -127,8 +138,7 @@ class PagePrograms:
             return "A base that floats has no floor to fall on here, so it cannot be let go."
         if not self._has_inverse:
             return "Some joint moves nothing that has mass, so it cannot be let go."
-        load, pushed = self._loads
-        if len(self.robot.program("forward_dynamics", **pushed, **load).instructions) > LARGEST:
+        if len(self.robot.program("forward_dynamics", **self.pushed, **self.load).instructions) > LARGEST:
             return f"Its forward dynamics takes more than {LARGEST} operations, too much for a page, so it cannot be let go."
         return None
 
@@ -140,10 +150,10 @@ def _unused(name: str, taken: Container[str]) -> str:
     return name
 
 
-def _round_above(x: float) -> float:
+def round_above(x: float) -> float:
     """The next of 1, 2, 5, 10 and so on, not below x.
 
-    >>> _round_above(0.3), _round_above(18.2)
+    >>> round_above(0.3), round_above(18.2)
     (0.5, 20.0)
     """
     power = 10.0 ** np.floor(np.log10(x))

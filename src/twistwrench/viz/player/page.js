@@ -38,6 +38,7 @@ class Viewer {
     this.speed = 1;
     this.panel = new Panel(this);
     this.grasp = new Grasp(this);
+    this.book = robot.book && new Book(this);
     if (this.motion) this.seek(this.time);
     else this.refresh();
     const frame = (now) => { this.advance(now); this.draw(); requestAnimationFrame(frame); };
@@ -86,13 +87,15 @@ class Viewer {
 
   letGo() {
     this.setCoordinates(this.q);
-    this.fall = new Fall(this.mechanics, this.q);
+    if (this.book) this.mechanics.tau = this.book.state.tau.slice();
+    this.fall = new Fall(this.mechanics, this.q, this.book ? this.book.state.dq : []);
     this.refresh();
   }
 
   fallOn(seconds) {
     this.fall.advance(seconds);
     this.q = this.fall.q;
+    if (this.book) this.book.state.dq = this.fall.dq;
     this.refresh();
   }
 
@@ -104,9 +107,18 @@ class Viewer {
     this.refresh();
   }
 
+  set(input) { // of a section of the book: torques may change while it moves
+    if (this.fall && input === "tau") {
+      this.mechanics.tau = this.book.state.tau.slice();
+      this.fall.reckon();
+    } else this.fall = null;
+    this.refresh();
+  }
+
   refresh() {
     this.poses = this.mechanics.poses(this.q);
-    if (this.posed) this.tau = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
+    if (this.book) this.tau = this.book.update();
+    else if (this.posed) this.tau = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
     this.forces = this.masses = null;
     if (this.shown.mass) this.weigh();
     this.panel.update();
@@ -151,6 +163,7 @@ class Viewer {
     if (robot.payload !== null) this.loadMarks(items);
     if (shown.ellipsoid || shown.polytope) this.forceMarks(items);
     if (shown.mass) this.massMarks(items);
+    if (this.book) this.book.marks(items);
     if (this.grasp.can) items.push({ kept: this.ball, model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
     if (shown.path && this.motion && this.motion.path) lines.push({ kept: this.motion.path, colour: [...robot.colours.path, 0.9], strip: true });
     this.stage.draw(items, lines, robot.floor, this.sticks());
