@@ -6,9 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from page_under_node import under_node
 
 import twistwrench as tw
+from twistwrench.cli.main import main
 from twistwrench.viz import write_page
 from twistwrench.viz.book_sections import SECTIONS
 from twistwrench.viz.page import read_page
@@ -255,3 +257,34 @@ def test_what_has_no_page_is_refused(tmp_path, robot, section, message):
     with pytest.raises(tw.ValueRangeError, match="leave them out"):
         write_page(tw.robots.ur5(), tmp_path / "page.html", section="5.2", wrench_on_robot={"tool0": np.ones(6)})
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--section", "8.3"], "--section writes a page. Add --html OUT.html."),
+        (["--section", "8.30", "--html", "x.html"], "Choose one of: 3.4"),
+        (["--section", "8.3", "--html", "x.html", "--trajectory", "demo"], "Leave --trajectory out"),
+        (["--section", "8.3", "--html", "x.html", "--wrench-on-robot", "tool0:0,0,0,1,0,0"], "leave them out"),
+    ],
+)
+def test_the_command_refuses_before_it_writes(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(main, ["view", "ur5", *arguments])
+    assert found.exit_code == 2
+    assert message in " ".join(found.output.split())
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_command_writes_a_page_with_a_payload(tmp_path):
+    """What the arm carries is part of its last link, and of the page."""
+    path = tmp_path / "page.html"
+    done = CliRunner().invoke(main, ["view", "ur5", "--section", "8.1.3", "--payload", "2", "--html", str(path)])
+    assert done.exit_code == 0, done.output
+    heavy = arm("ur5").with_payload(tw.SpatialInertia.from_com(2.0))
+    q = read_page(path)[0]["start"]
+    J = heavy.jacobian(q, kind="world_aligned")
+    assert np.linalg.svd(J, compute_uv=False)[-1] > 0.1  # far from singular
+    found = under_node(path, "(m, q) => Array.from(m.massMatrix(q))", q)
+    M = heavy.mass_matrix(q)
+    np.testing.assert_allclose(np.reshape(found, M.shape), M, atol=1e-12 * M.max())

@@ -27,6 +27,10 @@ _COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "f
 def telling_pose(robot: Robot) -> Array:
     """A configuration above the floor of the base and far from singular ones; (nq,)."""
     Q = robot.random_configuration(0, 256)
+    turned = np.where(
+        Coordinates.of(robot.model).angular, Q - 2 * np.pi * np.round(Q / (2 * np.pi)), Q
+    )  # to half a turn
+    Q = np.where((robot.limits.lower <= turned) & (turned <= robot.limits.upper), turned, Q)
     heights = np.asarray(robot.link_poses(Q))[..., 2, 3]
     J = np.asarray(robot.jacobian(Q, kind="world_aligned"))
     least = np.linalg.svd(J, compute_uv=False)[:, -1]

@@ -35,8 +35,8 @@ class BookSection:
     """What is picked from a list: a joint or a link."""
     load: str = ""
     """Sliders of what the tip carries: payload, all (with push and the button that lets the robot go), or none."""
-    shown: tuple[str, ...] = ()
-    """What is switched on besides the usual."""
+    shown: tuple[str, ...] = ("looks", "torques")
+    """What is switched on at first."""
 
     def require(self, robot: Robot) -> None:
         """Raise ValueRangeError unless the page can show this robot."""
@@ -135,7 +135,7 @@ _SECTIONS = (
         (),
         lambda _: {},
         load="payload",
-        shown=("mass",),
+        shown=("looks", "mass"),
     ),
     BookSection(
         "8.2",

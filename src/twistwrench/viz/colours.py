@@ -35,7 +35,7 @@ COLOURS: MappingProxyType[str, Any] = MappingProxyType(
         "ellipsoid": (0.90, 0.60, 0.0),
         "polytope": (0.16, 0.50, 0.85),
         "mass": (0.0, 0.62, 0.45),
-        "grasp": (0.90, 0.42, 0.05),
+        "grasp": (0.10, 0.34, 0.62),
         "path": (0.12, 0.31, 0.47),
         "axes": ((0.82, 0.18, 0.20), (0.10, 0.60, 0.27), (0.12, 0.35, 0.80)),
         "lines": (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE, GREY),

@@ -20,14 +20,14 @@ from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..typing import Array
 from .book_data import book_data, telling_pose
-from .book_sections import book_section
+from .book_sections import BookSection, book_section
 from .colours import force_scale, mass_scale
 from .page_programs import PagePrograms
 from .page_robot import robot_data, wrench_data
 from .scene import Scene, scene_of
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Mapping
+    from collections.abc import Mapping
 
     from ..robot import Robot
     from .drawn_motion import DrawnMotion
@@ -144,7 +144,7 @@ def page_text(
     data["motion"] = None if motion is None else _motion_data(robot, motion, box)
     data["notes"] = [*scene.notes, *(motion.warnings if motion is not None else ())]
     data["subtitle"] = _subtitle(robot, motion)
-    data["shown"], data["switches"] = _switches(data, scene, () if book is None else book.shown)
+    data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
     scripts = programs.script(), "\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS)
     return Template((parts / "page.html").read_text("utf-8")).substitute(
@@ -261,7 +261,7 @@ def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
 
 
 def _switches(
-    data: Mapping[str, Any], scene: Scene, wanted: Container[str]
+    data: Mapping[str, Any], scene: Scene, book: BookSection | None
 ) -> tuple[dict[str, bool], list[tuple[str, str]]]:
     """What is on at first, and the buttons: only those that have something to show."""
     has_tip = "jacobian" in data["programs"] and data["forceScale"] > 0
@@ -277,6 +277,5 @@ def _switches(
         ("mass", "Mass ellipsoid", data["massScale"] > 0, False),
         ("path", "Path of the tip", bool(data["motion"] and data["motion"]["path"]), True),
     )
-    return {key: on or key in wanted for key, _, _, on in known}, [
-        (key, label) for key, label, there, _ in known if there
-    ]
+    shown = {key: on if book is None else key in book.shown for key, _, _, on in known}
+    return shown, [(key, label) for key, label, there, _ in known if there]

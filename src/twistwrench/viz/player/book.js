@@ -78,7 +78,15 @@ class Book {
     const { viewer, state } = this;
     this.found = this.readout(viewer.mechanics, { ...state, q: viewer.q });
     for (const [key, rows] of Object.entries(this.sliders)) rows.forEach(({ tell }, k) => tell(state[key][k]));
-    document.getElementById("values").replaceChildren(...this.found.tables.map(tableOf), ...(this.found.values || []).map(valueOf), this.legend());
+    const words = this.found.tables.map(({ caption, rows }) => `${caption} ${rows.length}`).join();
+    if (words !== this.words) {
+      this.words = words;
+      this.tables = this.found.tables.map((table) => new NumberTable(table));
+      this.below = document.createElement("div");
+      document.getElementById("values").replaceChildren(...this.tables.map(({ place: at }) => at), this.below);
+    }
+    this.tables.forEach((table, k) => table.show(this.found.tables[k].rows));
+    this.below.replaceChildren(...(this.found.values || []).map(valueOf), this.legend());
     return this.found.tau || viewer.robot.torques.map(() => 0);
   }
 
@@ -92,6 +100,7 @@ class Book {
       chip.appendChild(document.createElement("i")).style.background = this.lines[colour % this.lines.length];
       chip.append(name);
     }
+    if (this.found.frames) list.appendChild(document.createElement("span")).textContent = "axes of frames: x red, y green, z blue";
     return list;
   }
 
@@ -129,29 +138,40 @@ function shownNumber(x, digits) {
   return Math.abs(x) < 1e5 ? signed(x, digits) : x === Infinity ? "∞" : x.toExponential(1).replace("-", "−");
 }
 
-function tableOf({ caption, columns, rows, heat }) {
-  const table = document.createElement("table"), finite = (x) => x !== null && Math.abs(x) < 1e5;
-  const largest = columns.map((_, k) => Math.max(1e-3, ...rows.map(([, xs]) => xs[k]).filter(finite).map(Math.abs)));
-  const most = Math.max(...largest), digits = largest.map((x) => Math.min(3, Math.max(0, 2 - Math.floor(Math.log10(x))))); // three places of the largest
-  const add_ = (row, kind, text) => { const cell = row.appendChild(document.createElement(kind)); cell.innerHTML = text; return cell; };
-  table.style.width = `min(100%, ${70 + 64 * columns.length}px)`;
-  if (heat) digits.fill(Math.min(3, Math.max(0, 3 - Math.floor(Math.log10(most))))); // the same in all columns
-  const whole = document.createElement("div");
-  add_(whole, "p", caption).className = "caption";
-  whole.appendChild(table);
-  const head = table.createTHead().insertRow(), body = table.createTBody();
-  add_(head, "th", "");
-  columns.forEach(([name, unit_]) => add_(head, "th", `${name}${unit_ ? `<small>${unit_}</small>` : ""}`));
-  for (const [name, xs] of rows) {
-    const row = body.insertRow();
-    add_(row, "th", name);
-    xs.forEach((x, k) => {
-      const cell = add_(row, "td", shownNumber(x, digits[k]));
-      if (x !== null) cell.title = String(x);
-      if (heat && x) cell.style.background = x > 0 ? `rgba(230, 120, 0, ${0.5 * Math.min(1, Math.abs(x) / most)})` : `rgba(0, 110, 190, ${0.5 * Math.min(1, Math.abs(x) / most)})`;
+const digitsOf = (most) => Math.min(3, Math.max(0, 2 - Math.floor(Math.log10(most))));
+
+// A table whose numbers may change, its words not.
+class NumberTable {
+  constructor({ caption, columns, rows, heat }) {
+    const table = document.createElement("table"), head = table.createTHead().insertRow(), body = table.createTBody();
+    const add_ = (row, kind, text = "") => Object.assign(row.appendChild(document.createElement(kind)), { innerHTML: text });
+    this.heat = heat;
+    this.place = document.createElement("div");
+    add_(this.place, "p", caption).className = "caption";
+    this.place.appendChild(table);
+    table.style.width = `min(100%, ${70 + 64 * columns.length}px)`;
+    add_(head, "th");
+    columns.forEach(([name, unit_]) => add_(head, "th", `${name}${unit_ ? `<small>${unit_}</small>` : ""}`));
+    this.cells = rows.map(([name, xs]) => {
+      const row = body.insertRow();
+      add_(row, "th", name);
+      return xs.map(() => add_(row, "td"));
     });
   }
-  return whole;
+
+  show(rows) { // three places of the largest number of a column; of the whole table, and one more, where it is coloured
+    const largest = rows[0][1].map((_, k) => Math.max(1e-3, ...rows.map(([, xs]) => Math.abs(xs[k])).filter((x) => x < 1e5)));
+    const most = Math.max(...largest), same = this.heat ? digitsOf(most / 10) : null, recolour = this.heat && most !== this.most;
+    this.most = most;
+    rows.forEach(([, xs], i) => xs.forEach((x, k) => {
+      const cell = this.cells[i][k], title = x === null ? "" : String(x);
+      if (!recolour && cell.title === title && cell.digits === (same ?? digitsOf(largest[k]))) return;
+      cell.digits = same ?? digitsOf(largest[k]);
+      cell.title = title;
+      cell.textContent = shownNumber(x, cell.digits);
+      if (this.heat) cell.style.background = `rgba(${x > 0 ? "230, 120, 0" : "0, 110, 190"}, ${(0.5 * Math.min(1, Math.abs(x) / most)).toFixed(3)})`;
+    }));
+  }
 }
 
 function valueOf([name, x, unit_]) {

@@ -7,6 +7,7 @@ class Panel {
     const robot = viewer.robot;
     const of = (id) => document.getElementById(id);
     of("subtitle").textContent = robot.subtitle;
+    this.torques = of("torques");
     this.title = document.querySelector("#torques h2");
     this.bars = robot.torques.map((torque, k) => this.torqueRow(torque, k));
     this.hands = robot.hands.map((hand, k) => this.handRow(hand, k));
@@ -140,7 +141,7 @@ class Panel {
     const largest = Math.max(...tau.map(Math.abs), ...robot.torques.map(({ peak }) => peak), 1e-3);
     const digits = viewer.fall && !viewer.book ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
     const { book } = viewer;
-    document.getElementById("torques").hidden = !robot.torques.length || (book && !book.found.tau);
+    this.torques.hidden = !robot.torques.length || (book && !book.found.tau);
     this.title.textContent = book ? book.found.title || "" : viewer.fall ? "Torques: none, let go" : viewer.posed ? "Torques that hold this pose" : "Torques of the motion";
     this.load.update();
     this.bars.forEach(({ fill, number, share }, k) => {

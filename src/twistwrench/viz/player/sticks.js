@@ -17,7 +17,7 @@ class Sticks extends Orbit {
     if (!pen) return;
     [canvas.width, canvas.height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio];
     pen.scale(ratio, ratio);
-    Object.assign(pen, { lineWidth: 7, lineCap: "round", strokeStyle: "#5b7fa3", fillStyle: "#c05a00" });
+    Object.assign(pen, { lineWidth: 7, lineCap: "round", strokeStyle: "#7f93a8", fillStyle: "#2f7fc8" });
     for (const [a, b] of sticks) {
       pen.beginPath();
       pen.moveTo(...this.project(a));
