@@ -5,7 +5,8 @@ class Grasp {
   constructor(viewer) {
     this.viewer = viewer;
     const { robot, mechanics } = viewer;
-    this.can = mechanics.run.jacobian !== undefined && mechanics.run.rates !== undefined && mechanics.pushed >= 0;
+    this.can = mechanics.run.jacobian !== undefined && mechanics.run.rates !== undefined && mechanics.pushed >= 0
+      && robot.hands.every(({ turn: turns }) => turns === undefined); // a base that floats would come along
     if (!this.can) return;
     viewer.stage.grasp = (x, y) => this.hold(x, y);
     this.ends = new Map(robot.hands.map((hand) => [hand.q, [hand.least ?? -Infinity, hand.most ?? Infinity]]));
