@@ -10,6 +10,7 @@ from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .formula import formula_html
 from .page_programs import round_above
+from .task_rows import AXES, task_rows
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -19,6 +20,7 @@ _NAMES = {
     "dq": ("θ̇", "velocities of the joints"),
     "ddq": ("θ̈", "accelerations of the joints"),
     "tau": ("τ", "torques of the joints"),
+    "dV": ("V̇", "acceleration of the tip, in the axes of {s}"),
     "wrench": ("F_b", "wrench that the tip applies, in its frame {b}"),
 }
 _COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "force, z")
@@ -53,6 +55,7 @@ def book_data(section: BookSection, robot: Robot, start: Array) -> dict[str, Any
         "chooses": section.chooses,
         "load": section.load,
         "gravity": model.gravity.tolist(),
+        "rows": [AXES.index(row) for row in task_rows(robot)],
         "links": [
             {
                 "name": body.link,
@@ -89,7 +92,9 @@ def _sliders(robot: Robot, start: Array, *, moving: bool) -> dict[str, list[dict
         row["unit"] = unit
     most = 3 * [round_above(push / 5)] + 3 * [push]
     begin = [0.0, 0.0, 0.0, push / 4, 0.0, -push / 2]
+    accelerations = [f"along {row[1]}" for row in task_rows(robot)]
     return {
+        "dV": [{"name": n, "unit": "m/s²", "most": 10.0, "start": 1.0 - k} for k, n in enumerate(accelerations)],
         "dq": joints("s", rates, first),
         "ddq": joints("s²", n * [10.0], [1.0, *(n - 1) * [0.0]]),
         "tau": tau,

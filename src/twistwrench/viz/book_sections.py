@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core import arguments
 from ..errors import ValueRangeError
+from .task_rows import task_rows
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -29,7 +30,7 @@ class BookSection:
     formulas: tuple[tuple[str, str], ...]
     """As :func:`~twistwrench.viz.formula.formula_html` takes them, and where the book has them."""
     inputs: tuple[str, ...]
-    """Sliders besides the joints': dq, ddq, tau, wrench."""
+    """Sliders besides the joints': dq, ddq, tau, wrench, dV."""
     programs: Callable[[PagePrograms], Asked]
     chooses: str = ""
     """What is picked from a list: a joint or a link."""
@@ -73,6 +74,10 @@ def _jacobian(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
 
 def _twist(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
     return "frame_velocity", {"frame": programs.tip, "kind": kind}
+
+
+def _task(programs: PagePrograms) -> dict[str, Any]:
+    return {"frame": programs.tip, "kind": "world_aligned", "rows": task_rows(programs.robot, programs.tip)}
 
 
 _SECTIONS = (
@@ -175,6 +180,26 @@ _SECTIONS = (
         ("tau", "dq"),
         lambda p: {"inverse": ("inverse_dynamics", {**p.pushed, **p.load})},
         load="all",
+    ),
+    BookSection(
+        "8.6",
+        "Dynamics in the task space",
+        "The equation of motion as the tip feels it: the force at the tip, without moment, that gives it an acceleration, "
+        "gravity and velocities counted. The torques J<sub>v</sub><sup>T</sup> F put it there; the last table says what they "
+        "give.",
+        (
+            ("F = Λ(θ) V̇ + η(θ, θ̇)", "§8.6"),
+            ("Λ = (J_v M^{−1} J_v^T)^{−1}", "§8.6"),
+            ("η = Λ (J_v M^{−1} h − J̇_v θ̇)", "§8.6"),
+        ),
+        ("dV", "dq"),
+        lambda p: {
+            "task_inertia": ("task_inertia", {**_task(p), **p.load}),
+            "task_bias": ("task_bias", {**_task(p), **p.load}),
+            "tip_acceleration": ("frame_acceleration", {"frame": p.tip, "kind": "world_aligned"}),
+        },
+        load="payload",
+        shown=("looks", "torques", "mass"),
     ),
 )
 SECTIONS: Mapping[str, BookSection] = {section.number: section for section in _SECTIONS}

@@ -81,7 +81,7 @@ def write_page(
         A motion brings its own. [N m, N]
     scene : Scene, optional, the robot's looks
     section : str, optional, a section of Modern Robotics that the page shows with this robot
-        "3.4", "5.1", "5.2", "8.1.2", "8.1.3", "8.2", "8.3" or "8.5"; for arms of at most nine joints.
+        "3.4", "5.1", "5.2", "8.1.2", "8.1.3", "8.2", "8.3", "8.5" or "8.6"; for arms of at most nine joints.
 
     Returns
     -------

@@ -149,4 +149,24 @@ const READOUTS = {
       tau, title: "Torques τ, as they are set", arrows: [],
     };
   },
+
+  "8.6": (m, { q, dq, dV }) => {
+    const { rows } = m.robot.book, n = rows.length, names = rows.map((row) => ["x", "y", "z"][row]), columns = m.tipColumns(q), p = place(m.tipPose(q));
+    const { Lambda, pivots } = m.run.task_inertia(q, ...m.load), eta = Array.from(m.run.task_bias(q, dq, ...m.load).eta);
+    const pulled = rowsOf(Lambda, names, n).map(([, row]) => dot6(dV, row)), F = add(pulled, eta);
+    const tau = columns.map((column) => rows.reduce((sum, row, i) => sum + column[row] * F[i], 0));
+    const ddq = m.run.acceleration(q, dq, tau, ...m.still, ...m.load), reached = m.run.tip_acceleration(q, dq, ddq);
+    const along = [0, 0, 0];
+    rows.forEach((row, i) => { along[row] = F[i]; });
+    return {
+      tables: [
+        { caption: "Λ(θ), in the axes of {s} [kg]", columns: names.map((name) => [name, ""]), rows: rowsOf(Lambda, names, n), heat: true },
+        { caption: "Force that the torques put on the tip", columns: names.map((name) => [name, "N"]), rows: [[`Λ ${DV_}`, pulled], ["<i>η</i>", eta], [F_, F]] },
+        { caption: "Acceleration of the tip", columns: names.map((name) => [name, "m/s²"]), rows: [["wanted", dV], ["it gets", rows.map((row) => reached[3 + row])]] },
+      ],
+      values: [["smallest pivot of J<sub>v</sub> <i>M</i><sup>−1</sup> J<sub>v</sub><sup>T</sup>; where it is near zero, Λ is wrong", Math.min(...pivots), "1/kg"]],
+      tau, title: "Torques of that force", frames: [["{s}", IDENTITY]],
+      arrows: [{ name: "force F", p, along, most: m.robot.push, colour: 5 }],
+    };
+  },
 };
