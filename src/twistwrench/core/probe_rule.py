@@ -53,6 +53,6 @@ class ProbeRule:
 
 
 def left_out(weights: Array, found: Array) -> Array:
-    """What is left out of the mean of forces ``found`` (m, k), (k,); rounding is nothing."""
+    """What is left out of the mean of forces ``found`` (..., m, k), (..., k); rounding is nothing."""
     off = weights @ found
-    return np.where(np.abs(off) > _ROUNDING * np.abs(found).max(axis=0), off, 0.0)
+    return np.where(np.abs(off) > _ROUNDING * np.abs(found).max(axis=-2), off, 0.0)

@@ -15,6 +15,8 @@ from ..errors import ShapeError, SimulationError, ValueRangeError
 from ..model.friction import NONE_GIVEN
 from ..typing import Array
 from .adaptive import Stepper
+from .adaptive_steps import take_adaptively
+from .asked_steps import AskedSteps
 from .braked_step import BrakedStep
 from .closed_steps import ClosedSteps
 from .closed_system import ClosedScheme, ClosedStepper, ClosedSystem, Loops
@@ -155,19 +157,17 @@ def simulate(
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
         run.tick = lambda t: progress(min(t / end, 1.0))
-    alone = (
-        run.watch is None and controller is None
-    )  # nothing looks at its steps, or gives torques from one to the next
+    alone = run.watch is None and controller is None
     try:
         with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
             if adapts:
                 asked = (*tolerances, longest, probe_spacing(h, end), end)
                 stepper = Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked)
                 stepper.attempts = CompiledAttempts.of(system, tolerances) if alone and loops is None else None
-                run.adaptive(stepper)
+                take_adaptively(run, stepper)
             else:
-                of = CompiledSteps.of if loops is None else ClosedSteps.of
-                run.compiled = of(system, method, scheme.order, h) if alone else None
+                of = (AskedSteps if system.functions else CompiledSteps).of if loops is None else ClosedSteps.of
+                run.compiled = of(system, method, scheme.order, h) if alone or loops is None else None
                 run.fixed()
             run.judge()
     except SimulationError as problem:

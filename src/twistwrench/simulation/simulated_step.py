@@ -20,6 +20,7 @@ from ..algorithms.jacobians import wrench_torques
 from ..algorithms.recursion import zeros
 from ..algorithms.velocity_step import velocity_step
 from ..model.model import Model
+from ..program.program import Program
 from ..program.recurrence import Recurrence, Source
 from ..program.trace import trace
 from ..typing import Array
@@ -57,12 +58,24 @@ class SimulatedStep(Plan):
         if self.method == "semi_implicit":
             program = trace(self._semi_implicit_step, [*state, *given], ["q", "dq", "work", "ddq"])
             return Recurrence(program, (*fed, *sources), visible=3)
-        more: Ports = [(f"{name} at start", shape) for (name, _), shape in zip(state[1:], shapes, strict=True)]
-        more += [(f"{name} sum", shape) for (name, _), shape in zip(state[1:], shapes, strict=True)]
+        program, fed = self._staged(state)
+        return Recurrence(program, (*fed, *sources), visible=3, hidden=3, table=stages(TABLEAUS[self.method]))
+
+    def one_stage(self) -> Recurrence:
+        """The same for each stage of a Runge-Kutta method: sums are states, the beginning of the step and the row are given."""
+        shapes = [(self.model.nq,), (self.model.nv,), (len(WORKS),)]
+        program, fed = self._staged([("angles", shapes[0]), *zip(("q", "dq", "work"), shapes, strict=True)])
+        asked = [source if source.kind == "state" else Source("given") for source in fed]
+        return Recurrence(program, (*asked, *[Source("given")] * len(self.given)), visible=6)
+
+    def _staged(self, state: Ports) -> tuple[Program, list[Source]]:
+        """The program of a stage, and where its inputs come from up to those that are given for each step."""
+        more: Ports = [(f"{name} at start", shape) for name, shape in state[1:]]
+        more += [(f"{name} sum", shape) for name, shape in state[1:]]
+        fed = [Source("state", k) for k in (0, 0, 1, 2)]
         fed += [*(Source("start", k) for k in range(3)), *(Source("state", k) for k in range(3, 6)), Source("stage")]
         names = ["q", "dq", "work", "q sum", "dq sum", "work sum", "ddq"]
-        program = trace(self._stage, [*state, *more, ("stage", (5,)), *given], names)
-        return Recurrence(program, (*fed, *sources), visible=3, hidden=3, table=stages(TABLEAUS[self.method]))
+        return trace(self._stage, [*state, *more, ("stage", (5,)), *self.given], names), fed
 
     # ── on symbols ──
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..typing import Array
 from .compiled_steps import CompiledSteps
 
 if TYPE_CHECKING:
@@ -26,19 +27,29 @@ def take_blocks(run: Run, steps: CompiledSteps) -> None:
         Y, ddq = steps.take(y, min(most, run.n - first))
         if not (np.isfinite(Y).all() and np.abs(Y[:, moving]).max() < FASTEST):
             return
-        numbers = np.arange(first, first + len(Y) + 1)
-        times, states = np.asarray(numbers * run.h, float), np.concatenate([y[None], Y])
-        if numbers[-1] == run.n:
-            times[-1] = run.end
-        kept = slice(-first % run.every, len(Y), run.every)
-        run.record.keep_block(times[kept], states[kept], ddq[kept], system.held)
-        changed = np.zeros(len(Y), bool)
-        if system.braked is not None:
-            signs = np.sign(states[:, moving])
-            changed = (signs[1:] != signs[:-1])[:, system.braked.dry].any(axis=1)
-        run.doubling.note_block(times[:-1], states, system.held, changed)
-        run.steps, run.last = first + len(Y), (float(times[-1]), states[-1])
+        keep_steps(run, np.concatenate([y[None], Y]), ddq, system.held, system.held)
         if run.tick is not None:
             run.tick(run.last[0])
     t, y = run.last
     run.record.keep_block(np.array([t]), y[None], steps.accelerations(t, y)[None], system.held)
+
+
+def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array) -> None:
+    """Keep and note the next m steps of a run, by the states (m + 1, size) between them.
+
+    ``ddq`` and ``tau`` are those of their beginnings, ``held`` the torques of the controller; one for all, or (m, nv).
+    """
+    system, first, m = run.system, run.steps, len(ddq)
+    numbers = np.arange(first, first + m + 1)
+    times = np.asarray(numbers * run.h, float)
+    if numbers[-1] == run.n:
+        times[-1] = run.end
+    kept = slice(-first % run.every, m, run.every)
+    run.record.keep_block(times[kept], states[kept], ddq[kept], tau if tau.ndim == 1 else tau[kept])
+    changed = np.zeros(m, bool)
+    if system.braked is not None:
+        signs = np.sign(states[:, system.moving])
+        changed = (signs[1:] != signs[:-1])[:, system.braked.dry].any(axis=1)
+    run.doubling.note_block(times[:-1], states, held, changed)
+    run.unseen.note_block(times[:-1], states, held)
+    run.steps, run.last = first + m, (float(times[-1]), states[-1].copy())

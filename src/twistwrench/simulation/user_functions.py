@@ -40,11 +40,21 @@ class Law:
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """What the function gives."""
         try:
-            # A function may keep what it is given, or change it; a table that it gives would be read by position.
-            found = arguments.plain(self.function(t, q.copy(), dq.copy()), self.what)
+            found = self.function(t, q.copy(), dq.copy())  # a function may keep what it is given, or change it
         except Exception as problem:
-            kind = type(problem).__name__
-            raise SimulationError(f"{self.what} failed at t = {t:.9g} s with {kind}: {problem}") from problem
+            raise self.failure(t, problem) from problem
+        return self.checked(t, found)
+
+    def failure(self, t: float, problem: Exception) -> SimulationError:
+        """What to say where the function raised an exception."""
+        return SimulationError(f"{self.what} failed at t = {t:.9g} s with {type(problem).__name__}: {problem}")
+
+    def checked(self, t: float, given: Any) -> Array:
+        """What the function gave, as floats of its own; SimulationError where it is something else."""
+        try:
+            found = arguments.plain(given, self.what)  # a table would be read by position
+        except Exception as problem:
+            raise self.failure(t, problem) from problem
         if found.dtype.kind not in "biuf":
             raise SimulationError(
                 f"{self.what} gave {found.tolist()!r} at t = {t:.9g} s, expected real numbers of shape "
