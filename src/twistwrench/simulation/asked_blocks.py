@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from .run import Run
 
-BLOCK = 128
+BLOCK = 64
 """Steps whose states are kept and looked at together; what is prepared once for them costs a tenth of a millisecond."""
 
 
@@ -35,10 +35,11 @@ def take_asked(run: Run, steps: CompiledSteps) -> None:
 
 def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
     """As many steps as there are rows, or are left; whether an event ended the run."""
-    first, h, whole, system = run.steps, run.h, rows.every == 1, run.system
+    first, h, system = run.steps, run.h, run.system
     watched, tick = run.watch is not None, run.tick
     states = rows.states[:: rows.every]
     states[0] = run.last[1]
+    peaks = rows.peaks.data
     call, sizes, strides = rows.calls.function, rows.calls.sizes, rows.calls.strides
     ndarray, double, bound = np.ndarray, np.dtype(float), FASTEST**2
     done = sampled = 0
@@ -48,7 +49,7 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
             begin = (first + done) * h
             for share, place, q, dq, asks in stages:
                 t = begin + share * h
-                for function, row, law, base in asks:
+                for function, row, law, base, shows in asks:
                     try:
                         found = function(t, q.copy(), dq.copy())
                     except Exception as problem:
@@ -59,22 +60,22 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
                         type(found) is ndarray
                         and found.dtype is double
                         and found.shape == row.shape
-                        and (whole or found.dot(found) < inf)
+                        and (shows or found.dot(found) < inf)
                     ):
-                        row[...] = found  # a NaN in it makes the work of the step NaN
+                        row[...] = found
                     else:
                         row[...] = law.checked(t, found)
                 call(place, sizes, strides, None)
-            if not after.dot(after) < bound:
+            if not peaks[after] < bound:
                 _require_numbers(begin, h, stages)
                 sampled = done + 1
-                run.require_stable(begin, run.time(first + done + 1), after)
+                run.require_stable(begin, run.time(first + done + 1), states[done + 1])
             if watched:
                 sampled, system.held = done + 1, rows.held[done].copy()
-                if first + done == 0 and run.leaves_at_once(states[0], after, h):
+                if first + done == 0 and run.leaves_at_once(states[0], states[1], h):
                     end = 0.0
                     break
-                end = run.looked(begin, [(h, after)], partial(steps.after, begin, states[done]))
+                end = run.looked(begin, [(h, states[done + 1])], partial(steps.after, begin, states[done]))
                 if end is not None:
                     break
             done += 1
@@ -99,6 +100,6 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
 
 def _require_numbers(begin: float, h: float, stages: Sequence[Stage]) -> None:
     """Raise SimulationError where a function gave what is no number in a step."""
-    for stage in stages:
-        for ask in stage.asks:
-            ask.law.checked(begin + stage.share * h, ask.row)
+    for share, _, _, _, asks in stages:
+        for _, row, law, _, _ in asks:
+            law.checked(begin + share * h, row)

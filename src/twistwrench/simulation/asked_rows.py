@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..kernels.row_calls import RowCalls
+from ..kernels.row_calls import RowCalls, Rows
 from ..typing import Array
 from .asked_steps import AskedSteps
 from .compiled_steps import CompiledSteps
 from .user_functions import Law
 
+Ask = tuple[Callable[..., Any], Array, Law, Array | None, bool]
+"""A function to be asked, where what it gives goes, its law, what is added to it, if anything, and whether it shows.
 
-class Ask(NamedTuple):
-    """A function to be asked, and where what it gives goes."""
+What is no number shows in the peak after the step if it is a torque, as the work of torques is none then.
+"""
 
-    function: Callable[..., Any]
-    row: Array
-    law: Law
-    base: Array | None
-    """What is added to it, if anything."""
-
-
-class Stage(NamedTuple):
-    """A call: at which share of its step, where its addresses are, its coordinates and velocities, and who is asked."""
-
-    share: float
-    place: int
-    q: Array
-    dq: Array
-    asks: tuple[Ask, ...]
+Stage = tuple[float, int, Array, Array, tuple[Ask, ...]]
+"""A call: at which share of its step, where its addresses are, its coordinates and velocities, and who is asked."""
 
 
 class AskedRows:
@@ -56,26 +46,30 @@ class AskedRows:
         rows = given["tau"][0]
         self.tau = rows[:: len(rows) // m]
         """(m, nv), the torques as each step begins."""
-        states = [(self.states[:, cut], own) for cut in steps.cuts]
-        after = [(self.states[:, cut], own + 1) for cut in steps.cuts]
+        self.peaks = np.zeros(m * n + 1)
+        """Of the same states: see :func:`.simulated_step.ended`."""
+        states, after = ([*self._parts(steps, which), (self.peaks, which)] for which in (own, own + 1))
         if isinstance(steps, AskedSteps) and n > 1:
             sums = np.zeros_like(self.states)
             states += [(sums[:, cut], own) for cut in steps.cuts]
             after += [(sums[:, cut], own + 1) for cut in steps.cuts]
-            states += [(self.states[:, cut], step * n) for cut in steps.cuts] + [(steps.table, own % n)]
+            states += [*self._parts(steps, step * n), (steps.table, own % n)]
         named = [given[name] for name in steps.names]
         self.calls = RowCalls(steps.kernel, [*states, (np.array([steps.h]), one), *named, *after, (self.ddq, own)])
 
-        def asks(k: int) -> tuple[Ask, ...]:
-            found, held = [], self.held[k // n]
-            if controller is not None and k % n == 0:
-                found.append(Ask(controller.function, held, controller, constant if constant.any() else None))
-            for name, law in laws:
-                base = held if controller is not None and name == "tau" else None
-                found.append(Ask(law.function, given[name][0][k], law, base))
-            return tuple(found)
+        asks: list[list[Ask]] = [[] for _ in own]
+        if controller is not None:
+            base = constant if constant.any() else None
+            for k, row in enumerate(self.held):
+                asks[k * n].append((controller.function, row, controller, base, n == 1))
+        for name, law in laws:
+            added = controller is not None and name == "tau"
+            for k, row in enumerate(given[name][0]):
+                asks[k].append((law.function, row, law, self.held[k // n] if added else None, n == 1 and name == "tau"))
+        q, dq = (self.states[:-1, cut] for cut in steps.cuts[:2])
+        every = [*zip(shares * m, self.calls.places, q, dq, map(tuple, asks), strict=True)]
+        self.steps = [(every[k : k + n], k + n) for k in range(0, m * n, n)]
+        """Of each step its calls, and the number of the state after it."""
 
-        q, dq = (self.states[:, cut] for cut in steps.cuts[:2])
-        all_of_them = [Stage(shares[k % n], place, q[k], dq[k], asks(k)) for k, place in enumerate(self.calls.places)]
-        self.steps = [(all_of_them[k * n : (k + 1) * n], self.states[(k + 1) * n]) for k in range(m)]
-        """Of each step its calls, and the state after it."""
+    def _parts(self, steps: CompiledSteps, which: NDArray[np.intp]) -> list[Rows]:
+        return [(self.states[:, cut], which) for cut in steps.cuts]

@@ -60,9 +60,9 @@ class AskedSteps(CompiledSteps):
             given = [g[..., None, :] for g in self._given(t + share * h, x)]
             after, summed = np.empty((2, *y.shape[:-1], 1, s.size))
             ddq = np.empty((*y.shape[:-1], 1, s.nv))
-            state = [part[..., cut] for part in (x, sums) for cut in self.cuts]
-            out = [part[..., cut] for part in (after, summed) for cut in self.cuts]
-            self.kernel(*state, *start, row[None], np.array([h]), *given, out=(*out, ddq))
+            state, added, end, total = ([part[..., cut] for cut in self.cuts] for part in (x, sums, after, summed))
+            out = (*end, np.empty(after.shape[:-1]), *total, ddq)
+            self.kernel(*state, 0.0, *added, *start, row[None], np.array([h]), *given, out=out)
             x, sums = after[..., 0, :], summed[..., 0, :]
             begun = ddq[..., 0, :] if begun is None else begun
         s.evaluations += count

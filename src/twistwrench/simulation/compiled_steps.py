@@ -94,7 +94,7 @@ class CompiledSteps:
         Y, ddq = np.empty((*y.shape[:-1], steps, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
         rows = [np.broadcast_to(x[..., None, :], (*x.shape[:-1], steps, x.shape[-1])) for x in given]
         states, after = ([x[..., cut] for cut in self.cuts] for x in (y, Y))
-        self.kernel(*states, np.full(steps, h), *rows, out=(*after, ddq))
+        self.kernel(*states, 0.0, np.full(steps, h), *rows, out=(*after, np.empty(Y.shape[:-1]), ddq))
         s.evaluations += self.stages * steps
         return Y, ddq
 
