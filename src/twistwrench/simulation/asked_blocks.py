@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from functools import partial
-from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .asked_rows import AskedRows, Stage
+from .asked_rows import AskedRows
 from .compiled_steps import CompiledSteps
 from .step_blocks import FASTEST, keep_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from .run import Run
 
 BLOCK = 64
@@ -39,35 +36,30 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
     watched, tick = run.watch is not None, run.tick
     states = rows.states[:: rows.every]
     states[0] = run.last[1]
-    peaks = rows.peaks.data
-    call, sizes, strides = rows.calls.function, rows.calls.sizes, rows.calls.strides
-    ndarray, double, bound = np.ndarray, np.dtype(float), FASTEST**2
+    call, sole, bound = rows.call, rows.sole, FASTEST**2
+    function = None if sole is None else sole.function
     done = sampled = 0
     end: float | None = None
     try:
-        for stages, after in rows.steps[: run.n - first]:
+        for stages in rows.steps[: run.n - first]:
             begin = (first + done) * h
-            for share, place, q, dq, asks in stages:
+            for share, k, q, dq, asks in stages:
                 t = begin + share * h
-                for function, row, law, base, shows in asks:
+                for law, row, base in asks:
+                    row[...] = law(t, q, dq) if base is None else base + law(t, q, dq)
+                if function is None or sole is None:
+                    peak = call(k)
+                else:
                     try:
                         found = function(t, q.copy(), dq.copy())
                     except Exception as problem:
-                        raise law.failure(t, problem) from problem
-                    if base is not None:
-                        row[...] = base + law.checked(t, found)
-                    elif (
-                        type(found) is ndarray
-                        and found.dtype is double
-                        and found.shape == row.shape
-                        and (shows or found.dot(found) < inf)
-                    ):
-                        row[...] = found
-                    else:
-                        row[...] = law.checked(t, found)
-                call(place, sizes, strides, None)
-            if not peaks[after] < bound:
-                _require_numbers(begin, h, stages)
+                        raise sole.failure(t, problem) from problem
+                    peak = call(k, found)
+                    if peak is None:  # it is no plain array
+                        peak = call(k, sole.checked(t, found))
+                    if not peak < bound:  # the work of torques that are no numbers is none
+                        sole.checked(t, rows.given[k])
+            if not peak < bound:
                 sampled = done + 1
                 run.require_stable(begin, run.time(first + done + 1), states[done + 1])
             if watched:
@@ -96,10 +88,3 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
     if not run.stopped:
         run.finish(begin, end, partial(steps.after, begin, states[done]))
     return True
-
-
-def _require_numbers(begin: float, h: float, stages: Sequence[Stage]) -> None:
-    """Raise SimulationError where a function gave what is no number in a step."""
-    for share, _, _, _, asks in stages:
-        for _, row, law, _, _ in asks:
-            law.checked(begin + share * h, row)

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.row_calls import RowCalls, Rows
+from ..kernels.row_calls import Rows, row_calls
 from ..typing import Array
 from .asked_steps import AskedSteps
 from .compiled_steps import CompiledSteps
 from .user_functions import Law
 
-Ask = tuple[Callable[..., Any], Array, Law, Array | None, bool]
-"""A function to be asked, where what it gives goes, its law, what is added to it, if anything, and whether it shows.
+Ask = tuple[Law, Array, Array | None]
+"""A function to be asked, where what it gives goes, and what is added to it, if anything."""
 
-What is no number shows in the peak after the step if it is a torque, as the work of torques is none then.
-"""
-
-Stage = tuple[float, int, Array, Array, tuple[Ask, ...]]
-"""A call: at which share of its step, where its addresses are, its coordinates and velocities, and who is asked."""
+Stage = tuple[float, int, Array, Array, list[Ask]]
+"""A call: at which share of its step, its number, its coordinates and velocities, and who is asked."""
 
 
 class AskedRows:
@@ -43,8 +37,9 @@ class AskedRows:
         given = {name: (x[None], one) for name, x in steps.constants.items()}
         given["tau"] = self.held, step
         given |= {name: (np.zeros((m * n, *law.shape)), own) for name, law in laws}
-        rows = given["tau"][0]
-        self.tau = rows[:: len(rows) // m]
+        self.given = given["tau"][0]
+        """The torques of each call; of each step where no function but a controller gives them."""
+        self.tau = self.given[:: len(self.given) // m]
         """(m, nv), the torques as each step begins."""
         self.peaks = np.zeros(m * n + 1)
         """Of the same states: see :func:`.simulated_step.ended`."""
@@ -55,21 +50,34 @@ class AskedRows:
             after += [(sums[:, cut], own + 1) for cut in steps.cuts]
             states += [*self._parts(steps, step * n), (steps.table, own % n)]
         named = [given[name] for name in steps.names]
-        self.calls = RowCalls(steps.kernel, [*states, (np.array([steps.h]), one), *named, *after, (self.ddq, own)])
+        operands = [*states, (np.array([steps.h]), one), *named, *after, (self.ddq, own)]
+        first = len(states) + 1
+        self.call = row_calls(
+            steps.kernel, operands, first + steps.names.index("tau"), first + len(named) + len(steps.cuts)
+        )
+        """Makes a call, with torques of its own if they are given, and gives the peak after it."""
 
+        self.sole = _sole(controller, constant, laws)
+        """Who alone gives the torques of every call, if one function does and no other is asked."""
         asks: list[list[Ask]] = [[] for _ in own]
-        if controller is not None:
-            base = constant if constant.any() else None
+        if controller is not None and self.sole is None:
             for k, row in enumerate(self.held):
-                asks[k * n].append((controller.function, row, controller, base, n == 1))
-        for name, law in laws:
+                asks[k * n].append((controller, row, constant))
+        for name, law in laws if self.sole is None else []:
             added = controller is not None and name == "tau"
             for k, row in enumerate(given[name][0]):
-                asks[k].append((law.function, row, law, self.held[k // n] if added else None, n == 1 and name == "tau"))
+                asks[k].append((law, row, self.held[k // n] if added else None))
         q, dq = (self.states[:-1, cut] for cut in steps.cuts[:2])
-        every = [*zip(shares * m, self.calls.places, q, dq, map(tuple, asks), strict=True)]
-        self.steps = [(every[k : k + n], k + n) for k in range(0, m * n, n)]
-        """Of each step its calls, and the number of the state after it."""
+        every = [*zip(shares * m, own.tolist(), q, dq, asks, strict=True)]
+        self.steps = [every[k : k + n] for k in range(0, m * n, n)]
+        """Of each step its calls."""
 
     def _parts(self, steps: CompiledSteps, which: NDArray[np.intp]) -> list[Rows]:
         return [(self.states[:, cut], which) for cut in steps.cuts]
+
+
+def _sole(controller: Law | None, constant: Array, laws: list[tuple[str, Law]]) -> Law | None:
+    """The one function that gives all torques, to which nothing is added, where no other is asked."""
+    if controller is not None:
+        return None if laws or constant.any() else controller
+    return laws[0][1] if len(laws) == 1 and laws[0][0] == "tau" else None

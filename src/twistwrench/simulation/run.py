@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.probe_rule import probe_spacing
 from ..errors import SimulationError
+from ..kernels.row_calls import calls_rows
 from ..typing import Array
 from .accuracy import Accuracy, Extent
 from .adaptive import Stepper
@@ -71,7 +72,7 @@ class Run:
         if self.compiled is not None:
             if self.asks_nobody:
                 take_blocks(self, self.compiled)
-            else:
+            elif calls_rows(self.compiled.kernel):
                 take_asked(self, self.compiled)
             if self.stopped or self.steps == self.n:
                 return

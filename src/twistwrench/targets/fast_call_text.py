@@ -32,7 +32,7 @@ FIELDS = {"type": 8, "data": 16, "nd": 24, "dims": 32, "descr": 56, "flags": 64}
 BYTES_DATA, SIZE, LIST_ITEMS, TUPLE_ITEMS = 32, 16, 24, tuple.__basicsize__
 """Offsets of the contents of a bytes object, of the size of a list or tuple, and of their items."""
 
-_CONTIGUOUS_AND_ALIGNED, _WRITABLE, _BACK, _WARNS = 0x1 | 0x100, 0x400, 0x2000, 1 << 31
+CONTIGUOUS_AND_ALIGNED, _WRITABLE, _BACK, _WARNS = 0x1 | 0x100, 0x400, 0x2000, 1 << 31
 """NumPy's flags of arrays; the last two are of arrays whose writing has consequences."""
 
 
@@ -214,7 +214,7 @@ class _Call:
         w.do(f"br label %{done}")
         self.begin(done)
 
-    def array(self, array: str, port: Port, flags: tuple[int, int] = (_CONTIGUOUS_AND_ALIGNED,) * 2) -> str:
+    def array(self, array: str, port: Port, flags: tuple[int, int] = (CONTIGUOUS_AND_ALIGNED,) * 2) -> str:
         """The data of an array that is as wanted; dimensions are read only where there are as many."""
         w, (mask, wanted) = self.w, flags
         self.check(f"icmp eq ptr {self.field(array, 'type', 'ptr')}, {self.known('array_type')}")
@@ -300,7 +300,7 @@ class _Call:
             self.check(f"icmp eq ptr {self.field(outs, 'type', 'ptr')}, {self.known('tuple_type')}")
             self.check(f"icmp eq i64 {self.at(w.at(outs, SIZE), 0, 'i64')}, {len(way.outputs)}")
             objects = [self.at(w.at(outs, TUPLE_ITEMS), k) for k in range(len(way.outputs))]
-        wanted = _CONTIGUOUS_AND_ALIGNED | _WRITABLE
+        wanted = CONTIGUOUS_AND_ALIGNED | _WRITABLE
         for k, (item, port) in enumerate(zip(objects, way.outputs, strict=True)):
             place = self.array(item, port, (wanted | _BACK | _WARNS, wanted))
             ports = (*self.given, *way.outputs)
