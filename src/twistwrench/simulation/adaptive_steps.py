@@ -22,7 +22,7 @@ def take_adaptively(run: Run, stepper: Stepper) -> None:
     run.sample(t, y)
     run.system.rates(t, y, run.rate)
     run.keep(t, y)
-    if stepper.attempts is not None:
+    if stepper.attempts is not None and run.asks_nobody:
         take_freely(run, stepper)
         return
     kept = 1
@@ -37,21 +37,24 @@ def take_adaptively(run: Run, stepper: Stepper) -> None:
         while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
             kept += 1
         times = np.arange(begin, kept) * spacing
-        points = list(zip((times - t).tolist(), stepper.between(times), strict=True))
+        points = list(zip((times - t).tolist(), stepper.between(times), strict=True)) if len(times) else []
         if run.watch is not None and run.ended(t, y, [*points, (t1 - t, y1)], points):
             return
         for s, between in points:
             run.keep_at(t + s, between)
         t, y = t1, y1
         run.advance(t, y)
+        due = abs(kept * spacing - t) <= 1e-12 * end and t < end
+        kept += due
         if run.controller is not None and t == until and t < end:
             k += 1
             run.sample(t, y)
             run.system.rates(t, y, run.rate)
-        else:
-            run.rate[:] = rate1
-            run.system.manifold.rates(*run.system.split(y), out=run.rate[: run.system.nq])
-        if abs(kept * spacing - t) <= 1e-12 * end and t < end:
+            if due:
+                run.keep(t, y)
+            continue
+        run.rate[:] = rate1
+        run.system.manifold.rates(*run.system.split(y), out=run.rate[: run.system.nq])
+        if due:
             run.keep_at(t, y)
-            kept += 1
     run.keep_at(t, y)

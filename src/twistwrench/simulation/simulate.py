@@ -163,7 +163,7 @@ def simulate(
             if adapts:
                 asked = (*tolerances, longest, probe_spacing(h, end), end)
                 stepper = Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked)
-                stepper.attempts = CompiledAttempts.of(system, tolerances) if alone and loops is None else None
+                stepper.attempts = CompiledAttempts.of(system, tolerances) if loops is None else None
                 take_adaptively(run, stepper)
             else:
                 of = (AskedSteps if system.functions else CompiledSteps).of if loops is None else ClosedSteps.of
