@@ -212,3 +212,31 @@ def test_progress_is_told_at_every_step_of_a_steered_run():
         [1, 1], None, 0.2, 1e-3, method="euler", controller=lambda t, q, dq: np.zeros(2), progress=told.append
     )
     assert told == sorted(told) and len(told) == 200 and told[-1] == 1.0
+
+
+@pytest.mark.parametrize("steered", [False, True])
+@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_limit_ends_a_run_in_blocks_of_steps_where_it_ends_one_in_single_steps(method, every, steered):
+    robot = tw.robots.panda()
+    q0 = np.array([0, -0.3, 0, -1.9, 0, 1.7, 0.4, 0.01, 0.01])[: robot.nq]
+    falls = {"controller": lambda t, q, dq: np.zeros(robot.nv)} if steered else {}
+    one, other = both(robot, q0, None, 1.0, 1e-3, method=method, limits="stop", every=every, **falls)
+    assert one.stopped == other.stopped and "reaches its lower limit" in one.stopped
+    assert one.steps == other.steps < 1000 and len(one) == len(other)
+    np.testing.assert_allclose(one.times, other.times, rtol=1e-12)
+    for name in ("q", "dq", "ddq", "tau"):
+        mine, theirs = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(mine, theirs, rtol=0.0, atol=1e-10 * (1.0 + np.abs(theirs).max()), err_msg=name)
+    assert [e.name for e in one.events] == [e.name for e in other.events]
+
+
+@pytest.mark.parametrize("name", ["controller", "events"])
+def test_dopri5_under_a_controller_or_an_event_agrees_with_small_steps(name):
+    robot = tw.robots.planar_2r()
+    function = {"controller": lambda t, q, dq: 5.0 * (0.3 - q) - dq, "events": lambda t, q, dq: q[0]}[name]
+    one = robot.simulate([1.0, 0.2], [0.0, 1.0], 0.3, 1e-3, **{name: function})
+    other = robot.simulate([1.0, 0.2], [0.0, 1.0], 0.3, 1e-3, method="rk4", **{name: function})
+    np.testing.assert_allclose(one.q, other.q, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(one.tau, other.tau, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose([e.time for e in one.events], [e.time for e in other.events], atol=1e-8)

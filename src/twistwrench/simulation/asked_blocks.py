@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from .asked_rows import AskedRows
 from .compiled_steps import CompiledSteps
-from .step_blocks import FASTEST, keep_steps
+from .step_blocks import FASTEST, end_in_step, keep_steps, look_in_step
 
 if TYPE_CHECKING:
     from .run import Run
@@ -64,10 +61,7 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
                 run.require_stable(begin, run.time(first + done + 1), states[done + 1])
             if watched:
                 sampled, system.held = done + 1, rows.held[done].copy()
-                if first + done == 0 and run.leaves_at_once(states[0], states[1], h):
-                    end = 0.0
-                    break
-                end = run.looked(begin, [(h, states[done + 1])], partial(steps.after, begin, states[done]))
+                end = look_in_step(run, steps, begin, states[done], states[done + 1])
                 if end is not None:
                     break
             done += 1
@@ -78,13 +72,8 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
         if sampled:
             system.held = rows.held[sampled - 1].copy()
         system.evaluations += steps.stages * sampled
-        ddq, began = rows.ddq[:: rows.every], slice(done, done + 1)
-        if done:
-            keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done])
-    if end is None:
-        return False
-    if run.steps % run.every == 0:
-        run.record.keep_block(np.array([begin]), states[began], ddq[began], rows.tau[began])
-    if not run.stopped:
-        run.finish(begin, end, partial(steps.after, begin, states[done]))
-    return True
+        ddq = rows.ddq[:: rows.every]
+        keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done])
+    if end is not None:
+        end_in_step(run, steps, end, ddq[done], rows.tau[done])
+    return end is not None

@@ -124,8 +124,9 @@ class Run:
 
     @property
     def asks_nobody(self) -> bool:
-        """Whether no function in Python gives torques or looks at steps."""
-        return self.watch is None and self.controller is None and not self.system.functions
+        """Whether no function in Python gives torques or looks at steps; limits of position may be looked at."""
+        looks = self.watch is not None and not self.watch.limits_alone
+        return not looks and self.controller is None and not self.system.functions
 
     @property
     def flow(self) -> Flow:

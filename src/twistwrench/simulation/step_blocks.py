@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,11 +28,35 @@ def take_blocks(run: Run, steps: CompiledSteps) -> None:
         Y, ddq = steps.take(y, min(most, run.n - first))
         if not (np.isfinite(Y).all() and np.abs(Y[:, moving]).max() < FASTEST):
             return
-        keep_steps(run, np.concatenate([y[None], Y]), ddq, system.held, system.held)
+        states = np.concatenate([y[None], Y])
+        k = None if run.watch is None else run.watch.first_passed(states)
+        k = 0 if first == 0 and run.leaves_at_once(y, Y[0], run.h) else k
+        if k is not None:
+            keep_steps(run, states[: k + 1], ddq[:k], system.held, system.held)
+            end = 0.0 if run.stopped else look_in_step(run, steps, *run.last, states[k + 1])
+            end_in_step(run, steps, end or 0.0, ddq[k], system.held)
+            return
+        keep_steps(run, states, ddq, system.held, system.held)
         if run.tick is not None:
             run.tick(run.last[0])
     t, y = run.last
     run.record.keep_block(np.array([t]), y[None], steps.accelerations(t, y)[None], system.held)
+
+
+def look_in_step(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
+    """Look for events in a step from y at t; how long after t one ends the run, if one does."""
+    if t == 0.0 and run.leaves_at_once(y, after, run.h):
+        return 0.0
+    return run.looked(t, [(run.h, after)], partial(steps.after, t, y))
+
+
+def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Array) -> None:
+    """End a run in its next step, which begins with ``ddq`` and ``tau``, a time ``end`` after that."""
+    t, y = run.last
+    if run.steps % run.every == 0:
+        run.record.keep_block(np.array([t]), y[None], ddq[None], tau)
+    if not run.stopped:
+        run.finish(t, end, partial(steps.after, t, y))
 
 
 def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array) -> None:
@@ -40,6 +65,8 @@ def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array) -> 
     ``ddq`` and ``tau`` are those of their beginnings, ``held`` the torques of the controller; one for all, or (m, nv).
     """
     system, first, m = run.system, run.steps, len(ddq)
+    if not m:
+        return
     numbers = np.arange(first, first + m + 1)
     times = np.asarray(numbers * run.h, float)
     if numbers[-1] == run.n:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,14 @@ class Law:
         except Exception as problem:
             raise self.failure(t, problem) from problem
         return self.checked(t, found)
+
+    def number(self, t: float, q: Array, dq: Array) -> float:
+        """The same of a function of one number."""
+        try:
+            found = self.function(t, q.copy(), dq.copy())
+        except Exception as problem:
+            raise self.failure(t, problem) from problem
+        return float(found) if isinstance(found, float) and isfinite(found) else float(self.checked(t, found))
 
     def failure(self, t: float, problem: Exception) -> SimulationError:
         """What to say where the function raised an exception."""
