@@ -55,6 +55,8 @@ class Run:
         self.tick: Callable[[float], None] | None = None
         self.compiled: CompiledSteps | None = None
         """Its steps in machine code, where nothing asks Python for a force or looks at a step."""
+        self.go: Callable[[], None] = self.fixed
+        """Takes all of its steps."""
         self.stopped = ""
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
@@ -69,6 +71,8 @@ class Run:
     def fixed(self) -> None:
         """Steps of one length."""
         y = self.begin()
+        if self.stopped:
+            return
         if self.compiled is not None:
             if self.asks_nobody:
                 take_blocks(self, self.compiled)

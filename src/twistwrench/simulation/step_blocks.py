@@ -20,27 +20,36 @@ _LOOKS = 100
 
 
 def take_blocks(run: Run, steps: CompiledSteps) -> None:
-    """Take the steps of a run as long as they are stable: a block that is not stays to be taken step by step."""
-    system, moving = run.system, run.system.moving
+    """Take the steps of a run as long as they are stable: from the first one that is not they are to be taken one by one."""
+    system = run.system
     most = steps.most if run.tick is None else min(steps.most, max(1, run.n // _LOOKS))
     while run.steps < run.n:
-        first, y = run.steps, run.last[1]
-        Y, ddq = steps.take(y, min(most, run.n - first))
-        if not (np.isfinite(Y).all() and np.abs(Y[:, moving]).max() < FASTEST):
+        counted = system.evaluations
+        Y, ddq = steps.take(run.last[1], min(most, run.n - run.steps))
+        system.evaluations = counted
+        if not use_block(run, steps, Y, ddq):
             return
-        states = np.concatenate([y[None], Y])
-        k = None if run.watch is None else run.watch.first_passed(states)
-        k = 0 if first == 0 and run.leaves_at_once(y, Y[0], run.h) else k
-        if k is not None:
-            keep_steps(run, states[: k + 1], ddq[:k], system.held, system.held)
-            end = 0.0 if run.stopped else look_in_step(run, steps, *run.last, states[k + 1])
-            end_in_step(run, steps, end or 0.0, ddq[k], system.held)
-            return
-        keep_steps(run, states, ddq, system.held, system.held)
-        if run.tick is not None:
-            run.tick(run.last[0])
     t, y = run.last
     run.record.keep_block(np.array([t]), y[None], steps.accelerations(t, y)[None], system.held)
+
+
+def use_block(run: Run, steps: CompiledSteps, Y: Array, ddq: Array) -> bool:
+    """Keep the next m steps of a run, to states Y (m, size), up to one that is unstable or ends it; whether none is."""
+    system, (t, y) = run.system, run.last
+    sound = np.isfinite(Y).all(axis=1) & (np.abs(Y[:, system.moving]).max(axis=1) < FASTEST)
+    m = len(Y) if sound.all() else int(sound.argmin())
+    states = np.concatenate([y[None], Y[:m]])
+    k = None if run.watch is None or not m else run.watch.first_passed(states)
+    k = 0 if m and t == 0.0 and run.leaves_at_once(y, Y[0], run.h) else k
+    used = m if k is None else k
+    system.evaluations += steps.stages * (m if k is None else k + 1)
+    keep_steps(run, states[: used + 1], ddq[:used], system.held, system.held)
+    if k is not None:
+        end = 0.0 if run.stopped else look_in_step(run, steps, *run.last, states[k + 1])
+        end_in_step(run, steps, end or 0.0, ddq[k], system.held)
+    elif run.tick is not None and m:
+        run.tick(run.last[0])
+    return k is None and m == len(Y)
 
 
 def look_in_step(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
