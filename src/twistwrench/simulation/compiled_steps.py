@@ -66,17 +66,29 @@ class CompiledSteps:
         """The steps of a system in machine code; None where there is a contact, or they cannot be compiled."""
         if method not in SIMULATED or not acts_by_itself(system):
             return None
+        model = system.robot.model
+        plan = SimulatedStep(model, GivenTorque(), method, frames=tuple(system.wrenches), friction=rubs(system))
+        return cls._with_kernel(system, plan, order, h, lone=True)
+
+    @classmethod
+    def _with_kernel(
+        cls, system: System, plan: SimulatedStep, order: int, h: float, *, lone: bool
+    ) -> CompiledSteps | None:
+        """The same, for one state at a time or for many side by side."""
         robot = system.robot
-        plan = SimulatedStep(robot.model, GivenTorque(), method, frames=tuple(system.wrenches), friction=rubs(system))
 
         def made() -> Any:
             robot.engine.require_invertible()
-            doc = f"Steps of {robot.name}, compiled: {method}."
-            return compiled(cls.recurrence(plan), "simulated step", doc, lone=True)
+            doc = f"Steps of {robot.name}, compiled: {plan.method}."
+            return compiled(cls.recurrence(plan), "simulated step", doc, lone=lone)
 
-        kernel = robot.engine.kept((*plan.key, cls.__name__), made)
+        kernel = robot.engine.kept((*plan.key, cls.__name__, lone), made)
         owner = owner_of(kernel)
         return None if owner is None else cls(system, plan, order, h, kernel, owner.effort)
+
+    def side_by_side(self) -> CompiledSteps:
+        """The same steps compiled for many states at once: the numbers of a state do not depend on its neighbours."""
+        return self._with_kernel(self.system, self.plan, self.order, self.h, lone=False) or self
 
     @staticmethod
     def recurrence(plan: SimulatedStep) -> Recurrence:
@@ -85,8 +97,12 @@ class CompiledSteps:
 
     def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
         """States after each step, (..., steps, size), and accelerations as each begins, (..., steps, nv); y (..., size)."""
+        return self.taken(y, steps, self.h if h is None else h, self.told())
+
+    def told(self) -> list[Array]:
+        """What a step is given but its length, where nothing of it is a function."""
         given = {"tau": self.system.held, **self.constants}
-        return self.taken(y, steps, self.h if h is None else h, [given[name] for name in self.names])
+        return [given[name] for name in self.names]
 
     def taken(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array]:
         """The same, where ``given`` (..., n) are told for all of the steps but their length."""

@@ -154,7 +154,7 @@ def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | 
         shape = np.shape(given) if isinstance(given, np.ndarray | list | tuple) and not _ragged(given) else None
         if shape is not None and len(shape) > 1:
             raise ShapeError(
-                f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). Loop over them."
+                f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). robot.simulate_batch takes many."
             )
         names = robot.coordinate_names if name == "q0" else robot.model.velocity_names
         y[place] = arguments.finite(arguments.one(given, name, n, names=names), name, n)
