@@ -8,7 +8,8 @@ argument, a bytes object that holds :data:`POINTERS` in that order.
 
 from __future__ import annotations
 
-from .fast_call_text import BYTES_DATA, CONTIGUOUS_AND_ALIGNED, FIELDS
+from .call_way import BYTES_DATA, FIELDS
+from .call_writer import CONTIGUOUS_AND_ALIGNED
 
 CALL = "call"
 """Name of the function."""
