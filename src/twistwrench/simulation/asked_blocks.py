@@ -11,8 +11,8 @@ from .step_blocks import FASTEST, end_in_step, keep_steps, look_in_step
 if TYPE_CHECKING:
     from .run import Run
 
-BLOCK = 64
-"""Steps whose states are kept and looked at together; what is prepared once for them costs a tenth of a millisecond."""
+BLOCK = 128
+"""Steps whose states are kept and looked at together; what is prepared once for them costs some tenths of a millisecond."""
 
 
 def take_asked(run: Run, steps: CompiledSteps) -> None:

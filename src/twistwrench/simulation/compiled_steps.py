@@ -108,7 +108,9 @@ class CompiledSteps:
         """The same, where ``given`` (..., n) are told for all of the steps but their length."""
         s = self.system
         Y, ddq = np.empty((*y.shape[:-1], steps, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
-        rows = [np.broadcast_to(x[..., None, :], (*x.shape[:-1], steps, x.shape[-1])) for x in given]
+        rows = [x[..., None, :] for x in given]
+        if steps > 1:
+            rows = [np.broadcast_to(x, (*x.shape[:-2], steps, x.shape[-1])) for x in rows]
         states, after = ([x[..., cut] for cut in self.cuts] for x in (y, Y))
         self.kernel(*states, 0.0, np.full(steps, h), *rows, out=(*after, np.empty(Y.shape[:-1]), ddq))
         s.evaluations += self.stages * steps
