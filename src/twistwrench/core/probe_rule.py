@@ -8,6 +8,7 @@ of the method allows.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -36,7 +37,10 @@ class ProbeRule:
     def __init__(self, times: Array, weights: Array, spacing: float) -> None:
         self.spacing = spacing
         self.times, self.weights = times[weights != 0.0], weights[weights != 0.0]
-        self._one = self._rules(1)
+
+    @cached_property
+    def _one(self) -> tuple[Array, Array]:
+        return self._rules(1)
 
     def needed(self, h: float) -> bool:
         """Whether a step is so long that the method does not ask often enough itself."""

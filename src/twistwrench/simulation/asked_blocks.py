@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .run import Run
 
 BLOCK = 128
-"""Steps whose states are kept and looked at together; what is prepared once for them costs some tenths of a millisecond."""
+"""Steps whose states are kept and looked at together: more are prepared for longer, fewer are kept in more parts."""
 
 
 def take_asked(run: Run, steps: CompiledSteps) -> None:

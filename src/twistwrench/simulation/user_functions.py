@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from math import isfinite
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,11 @@ def require_arguments(function: Any, what: str, taken: Sequence[str], names: str
     """Refuse what is no function of so many arguments, which are ``taken`` in words. Raises ValueRangeError."""
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of ({names}).")
+    code = function.__code__ if isinstance(function, FunctionType) else None
+    if (
+        code is not None and code.co_argcount == len(taken) and not code.co_kwonlyargcount
+    ):  # a signature takes longer than many steps
+        return
     try:
         signed = signature(function)
     except (TypeError, ValueError):  # some of C say nothing
