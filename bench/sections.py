@@ -165,6 +165,8 @@ def simulations(results: dict[str, Any]) -> str:
         " beside a Python loop of MuJoCo's `mj_step` with nothing but mechanics, which keeps nothing. The states of both"
         f" after 100 steps agree to {found['agreement']:.0e}."
     )
+    if any("controller" in name for name in found["times"]):
+        text += " With a controller both ask one function in Python every step, and hold its torques for the step."
     return section("Simulations", text, ("", "one motion of a second, times real time", "of `mj_step`'s time"), rows)
 
 

@@ -434,6 +434,7 @@ def test_simulations_agree_with_a_loop_of_mujoco_and_make_a_table(bench, monkeyp
     assert found["agreement"] < 1e-8
     text = bench("report").write({**kept(), "simulate": found})
     assert "## Simulations" in text and "| **twistwrench, semi_implicit** |" in text
+    assert "| **twistwrench, rk4, controller** |" in text and "| mj_step, controller |" in text
     without = {name: section for name, section in kept().items() if name != "simulate"}
     assert "## Simulations" not in bench("report").write(without)
 
@@ -455,7 +456,7 @@ def test_closed_loops_stay_closed_and_make_a_table(bench, monkeypatch):
 
 def test_simulations_that_disagree_are_not_timed(bench, monkeypatch):
     simulate = bench("simulate")
-    monkeypatch.setattr(simulate._Loop, "after", lambda self, steps: np.ones(14))
+    monkeypatch.setattr(simulate._Loop, "after", lambda self, steps, *, steered: np.ones(14))
     with pytest.raises(SystemExit, match="nothing is timed"):
         simulate.times(1)
 
