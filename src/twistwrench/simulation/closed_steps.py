@@ -8,7 +8,7 @@ from ..robot.engine import compiled
 from ..typing import Array
 from .closed_step import FASTEST, GOOD, KEPT, PIVOT, WIDEST
 from .closed_system import ClosedSystem, Loops
-from .compiled_steps import CompiledSteps, asks_nothing
+from .compiled_steps import CompiledSteps, acts_by_itself
 from .forces import System
 from .simulated_step import SIMULATED
 from .step_program import Plan
@@ -28,7 +28,9 @@ class ClosedSteps(CompiledSteps):
     @classmethod
     def of(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
         """The steps in machine code; None where something is a function, a contact, or a step is too long to be compiled."""
-        if not isinstance(system, ClosedSystem) or method not in SIMULATED or not asks_nothing(system):
+        if not isinstance(system, ClosedSystem) or method not in SIMULATED:
+            return None
+        if system.functions or not acts_by_itself(system):
             return None
         loops, robot = system.loops, system.robot
         acting = Plan(
@@ -51,7 +53,8 @@ class ClosedSteps(CompiledSteps):
         Y, kept, ddq = np.empty((*batch, s.size)), np.empty((*batch, KEPT)), np.empty((*batch, s.nv))
         begun = np.zeros((*y.shape[:-1], KEPT))
         begun[..., PIVOT], begun[..., GOOD] = loops.smallest(y), 1.0
-        (q, dq, work), given = (slice(0, s.nq), s.moving, slice(s.nq + s.nv, s.size)), self._given_for(steps)
+        q, dq, work = self.cuts
+        given = [np.broadcast_to(x, (steps, *x.shape)) for x in self.told()]
         with np.errstate(all="ignore"):
             self.kernel(
                 y[..., q], y[..., dq], begun, y[..., work], lengths, *given,
