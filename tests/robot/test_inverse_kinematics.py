@@ -459,6 +459,19 @@ def test_frames_may_have_rows_of_their_own(bundled):
     assert (far.distance > 1.0).all()
 
 
+def test_a_sequence_of_one_frame_takes_one_pose_each(bundled):
+    """(1, 4, 4), as k frames take (k, 4, 4): q has no axis more than it has with several."""
+    robot = bundled("ur5")
+    q = robot.random_configuration(3, 4)
+    T = robot.forward_kinematics(q)
+    for poses, start in ((T[0], q[1]), (T, q[::-1])):
+        found = robot.inverse_kinematics(poses[..., None, :, :], ["tool0"], start)
+        np.testing.assert_array_equal(found.q, robot.inverse_kinematics(poses, "tool0", start).q)
+        assert found.converged.shape == poses.shape[:-2]
+    with pytest.raises(tw.ShapeError, match="1, 4, 4"):
+        robot.inverse_kinematics(T[0], ["tool0"])
+
+
 def test_frames_that_are_none_are_named(bundled):
     robot = bundled("ur5")
     two = np.stack([np.eye(4)] * 2)

@@ -56,7 +56,10 @@ def solve(
             return InverseKinematics(found[0], found[1], way[1])
     asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance)
     core = search.core
-    target = arguments.real(T, "inverse_kinematics: T", *core)
+    if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence of one name
+        target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
+    else:
+        target = arguments.real(T, "inverse_kinematics: T", *core)
     shape, kind, start = target.shape[: -len(core)], target.dtype, robot.neutral
     if q0 is not None:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
