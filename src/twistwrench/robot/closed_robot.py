@@ -823,7 +823,7 @@ class ClosedRobot(ClosedShortcuts):
             f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
         )
         A, reach = self._reach(q)
-        lam, left = balance(f, A, self.sizes, driven)
+        lam, left = balance(f, reach.range @ A, self.sizes, driven)  # λ of what never moves would be any number
         checks.require_made(self, left, f, driven)
         tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
         lam = (reach.range @ lam[..., None])[..., 0]
@@ -838,7 +838,7 @@ class ClosedRobot(ClosedShortcuts):
 
     def _reach(self, q: Array) -> tuple[Array, Reach]:
         A = self.constraint_jacobian(q)
-        return A, Reach.of(A, self.robot.mass_matrix(q), self.sizes)
+        return A, Reach.of(A, self.robot.mass_matrix(q), self.sizes, len(self.independent))
 
     def _state(self, name: str, **arrays: ArrayLike) -> list[Array]:
         """Arrays of finite numbers of the right last axis whose batch shapes broadcast."""
