@@ -171,7 +171,7 @@ class Motion(MotionFiles):
         Parameters
         ----------
         frame : pandas.DataFrame, with the time as its index or as a column
-            Seconds, or dates and time spans as an index. An index that only counts rows is none.
+            Seconds, dates or time spans. An index that only counts rows is none.
         robot : Robot, that moves
         columns : {joint: column}, optional, as for :meth:`from_file`
         rate : float, optional, samples a second where there is no time [Hz]

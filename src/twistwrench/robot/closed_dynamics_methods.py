@@ -175,7 +175,7 @@ class ClosedDynamicsMethods:
             f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
         )
         A, reach = reach_of(self, q)
-        lam, left = balance(f, A, self.sizes, driven)
+        lam, left = balance(f, reach.range @ A, self.sizes, driven)  # λ of what never moves would be any number
         checks.require_made(self, left, f, driven)
         tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
         lam = (reach.range @ lam[..., None])[..., 0]

@@ -324,4 +324,4 @@ class ConstraintMethods:
 def reach_of(closed: ClosedRobot, q: Array) -> tuple[Array, Reach]:
     """A at q, and what it reaches through the mass matrix."""
     A = closed.constraint_jacobian(q)
-    return A, Reach.of(A, closed.robot.mass_matrix(q), closed.sizes)
+    return A, Reach.of(A, closed.robot.mass_matrix(q), closed.sizes, len(closed.independent))

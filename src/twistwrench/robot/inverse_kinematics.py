@@ -63,7 +63,10 @@ def solve(
             return InverseKinematics(found[0], found[1], way[1])
     asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance, loops)
     core = search.core
-    target = arguments.real(T, "inverse_kinematics: T", *core)
+    if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence of one name
+        target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
+    else:
+        target = arguments.real(T, "inverse_kinematics: T", *core)
     shape, kind = target.shape[: -len(core)], target.dtype
     if q0 is None:
         start = robot.neutral if loops is None else loops.start

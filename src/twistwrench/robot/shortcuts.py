@@ -143,7 +143,8 @@ class Shortcuts:
         Notes
         -----
         Joints that differ by full turns are one branch, told with the smallest angles the limits allow. A search from random
-        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1.
+        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1. At singular
+        configurations branches meet, or are points of curves on which the frame stays; a ``ModelWarning`` says so.
 
         Examples
         --------
