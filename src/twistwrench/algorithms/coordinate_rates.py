@@ -29,6 +29,12 @@ def coordinate_rates(model: Model, q: Array) -> Array:
     return N
 
 
+def velocity_columns(model: Model, q: Array) -> Array:
+    """W with dq = W' dq/dt, the other way; (nq, nv). The columns of N are at right angles, so these are theirs, scaled."""
+    N = coordinate_rates(model, q)
+    return np.stack([column / (column @ column) for column in N.T], axis=1)
+
+
 def rates_of_coordinates(model: Model, q: Array, dq: Array) -> Array:
     """dq/dt = N dq of the coordinates; (nq,)."""
     return np.asarray(coordinate_rates(model, q) @ dq)
