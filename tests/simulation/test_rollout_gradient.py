@@ -229,6 +229,21 @@ def test_a_short_step_of_a_linear_system_is_that_of_its_equation():
     assert (np.abs(np.divide(off[0], off[1]) - 2) < 0.1).all(), off
 
 
+def test_linearized_steps_are_those_that_mujoco_finds_by_differences():
+    """Its own steps are semi-implicit, too. Central differences with steps of 1e-5 are good to some 1e-9."""
+    mujoco = pytest.importorskip("mujoco")
+    robot, h = robot_named("arm"), 2e-3
+    model = robot.to_mujoco()
+    model.opt.timestep, model.opt.integrator = h, mujoco.mjtIntegrator.mjINT_EULER
+    data, tau = mujoco.MjData(model), np.linspace(-5, 5, 6)
+    q0, dq0 = some_state(robot)
+    data.qpos, data.qvel, data.qfrc_applied = tw.convert.to_mujoco(robot, model, q0, dq0, tau)
+    theirs = np.zeros((12, 12))
+    mujoco.mjd_transitionFD(model, data, 1e-5, 1, theirs, None, None, None)
+    A, _ = robot.rollout(q0, dq0, tau, dt=h, steps=1, gradients=True).linearize()
+    assert np.abs(A[0] - theirs).max() < 1e-6 * np.abs(theirs).max()
+
+
 # ── corners, and numbers that mean nothing ──
 
 
