@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from ..algorithms.coordinate_rates import velocity_map
 from ..core import arguments
 from ..errors import KernelError, ShapeError
-from ..model.model import Model
 from ..program.program import Port, Program
 from ..program.trace import trace
 from ..robot.quantities import CONFIGURATIONS
-from ..typing import Array
 
 if TYPE_CHECKING:
     from ..robot.engine import Engine
@@ -85,24 +82,10 @@ class BridgedQuantity:
         """(q, rates of its entries) -> joint velocities, linear in the rates; rates that stretch a quaternion give none."""
         model = self.engine.model
         return trace(
-            lambda q, rates: (_velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
+            lambda q, rates: (velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
         )
 
     def slopes(self) -> Program:
         """(q, derivative along the velocities) -> derivative by the entries of q: the transpose of :meth:`velocities`."""
         model = self.engine.model
-        return trace(
-            lambda q, w: (w @ _velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"]
-        )
-
-
-def _velocity_map(model: Model, q: Array) -> Array:
-    """B with dq = B d(entries of q)/dt; (nv, nq)."""
-    B = np.full((model.nv, model.nq), 0.0, object)
-    for body in model.leaders:
-        rows, columns = body.places
-        n = rows.stop - rows.start
-        for k, unit in enumerate(np.eye(n)):
-            nothing = np.zeros((1, n))
-            B[columns, rows.start + k] = body.joint.velocities(q[rows][None, :], unit[None, :], nothing)[0][0]
-    return B
+        return trace(lambda q, w: (w @ velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

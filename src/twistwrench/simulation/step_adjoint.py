@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..algorithms.coordinate_rates import velocity_columns
+from ..algorithms.coordinate_rates import velocity_map
 from ..program import autodiff
 from ..program.recurrence import Recurrence, Source
 from ..program.trace import trace
@@ -66,7 +66,7 @@ class StepAdjoint:
         model, count = self.plan.model, len(self.plan.given)
         step, cost = given[:count], given[count:]
         q1, *rest = self.plan.step(angles, q, dq, *step)
-        weights = [*(velocity_columns(model, q1) @ by_q1), *by_dq1, *(e for m in cost[2:] for e in m)]
+        weights = [*(by_q1 @ velocity_map(model, q1)), *by_dq1, *(e for m in cost[2:] for e in m)]
         moved = Chart((model.nv,), {**Chart.of(angles, model).known, **Chart.of(q, model).known})
         inputs = dict(zip([name for name, _ in self.plan.given], step, strict=True))
         charts = [Chart.of(inputs[name], model if name == "q_des" else None) for name, _ in self.by]
