@@ -14,6 +14,7 @@ from ..program.trace import trace
 from ..robot.quantities import CONFIGURATIONS
 
 if TYPE_CHECKING:
+    from ..robot import Robot
     from ..robot.engine import Engine
 
 PRECISIONS = ("double", "single")
@@ -23,12 +24,12 @@ PRECISIONS = ("double", "single")
 class BridgedQuantity:
     """One quantity and the options that were asked for."""
 
-    engine: Engine
+    robot: Robot
     name: str
     options: Mapping[str, Any]
 
     @classmethod
-    def of(cls, what: str, engine: Engine, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
+    def of(cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
         """Checked; raises KernelError and UnknownNameError before anything of the other package is touched."""
         arguments.choice(precision, f"{what}: precision", PRECISIONS)
         if options.get("by") is not None:
@@ -36,9 +37,14 @@ class BridgedQuantity:
                 f"{what} {name}: by={options['by']!r} is for robot.kernel. What is given here is differentiated by the package "
                 "it goes to."
             )
-        found = cls(engine, name, options)
+        found = cls(robot, name, options)
         _ = found.program
         return found
+
+    @property
+    def engine(self) -> Engine:
+        """The robot's."""
+        return self.robot.engine
 
     @property
     def program(self) -> Program:
@@ -50,11 +56,14 @@ class BridgedQuantity:
         """The compiled function of the same program."""
         return self.engine.kernel((self.name,), self.options)
 
+    @property
+    def cuda_kernel(self) -> Any:
+        """The same program as a kernel of a GPU."""
+        return self.robot.cuda.kernel(self.name, **self.options)
+
     def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
         """The same quantity's derivative by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
-        return BridgedQuantity(
-            self.engine, self.name, {**self.options, "by": tuple(by), "form": form, "values": values}
-        )
+        return BridgedQuantity(self.robot, self.name, {**self.options, "by": tuple(by), "form": form, "values": values})
 
     @property
     def inputs(self) -> tuple[Port, ...]:

@@ -75,7 +75,7 @@ class PagePrograms:
         if self.tip is not None and model.nv:
             asked["jacobian"] = "jacobian", {"frame": self.tip, "kind": "world_aligned"}
         return {
-            name: javascript_module(BridgedQuantity(self.robot.engine, quantity, options))
+            name: javascript_module(BridgedQuantity(self.robot, quantity, options))
             for name, (quantity, options) in asked.items()
         }
 
