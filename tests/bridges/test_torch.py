@@ -8,7 +8,8 @@ from fake_gpu import NEEDS_COMPILERS, Bare
 
 import twistwrench as tw
 from twistwrench.bridges.quantity import BridgedQuantity
-from twistwrench.robot.quantities import CONFIGURATIONS, QUANTITIES
+from twistwrench.robot.quantities import QUANTITIES
+from twistwrench.robot.quantity_row import CONFIGURATIONS
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")
 pytest_plugins = ("cuda_fixtures",)

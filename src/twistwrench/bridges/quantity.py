@@ -11,7 +11,7 @@ from ..core import arguments
 from ..errors import KernelError, ShapeError
 from ..program.program import Port, Program
 from ..program.trace import trace
-from ..robot.quantities import CONFIGURATIONS
+from ..robot.quantity_row import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..robot import Robot

@@ -94,6 +94,12 @@ class Program:
         return c.get("mul", 0) + sum(c.get(op, 0) for op in FUSED)
 
     @cached_property
+    def zeros(self) -> tuple[bool, ...]:
+        """Of each element of the outputs whether it is zero, whatever the inputs."""
+        made = (self.instructions[result] for result in self.results)
+        return tuple(x.op == "const" and x.value == 0.0 for x in made)
+
+    @cached_property
     def digest(self) -> str:
         """A hash of everything the program computes; equal programs have equal digests, in every process."""
         state = hashlib.sha256(repr((self.inputs, self.outputs, self.results)).encode())
