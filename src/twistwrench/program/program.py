@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 from collections import Counter
@@ -102,6 +101,8 @@ class Program:
     @cached_property
     def digest(self) -> str:
         """A hash of everything the program computes; equal programs have equal digests, in every process."""
+        import hashlib
+
         state = hashlib.sha256(repr((self.inputs, self.outputs, self.results)).encode())
         for op, args, value in self.instructions:
             state.update(f"{op}{args}{value!r}\n".encode())

@@ -18,8 +18,6 @@ from ..model.model import Model
 from ..program.column_groups import ColumnGroup, ColumnGroups
 from ..program.program import Program
 from ..program.trace import trace
-from ..targets import avx2_module
-from ..targets.processor import chosen
 from ..typing import Array
 from .quantities import QUANTITIES
 from .quantity_programs import evaluated, inputs_of
@@ -36,6 +34,9 @@ def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnGr
     plain = all(set(options) <= {"wrenches"} for options in asked.values())
     if not plain or tuple(asked) != (NAME,):
         return None
+    from ..targets import avx2_module
+    from ..targets.processor import chosen
+
     carries, bodies = relations(model)
     if int((carries & (bodies[:, None] != bodies)).sum()) < (FROM_WITH_AVX2 if avx2_module.runs(chosen()) else FROM):
         return None
