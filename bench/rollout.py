@@ -40,6 +40,7 @@ def times(rounds: int = ROUNDS, size: int = SIZE, steps: int = STEPS) -> dict[st
         Contender("fresh arrays", ours.sweep(size, steps), size * steps),
         Contender("one state in ten", ours.sweep(size, steps, every=10), size * steps),
         Contender("float32", ours.sweep(size, steps, dtype=np.float32), size * steps),
+        Contender("and gradient", ours.gradients(size, steps), size * steps),
         Contender("rk4", ours.sweep(size, steps, method="rk4"), size * steps),
     ]
     one = [Contender(OURS, ours.sweep(None, SECOND), SECOND), Contender(THEIRS, theirs.sweep(1, SECOND), SECOND)]
@@ -91,6 +92,17 @@ class _Ours:
         def sweep(times: int) -> None:
             for _ in range(times):
                 self.robot.rollout(q, dq, law, dt=DT, steps=steps, **options)
+
+        return sweep
+
+    def gradients(self, size: int, steps: int) -> Callable[[int], None]:
+        """The rollout, and the gradient of a cost of all its states by states at the start, references and gains."""
+        q, dq, law = self.q[:size], self.dq[:size], self.law(float)
+        slope = np.ones((size, steps + 1, self.robot.nv))
+
+        def sweep(times: int) -> None:
+            for _ in range(times):
+                self.robot.rollout(q, dq, law, dt=DT, steps=steps, gradients=True).gradient(slope, slope)
 
         return sweep
 

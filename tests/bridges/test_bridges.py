@@ -220,6 +220,18 @@ def test_second_derivatives_of_the_kinetic_energy_are_the_mass_matrix(jax):
     np.testing.assert_allclose(found, robot.mass_matrix(q), rtol=0, atol=1e-12)
 
 
+def test_a_gpu_alone_asks_for_no_kernel_of_the_processor(jax):
+    """Lowering for a platform needs none of its devices; the processor's kernel is made when the processor is meant."""
+    robot, q = tw.robots.planar_3r(), np.ones((32, 3))
+    traced = jax.jit(robot.to_jax("mass_matrix")).trace(q)
+    assert "custom_call" not in traced.lower(lowering_platforms=("cuda",)).as_text()
+    assert not robot.engine._kernels
+    for platforms in (("cpu",), ("cpu", "cuda")):
+        assert "custom_call" in traced.lower(lowering_platforms=platforms).as_text()
+    assert len(robot.engine._kernels) == 1
+    np.testing.assert_array_equal(jax.jit(robot.to_jax("mass_matrix"))(q), robot.mass_matrix(q))
+
+
 def unit(xp, q):
     return xp.concatenate([q[:4] / xp.linalg.norm(q[:4]), q[4:]])
 

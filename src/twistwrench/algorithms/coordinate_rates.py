@@ -29,6 +29,14 @@ def coordinate_rates(model: Model, q: Array) -> Array:
     return N
 
 
+def velocity_map(model: Model, q: Array) -> Array:
+    """B with dq = B dq/dt, the other way; (nv, nq). Rates that stretch a quaternion give no velocity.
+
+    The columns of N are at right angles, so the rows of B are these, scaled.
+    """
+    return np.stack([column / (column @ column) for column in coordinate_rates(model, q).T])
+
+
 def rates_of_coordinates(model: Model, q: Array, dq: Array) -> Array:
     """dq/dt = N dq of the coordinates; (nq,)."""
     return np.asarray(coordinate_rates(model, q) @ dq)

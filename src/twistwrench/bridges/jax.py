@@ -15,14 +15,10 @@ from math import prod
 from typing import Any
 
 from ..errors import MissingExtraError, ModelWarning
-from ..kernels.xla_handler import is_compiled
 from ..program.program import Port, Program
 from ..targets.elementwise import batch_shape, evaluated, functions_of
+from .jax_operation import JaxOperation
 from .quantity import BridgedQuantity
-from .xla_call import xla_target
-
-BATCH = 16
-"""States from which a kernel that Python has to enter is faster than what XLA makes of the program."""
 
 
 def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any]:
@@ -78,26 +74,16 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
 
 
 def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
-    """The program in JAX's operations, or its kernel, by the size of the batch and the device; derivatives are JAX's."""
+    """The program in JAX's operations, or its kernel, by the device and the size of the batch; derivatives are JAX's."""
     import jax.numpy as jnp
 
     program = quantity.program
     plain = _on_arrays(jnp, program)
-
-    def by_kernel(*arrays: Any) -> Any:
-        batch = batch_shape(arrays, program)
-        dtype = jnp.result_type(*arrays)
-        alone = prod(batch) == 1
-        target = xla_target(jax, quantity.name, quantity.kernel, len(program.inputs), dtype.char, alone=alone)
-        whole = [jnp.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
-        results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
-        return _alone(tuple(jax.ffi.ffi_call(target, results)(*whole)))
+    operation = JaxOperation(quantity, lambda *arrays: _listed(plain(*arrays)))
 
     @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
     def run(*arrays: Any) -> Any:
-        if prod(batch_shape(arrays, program)) < BATCH and not is_compiled(quantity.kernel):
-            return plain(*arrays)
-        return jax.lax.platform_dependent(*arrays, cpu=by_kernel, default=plain)
+        return _alone(operation(*arrays))
 
     @run.def_vmap  # type: ignore[untyped-decorator]
     def batched(size: int, mapped: Sequence[bool], *arrays: Any) -> tuple[Any, Any]:
@@ -149,6 +135,10 @@ def _contracted(jnp: Any, J: Any, v: Any, rank: int) -> Any:
     batch = v.shape[: v.ndim - rank]
     middle = (1,) * (split - len(batch))
     return jnp.sum(rows * v.reshape((*batch, *middle, size)), axis=-1)
+
+
+def _listed(found: Any) -> tuple[Any, ...]:
+    return found if isinstance(found, tuple) else (found,)
 
 
 def _alone(results: tuple[Any, ...]) -> Any:

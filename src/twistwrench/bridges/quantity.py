@@ -6,17 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from ..algorithms.coordinate_rates import velocity_map
 from ..core import arguments
 from ..errors import KernelError, ShapeError
-from ..model.model import Model
 from ..program.program import Port, Program
 from ..program.trace import trace
 from ..robot.quantity_row import CONFIGURATIONS
-from ..typing import Array
 
 if TYPE_CHECKING:
+    from ..robot import Robot
     from ..robot.engine import Engine
 
 PRECISIONS = ("double", "single")
@@ -26,12 +24,12 @@ PRECISIONS = ("double", "single")
 class BridgedQuantity:
     """One quantity and the options that were asked for."""
 
-    engine: Engine
+    robot: Robot
     name: str
     options: Mapping[str, Any]
 
     @classmethod
-    def of(cls, what: str, engine: Engine, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
+    def of(cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
         """Checked; raises KernelError and UnknownNameError before anything of the other package is touched."""
         arguments.choice(precision, f"{what}: precision", PRECISIONS)
         if options.get("by") is not None:
@@ -39,9 +37,14 @@ class BridgedQuantity:
                 f"{what} {name}: by={options['by']!r} is for robot.kernel. What is given here is differentiated by the package "
                 "it goes to."
             )
-        found = cls(engine, name, options)
+        found = cls(robot, name, options)
         _ = found.program
         return found
+
+    @property
+    def engine(self) -> Engine:
+        """The robot's."""
+        return self.robot.engine
 
     @property
     def program(self) -> Program:
@@ -53,11 +56,14 @@ class BridgedQuantity:
         """The compiled function of the same program."""
         return self.engine.kernel((self.name,), self.options)
 
+    @property
+    def cuda_kernel(self) -> Any:
+        """The same program as a kernel of a GPU."""
+        return self.robot.cuda.kernel(self.name, **self.options)
+
     def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
         """The same quantity's derivative by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
-        return BridgedQuantity(
-            self.engine, self.name, {**self.options, "by": tuple(by), "form": form, "values": values}
-        )
+        return BridgedQuantity(self.robot, self.name, {**self.options, "by": tuple(by), "form": form, "values": values})
 
     @property
     def inputs(self) -> tuple[Port, ...]:
@@ -85,24 +91,10 @@ class BridgedQuantity:
         """(q, rates of its entries) -> joint velocities, linear in the rates; rates that stretch a quaternion give none."""
         model = self.engine.model
         return trace(
-            lambda q, rates: (_velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
+            lambda q, rates: (velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
         )
 
     def slopes(self) -> Program:
         """(q, derivative along the velocities) -> derivative by the entries of q: the transpose of :meth:`velocities`."""
         model = self.engine.model
-        return trace(
-            lambda q, w: (w @ _velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"]
-        )
-
-
-def _velocity_map(model: Model, q: Array) -> Array:
-    """B with dq = B d(entries of q)/dt; (nv, nq)."""
-    B = np.full((model.nv, model.nq), 0.0, object)
-    for body in model.leaders:
-        rows, columns = body.places
-        n = rows.stop - rows.start
-        for k, unit in enumerate(np.eye(n)):
-            nothing = np.zeros((1, n))
-            B[columns, rows.start + k] = body.joint.velocities(q[rows][None, :], unit[None, :], nothing)[0][0]
-    return B
+        return trace(lambda q, w: (w @ velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

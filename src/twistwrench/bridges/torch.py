@@ -1,4 +1,4 @@
-"""A quantity as a function of PyTorch's tensors on the processor: compiled kernels behind it, and behind its gradients.
+"""A quantity as a function of PyTorch's tensors: compiled kernels behind it, and behind its gradients, where the tensors are.
 
 With f the quantity, w the gradient that comes back from its results, and v the one that comes back from those of G:
 
@@ -37,6 +37,9 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
         quantity.require_shapes("to_torch", [tuple(t.shape) for t in given])
         for t, port in zip(given, inputs, strict=True):
             _require_computable(torch, quantity.name, t, port.name)
+        if len(places := {t.device: port.name for t, port in zip(given, inputs, strict=True)}) > 1:
+            listed = ", ".join(f"{label} on {device}" for device, label in places.items())
+            raise ValueRangeError(f"to_torch {quantity.name}: {listed}. Move all to one device.")
         dtype = torch.float32 if all(t.dtype == torch.float32 for t in given) else torch.float64
         return compute(*(t.to(dtype) for t in given))
 
@@ -131,11 +134,22 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
 
 def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
-    """The kernel on tensors, whose memory NumPy shares."""
+    """The kernel on tensors, whose memory NumPy shares; on a GPU, the GPU's kernel."""
+    if tensors[0].device.type == "cuda":
+        return quantity.cuda_kernel(*_laid_out(tensors, quantity.program))
     found = quantity.kernel(*(t.detach().numpy() for t in tensors))
     if isinstance(found, tuple):
         return tuple(torch.as_tensor(x) for x in found)
     return torch.as_tensor(found)
+
+
+def _laid_out(tensors: Sequence[Any], program: Program) -> list[Any]:
+    """Tensors as the GPU's kernels take them: one sample after another, or one for all."""
+    batch, found = batch_shape(tensors, program), []
+    for t, port in zip(tensors, program.inputs, strict=True):
+        wide = t if t.ndim == len(port.shape) else t.expand((*batch, *port.shape))
+        found.append(wide.detach().contiguous())
+    return found
 
 
 def _on_tensors(torch: Any, program: Program, tensors: Sequence[Any]) -> list[Any]:
@@ -173,10 +187,10 @@ def _summed(gradient: Any, tensor: Any) -> Any:
 
 
 def _require_computable(torch: Any, name: str, tensor: Any, label: str) -> None:
-    if tensor.device.type != "cpu":
+    if tensor.device.type not in ("cpu", "cuda"):
         raise ValueRangeError(
-            f"to_torch {name}: {label} is on {tensor.device}, and this computes on the processor. Pass {label}.cpu(), or "
-            "compute on the GPU by robot.cuda, which takes such tensors and gives no gradients."
+            f"to_torch {name}: {label} is on {tensor.device}; this computes on the processor and on NVIDIA's GPUs. Pass "
+            f"{label}.cpu()."
         )
     if not (tensor.dtype.is_floating_point or tensor.dtype in (torch.int32, torch.int64)):
         raise ValueRangeError(f"to_torch {name}: {label} is {tensor.dtype}, real numbers wanted.")

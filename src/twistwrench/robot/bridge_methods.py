@@ -52,7 +52,7 @@ class BridgeMethods:
         from ..bridges.jax import jax_function
         from ..bridges.quantity import BridgedQuantity
 
-        return jax_function(BridgedQuantity.of("to_jax", self.engine, quantity, options, precision), precision)
+        return jax_function(BridgedQuantity.of("to_jax", self, quantity, options, precision), precision)
 
     def to_torch(self: Any, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
         """Function of PyTorch tensors that computes one quantity by compiled kernels, differentiable twice.
@@ -65,7 +65,7 @@ class BridgeMethods:
         Returns
         -------
         function : callable, of the quantity's inputs with any leading batch shape
-            Tensors are on the processor and share their memory with the kernel; float32 if all of them are.
+            Tensors on the processor share their memory with the kernel, those on a GPU stay there; float32 if all are.
 
         Raises
         ------
@@ -93,7 +93,7 @@ class BridgeMethods:
         from ..bridges.quantity import BridgedQuantity
         from ..bridges.torch import torch_function
 
-        return torch_function(BridgedQuantity.of("to_torch", self.engine, quantity, options, "double"))
+        return torch_function(BridgedQuantity.of("to_torch", self, quantity, options, "double"))
 
     def to_casadi(self: Any, quantity: str, **options: Unpack[KernelOptions]) -> Any:
         """CasADi function that computes one quantity, in SX symbols, for optimal control and code generation.
@@ -129,7 +129,7 @@ class BridgeMethods:
         from ..bridges.casadi import casadi_function
         from ..bridges.quantity import BridgedQuantity
 
-        return casadi_function(BridgedQuantity.of("to_casadi", self.engine, quantity, options, "double"))
+        return casadi_function(BridgedQuantity.of("to_casadi", self, quantity, options, "double"))
 
     def to_javascript(self: Any, quantity: str, **options: Unpack[KernelOptions]) -> str:
         """JavaScript module with one function that computes one quantity, for browsers and Node.
@@ -169,4 +169,4 @@ class BridgeMethods:
         from ..bridges.javascript import javascript_module
         from ..bridges.quantity import BridgedQuantity
 
-        return javascript_module(BridgedQuantity(self.engine, quantity, options))
+        return javascript_module(BridgedQuantity(self, quantity, options))

@@ -88,7 +88,7 @@ class Derivative:
         self, what: str, results: Sequence[Any], charts: Mapping[str, Chart], more: Mapping[str, Any]
     ) -> tuple[Array, ...]:
         """The derivatives of arrays of symbols or numbers, as :meth:`outputs` names them; ``more``: by :meth:`inputs`."""
-        joined = _joined([charts[name] for name in self.by])
+        joined = Chart.joined([charts[name] for name in self.by])
         sizes = [math.prod(charts[name].shape) for name in self.by]
         symbols = (e for part in (joined.known, *(np.ravel(r) for r in results)) for e in part if isinstance(e, Expr))
         owner = next((e.trace for e in symbols), None) or Trace()
@@ -166,19 +166,19 @@ class Chart:
         c = brackets(model)
         return cls((model.nv,), known, c if c.any() else None)
 
-
-def _joined(charts: Sequence[Chart]) -> Chart:
-    """Several inputs as one, their directions one after another."""
-    n, first = sum(math.prod(chart.shape) for chart in charts), 0
-    known: dict[Expr, dict[int, Expr]] = {}
-    c = np.zeros((n, n, n)) if any(chart.brackets is not None for chart in charts) else None
-    for chart in charts:
-        last = first + math.prod(chart.shape)
-        known.update({e: {first + k: d for k, d in row.items()} for e, row in chart.known.items()})
-        if c is not None and chart.brackets is not None:
-            c[first:last, first:last, first:last] = chart.brackets
-        first = last
-    return Chart((n,), known, c)
+    @classmethod
+    def joined(cls, charts: Sequence[Chart]) -> Chart:
+        """Several inputs as one, their directions one after another."""
+        n, first = sum(math.prod(chart.shape) for chart in charts), 0
+        known: dict[Expr, dict[int, Expr]] = {}
+        c = np.zeros((n, n, n)) if any(chart.brackets is not None for chart in charts) else None
+        for chart in charts:
+            last = first + math.prod(chart.shape)
+            known.update({e: {first + k: d for k, d in row.items()} for e, row in chart.known.items()})
+            if c is not None and chart.brackets is not None:
+                c[first:last, first:last, first:last] = chart.brackets
+            first = last
+        return cls((n,), known, c)
 
 
 # Twice along robot.add is, with L_a the derivative along a, L_b L_a f: the derivative along b of the gradient's entry a. It is

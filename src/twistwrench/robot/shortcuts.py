@@ -301,6 +301,7 @@ class Shortcuts:
         friction: bool = False,
         torque_limits: bool | ArrayLike = False,
         torques: bool = False,
+        gradients: bool = False,
         out: tuple[Array, ...] | None = None,
         integrator: Literal["semi_implicit", "rk4"] | None = None,
     ) -> Rollout:
@@ -323,6 +324,7 @@ class Shortcuts:
         friction : bool, count that of the joints, as in :meth:`simulate`
         torque_limits : bool or (nv,) array_like, True clips to ``limits.effort``, numbers to these
         torques : bool, return those applied, too
+        gradients : bool, keep what went in, for ``.gradient`` and ``.linearize`` of the rollout
         out : (q, dq), optional, arrays of yours that take the results, for large ones again and again
         integrator : former name of ``method``
 
@@ -355,7 +357,8 @@ class Shortcuts:
         return rollout(
             self, q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every,
             method=method if integrator is None else integrator, wrench_on_robot=wrench_on_robot, parameters=parameters,
-            friction=friction, torque_limits=torque_limits, torques=torques, out=out,
+            friction=friction, torque_limits=torque_limits, torques=torques,
+            gradients=gradients, out=out,
         )  # fmt: skip
 
     def close(

@@ -10,6 +10,7 @@ from .contact import JointStops, Plane
 from .events import Event, Happening
 from .result import SimulationResult
 from .rollout import Rollout
+from .rollout_gradient import RolloutGradient
 from .schemes import METHODS
 from .simulate import simulate
 from .tableau import Partitioned, Tableau
@@ -27,6 +28,7 @@ __all__ = [
     "Partitioned",
     "Plane",
     "Rollout",
+    "RolloutGradient",
     "SimulationBatch",
     "SimulationOptions",
     "SimulationResult",

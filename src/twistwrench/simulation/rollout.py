@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core import arguments
 from ..errors import ValueRangeError
 from ..screws.wrench import Wrench
 from ..typing import Array
-from .rollout_inputs import cleaned
+from .rollout_gradient import RolloutGradient, gradient, kept_for_gradients, linearized
+from .rollout_inputs import Inputs, cleaned
 from .rollout_kernel import computed, room_for
 from .torque_laws import TorqueLaw
 
@@ -57,6 +59,8 @@ class Rollout:
     """What to know before the result is used, in words; empty if nothing."""
     simulated: Robot | None = None
     """The robot."""
+    given: Inputs | None = None
+    """What went in, for gradients; None unless asked for."""
 
     def motion(self, *index: int) -> Motion:
         """States of one motion of the batch as a :class:`twistwrench.Motion`; accelerations by a spline of the velocities.
@@ -127,6 +131,87 @@ class Rollout:
         arrays = {"q": self.q, "dq": self.dq, **({} if self.tau is None else {"tau": self.tau})}
         return labelled_dataset(self._robot().model, self.times, arrays)
 
+    def gradient(self, q: ArrayLike = 0.0, dq: ArrayLike = 0.0, tau: ArrayLike = 0.0) -> RolloutGradient:
+        """Gradient of a cost of these motions by all that went in, from the cost's slopes by what came out.
+
+        Parameters
+        ----------
+        q : (..., n, nv) array_like, slopes of the cost by each configuration, along robot.add
+        dq : (..., n, nv) array_like, slopes by each velocity
+        tau : (..., n - 1, nv) array_like, slopes by the torques, where ``torques=True`` says them
+
+        Returns
+        -------
+        gradient : RolloutGradient
+            By the states at the start, torques, references and gains, wrenches and parameters.
+
+        Raises
+        ------
+        ValueRangeError
+            The rollout was made without ``gradients=True``, or says no torques.
+        ShapeError
+            Slopes are not of the shape of the results.
+
+        Notes
+        -----
+        The discrete adjoint: exact for the steps as they were taken. Bryson and Ho, Applied Optimal Control, section 2.2.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> fall = tw.robots.pendulum().rollout([1.0], [0.0], dt=0.01, steps=100, gradients=True)
+        >>> slope = np.zeros((101, 1))
+        >>> slope[-1] = 1.0                                     # cost: the angle at the end
+        >>> by = fall.gradient(slope)
+        >>> by.q0.shape, by.tau.shape
+        ((1,), (100, 1))
+        """
+        given = self._given()
+        if not given.plan.says_torques and np.any(tau):
+            raise ValueRangeError("gradient: this rollout says no torques. Make it with torques=True, too.")
+        slopes = {"q": q, "dq": dq, **({"tau": tau} if given.plan.says_torques else {})}
+        return gradient(self._robot(), given, self.q, self.dq, slopes)
+
+    def linearize(self) -> tuple[Array, Array]:
+        """Linearised steps: A and B of small deviations from each state, x[k + 1] = A[k] x[k] + B[k] u[k].
+
+        Returns
+        -------
+        A : (..., steps, 2 nv, 2 nv) array, of x = (δ, δdq)
+        B : (..., steps, 2 nv, nv) array, of u = δτ
+
+        Raises
+        ------
+        ValueRangeError
+            The rollout was made without ``gradients=True``, keeps not every state, or its torques are those of a law.
+
+        Notes
+        -----
+        δ are deviations along robot.add, as in :meth:`twistwrench.Robot.linearize`, of which this is the step.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> up = tw.robots.pendulum().rollout([3.14159], [0.0], dt=0.01, steps=5, gradients=True)
+        >>> A, B = up.linearize()
+        >>> A[0].round(4).tolist(), B[0].round(4).tolist()
+        ([[1.001, 0.01], [0.0981, 1.0]], [[0.0001], [0.01]])
+        """
+        given = self._given()
+        if given.kept != given.steps:
+            raise ValueRangeError("linearize: every step wants the state at its beginning. Roll out with every=1.")
+        if "tau" not in given.plan.law.names:
+            raise ValueRangeError(
+                "linearize: the torques follow a law, and B is by torques that are given. Roll out with those that the law "
+                "applied: torques=True returns them."
+            )
+        return linearized(self._robot(), given, self.q, self.dq)
+
+    def _given(self) -> Inputs:
+        if self.given is None:
+            raise ValueRangeError("this rollout did not keep what went in: make it with gradients=True.")
+        return self.given
+
     def _robot(self) -> Robot:
         if self.simulated is None:
             raise ValueRangeError("this rollout has no robot in it.")
@@ -183,6 +268,7 @@ def rollout(
     friction: bool = False,
     torque_limits: bool | ArrayLike = False,
     torques: bool = False,
+    gradients: bool = False,
     out: tuple[Array, ...] | None = None,
 ) -> Rollout:
     """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.Robot.rollout`."""
@@ -190,9 +276,12 @@ def rollout(
         robot, q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, method=method,
         wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits, torques=torques,
     )  # fmt: skip
+    for_gradients = kept_for_gradients(given, out) if arguments.flag(gradients, "gradients") else None
     results = room_for(given, out)
     computed(robot, given, results)
     q, dq, *said = results
+    if for_gradients is not None:
+        q.flags.writeable = dq.flags.writeable = False
     return Rollout(
         robot.name,
         robot.coordinate_names,
@@ -206,6 +295,7 @@ def rollout(
         given.plan.method,
         given.remarks,
         robot,
+        for_gradients,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +45,8 @@ class Inputs:
     """States that are kept after the first."""
     remarks: tuple[str, ...] = ()
     """What to know of the motions before any is computed."""
+    own: Mapping[str, tuple[int, ...] | None] = field(default_factory=dict)
+    """Shapes of what the caller gave, by name; None of torques that are not given."""
 
     @property
     def shapes(self) -> list[tuple[int, ...]]:
@@ -99,7 +101,13 @@ def cleaned(
     for x in rest:
         once = _flat(x.astype(dtype, copy=False), 2, batch)
         arrays.append(once if once.shape[-2] == n else np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
-    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept, remarks)
+    own: dict[str, tuple[int, ...] | None] = {
+        label: x.shape for label, x in [("q0", states[0]), ("dq0", states[1]), *((label, x) for label, x, _ in given)]
+    }
+    own |= {f"parameter {name}": x.shape for name, x in zip(names, values, strict=True)}
+    if isinstance(law, GivenTorque) and law.tau is None:
+        own["tau"] = None
+    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept, remarks, own)
 
 
 def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,27 +42,37 @@ def computed(robot: Robot, given: Inputs, results: list[Array]) -> None:
     flat = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
     for x, start in zip(flat[:states], arrays, strict=False):
         x[:, 0] = start
-    kernel, outputs = _kernel(robot, given.plan), (*(x[:, 1:] for x in flat[:states]), *flat[states:])
+    outputs = (*(x[:, 1:] for x in flat[:states]), *flat[states:])
+    take(kernel_of(robot, given.plan), arrays, given.ranks, outputs, given.steps)
+
+
+def take(kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int) -> None:
+    """Take the steps of a recurrence, in parts of the batch; the first axis of all outputs counts the samples."""
     with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
-        threads.share(kernel, _parts(kernel, given, arrays, outputs, samples))
+        threads.share(kernel, _parts(kernel, arrays, ranks, outputs, steps))
 
 
-def _parts(kernel: Any, given: Inputs, arrays: list[Array], outputs: tuple[Array, ...], samples: int) -> Iterator[Part]:
+def _parts(
+    kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
+) -> Iterator[Part]:
     """Of the batch: for as many threads as there are, and so that Ctrl-C is heard between two."""
-    rows, owner = max(samples, 1), owner_of(kernel)
+    samples, owner = len(outputs[0]), owner_of(kernel)
+    rows = max(samples, 1)
     if owner is not None:
-        if given.dtype == np.float32:
+        if outputs[0].dtype == np.float32:
             owner.address(SINGLE)  # compiled before it is shared out, and here, where an exception can leave
         stages = len(owner.given.table) if isinstance(owner.given, Recurrence) else 1
-        rows = min(int(IN_ONE_CALL / (owner.effort * stages * given.steps)), -(-samples // threads.get_threads()))
+        rows = min(int(IN_ONE_CALL / (owner.effort * stages * steps)), -(-samples // threads.get_threads()))
         rows = max(LANES, rows // LANES * LANES)
     for first in range(0, samples, rows):
         some = slice(first, first + rows)
-        inputs = (x if x.ndim == rank else x[some] for x, rank in zip(arrays, given.ranks, strict=True))
+        inputs = (x if x.ndim == rank else x[some] for x, rank in zip(arrays, ranks, strict=True))
         yield Part(tuple(inputs), tuple(x[some] for x in outputs))
 
 
-def _kernel(robot: Robot, plan: Plan) -> Any:
+def kernel_of(robot: Robot, plan: Plan) -> Any:
+    """The compiled steps of a plan, made once for a robot."""
+
     def made() -> Any:
         robot.engine.require_invertible()
         return compiled(plan.recurrence(), "rollout", f"Rollouts of {robot.name}, compiled: {plan.method}.")

@@ -10,11 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..algorithms import integration
 from ..algorithms.control_laws import clipped
 from ..algorithms.coordinate_rates import coordinate_rates
 from ..algorithms.forward_dynamics import forward_dynamics
 from ..algorithms.friction import eased, torque_past_eased_friction
+from ..algorithms.recursion import zeros
 from ..algorithms.velocity_step import velocity_step
 from ..errors import UnknownNameError
 from ..model.base_parameters import regrouped
@@ -104,6 +107,17 @@ class Plan:
         return Recurrence(program, (*fed, *sources), visible=2, hidden=2, table=stages(RK4))
 
     # ── on symbols ──
+
+    def step(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
+        """The state after a step and the torques applied, if they are said: all stages of the step one after another."""
+        if self.method == "semi_implicit":
+            return self._semi_implicit(angles, q, dq, h, *given)
+        found: tuple[Array, ...] = q, dq, zeros(self.model.nq), zeros(self.model.nv)
+        said: list[Array] = []
+        for row in stages(RK4):
+            found = self._runge_kutta(angles, *found[:2], q, dq, *found[2:4], np.array(row), h, *given)
+            angles, said = found[0], [*said, *found[4:]]
+        return (*found[:2], *said[:1])
 
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
         """dq1 by :func:`~twistwrench.algorithms.velocity_step.velocity_step`, then q1 = q ⊕ h dq1.

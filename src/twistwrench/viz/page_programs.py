@@ -97,7 +97,7 @@ class PagePrograms:
 
     def _function(self, quantity: str, options: dict[str, Any]) -> str:
         """One as an expression: the module's function, without the comment above it, in which the robot's name stands."""
-        text = javascript_module(BridgedQuantity(self.robot.engine, quantity, options))
+        text = javascript_module(BridgedQuantity(self.robot, quantity, options))
         text = text[text.index("export function") + len("export ") :].rstrip()
         for wide, narrow in (
             (";\n  const ", ",\n"),
