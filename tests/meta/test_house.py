@@ -44,7 +44,6 @@ LONGEST = 270
 """Lines of a file, the sections of docstrings (Parameters, Returns, …) counted apart."""
 LONG = {
     "identification/setting_choice.py",
-    "identification/written_robot.py",
     "kernels/fast_call.py",
     "robot/closed_robot.py",
     "robot/closed_robot_checks.py",

@@ -74,12 +74,12 @@ class ConsistentRobot:
 
     @property
     def inertias(self) -> tuple[SpatialInertia, ...]:
-        """Of each moving body, fixed links fused, in its own frame."""
-        names = {name: k for k, name in enumerate(self.base.unknown.names)}
-        return tuple(
-            SpatialInertia.from_parameters([self.fit.values[names[f"{body.link}.{p}"]] for p in PARAMETER_NAMES])
-            for body in self.base.unknown.model.bodies
-        )
+        """Of each moving body, fixed links fused, in its own frame; zero of what only stands between two joints of a link."""
+        unknown = self.base.unknown
+        values = np.zeros((len(unknown.model.bodies), len(PARAMETER_NAMES)))
+        mine = unknown.of_bodies >= 0
+        values.reshape(-1)[unknown.of_bodies[mine]] = self.fit.values[mine]
+        return tuple(map(SpatialInertia.from_parameters, values))
 
     def of_joints(self, kind: str) -> dict[str, float]:
         """Numbers of one kind by joint; joints without one are left out.

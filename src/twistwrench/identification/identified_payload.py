@@ -121,7 +121,7 @@ def known_but_for(robot: Robot, link: str) -> dict[str, float]:
     known = {
         f"{body.link}.{name}": float(own[10 * i + k])
         for i, body in enumerate(model.bodies)
-        if body.link != link
+        if body.link != link and body.link in model.link_inertias
         for k, name in enumerate(PARAMETER_NAMES)
     }
     drives: Mapping[str, Array] = {

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..robot import Robot
 from ..typing import Array
-from ..verdict import Verdict, Word
+from ..verdict import Verdict
 from .block_deviations import GroupCovariance
 from .consistent_robot import ConsistentRobot, consistent_robot
 from .essential_groups import EssentialGroups, essential_groups
@@ -29,7 +28,6 @@ from .normal_equations import Prior
 from .parameter_groups import BaseParameters
 from .setting_choice import FitSettings
 
-_SAME = 1e-12
 _VAGUE = 0.3
 """Share of its value, from which a group's deviation makes it vague."""
 
@@ -236,48 +234,9 @@ class IdentifiedRobot:
         ...     tw.load(f"{folder}/new.urdf").nv
         2
         """
-        from .. import __version__
-        from .written_robot import actuator_text, check_written, same_actuators, written_robot
+        from .robot_writing import write_identified
 
-        if self.verdict.word is Word.LOOK_AGAIN and not force:
-            raise ValueRangeError(f"nothing is written after {self.verdict}. Pass force=True to write all the same.")
-        if self.payload_frame is not None:
-            raise ValueRangeError(
-                "a payload alone is no robot to write. Take found.payload, or with_payload of the robot."
-            )
-        found = self.consistent
-        notes = check_written(found)
-        of = f" from {', '.join(logs)}" if logs else ""
-        said = (
-            f"version {__version__}, {date.today().isoformat()}{of}: {found.base.count} groups, "
-            f"{100 * self.held_out.all:.3g} % of the torques left in rows held out ({self.held_out.kind}), "
-            f"pull to the file {found.fit.strength:g}"
-        )
-        if together := found.of_several_joints:
-            numbers = ", ".join(f"{name} {value:.4g}" for name, value in together.items())
-            notes.append(
-                f"no file can say what one motor does to several joints: {numbers}. Without it the torques of these joints are "
-                "not predicted as they are here"
-            )
-            said += f"; not in it: {numbers}"
-        notes += found.outside(self.interval(), self.standard_deviations)
-        if actuators is None and (inertia := found.of_joints("motor_inertia")):
-            listed = ", ".join(f"{joint} {value:.4g}" for joint, value in inertia.items())
-            notes.append(f"motor inertias stand in an actuator file only, and none is written: {listed}")
-            said += "; motor inertias are not in it"
-        made = None if path is None else written_robot(self.original, found, said)
-        text = None if actuators is None else actuator_text(self.original.model, found, given)
-        if text is not None and not same_actuators(text, found) <= _SAME:
-            raise ValueRangeError("what was written of the actuators does not come back. Please report it.")
-        if path is not None and made is not None:
-            with replacing(path) as scratch:
-                scratch.write_bytes(made.data)
-            notes += [f"{link} is part of the link that carries it now" for link in made.folded]
-            notes += made.notes
-        if actuators is not None and text is not None:
-            with replacing(actuators) as scratch:
-                scratch.write_text(text, encoding="utf-8")
-        return tuple(notes)
+        return write_identified(self, path, actuators, given, logs, force=force)
 
     def plot(self, path: str | Path) -> Path:
         """Plot of the torques of rows held out, measured and predicted, of the groups with their intervals, and of γ.

@@ -104,6 +104,11 @@ class UnknownParameters:
         return self.robot.model
 
     @cached_property
+    def bodies(self) -> tuple[int, ...]:
+        """Bodies that are links; what only stands between two joints of one link has no mass, and is not asked for."""
+        return tuple(i for i, body in enumerate(self.model.bodies) if body.link in self.model.link_inertias)
+
+    @cached_property
     def coupled(self) -> Array:
         """(k, nv) what each motor that turns with several joints turns at, per rate of each of them; 1 for its own."""
         nv = self.model.nv
@@ -115,7 +120,8 @@ class UnknownParameters:
         model, found = self.model, list[tuple[str, str, int]]()
         drive = (["motor_inertia"] if self.motor_inertia else []) + [f for f in DRIVE[1:] if f in self.friction]
         for i, body in enumerate(model.bodies):
-            found += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
+            if i in self.bodies:
+                found += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
             if not body.follows:
                 found += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive]
         names = model.velocity_names

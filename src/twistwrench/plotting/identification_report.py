@@ -153,9 +153,10 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
         f"<p>Pull γ = {consistent.fit.strength:g}: {100 * consistent.held_out:.3g} % left in fifths held out, weighted; by "
         f"the file's own bodies with friction {100 * consistent.of_file:.3g} %.</p>"
     )
-    count = len(consistent.inertias)
+    unknown, inertias = found.base.unknown, consistent.inertias
+    count = len(unknown.bodies)
     yield _svg(9.0, 2.5 * count, lambda drawn: draw_bodies(drawn.subplots(count, 3, squeeze=False), found))
-    bodies = zip(found.base.unknown.model.bodies, consistent.inertias, strict=True)
+    bodies = ((unknown.model.bodies[i], inertias[i]) for i in unknown.bodies)
     links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(f"{x:.3g}" for x in G.com)) for b, G in bodies)
     yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
     yield "</html>"

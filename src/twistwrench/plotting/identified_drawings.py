@@ -75,8 +75,9 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
 
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
     """Ellipsoids of inertia of the moving bodies, in the file and identified: a row for each body, seen along each axis."""
-    bodies = found.base.unknown.model.bodies
-    for row, body, inertia in zip(grid, bodies, found.consistent.inertias, strict=True):
+    unknown, inertias = found.base.unknown, found.consistent.inertias
+    for row, i in zip(grid, unknown.bodies, strict=True):
+        body, inertia = unknown.model.bodies[i], inertias[i]
         for axes, view in zip(row, VIEWS, strict=True):
             draw_inertias(axes, [(inertia, BLUE, "-", "identified"), (body.inertia, VERMILION, "--", "file")], view)
             axes.set_aspect("equal", adjustable="datalim")
