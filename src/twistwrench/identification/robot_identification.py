@@ -21,7 +21,7 @@ from .identified_payload import unknown_of
 from .identified_robot import IdentifiedRobot
 from .log_doubts import doubts_of
 from .log_side import MotorSide
-from .normal_equations import Prior
+from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
 from .setting_choice import FOLDS, Asked, FitSettings, SettingRows, Trial
 from .unknown_parameters import UnknownParameters, check_speed
@@ -201,8 +201,8 @@ def identified(
         prior=prior,
         method=method,
         sizes=sizes,
-        information=_information(trial.W, trial.tau, sigma, weights),
-        folds=_fold_information(trial, fold, sigma, weights),
+        information=_information(trial, base.felt, sigma, weights),
+        folds=tuple(_information(trial, base.felt, sigma, weights, fold == b) for b in range(FOLDS)),
         payload_frame=payload_only,
     )
     return Identified(found, dead, rows, hanging((trial.tau - trial.W @ x) / sigma))
@@ -268,18 +268,25 @@ def _five_fold(
     """Each fifth of the time predicted from the others."""
     found: HeldOut | None = None
     for block in range(FOLDS):
-        trial = Trial(source, settings_of(block))
-        rows = source.rows(trial.settings.cutoff)
-        here = source.folds(rows.log, rows.time) == block
-        if not here.any() or here.all():
-            continue
-        x, _, _ = weighted_fit(trial.W[~here], trial.tau[~here], prior, method, source.base.felt)
-        left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
-        one = HeldOut.of("five-fold", left, names)
-        found = one if found is None else found + one
+        one = _one_fold(source, settings_of(block), prior, method, names, block)
+        if one is not None:
+            found = one if found is None else found + one
     if found is None:
         raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
     return found
+
+
+def _one_fold(
+    source: SettingRows, settings: FitSettings, prior: Prior, method: Method, names: Sequence[str], block: int
+) -> HeldOut | None:
+    """One fifth; None where it has no rows, or all."""
+    trial, rows = Trial(source, settings), source.rows(settings.cutoff)
+    here = source.folds(rows.log, rows.time) == block
+    if not here.any() or here.all():
+        return None
+    x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, source.base.felt, ~here)
+    left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
+    return HeldOut.of("five-fold", left, names)
 
 
 def _predicted(
@@ -299,17 +306,9 @@ def _predicted(
     return HeldOut.of("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
 
 
-def _information(W: Array, tau: Array, sigma: Array, weights: Array) -> tuple[Array, Array, float]:
-    """N (r, r), c (r,) and y of all weighted rows, in units in which residuals have size 1."""
-    root = np.sqrt(weights) / sigma
-    A, b = W * root[..., None], tau * root
-    A, b = A.reshape(-1, W.shape[-1]), b.reshape(-1)
-    return A.T @ A, A.T @ b, float(b @ b)
-
-
-def _fold_information(
-    trial: Trial, fold: Array, sigma: Array, weights: Array
-) -> tuple[tuple[Array, Array, float], ...]:
-    return tuple(
-        _information(trial.W[fold == b], trial.tau[fold == b], sigma, weights[fold == b]) for b in range(FOLDS)
-    )
+def _information(
+    trial: Trial, felt: Array, sigma: Array, weights: Array, rows: Array | slice = slice(None)
+) -> tuple[Array, Array, float]:
+    """N (r, r), c (r,) and y of weighted rows, in units in which residuals have size 1."""
+    found = NormalEquations.of(trial.W, trial.tau, felt, np.sqrt(weights) / sigma, rows)
+    return found.N.sum(axis=0), found.c.sum(axis=0), float(found.y.sum())

@@ -16,9 +16,9 @@ import numpy as np
 from ..typing import Array
 from .bounded_memory import BoundedMemory
 from .filtered_rows import MOST_ROWS, FilteredRows, JudgedStates
-from .normal_equations import NormalEquations, Prior
+from .normal_equations import FeltEquations, NormalEquations, Prior
 from .parameter_groups import BaseParameters
-from .zero_phase import SteadySamples, cutoffs, states_below
+from .zero_phase import SteadySamples, cutoffs, torques_below
 
 FOLDS = 5
 SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
@@ -29,10 +29,9 @@ _SHIFTS = tuple(
 )
 _ROWS = 10.0
 """Equations for each group that a cut-off has to leave."""
-_KEPT = 64
-"""Settings whose normal equations are kept."""
 _BYTES = 64 * 2**20
-"""Of rows at several cut-offs that are kept at a time; beyond, those used longest ago are made again."""
+"""Of rows at several cut-offs that are kept at a time, and of normal equations of the blocks at several settings, half of
+that; beyond, those used longest ago are made again."""
 _NEAR = 1e-3
 """s, about an offset that was found, where it is sought again."""
 _WORTH = 2e-3
@@ -86,7 +85,7 @@ class SettingRows:
         self._most = most_rows
         self._rows = BoundedMemory[FilteredRows](_BYTES, lambda rows: rows.nbytes)
         self._judged = BoundedMemory[JudgedStates](_BYTES // 3, lambda states: states.W.nbytes)
-        self._blocks: dict[tuple[float, float, bytes], tuple[NormalEquations, ...]] = {}
+        self._blocks = BoundedMemory[tuple[FeltEquations, ...]](_BYTES // 2, lambda made: sum(x.nbytes for x in made))
 
     def rows(self, cutoff: float) -> FilteredRows:
         """At that cut-off, with the usual speed of friction."""
@@ -114,11 +113,8 @@ class SettingRows:
     ) -> tuple[NormalEquations, ...]:
         """Normal equations of the blocks at settings, made once; nothing changes them in place."""
         key = (settings.cutoff, settings.shift, settings.friction_speed.tobytes())
-        if key not in self._blocks:
-            if len(self._blocks) >= _KEPT:
-                self._blocks.pop(next(iter(self._blocks)))
-            self._blocks[key] = tuple(make())
-        return self._blocks[key]
+        kept = self._blocks.of(key, lambda: tuple(FeltEquations.of(one, self.base.felt) for one in make()))
+        return tuple(one.whole() for one in kept)
 
     def typical(self) -> tuple[Array, Array, Array]:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
@@ -182,37 +178,39 @@ class SettingRows:
 
     def _best_cutoff(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
         """By predictions of torques below the highest cut-off."""
-        scores = []
-        live = ~self.dead
         top = max(self.tried)
-        reference = [states_below(s, top, None) for s in self.samples]
-        for cutoff in self.tried:
-            trial = Trial(self, replace(settings, cutoff=cutoff))
-            judged = self.judged(cutoff)
-            tau = np.concatenate(
-                [
-                    np.stack([np.interp(s.time + settings.shift, r.time, x) for x in r.tau.T], axis=1)
-                    for s, r in zip(judged.states, reference, strict=True)
-                ]
-            )
-            fold = self.folds(judged.log, judged.time)
-            W = judged.W
-            for c, joints in trial.coulomb:
-                W = W.copy()
-                kept = self.base.kept[c : c + 1]
-                new = [
-                    self.base.unknown.columns(kept, s.q, s.dq, s.ddq, settings.friction_speed)[..., 0]
-                    for s in judged.states
-                ]
-                W[:, joints, c] = np.concatenate(new)[:, joints]
-            left = np.zeros(W.shape[1])
-            for block, x in trial.fits(prior, blocks):
-                here = fold == block
-                left += ((tau[here] - judged.known[here] - W[here] @ x) ** 2).sum(axis=0)
-            scores.append(float(np.log(np.maximum(left[live], 1e-300)).sum()))
-        order = np.array(scores)
-        good = np.flatnonzero(order <= order.min() + _WORTH * W.shape[1])
+        torques = [torques_below(s, top) for s in self.samples]
+        scores = np.array(
+            [self._judged_score(prior, blocks, replace(settings, cutoff=cutoff), torques) for cutoff in self.tried]
+        )
+        good = np.flatnonzero(scores <= scores.min() + _WORTH * len(self.dead))
         return self.tried[int(good[0])]
+
+    def _judged_score(
+        self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings, torques: Sequence[tuple[Array, Array]]
+    ) -> float:
+        """The sum of log |residual|² over the joints, of torques that are given with their times for each log."""
+        trial, judged = Trial(self, settings), self.judged(settings.cutoff)
+        tau = np.concatenate(
+            [
+                np.stack([np.interp(s.time + settings.shift, time, x) for x in tau.T], axis=1)
+                for s, (time, tau) in zip(judged.states, torques, strict=True)
+            ]
+        )
+        fold = self.folds(judged.log, judged.time)
+        W = judged.W.copy() if trial.coulomb else judged.W
+        for c, joints in trial.coulomb:
+            kept = self.base.kept[c : c + 1]
+            new = [
+                self.base.unknown.columns(kept, s.q, s.dq, s.ddq, settings.friction_speed)[..., 0]
+                for s in judged.states
+            ]
+            W[:, joints, c] = np.concatenate(new)[:, joints]
+        left = np.zeros(W.shape[1])
+        for block, x in trial.fits(prior, blocks):
+            here = fold == block
+            left += ((tau[here] - judged.known[here] - W[here] @ x) ** 2).sum(axis=0)
+        return float(np.log(np.maximum(left[~self.dead], 1e-300)).sum())
 
 
 class Trial:
