@@ -197,7 +197,7 @@ def consistent_robot(
         rest = sum_of([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
         fits = PositiveProblem(base, prior, *rest, sizes).path(strengths)
         left += [_squares(part, base.project(fit.values)) for fit in fits]
-        of_file += _squares(part, _file_with_drives(base, rest, weak))
+        of_file += _squares(part, file_with_drives(base, rest, weak))
     shares = np.sqrt(left / total[2])
     chosen = len(strengths) - 1 if strength is not None else int(np.argmax(shares <= _NEAR_BEST * shares.min()))
     fit = PositiveProblem(base, prior, *total, sizes).path(strengths[: chosen + 1])[-1]
@@ -218,7 +218,7 @@ def _squares(part: Information, x: Array) -> float:
     return max(y - 2.0 * float(c @ x) + float(x @ N @ x), 0.0)
 
 
-def _file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Array:
+def file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Array:
     """The file's bodies with the drives that fit best."""
     x = base.project(base.unknown.file_values)
     drives = np.flatnonzero(base.unknown.of_bodies[base.kept] < 0)

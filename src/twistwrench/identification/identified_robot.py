@@ -24,7 +24,8 @@ from .essential_groups import EssentialGroups, essential_groups
 from .evidence import LogDoubt
 from .held_out import HeldOut
 from .identified_payload import IdentifiedPayload, payload_from
-from .normal_equations import Prior
+from .model_residuals import ModelResiduals, model_residuals
+from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
 from .setting_choice import FitSettings
 
@@ -54,7 +55,7 @@ class IdentifiedRobot:
     method : str
     sizes : (p,) array, that each unknown parameter could have at most
     information : tuple, N, c and |τ|² of the weighted rows, in units of their residuals
-    folds : tuple, the same of each fifth of the time
+    folds : tuple of NormalEquations, of the weighted rows of each fifth of the time, joint by joint, in the same units
     payload_frame : str or None, what carries the payload that alone was sought
     """
 
@@ -71,7 +72,7 @@ class IdentifiedRobot:
     method: str
     sizes: Array
     information: Information
-    folds: tuple[Information, ...]
+    folds: tuple[NormalEquations, ...]
     payload_frame: str | None = None
 
     def __repr__(self) -> str:
@@ -127,7 +128,8 @@ class IdentifiedRobot:
             raise ValueRangeError(
                 f"a strength of {strength!r} is not offered. Give one from {STRENGTHS[-1]:g} to {STRENGTHS[0]:g}."
             )
-        return consistent_robot(self.base, self.values, self.sizes, self.folds, self.prior, strength)
+        folds = [fold.together() for fold in self.folds]
+        return consistent_robot(self.base, self.values, self.sizes, folds, self.prior, strength)
 
     @property
     def robot(self) -> Robot:
@@ -146,7 +148,13 @@ class IdentifiedRobot:
     @cached_property
     def essential(self) -> EssentialGroups:
         """The fewest groups that predict rows held out as well as all of them."""
-        return essential_groups(self.groups, self.folds, self.prior.size, self.base.held, self.values)
+        folds = [fold.together() for fold in self.folds]
+        return essential_groups(self.groups, folds, self.prior.size, self.base.held, self.values)
+
+    @cached_property
+    def residuals(self) -> ModelResiduals:
+        """What the file's bodies, these with friction, the groups and the consistent robot leave in fifths held out."""
+        return model_residuals(self.base, self.folds, self.prior, self.values, self.sizes, self.consistent.fit.strength)
 
     def interval(self, level: float = 0.95) -> Array:
         """Intervals of the groups.

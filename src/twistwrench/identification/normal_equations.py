@@ -87,6 +87,22 @@ class NormalEquations:
     def __sub__(self, other: NormalEquations) -> NormalEquations:
         return NormalEquations(self.N - other.N, self.c - other.c, self.y - other.y, self.rows - other.rows)
 
+    def together(self) -> tuple[Array, Array, float]:
+        """N (r, r), c (r,) and |τ|² of all joints, of equations in units of their residuals.
+
+        Returns
+        -------
+        N : (r, r) array
+        c : (r,) array
+        y : float
+
+        Examples
+        --------
+        >>> NormalEquations.of(np.ones((4, 2, 1)), np.full((4, 2), 3.0)).together()
+        (array([[8.]]), array([24.]), 72.0)
+        """
+        return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
+
     def squares(self, x: Array) -> Array:
         """Sums of squared residuals (nv,) at x (r,).
 

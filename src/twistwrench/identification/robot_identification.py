@@ -166,7 +166,7 @@ def identified(
     trial = Trial(source, settings)
     rows = source.rows(settings.cutoff)
     fold = source.folds(rows.log, rows.time)
-    x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, base.felt)
+    x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
     covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
     tell(0.5)
     names = unknown.model.velocity_names
@@ -201,8 +201,8 @@ def identified(
         prior=prior,
         method=method,
         sizes=sizes,
-        information=_information(trial, base.felt, sigma, weights),
-        folds=tuple(_information(trial, base.felt, sigma, weights, fold == b) for b in range(FOLDS)),
+        information=_weighted(trial, sigma, weights).together(),
+        folds=tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS)),
         payload_frame=payload_only,
     )
     return Identified(found, dead, rows, hanging((trial.tau - trial.W @ x) / sigma))
@@ -284,7 +284,7 @@ def _one_fold(
     here = source.folds(rows.log, rows.time) == block
     if not here.any() or here.all():
         return None
-    x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, source.base.felt, ~here)
+    x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~here)
     left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
     return HeldOut.of("five-fold", left, names)
 
@@ -306,9 +306,6 @@ def _predicted(
     return HeldOut.of("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
 
 
-def _information(
-    trial: Trial, felt: Array, sigma: Array, weights: Array, rows: Array | slice = slice(None)
-) -> tuple[Array, Array, float]:
-    """N (r, r), c (r,) and y of weighted rows, in units in which residuals have size 1."""
-    found = NormalEquations.of(trial.W, trial.tau, felt, np.sqrt(weights) / sigma, rows)
-    return found.N.sum(axis=0), found.c.sum(axis=0), float(found.y.sum())
+def _weighted(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:
+    """Of weighted rows, in units in which residuals have size 1."""
+    return NormalEquations.of(trial.W, trial.tau, trial.felt, np.sqrt(weights) / sigma, rows)

@@ -218,7 +218,7 @@ class Trial:
 
     def __init__(self, source: SettingRows, settings: FitSettings) -> None:
         self.settings, self._asked = settings, source.asked
-        self._source, self._felt = source, source.base.felt
+        self._source, self.felt = source, source.base.felt
         self.coulomb = source.base.unknown.coulomb_columns(source.base.kept)
         self._blocks = list(source.kept_blocks(settings, self._made))
 
@@ -246,7 +246,7 @@ class Trial:
         return W
 
     def _made(self) -> list[NormalEquations]:
-        return [NormalEquations.of(self._W[p], self._tau[p], self._felt) for p in self._places]
+        return [NormalEquations.of(self._W[p], self._tau[p], self.felt) for p in self._places]
 
     @property
     def W(self) -> Array:
@@ -292,7 +292,7 @@ class Trial:
 
     def score(self, prior: Prior, blocks: Sequence[int]) -> float:
         """The sum of log |residual|² over the joints, of blocks predicted from the others."""
-        left = sum((self._blocks[b].squares(x) for b, x in self.fits(prior, blocks)), np.zeros(len(self._felt)))
+        left = sum((self._blocks[b].squares(x) for b, x in self.fits(prior, blocks)), np.zeros(len(self.felt)))
         return float(np.log(np.maximum(left, 1e-300)).sum())
 
     def shift(self, shift: float) -> None:

@@ -9,15 +9,19 @@ import numpy as np
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .diagnosis import VIEWS, draw_inertias
-from .style import AXIS, BLUE, LINE, PALE, QUIET, SMALL, VERMILION
+from .style import AXIS, BLUE, GREEN, LINE, PALE, QUIET, SMALL, VERMILION
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from ..identification import IdentifiedRobot
 
 _BAND, _FAR = 1.96, 4.0
 """Deviations of a band that holds 95 %, and from which a residual is marked."""
 _SPEEDS, _USUAL = 201, 2.0
 """Points of a curve, and the speed it goes to of a joint without a limit [rad/s, m/s]."""
+_BAR = 0.2
+"""Width, of four beside each other in a joint's unit."""
 _LAWS = ("viscous", "coulomb", "offset")
 
 
@@ -71,6 +75,29 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
         axes.set_ylabel("N m" if kinds.angular_velocity[j] else "N")
     grid[0].legend(fontsize=SMALL, frameon=False, loc="upper right")
     grid[-1].set_xlabel("time in its log [s]")
+
+
+def draw_residual_bars(axes: Axes, found: IdentifiedRobot) -> None:
+    """What is left of each joint's torque by the file, by the file with friction, by the groups and by bodies that can exist.
+
+    Bars end at the whole torque; what is beyond is written on them.
+    """
+    left, names = found.residuals, list(found.held_out.names)
+    models = (
+        ("file", left.file, PALE),
+        ("file, friction fitted", left.with_friction, VERMILION),
+        ("identified", left.identified, BLUE),
+        ("bodies that can exist", left.consistent, GREEN),
+    )
+    at = np.arange(len(names))
+    for k, (label, shares, colour) in enumerate(models):
+        x = at + (k - 1.5) * _BAR
+        axes.bar(x, np.minimum(100 * shares, 100.0), _BAR, color=colour, label=label)
+        for j in np.flatnonzero(shares > 1.0):
+            axes.text(x[j], 99.0, f"{100 * shares[j]:.3g} %", rotation=90, ha="center", va="top", fontsize=SMALL)
+    axes.set_xticks(at, names, fontsize=SMALL)
+    axes.set_ylabel("% left in fifths held out")
+    axes.legend(fontsize=SMALL, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
