@@ -86,7 +86,7 @@ class ConsistentRobot:
 
         Parameters
         ----------
-        kind : str, ``motor_inertia``, ``viscous``, ``coulomb`` or ``offset``
+        kind : str, ``motor_inertia``, ``viscous``, ``coulomb``, ``stribeck`` or ``offset``
 
         Returns
         -------
@@ -148,7 +148,7 @@ class ConsistentRobot:
     def of_several_joints(self) -> dict[str, float]:
         """Friction and motor inertia of motors that turn several joints at once, by name: no file has a place for them."""
         unknown = self.base.unknown
-        kinds = {"motor_inertia", "viscous", "coulomb"}
+        kinds = {"motor_inertia", "viscous", "coulomb", "stribeck"}
         return {
             name: float(value)
             for name, value in zip(unknown.names, self.fit.values, strict=True)
@@ -166,6 +166,9 @@ class ConsistentRobot:
         for law in ("viscous", "coulomb"):
             for joint, value in self.of_joints(law).items():
                 laws[joint][law] = value
+        for joint, value in self.of_joints("stribeck").items():
+            static = laws[joint].get("coulomb", 0.0) + value
+            laws[joint] |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
         given = self.of_joints("motor_inertia")
         armature = np.array([given.get(joint, 0.0) for joint in model.velocity_names])
         return Robot(with_friction(replace(model, bodies=bodies, armature=armature), laws))

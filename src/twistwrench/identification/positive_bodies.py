@@ -125,7 +125,7 @@ class PositivePrior:
             if changed:
                 repaired.append(body.link)
         kinds = np.array(base.unknown.kinds)
-        positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb"))
+        positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb", "stribeck"))
         drives = np.where(positive, _SMALL_DRIVE * sizes, 1.0)
         lacking = values - base.project(base.unknown.file_values)  # what the file's bodies leave to the drives
         for k in np.flatnonzero(positive):

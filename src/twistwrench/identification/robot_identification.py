@@ -24,7 +24,7 @@ from .log_side import MotorSide
 from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
 from .setting_choice import FOLDS, Asked, FitSettings, SettingRows, Trial
-from .unknown_parameters import UnknownParameters, check_speed
+from .unknown_parameters import STRIBECK_SPEED, UnknownParameters, check_speed
 from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples
 
@@ -49,6 +49,7 @@ def identify(
     motor_side: MotorSide | None = None,
     known: Mapping[str, float] | None = None,
     payload_only: str | None = None,
+    stribeck_speed: float = STRIBECK_SPEED,
     progress: Callable[[float], None] | None = None,
 ) -> IdentifiedRobot:
     """Identify masses, inertias, friction and motor inertias of a robot from logs of positions and torques.
@@ -63,7 +64,7 @@ def identify(
         Logs that are only predicted. Without any, fifths of the others in time are predicted from the rest, settings chosen
         on the rest as well.
     motor_inertia : bool, whether each joint has a motor's inertia besides its bodies
-    friction : sequence of str, of ``viscous``, ``coulomb``, ``offset``
+    friction : sequence of str, of ``viscous``, ``coulomb``, ``stribeck`` (what friction at rest is more), ``offset``
     cutoff : float, optional [Hz]; None: chosen
     friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
     shift : float, optional, by how much torques are later than positions [s]; None: chosen
@@ -72,6 +73,7 @@ def identify(
     known : mapping, optional, values that are held, by names such as ``link_3.m`` and ``joint_2.viscous``, in SI units
     payload_only : str, optional
         A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
+    stribeck_speed : float, at which static friction has faded, where ``stribeck`` is asked for [rad/s or m/s]
     progress : callable, optional, told the share that is done
 
     Returns
@@ -116,6 +118,7 @@ def identify(
         "friction": friction,
         "motor_side": motor_side,
         "known": known,
+        "stribeck_speed": stribeck_speed,
     }
     if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES:
         from .gathering import gather

@@ -18,7 +18,12 @@ if TYPE_CHECKING:
     from .identified_robot import IdentifiedRobot
 
 _SAME = 1e-12
-_KINDS = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "motor_inertia": "motor inertia"}
+_KINDS = {
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "stribeck": "static friction above Coulomb's",
+    "motor_inertia": "motor inertia",
+}
 
 
 def write_identified(

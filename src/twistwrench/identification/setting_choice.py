@@ -25,7 +25,8 @@ SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Speeds that friction turns at [rad/s, m/s] that are tried."""
 _USUAL_SPEED = 0.05
 _SHIFTS = tuple(
-    1e-3 * s for s in (-60, -40, -25, -15, -10, -7, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60)
+    1e-3 * s
+    for s in (-90, -60, -40, -25, -15, -10, -7, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90)
 )
 _ROWS = 10.0
 """Equations for each group that a cut-off has to leave."""

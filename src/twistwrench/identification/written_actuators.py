@@ -27,7 +27,7 @@ def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, obje
     entries = {name: dict(entry) for name, entry in dict(content.get("actuators", {}) or {}).items()}  # type: ignore[call-overload]
     sliding = {b.joint.name for b in model.leaders if not b.joint.turning[0]}
     inertia, viscous = found.of_joints("motor_inertia"), found.of_joints("viscous")
-    coulomb, offset = found.of_joints("coulomb"), found.of_joints("offset")
+    coulomb, stribeck, offset = (found.of_joints(kind) for kind in ("coulomb", "stribeck", "offset"))
     for name in model.velocity_names:
         entry = entries.setdefault(name, {})
         slides = name in sliding
@@ -39,6 +39,9 @@ def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, obje
             law["viscous"] = f"{viscous[name]!r} {'N s/m' if slides else 'N m s/rad'}"
         if name in coulomb:
             law["coulomb"] = f"{coulomb[name]!r} {'N' if slides else 'N m'}"
+        if name in stribeck:
+            law["static"] = f"{coulomb.get(name, 0.0) + stribeck[name]!r} {'N' if slides else 'N m'}"
+            law["stribeck"] = f"{found.base.unknown.stribeck_speed!r} {'m/s' if slides else 'rad/s'}"
         if law:
             entry["friction"] = law
     content["actuators"] = entries
@@ -63,6 +66,7 @@ def same_actuators(text: str, found: ConsistentRobot) -> float:
         (again.armature, right.armature),
         (again.friction.viscous, right.friction.viscous),
         (again.friction.coulomb, right.friction.coulomb),
+        (again.friction.static, right.friction.static),
     ]
     size = max(float(np.abs(b).max()) for _, b in pairs)
     return max(float(np.abs(a - b).max()) for a, b in pairs) / max(size, 1e-300)

@@ -156,7 +156,7 @@ def _link_inertias(found: ConsistentRobot) -> tuple[dict[str, SpatialInertia], l
 def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
     """What joints are to have by kind: friction that was sought, and motor inertias, none where none was sought."""
     model = found.base.unknown.model
-    sought = {kind: found.of_joints(kind) for kind in ("viscous", "coulomb")}
+    sought = {kind: found.of_joints(kind) for kind in ("viscous", "coulomb", "stribeck")}
     inertias = dict.fromkeys(model.velocity_names, 0.0) | found.of_joints("motor_inertia")
     return {kind: values for kind, values in sought.items() if values} | {"motor_inertia": inertias}
 
@@ -172,7 +172,9 @@ def _again(text: str, subject: Subject, found: ConsistentRobot) -> Model:
 
 def _off(again: Model, drives: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
     """By how much numbers of joints are not as they are to be, those that are beyond rounding."""
-    has = {"viscous": again.friction.viscous, "coulomb": again.friction.coulomb, "motor_inertia": again.armature}
+    friction = again.friction
+    above = np.asarray(friction.static) - friction.coulomb
+    has = {"viscous": friction.viscous, "coulomb": friction.coulomb, "stribeck": above, "motor_inertia": again.armature}
     place = {name: k for k, name in enumerate(again.velocity_names)}
     found: dict[str, dict[str, float]] = {}
     for kind, of_kind in drives.items():

@@ -22,13 +22,13 @@ _SPEEDS, _USUAL = 201, 2.0
 """Points of a curve, and the speed it goes to of a joint without a limit [rad/s, m/s]."""
 _BAR = 0.2
 """Width, of four beside each other in a joint's unit."""
-_LAWS = ("viscous", "coulomb", "offset")
+_LAWS = ("viscous", "coulomb", "stribeck", "offset")
 
 
 def frictional(found: IdentifiedRobot) -> list[int]:
     """The joints whose friction was identified."""
     names = found.original.velocity_names
-    return [k for k, name in enumerate(names) if any(f"{name}.{law}" in found.groups for law in _LAWS[:2])]
+    return [k for k, name in enumerate(names) if any(f"{name}.{law}" in found.groups for law in _LAWS[:3])]
 
 
 def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
@@ -39,7 +39,13 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
         most = float(model.limits.velocity[k])
         dq = np.linspace(-1, 1, _SPEEDS) * (most if np.isfinite(most) else _USUAL)
         eased = np.tanh(dq / found.settings.friction_speed[k])
-        of_law: dict[str, Array] = {"viscous": dq, "coulomb": eased, "offset": np.ones_like(dq)}
+        fading = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
+        of_law: dict[str, Array] = {
+            "viscous": dq,
+            "coulomb": eased,
+            "stribeck": fading * eased,
+            "offset": np.ones_like(dq),
+        }
         places = [found.groups.index(f"{name}.{law}") if f"{name}.{law}" in found.groups else -1 for law in _LAWS]
         kept = [(place, of_law[law]) for place, law in zip(places, _LAWS, strict=True) if place >= 0]
         at, columns = [place for place, _ in kept], np.stack([column for _, column in kept], axis=1)
