@@ -194,6 +194,15 @@ def test_a_motion_too_short_to_tell():
     assert "unexciting" in kinds(identify(ARM, LOG.changed(rows=slice(0, 250)), **GIVEN))
 
 
+@pytest.mark.parametrize("name", ["planar_2r", "planar_3r", "geared", "sliding"])
+def test_too_short_a_log_is_not_called_late(name):
+    """1.6 s, whose clock's offset is a guess: other motions would be predicted to a tenth and worse, which is the reason told."""
+    log = known_log(TEN[name](), 11, seconds=15.0)
+    short = identify(log.motion.robot, log.changed(rows=slice(0, 320)))
+    assert "unexciting" in kinds(short) and "late" not in kinds(short)
+    assert identify(log.motion.robot, log.motion).doubts == ()
+
+
 def test_a_dead_torque_channel():
     tau = LOG.motion.tau.copy()
     tau[:, 3] = 0.1

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..motion.motion import Motion
 from ..typing import Array
 from .held_out import HeldOut
@@ -46,14 +48,20 @@ class Evidence:
     settings: FitSettings
     prior: Prior
     x: Array
-    deviations: Array
+    covariance: Array
     held_out: HeldOut
     trained: HeldOut
+    speed: Array
     acceleration: Array
     rate: float
     dead: Array
     payload_only: bool = False
     """What the file lacks is sought, so its torques are not expected."""
+
+    @property
+    def deviations(self) -> Array:
+        """(r,) of the groups."""
+        return np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -187,8 +187,8 @@ def identified(
 
         among = held_out = _five_fold(source, prior, method, names, nested)
     seen = Evidence(
-        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.deviations, held_out, among,
-        rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
+        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
+        rows.speed, rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
     found = IdentifiedRobot(

@@ -37,6 +37,9 @@ _NEAR = 1e-3
 """s, about an offset that was found, where it is sought again."""
 _WORTH = 2e-3
 """Of log |residual|², that another cut-off, offset or speed has to bring for each joint; else the first one stays."""
+_CHANCE = 6.0
+"""Of log |residual|² of all joints, by the independent rows there are, what an offset or a speed brings by chance once in 70
+times: half a log-likelihood ratio that is distributed as χ² of one degree of freedom (Wilks 1938)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,13 +148,18 @@ class SettingRows:
         if self.asked.friction_speed is None and trial.coulomb:
             nv = len(settings.friction_speed)
             for joints in (np.ones(nv, bool), *np.eye(nv, dtype=bool)):
-                best = _best_speed(trial, prior, blocks, best, joints, _WORTH * nv)
+                best = _best_speed(trial, prior, blocks, best, joints, self._worth(settings.cutoff))
         if self.asked.shift is None:
             self._best_shift(trial, prior, blocks, best)
         return trial.settings
 
+    def _worth(self, cutoff: float) -> float:
+        """What another setting has to bring: of a short log more, where chance brings as much."""
+        independent = 2.0 * cutoff * sum(s.seconds for s in self.samples)
+        return max(_WORTH * len(self.dead), _CHANCE / independent)
+
     def _best_shift(self, trial: Trial, prior: Prior, blocks: tuple[int, ...], best: float) -> float:
-        worth = _WORTH * len(trial.settings.friction_speed)
+        worth = self._worth(trial.settings.cutoff)
         begun, first = trial.settings.shift, best
         scores = []
         for shift in _SHIFTS:
