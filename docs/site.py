@@ -1,4 +1,4 @@
-"""What the site has beside the pages of this folder: home, changes, command line, API, and the files that pages link to.
+"""What the site has beside the pages of this folder: home, changes, command line, API, pages to drag, and linked files.
 
 Hooks of MkDocs. Pages link to files of the repository as they do on a forge; on the site these files are pages of their own, so
 that nothing leads out of it.
@@ -42,7 +42,7 @@ def on_files(files: Any, config: Any) -> Any:
     add("index.md", _home())
     add("changes.md", (ROOT / "CHANGELOG.md").read_text("utf-8"))
     add("commands.md", _commands())
-    for name, text in _api().items():
+    for name, text in (_api() | _book()).items():
         add(name, text)
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     linked = {target for page in pages for target in _files_linked(page)}
@@ -125,6 +125,27 @@ def _commands() -> str:
         context = click.Context(command, info_name=f"twistwrench {name}", max_content_width=100, terminal_width=100)
         parts.append(f"## {name}\n\n```text\n{command.get_help(context)}\n```\n")
     return "\n".join(parts)
+
+
+def _book() -> dict[str, str]:
+    """Sections of the book as pages to drag, and a page that lists them."""
+    import twistwrench as tw
+    from twistwrench.viz.book_sections import SECTIONS
+    from twistwrench.viz.page import page_text
+
+    robots = {"8.1.3": tw.robots.planar_2r(), "8.5": tw.robots.planar_2r()}
+    found, rows = {}, []
+    for number, section in SECTIONS.items():
+        robot = robots.get(number, tw.robots.panda())
+        found[f"book/{number}.html"] = page_text(robot, section=number)
+        rows.append(f"| {number} | [{section.title}](book/{number}.html) | {robot.name} |")
+    found["book-pages.md"] = (
+        "# Pages to drag\n\nSections of *Modern Robotics*, each a page of its own that computes while its reader drags the tip "
+        "of a robot or moves a slider. They need no network; save one, and it runs from a file.\n\n"
+        "| section | page | robot |\n|---|---|---|\n" + "\n".join(rows) + "\n\n"
+        "For your own arm: `twistwrench view my_arm.urdf --section 8.3 --html page.html`; [what the pages show](viewer.md).\n"
+    )
+    return found
 
 
 def _api() -> dict[str, str]:

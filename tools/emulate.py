@@ -18,9 +18,9 @@ import llvmlite.binding as llvm
 import numpy as np
 
 import twistwrench as tw
-from twistwrench.robot.quantities import CONFIGURATIONS
+from twistwrench.robot.quantity_row import CONFIGURATIONS
+from twistwrench.targets.call_way import loop_steps
 from twistwrench.targets.emitter_choice import modules
-from twistwrench.targets.fast_call_text import loop_steps
 from twistwrench.targets.llvm import LOOP
 from twistwrench.targets.processor import DOUBLE, SINGLE, Machine, Precision
 

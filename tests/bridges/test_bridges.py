@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.robot.quantities import CONFIGURATIONS, QUANTITIES
+from twistwrench.robot.quantities import QUANTITIES
+from twistwrench.robot.quantity_row import CONFIGURATIONS
 
 PLAIN = [name for name, row in QUANTITIES.items() if "constraints" not in row.options]
 GRIPPER = """<robot name="gripper"><link name="palm"/>

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.robot.quantities import CONFIGURATIONS, QUANTITIES
+from twistwrench.robot.quantities import QUANTITIES
+from twistwrench.robot.quantity_row import CONFIGURATIONS
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")
 

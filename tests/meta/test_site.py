@@ -29,7 +29,14 @@ def site(tmp_path_factory):
 
 
 def test_every_page_is_there_and_none_fetches_anything(site):
-    pages = {p.stem for p in (ROOT / "docs").glob("*.md")} | {"index", "changes", "commands", "api", "api-robot"}
+    pages = {p.stem for p in (ROOT / "docs").glob("*.md")} | {
+        "index",
+        "changes",
+        "commands",
+        "api",
+        "api-robot",
+        "book-pages",
+    }
     assert pages <= {p.stem for p in site.glob("*.html")}
     for page in site.glob("*.html"):
         for tag in re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=.https?://[^>]+>", page.read_text("utf-8")):
@@ -40,6 +47,14 @@ def test_links_between_pages_lead_somewhere(site):
     for page in {*site.glob("*.html")} - {site / "404.html"}:
         for target in re.findall(r'href="([^"#:]+\.html)(?:#[^"]*)?"', page.read_text("utf-8")):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_sections_of_the_book_are_pages_to_drag(site):
+    text = (site / "book-pages.html").read_text("utf-8")
+    for page in (site / "book").glob("*.html"):
+        assert f"book/{page.name}" in text
+        assert "const PROGRAMS" in page.read_text("utf-8")
+    assert (site / "book" / "8.1.3.html").exists()
 
 
 def test_methods_and_commands_are_documented_there(site):

@@ -128,8 +128,11 @@ class Page:
         self.drag((x, y))
 
 
+WITHOUT_WEBGL = (*(flag for flag in FLAGS if "swiftshader" not in flag), "--disable-3d-apis")
+
+
 @contextmanager
-def browser() -> Iterator[Page]:
+def browser(flags: tuple[str, ...] = FLAGS) -> Iterator[Page]:
     """A browser of one's own, with one empty page; the test is skipped where there is none."""
     client = pytest.importorskip("websockets.sync.client", reason="needs the extra viz")
     program = find_chromium()
@@ -137,7 +140,7 @@ def browser() -> Iterator[Page]:
         pytest.skip("needs Chromium")
     profile = tempfile.mkdtemp(prefix="chromium-")
     process = subprocess.Popen(
-        [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
+        [program, *flags, f"--user-data-dir={profile}", "about:blank"],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env={**os.environ, "HOME": profile},

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from twistwrench.viz.page import read_page
+from twistwrench.viz.page import read_page, read_programs
 
-_SCRIPTS = ("matrices.js", "coordinates.js", "forces.js", "mechanics.js", "fall.js")
+_SCRIPTS = ("matrices.js", "coordinates.js", "forces.js", "effective_mass.js", "mechanics.js", "fall.js", "readouts.js")
 _MAIN = """
 import { readFileSync } from "node:fs";
 const { header, given } = JSON.parse(readFileSync(0, "utf8"));
@@ -27,7 +27,7 @@ def under_node(page: Path, work: str, given: Any = None) -> Any:
     player = resources.files("twistwrench.viz") / "player"
     scripts = [(player / name).read_text("utf-8") for name in _SCRIPTS]
     main = page.with_suffix(".mjs")
-    main.write_text("\n".join([*scripts, f"const work = {work};", _MAIN]), "utf-8")
+    main.write_text("\n".join([read_programs(page), *scripts, f"const work = {work};", _MAIN]), "utf-8")
     sent = json.dumps({"header": read_page(page)[0], "given": given})
     node = Path(wheel.__file__).parent / "bin" / "node"
     done = subprocess.run([node, main], input=sent, capture_output=True, text=True, check=False)

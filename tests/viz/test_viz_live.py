@@ -13,12 +13,12 @@ from chromium import browser
 from click.testing import CliRunner
 
 import twistwrench as tw
-from twistwrench.cli import view as command
+from twistwrench.cli import live_page as command
 from twistwrench.cli.main import main
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.report.loaded_robot import LoadedRobot, Payload
-from twistwrench.viz import LiveView, live, read_motion
-from twistwrench.viz.sliders import sliders_of
+from twistwrench.viz import LiveView, read_motion
+from twistwrench.viz.sliders import slider_value, sliders_of, with_slider
 
 pytest.importorskip("viser", reason="needs the extra viz")
 ELBOW = [0, 0, np.pi / 2, 0, 0, 0]
@@ -117,8 +117,8 @@ def test_sliders_reach_every_coordinate(bundled):
             q = robot.random_configuration(4)
             view.pose(robot.neutral)
             for hand in sliders_of(robot.model):
-                value = live._value(hand, q)
-                view.pose(live._grasped(hand, view.q, np.radians(value) if hand["unit"] == "°" else value))
+                value = slider_value(hand, q)
+                view.pose(with_slider(hand, view.q, np.radians(value) if hand["unit"] == "°" else value))
             np.testing.assert_allclose(robot.link_poses(view.q), robot.link_poses(q), atol=1e-9)
 
 
@@ -249,7 +249,7 @@ def test_a_taken_port_that_was_asked_for_ends_before_anything_runs(served, taken
 
 
 def test_the_usual_port_taken_gives_another(served, taken, monkeypatch):
-    monkeypatch.setattr(command, "_PORT", taken)
+    monkeypatch.setattr(command, "PORT", taken)
     result = run("pendulum")
     assert result.exit_code == 0
     assert f"port {taken} is taken, so another is used" in result.stderr

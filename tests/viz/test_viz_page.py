@@ -89,7 +89,7 @@ def test_a_name_that_is_markup_stays_a_name(tmp_path):
     robot = tw.load('<robot name="&lt;/script&gt;&lt;b&gt;$x"><link name="a"/></robot>')
     text = write_page(robot, tmp_path / "page.html").read_text("utf-8")
     assert "<title>&lt;/script&gt;&lt;b&gt;$x</title>" in text
-    assert text.count("</script>") == 2
+    assert text.count("</script>") == 3
 
 
 def test_shapes_come_out_as_they_went_in(tmp_path):

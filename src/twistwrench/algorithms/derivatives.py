@@ -124,12 +124,21 @@ def forward_dynamics_derivatives(
     model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, Array, Array]:
     """∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹; (nv, nv) each. By  M ∂ddq/∂x = -∂τ/∂x  at the ddq that τ gives."""
+    by_q, by_dq, inverse, W, D = torque_derivatives_and_factors(model, q, dq, tau, wrenches)
+    return accelerations(W, D, by_q), accelerations(W, D, by_dq), inverse
+
+
+def torque_derivatives_and_factors(
+    model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
+) -> tuple[Array, Array, Array, Array, Array]:
+    """∂τ/∂q and ∂τ/∂dq at the ddq that τ gives, M⁻¹, and its factors W (nv, nv) and D (nv,): M⁻¹ = W D W'."""
     L, D = factored(mass_matrix(model, q))
     ddq = solved(L, D, tau - bias_forces(model, q, dq, wrenches))
     by_q, by_dq = inverse_dynamics_derivatives(model, q, dq, ddq, wrenches)
     W = inverse_factor(L)  # keeps the zeros between branches, which M⁻¹ does not
+    return by_q, by_dq, symmetric_product(W, D), W, D
 
-    def solved_by_factors(X: Array) -> Array:
-        return W @ (D[:, None] * (W.T @ X))
 
-    return -solved_by_factors(by_q), -solved_by_factors(by_dq), symmetric_product(W, D)
+def accelerations(W: Array, D: Array, X: Array) -> Array:
+    """-M⁻¹ X, of one column (nv,) or several (nv, m)."""
+    return -(W @ (D * (W.T @ X).T).T)

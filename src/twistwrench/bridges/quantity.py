@@ -13,7 +13,7 @@ from ..errors import KernelError, ShapeError
 from ..model.model import Model
 from ..program.program import Port, Program
 from ..program.trace import trace
-from ..robot.quantities import CONFIGURATIONS
+from ..robot.quantity_row import CONFIGURATIONS
 from ..typing import Array
 
 if TYPE_CHECKING:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import webbrowser
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +10,13 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
+from .live_page import PORT, require_viser, serve, served_port
 from .motion_options import Load, motion_options, open_motion
 from .progress import frames_drawn
 
 if TYPE_CHECKING:
     from ..viz.drawn_motion import DrawnMotion
-    from ..viz.live import LiveView
 
-_PORT = 8080
 _KINDS = ("split", "power", "phase")
 
 
@@ -32,7 +28,7 @@ def view_options(function: Callable[..., None]) -> Callable[..., None]:
             "--host", default="127.0.0.1", show_default=True, help="Address to serve at; 0.0.0.0 lets others look."
         ),
         click.option(
-            "--port", type=int, metavar="N", help=f"Port to serve at, 0 for any that is free.  [default: {_PORT}]"
+            "--port", type=int, metavar="N", help=f"Port to serve at, 0 for any that is free.  [default: {PORT}]"
         ),
         click.option(
             "--speed", type=float, default=1.0, show_default=True, help="Of the film: seconds of motion a second."
@@ -40,6 +36,11 @@ def view_options(function: Callable[..., None]) -> Callable[..., None]:
         click.option("--movie", "movie", metavar="OUT.gif|OUT.mp4", help="Film the motion instead of serving it."),
         click.option(
             "--html", "html", metavar="OUT.html", help="Write one file that plays offline instead of serving it."
+        ),
+        click.option(
+            "--section",
+            metavar="N",
+            help="With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3.",
         ),
         click.option(
             "--no-meshes", is_flag=True, help="Draw the robot from its numbers, whatever its file looks like."
@@ -101,6 +102,7 @@ def answer_view(
     host: str,
     no_browser: bool,
     no_meshes: bool,
+    section: str | None,
     **given: Any,
 ) -> ExitCode:
     """Write the files asked for; without any, serve the page until interrupted. Everything that can be refused is, first.
@@ -118,22 +120,24 @@ def answer_view(
             raise ValueRangeError("--movie films a motion, and there is none. Add --trajectory FILE.csv.")
         movie = movie_path(movie)
     check_outputs({"--html": html, "--movie": movie}, {"--trajectory": path, **files})
+    if section is not None:
+        _require_page(section, html, path)
     serves = html is None and movie is None
     if serves:
-        _require_viser()
-        port = _port(port, host)
+        require_viser()
+        port = served_port(port, host)
     robot, wrenches, motion = _loaded(load, path, **given)
     scene = scene_of(robot, meshes=not no_meshes)
-    start = None if motion is not None else _start(robot)
+    start = None if motion is not None or section is not None else _start(robot)
+    about: dict[str, Any] = {"motion": motion, "q": start, "wrench_on_robot": wrenches, "scene": scene}
     if html is not None:
-        click.echo(f"wrote {write_page(robot, html, motion=motion, q=start, wrench_on_robot=wrenches, scene=scene)}")
+        click.echo(f"wrote {write_page(robot, html, section=section, **about)}")
     if movie is not None and motion is not None:
         with frames_drawn("filming") as progress:
             film(motion, movie, scene=scene, speed=speed, progress=progress)
         click.echo(f"wrote {movie}")
     if serves:
-        about: dict[str, Any] = {"motion": motion, "q": start, "wrench_on_robot": wrenches, "scene": scene}
-        _serve(LiveView(robot, **about, port=port or 0, host=host), browse=not no_browser)
+        serve(LiveView(robot, **about, port=port or 0, host=host), browse=not no_browser)
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
 
 
@@ -210,52 +214,12 @@ def _start(robot: Any) -> Any:
     return q
 
 
-def _port(port: int | None, host: str) -> int:
-    """The port to serve at: the one asked for, or the usual one, or any if that is taken."""
-    from ..viz.live import check_port
+def _require_page(section: str, html: str | None, path: Path | None) -> None:
+    """Raise unless there is a page of the section, and a page without a motion is asked for."""
+    from ..viz.book_sections import book_section
 
-    if port is not None:
-        check_port(port, host)
-        return port
-    try:
-        check_port(_PORT, host)
-    except ValueRangeError:
-        check_port(0, host)
-        click.echo(f"note: port {_PORT} is taken, so another is used. Choose one with --port N.", err=True)
-        return 0
-    return _PORT
-
-
-def _require_viser() -> None:
-    from importlib.util import find_spec
-
-    from ..errors import MissingExtraError
-
-    if find_spec("viser") is None:
-        raise MissingExtraError.of("viser", "viz", "The live view (or write a page: --html OUT.html; it)")
-
-
-def _serve(view: LiveView, *, browse: bool) -> None:
-    """Until Ctrl-C."""
-    try:
-        opened = browse and _open_browser(view.url)
-        if browse and not opened:
-            click.echo(
-                f"note: no browser could be opened here. Open {view.url} in one, or write a page with --html.", err=True
-            )
-        click.echo(f"{view.robot.name} at {view.url}   (Ctrl-C ends)")
-        view.serve()
-    except KeyboardInterrupt:
-        click.echo("ended")
-    finally:
-        view.close()
-
-
-def _open_browser(url: str) -> bool:
-    """Whether a browser with windows came up; one that would take over the terminal is none."""
-    if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
-        return False
-    try:
-        return webbrowser.open(url)
-    except (webbrowser.Error, OSError):
-        return False
+    book_section(section)
+    if html is None:
+        raise ValueRangeError("--section writes a page. Add --html OUT.html.")
+    if path is not None:
+        raise ValueRangeError("--section N shows a robot that is moved by hand. Leave --trajectory out.")

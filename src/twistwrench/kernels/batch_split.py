@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..program.program import ARITY, Port, Program
+from ..program.column_groups import ColumnGroups
+from ..program.forms import Form, program_of
+from ..program.program import Port, Program
 from ..targets.processor import SINGLE
 from ..typing import Array
 from .results import room
@@ -47,12 +49,17 @@ class Part(NamedTuple):
     outputs: Arrays
 
 
-def effort(program: Program) -> int:
-    """Operations that a sample takes; arms and quadrupeds do 12 to 30 a nanosecond in lanes of four doubles."""
-    counts = program.counts()
-    sines = counts.get("sin", 0) + counts.get("cos", 0)
+def effort(form: Form) -> int:
+    """Operations of a sample, or of its step; arms and quadrupeds do 12 to 30 a nanosecond in lanes of four doubles."""
+    program = program_of(form)
     entries = sum(port.size for port in (*program.inputs, *program.outputs))
-    return sum(counts[op] for op in counts if ARITY[op]) + (SINE - 1) * sines + ENTRY * entries
+    columns = form.groups if isinstance(form, ColumnGroups) else ()
+    return _operations(program) + ENTRY * entries + sum(len(g.places) * _operations(g.program) for g in columns)
+
+
+def _operations(program: Program) -> int:
+    counts = program.counts()
+    return sum(counts.values()) + (SINE - 1) * (counts.get("sin", 0) + counts.get("cos", 0))
 
 
 def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[list[Part], Arrays] | None:

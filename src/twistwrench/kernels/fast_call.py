@@ -11,30 +11,16 @@ import ctypes
 import sys
 import sysconfig
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from ..program.products import Products
-from ..program.program import Port, Program
-from ..program.recurrence import Recurrence
-from ..program.search import Search
+from ..targets.call_way import BYTES_DATA, FIELDS, LIST_ITEMS, POINTERS, SIZE, TUPLE_ITEMS
 from ..targets.fast_call_checks import FLOAT_VALUE
-from ..targets.fast_call_text import (
-    BYTES_DATA,
-    CALL,
-    FIELDS,
-    LIST_ITEMS,
-    POINTERS,
-    SIZE,
-    TUPLE_ITEMS,
-    Way,
-    call_assembly,
-)
-from ..targets.processor import DOUBLE, SINGLE
+from ..targets.fast_call_text import CALL, call_assembly
 from .call_form import CallForm
+from .call_parameters import CallParameters, way_of
 from .interpreter import runs_machine_code
 from .jit import assembled
 from .ufunc import owner_of
@@ -103,8 +89,8 @@ def make_call(
     owner = owner_of(ufunc)
     if owner is None or not _understood():
         return None
-    asked, parameters = asked or CallForm(), _Parameters.of(method)
-    way = _way(owner.given, parameters, asked)
+    asked, parameters = asked or CallForm(), CallParameters.of(method)
+    way = way_of(owner.given, parameters, asked)
     if way is None:
         return None
     code = assembled(call_assembly(way), CALL, owner.machine)
@@ -177,71 +163,6 @@ def calls_before(ufunc: Any) -> int:
         return 0
     length = len(owner.program.instructions)
     return 2 if length < LONG else length // EACH
-
-
-def _way(program: Program | Products | Recurrence | Search, parameters: _Parameters, asked: CallForm) -> Way | None:
-    """How the builtin is called; None where none can be."""
-    ports = (*program.inputs, *program.outputs)
-    count = len(program.inputs) - len(asked.keys)
-    names, options = parameters.names, dict(asked.options)
-    scalar = len(program.outputs) > 1 and not all(port.shape for port in program.outputs)
-    strange = {*options, *([asked.mapping] if asked.mapping else [])} - {*names[count:]}
-    several = any(n != 1 for n in asked.batch)
-    if several or scalar or strange or count > len(names) or any(not port.size for port in ports):
-        return None
-    if any(name not in parameters.defaults for name in names[count:] if name not in options):
-        return None
-    rest = [k for k in range(count, len(names)) if names[k] not in ("out", asked.mapping)]
-    defaults = parameters.defaults
-
-    def is_default(name: str) -> bool:
-        return (
-            name not in options
-            or options[name] is defaults.get(name)
-            or (type(options[name]) is str and options[name] == defaults.get(name))
-        )
-
-    inputs, outputs = (
-        tuple(Port(port.name, asked.batch + port.shape) for port in some) for some in (program.inputs, program.outputs)
-    )
-    return Way(
-        inputs[:count],
-        inputs[count:],
-        outputs,
-        SINGLE if asked.char == SINGLE.char else DOUBLE,
-        len(names),
-        parameters.positional,
-        tuple((k, is_default(names[k])) for k in rest),
-        names.index(asked.mapping) if asked.mapping else -1,
-        asked.negative,
-        names.index("out") if "out" in names else -1,
-        len(asked.batch),
-    )
-
-
-@dataclass(frozen=True)
-class _Parameters:
-    """Those of a method, without its first."""
-
-    names: tuple[str, ...]
-    positional: int
-    defaults: dict[str, Any]
-
-    @classmethod
-    def of(cls, method: Any) -> _Parameters:
-        function = method.__func__
-        code, given = function.__code__, function.__defaults__ or ()
-        places = code.co_varnames[1 : code.co_argcount]
-        names = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
-        defaults = dict(zip(places[len(places) - len(given) :], given, strict=True)) | (function.__kwdefaults__ or {})
-        return cls(names, len(places), defaults)
-
-    def doc(self, method: Any, name: str) -> str:
-        """The method's own, behind a line from which ``inspect.signature`` reads its parameters."""
-        shown = [f"{p}={self.defaults[p]!r}" if p in self.defaults else p for p in self.names]
-        if self.positional < len(shown):
-            shown.insert(self.positional, "*")
-        return f"{name}({', '.join(shown)})\n--\n\n{method.__func__.__doc__ or ''}"
 
 
 def _address(name: str) -> int:

@@ -11,10 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import KernelError
-from ..program.products import Products
-from ..program.program import Program
-from ..program.recurrence import Recurrence
-from ..program.search import Search
+from ..program.forms import Form
 from ..targets.emitter_choice import modules
 from ..targets.llvm import LOOP
 from ..targets.processor import Machine, Precision, chosen
@@ -71,9 +68,7 @@ LOCK = _JIT.lock
 """Held while anything compiles."""
 
 
-def compiled(
-    program: Program | Products | Recurrence | Search, precision: Precision, machine: Machine | None = None
-) -> Code:
+def compiled(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
     """Code for ``program`` on the machine, or the chosen one, from the cache if it is there."""
     machine = machine or chosen()
     with _JIT.lock:

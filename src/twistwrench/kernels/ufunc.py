@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import KernelError
-from ..program.products import Products
-from ..program.program import Program, axes_of
-from ..program.recurrence import Recurrence
-from ..program.search import Search
+from ..program.forms import Form, program_of
+from ..program.program import axes_of
 from ..targets.processor import DOUBLE, SINGLE, Precision, chosen
 from . import interpreter
 from .batch_split import effort
@@ -63,13 +61,13 @@ class _UFuncObject(ctypes.Structure):
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Program | Products | Recurrence | Search, name: str, doc: str, *, lone: bool) -> None:
+    def __init__(self, program: Form, name: str, doc: str, *, lone: bool) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
-        self.given, self.program = program, program if isinstance(program, Program) else program.program
+        self.given, self.program = program, program_of(program)
         self.machine = replace(chosen(), vector_bits=DOUBLE.bits) if lone else chosen()
         self.code: dict[str, Code] = {"d": compiled(program, DOUBLE, self.machine)}
         self.lone: dict[str, Code] = {}
@@ -88,7 +86,7 @@ class _Owner:
     @cached_property
     def effort(self) -> int:
         """Operations that a sample takes, in one step if there are several."""
-        return effort(self.program)
+        return effort(self.given)
 
     @cached_property
     def row(self) -> int:
@@ -142,9 +140,7 @@ class _Owner:
             return self.lone[precision.char]
 
 
-def make_ufunc(
-    program: Program | Products | Recurrence | Search, name: str, doc: str, *, lone: bool = False
-) -> np.ufunc:
+def make_ufunc(program: Form, name: str, doc: str, *, lone: bool = False) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
     That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is

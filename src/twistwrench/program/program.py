@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 from collections import Counter
@@ -94,8 +93,16 @@ class Program:
         return c.get("mul", 0) + sum(c.get(op, 0) for op in FUSED)
 
     @cached_property
+    def zeros(self) -> tuple[bool, ...]:
+        """Of each element of the outputs whether it is zero, whatever the inputs."""
+        made = (self.instructions[result] for result in self.results)
+        return tuple(x.op == "const" and x.value == 0.0 for x in made)
+
+    @cached_property
     def digest(self) -> str:
         """A hash of everything the program computes; equal programs have equal digests, in every process."""
+        import hashlib
+
         state = hashlib.sha256(repr((self.inputs, self.outputs, self.results)).encode())
         for op, args, value in self.instructions:
             state.update(f"{op}{args}{value!r}\n".encode())

@@ -19,12 +19,10 @@ from ..kernels.call_form import CallForm
 from ..kernels.interpreter import compiles
 from ..model.configuration import random_configuration
 from ..model.model import Model
-from ..program.products import Products
+from ..program.forms import Form, program_of
 from ..program.program import Program
-from ..program.recurrence import Recurrence
-from ..program.search import Search
 from ..typing import Array
-from . import large_derivatives, long_robots
+from . import column_loops, large_derivatives, long_robots
 from .derivative_options import is_symbolic
 from .out_argument import refuse_lazy, refuse_overlap, refuse_text, unfit
 from .quantities import QUANTITIES
@@ -81,8 +79,8 @@ class Engine:
         if large_derivatives.applies(self.model, asked):
             found: Any = large_derivatives.LargeDerivatives(self, options)
         else:
-            program: Program | Products | None = long_robots.products_of(self.model, asked)
-            program, title = program or program_of_several(self.model, asked), ", ".join(asked)
+            form: Form | None = long_robots.products_of(self.model, asked) or column_loops.columns_of(self.model, asked)
+            program, title = form or program_of_several(self.model, asked), ", ".join(asked)
             inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
             doc = f"{title} of {self.model.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
             found = compiled(program, title, doc)
@@ -243,26 +241,19 @@ def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
     return found if len(found) > 1 else found[0]
 
 
-def compiled(given: Program | Products | Recurrence | Search, name: str, doc: str, *, lone: bool = False) -> Any:
+def compiled(given: Form, name: str, doc: str, *, lone: bool = False) -> Any:
     """A program, or steps of one, as a NumPy ufunc; on NumPy where it cannot be compiled, or is too long.
 
     What is ``lone`` is for one sample at a time.
     """
-    program = given if isinstance(given, Program) else given.program
+    program = program_of(given)
     # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
     # samples of three axes at most, and second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
-        from ..targets.numpy import NumpyKernel
-        from ..targets.numpy_products import NumpyProducts
-        from ..targets.numpy_search import NumpySearch
-        from ..targets.numpy_steps import NumpySteps
+        from ..targets.numpy_forms import on_numpy
 
-        if isinstance(given, Program):
-            return NumpyKernel(given, name, doc)
-        if isinstance(given, Products):
-            return NumpyProducts(given, name, doc)
-        return NumpySteps(given, name, doc) if isinstance(given, Recurrence) else NumpySearch(given, name, doc)
+        return on_numpy(given, name, doc)
     from ..kernels.ufunc import make_ufunc
 
     return make_ufunc(given, name, doc, lone=lone)

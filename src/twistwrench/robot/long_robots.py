@@ -13,7 +13,6 @@ from ..model.base_parameters import regrouped
 from ..model.model import Model
 from ..program.products import AFTER, BEFORE, NEITHER, Product, Products
 from ..program.trace import trace
-from ..targets.product_loop import LEAST
 from ..typing import Array
 from .quantities import QUANTITIES
 from .quantity_programs import evaluated, inputs_of
@@ -56,7 +55,11 @@ def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Product
     """The loops for one quantity; None where it is short enough, or no such matrix."""
     (name, options), *others = asked.items()
     looped = _LOOPED.get(name)
-    if looped is None or others or not set(options) <= {"wrenches"} or model.nv < LEAST:
+    if looped is None or others or not set(options) <= {"wrenches"}:
+        return None
+    from ..targets.product_loop import LEAST
+
+    if model.nv < LEAST:
         return None
     if not joint_factors.applies(model):
         return None

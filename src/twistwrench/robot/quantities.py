@@ -6,9 +6,7 @@ tables of the docs all come from these rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
 
 from ..algorithms import (
     constraints,
@@ -26,268 +24,196 @@ from ..algorithms import (
     operational_space,
     regressor,
 )
-from ..model.model import Model
-
-Shape = tuple[int, ...]
-CONFIGURATIONS = ("q", "q0", "q1")
-"""Inputs that are configurations, by which derivatives are along :meth:`twistwrench.Robot.add`."""
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """One row of the table: ``algorithm(model, *inputs, **options)`` gives the outputs."""
-
-    algorithm: Callable[..., Any]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    sizes: tuple[tuple[str, ...], ...]
-    """The axes of each output: numbers, or what their length is the number of."""
-    meaning: str
-    """In a line, ASCII, with the names of the inputs and outputs."""
-    options: tuple[str, ...] = ()
-    felt: bool = False
-    """Whether only what the joints feel counts, so that the model may be regrouped."""
-    needs_inverse: bool = False
-    """Whether the inverse of M is part of it."""
-    needs_mass: bool = False
-    """Whether it is divided by the mass of all moving bodies."""
-    unit: str = ""
-    book: str = ""
-    """Where Modern Robotics has it."""
-    pinocchio: str = ""
-    mujoco: str = ""
-    """What other libraries call it."""
-
-    def shapes(self, model: Model) -> list[tuple[str, Shape]]:
-        """Names and shapes of the inputs for one robot."""
-        return [
-            (name, (model.nq,) if name in CONFIGURATIONS else (6,) if name == "wrench" else (model.nv,))
-            for name in self.inputs
-        ]
-
-
-def _row(
-    algorithm: Callable[..., Any],
-    inputs: str,
-    outputs: str,
-    sizes: str,
-    meaning: str,
-    *,
-    options: str = "",
-    felt: bool = False,
-    needs_inverse: bool = False,
-    needs_mass: bool = False,
-    unit: str = "",
-    book: str = "",
-    pinocchio: str = "",
-    mujoco: str = "",
-) -> Quantity:
-    """Names apart by blanks, the sizes of several outputs by commas."""
-    return Quantity(
-        algorithm,
-        tuple(inputs.split()),
-        tuple(outputs.split()),
-        tuple(tuple(axes.split()) for axes in sizes.split(",")),
-        meaning,
-        tuple(options.split()),
-        felt,
-        needs_inverse,
-        needs_mass,
-        unit,
-        book,
-        pinocchio,
-        mujoco,
-    )
-
+from .quantity_row import Quantity, row
 
 _TORQUE = "N m (sliding joints: N)"
 
 # fmt: off
 QUANTITIES: Mapping[str, Quantity] = {
-    "add": _row(
+    "add": row(
         integration.add, "q dv", "q", "nq", "q moved along the constant joint twists dv for unit time",
         pinocchio="integrate", mujoco="mj_integratePos", unit="rad, m",
     ),
-    "bias_forces": _row(
+    "bias_forces": row(
         inverse_dynamics.bias_forces, "q dq", "h", "nv", "h = c + g, what remains of the torques at ddq = 0",
         options="wrenches gravity", felt=True, unit=_TORQUE, book="section 8.1.2", pinocchio="nonLinearEffects",
         mujoco="qfrc_bias",
     ),
-    "center_of_mass": _row(
+    "center_of_mass": row(
         energy.center_of_mass, "q", "com", "3", "centre of mass of the moving bodies in the base frame [m]",
         needs_mass=True, unit="m", pinocchio="centerOfMass", mujoco="subtree_com",
     ),
-    "christoffel": _row(
+    "christoffel": row(
         coriolis.christoffel, "q", "gamma", "nv nv nv",
         "Christoffel symbols of the first kind: c_i = sum over j, k of gamma[i][j][k] dq_j dq_k",
         felt=True, book="eq. 8.12", unit="kg m^2 (sliding joints: kg)",
     ),
-    "closure_poses": _row(
+    "closure_poses": row(
         constraints.closure_poses, "q", "T", "loops 4 4", "poses that the closed loops compare, 4 x 4 each",
         options="constraints", unit="m",
     ),
-    "com_jacobian": _row(
+    "com_jacobian": row(
         energy.com_jacobian, "q", "J", "3 nv", "J with d(com)/dt = J dq",
         needs_mass=True, pinocchio="jacobianCenterOfMass", mujoco="mj_jacSubtreeCom",
         unit="m/rad (sliding joints: m/m)",
     ),
-    "constrained_dynamics": _row(
+    "constrained_dynamics": row(
         constraints.constrained_dynamics, "q dq tau", "ddq lambda pivots", "nv, rows, rows",
         "accelerations and multipliers of tau = M ddq + h + A' lambda, A ddq + (dA/dt) dq = 0",
         options="wrenches constraints", felt=True, needs_inverse=True, book="section 8.7",
         pinocchio="constraintDynamics", unit="rad/s^2 (sliding joints: m/s^2), N m or N",
     ),
-    "constraint_bias": _row(
+    "constraint_bias": row(
         constraints.constraint_bias, "q dq", "b", "rows", "b = (dA/dt) dq, with A ddq + b = 0",
         options="constraints", book="section 8.7", unit="rad/s^2, m/s^2",
     ),
-    "constraint_jacobian": _row(
+    "constraint_jacobian": row(
         constraints.constraint_jacobian, "q", "A", "rows nv", "A of A dq = 0",
         options="constraints", book="section 8.7", unit="rad, m, per rad or m",
     ),
-    "coordinate_rates": _row(
+    "coordinate_rates": row(
         coordinate_rates.rates_of_coordinates, "q dq", "rates", "nq",
         "derivatives of the entries of q by time at the velocities dq", unit="rad/s, m/s; quaternions 1/s",
     ),
-    "coriolis_forces": _row(
+    "coriolis_forces": row(
         inverse_dynamics.coriolis_forces, "q dq", "c", "nv", "c, the torques due to products of velocities",
         felt=True, unit=_TORQUE, book="section 8.1.2",
     ),
-    "coriolis_matrix": _row(
+    "coriolis_matrix": row(
         coriolis.coriolis_matrix, "q dq", "C", "nv nv", "C with c = C dq, dM/dt - 2 C skew-symmetric",
         felt=True, book="section 8.1.2", pinocchio="computeCoriolisMatrix", unit="N m s/rad (sliding joints: N s/m)",
     ),
-    "drive_torques": _row(
+    "drive_torques": row(
         inverse_dynamics.drive_torques, "q dq ddq", "gear rotor", "nv, nv",
         "what the gears carry, and what the rotors take before them; their sum is tau",
         options="wrenches", felt=True, unit=_TORQUE, book="section 8.9.3",
     ),
-    "forward_dynamics": _row(
+    "forward_dynamics": row(
         forward_dynamics.forward_dynamics, "q dq tau", "ddq", "nv", "ddq = inverse of M times (tau - h)",
         options="wrenches gravity friction", felt=True, needs_inverse=True, unit="rad/s^2 (sliding joints: m/s^2)",
         book="section 8.5", pinocchio="aba", mujoco="mj_forward",
     ),
-    "forward_dynamics_derivatives": _row(
+    "forward_dynamics_derivatives": row(
         derivatives.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
         "derivatives of ddq by q (along the joint twists), dq and tau",
         options="wrenches", felt=True, needs_inverse=True, pinocchio="computeABADerivatives",
         unit="1/s^2, 1/s, 1/(kg m^2) (sliding joints: 1/kg)",
     ),
-    "forward_kinematics": _row(
+    "forward_kinematics": row(
         forward_kinematics.forward_kinematics, "q", "T", "4 4", "pose of the frame in the base frame, 4 x 4",
         options="frame", book="section 4.1", pinocchio="updateFramePlacement", mujoco="xpos, xmat", unit="m",
     ),
-    "frame_acceleration": _row(
+    "frame_acceleration": row(
         jacobians.frame_acceleration, "q dq ddq", "dV", "6",
         "rate of the twist of the frame [rad/s^2, m/s^2], gravity not included",
         options="frame kind", unit="rad/s^2, m/s^2", pinocchio="getFrameAcceleration",
     ),
-    "frame_velocity": _row(
+    "frame_velocity": row(
         jacobians.frame_velocity, "q dq", "V", "6", "twist (omega, v) [rad/s, m/s] of the frame",
         options="frame kind", unit="rad/s, m/s", pinocchio="getFrameVelocity",
     ),
-    "friction_forces": _row(
+    "friction_forces": row(
         friction.friction_forces, "dq", "tau", "nv", "torques that overcome the friction of the joints",
         unit=_TORQUE, book="section 8.9.4",
     ),
-    "friction_under_load": _row(
+    "friction_under_load": row(
         friction.friction_forces, "dq load", "tau", "nv",
         "torques that overcome the friction of the joints while they transmit the torques load",
         unit=_TORQUE, book="section 8.9.4",
     ),
-    "gravity_forces": _row(
+    "gravity_forces": row(
         inverse_dynamics.gravity_forces, "q", "g", "nv", "g, the torques that hold the robot at rest against gravity",
         options="wrenches gravity", felt=True, unit=_TORQUE, book="section 8.1.2",
         pinocchio="computeGeneralizedGravity",
     ),
-    "holding_torques": _row(
+    "holding_torques": row(
         inverse_dynamics.holding_torques, "q", "tau", "nv",
         "the torques that hold the robot at rest, springs and wrenches included",
         options="wrenches", felt=True, unit=_TORQUE, book="section 5.2",
     ),
-    "inverse_dynamics": _row(
+    "inverse_dynamics": row(
         inverse_dynamics.inverse_dynamics, "q dq ddq", "tau", "nv", "tau = M ddq + c + g",
         options="wrenches gravity friction", felt=True, unit=_TORQUE, book="eq. 8.54", pinocchio="rnea",
         mujoco="mj_inverse",
     ),
-    "inverse_dynamics_derivatives": _row(
+    "inverse_dynamics_derivatives": row(
         derivatives.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
         "derivatives of tau by q (along the joint twists) and dq",
         options="wrenches", felt=True, pinocchio="computeRNEADerivatives",
         unit="N m/rad, N m s/rad (sliding joints: N/m, N s/m)",
     ),
-    "jacobian": _row(
+    "jacobian": row(
         jacobians.jacobian, "q", "J", "6 nv", "J with V = J dq, V the twist (omega, v) of the frame",
         options="frame kind", book="eq. 5.11, 5.18", pinocchio="computeFrameJacobian", mujoco="mj_jac",
         unit="rad, m, per rad or m",
     ),
-    "jacobian_derivative": _row(
+    "jacobian_derivative": row(
         jacobians.jacobian_derivative, "q", "J_by_q", "6 nv nv",
         "dJ/dq of the Jacobian of the frame, last axis along the joint twists",
         options="frame kind", unit="rad, m, per product of rad and m",
     ),
-    "jacobian_rate": _row(
+    "jacobian_rate": row(
         jacobians.jacobian_rate, "q dq", "dJ", "6 nv", "dJ/dt of the Jacobian of the frame",
         options="frame kind", pinocchio="getFrameJacobianTimeVariation", mujoco="mj_jacDot",
         unit="rad/s, m/s, per rad or m",
     ),
-    "joint_wrenches": _row(
+    "joint_wrenches": row(
         inverse_dynamics.joint_wrenches, "q dq ddq", "F", "bodies 6",
         "wrenches (m, f) that each moving body is carried with, in the frame of its link, one a row",
         options="wrenches gravity", unit="N m, N",
     ),
-    "kinetic_energy": _row(
+    "kinetic_energy": row(
         energy.kinetic_energy, "q dq", "K", "", "kinetic energy [J]",
         unit="J", book="section 8.1.2", pinocchio="computeKineticEnergy",
     ),
-    "link_poses": _row(
+    "link_poses": row(
         forward_kinematics.link_poses, "q", "T", "links 4 4",
         "poses of all links in the base frame, 4 x 4 each, in the order of the robot's file",
         pinocchio="updateFramePlacements", mujoco="xpos, xmat", unit="m",
     ),
-    "mass_matrix": _row(
+    "mass_matrix": row(
         mass_matrix.mass_matrix, "q", "M", "nv nv", "M, symmetric and full",
         felt=True, unit="kg m^2 (sliding joints: kg)", book="eq. 8.57", pinocchio="crba", mujoco="mj_fullM",
     ),
-    "momentum": _row(
+    "momentum": row(
         energy.momentum, "q dq", "P", "6", "momentum (angular, linear) at the origin of the base frame",
         unit="N m s, N s",
     ),
-    "momentum_about_com": _row(
+    "momentum_about_com": row(
         energy.momentum_about_com, "q dq", "P", "6",
         "momentum (angular, linear) about the centre of mass, axes of the base frame",
         needs_mass=True, unit="N m s, N s", pinocchio="computeCentroidalMomentum",
     ),
-    "potential_energy": _row(
+    "potential_energy": row(
         energy.potential_energy, "q", "P", "",
         "potential energy [J], zero with the centre of mass at the origin of the base frame",
         unit="J", pinocchio="computePotentialEnergy",
     ),
-    "regressor": _row(
+    "regressor": row(
         regressor.regressor, "q dq ddq", "Y", "nv parameters",
         "Y with tau = Y pi, pi the ten inertial parameters of each moving body",
         book="section 8.2", pinocchio="computeJointTorqueRegressor", unit="that of tau over that of the parameter",
     ),
-    "subtract": _row(
+    "subtract": row(
         integration.subtract, "q1 q0", "dv", "nv", "dv that moves q0 to q1 in unit time, each joint along its constant twist",
         pinocchio="difference", mujoco="mj_differentiatePos", unit="rad, m",
     ),
-    "task_bias": _row(
+    "task_bias": row(
         operational_space.task_bias, "q dq", "eta pivots", "rows, rows",
         "eta of F = Lambda dV + eta; wrong where a pivot is near zero, for there the frame cannot be moved",
         options="frame kind rows", felt=True, needs_inverse=True, book="section 8.6", unit="N m, N",
     ),
-    "task_inertia": _row(
+    "task_inertia": row(
         operational_space.task_inertia, "q", "Lambda pivots", "rows rows, rows",
         "Lambda of F = Lambda dV + eta; wrong where a pivot is near zero, for there the frame cannot be moved",
         options="frame kind rows", felt=True, needs_inverse=True, book="section 8.6", unit="kg m^2, kg m, kg",
     ),
-    "torque_past_friction": _row(
+    "torque_past_friction": row(
         friction.torque_past_friction, "dq tau", "tau", "nv",
         "torques that remain of tau past the friction of the joints",
         unit=_TORQUE, book="section 8.9.4",
     ),
-    "wrench_torques": _row(
+    "wrench_torques": row(
         jacobians.wrench_torques, "q wrench", "tau", "nv",
         "tau = J' F of the wrench (m, f) the robot applies at the frame, in its axes",
         options="frame", unit=_TORQUE, book="eq. 5.26",

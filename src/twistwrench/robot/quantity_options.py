@@ -10,7 +10,8 @@ from ..errors import KernelError, UnknownNameError, ValueRangeError
 from ..model.model import Model
 from ..model.variable_parameters import matching
 from .derivative_options import Derivative
-from .quantities import QUANTITIES, Shape
+from .quantities import QUANTITIES
+from .quantity_row import Shape
 
 
 class KernelOptions(TypedDict, total=False):

@@ -14,8 +14,9 @@ from ..model.variable_parameters import moves_joints, varied
 from ..program.program import Program
 from ..program.trace import Trace, trace
 from .derivative_options import Chart
-from .quantities import CONFIGURATIONS, QUANTITIES, Quantity
+from .quantities import QUANTITIES
 from .quantity_options import input_shapes
+from .quantity_row import CONFIGURATIONS, Quantity
 
 
 def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from ..program.program import Program
 from .avx2 import OPERATIONS, Selection
 from .avx2_text import ARRAYS_IN_REGISTERS, written
-from .batch_loop import Loop, loop
+from .batch_loop import SHORTEST_PIECE, Loop, loop
 from .buffers import LINE
 from .lanes import RowStorer
 from .llvm_text import LlvmWriter
@@ -48,7 +48,7 @@ def serves(program: Program, machine: Machine) -> bool:
         used.setdefault(result, set()).add(False)
     angles = [a for a, ways in used.items() if True in ways]
     return (
-        _runs(machine)
+        runs(machine)
         and all(
             used[a] == {True} if program.instructions[a].op == "input" else _is_within_reach(program, a) for a in angles
         )
@@ -68,7 +68,8 @@ def _is_within_reach(program: Program, angle: int) -> bool:
     return -SMALL <= limits[0] <= limits[1] <= SMALL
 
 
-def _runs(machine: Machine) -> bool:
+def runs(machine: Machine) -> bool:
+    """Whether a processor runs such code, and is no better off with vectors of another length."""
     avx2 = "+avx2" in machine.features.split(",") or machine.cpu == "x86-64-v3"
     known = machine.triple.startswith("x86_64") and "windows" not in machine.triple
     return known and avx2 and machine.fused and machine.vector_bits == 256
@@ -103,10 +104,10 @@ def module(program: Program, precision: Precision, machine: Machine, name: str, 
             wrapper(precision, lanes),
             preparation(LlvmWriter(precision, lanes), frame.constants if packed else (), "prepare_one"),
             made.prepare(),
-            *(made.rows(frame, streamed) for streamed in ((False, True) if packed else ())),
+            *(made.rows(streamed=streamed) for streamed in ((False, True) if packed else ())),
             made.one(),
             made.several() if group > 1 else "",
-            around(name, program, precision, lanes, size * group + packed * LINE, group, packed),
+            around(name, program, precision, lanes, size * group + packed * LINE, group, packed * SHORTEST_PIECE),
         ]
     )
 
@@ -217,12 +218,12 @@ class _Blocks:
             w.do(f"br label %{done}")
         w.begin(done)
 
-    def rows(self, frame: SpillFrame, streamed: bool) -> str:
+    def rows(self, *, streamed: bool) -> str:
         """``@rows``, or ``@streamed_rows``: rows of the entries in the frame."""
-        entry, label, tables = 0, "entry", []
+        entry, label, tables, zero = 0, "entry", [], self.program.zeros
         for k, port in enumerate(self.program.outputs):
             span = RowStorer(self.w, "", port.size).span
-            table = zero_tiles(f"zeros{k}", frame, port.size, entry, span)
+            table = zero_tiles(f"zeros{k}", zero[entry : entry + port.size], span)
             tables.append("" if streamed else table)
             array = self.arrays[len(self.program.inputs) + k]
             name = f"zeros{k}" if table else ""

@@ -16,7 +16,7 @@ from .buffers import LINE, ON_STACK, buffer_size, call_block, call_copy, copying
 from .llvm_text import LlvmWriter
 from .processor import Precision
 
-Loop = Callable[[str, Program, Precision, int, int, int, bool], str]
+Loop = Callable[[str, Program, Precision, int, int, int, int], str]
 """What makes the assembly of a loop around blocks; its arguments are those of :func:`loop`."""
 
 BEYOND_CACHES = 1 << 24
@@ -28,19 +28,19 @@ SHORTEST_PIECE, SHORTEST_ROW = 16, 256
 
 
 def loop(
-    name: str, program: Program, precision: Precision, lanes: int, frame: int = 0, group: int = 1, streams: bool = False
+    name: str, program: Program, precision: Precision, lanes: int, frame: int = 0, group: int = 1, streams: int = 0
 ) -> str:
     """Assembly of the loop function and its copying helpers.
 
     With a ``frame`` of so many bytes, the block takes it as one more pointer, and ``@prepare`` fills it once a call. With a
     ``group``, so many blocks of rows in place are one call of ``@blocks``. With ``streams``, the frame's last line begins with
-    1 while rows are in place, many, and so aligned that they can be written past the caches, else with 0.
+    1 while rows are in place, many, and multiples of so many bytes: the block writes them past the caches; else with 0.
     """
     ports = [*program.inputs, *program.outputs]
     w = LlvmWriter(precision, lanes)
     large = frame + sum(buffer_size(w, port) for port in ports) > ON_STACK
     row = precision.bytes * sum(port.size for port in program.outputs)
-    piece = lanes * precision.bytes if row >= SHORTEST_ROW and group == 1 and not streams else 0
+    piece = lanes * precision.bytes if row >= SHORTEST_ROW and group == 1 else 0
     piece = piece if piece >= SHORTEST_PIECE else 0
     _body(w, ports, len(program.inputs), frame, large, group, streams, piece)
     return "\n".join(
@@ -57,7 +57,7 @@ def loop(
 
 
 def _body(
-    w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool, group: int, streams: bool, piece: int
+    w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool, group: int, streams: int, piece: int
 ) -> None:
     size = w.precision.bytes
     samples = w.new("load i64, ptr %dims, align 8")
@@ -90,10 +90,12 @@ def _body(
     outputs = list(zip(bases, ports, strict=True))[inputs:]
     at, left = bases, quick
     if streams:
-        flag = w.at(room, frame - LINE)
-        w.do(f"store i64 {w.new(f'zext i1 {_many_and_aligned(w, samples, outputs, 16, 1)} to i64')}, ptr {flag}")
-    elif piece:
-        many = _many_and_aligned(w, samples, outputs, piece, w.lanes)
+        flag, straight = w.at(room, frame - LINE), _many_and_aligned(w, samples, outputs, streams, 1, SHORTEST_PIECE)
+        w.do(f"store i64 {w.new(f'zext i1 {straight} to i64')}, ptr {flag}")
+    if piece:
+        many = _many_and_aligned(w, samples, outputs, piece, w.lanes, piece)
+        if streams:
+            many = w.new(f"and i1 {many}, {w.new(f'xor i1 {straight}, true')}")
         past = w.new(f"select i1 {many}, i64 {quick}, i64 0")
         start = _blocks_past_caches(w, ports, bases, past, start, buffers[inputs:], further)
         at = _moved(w, ports, bases, past, 1)
@@ -135,14 +137,19 @@ def _body(
         w.do(f"call void @free(ptr {taken})")
 
 
-def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, Port]], piece: int, rows: int) -> str:
-    """Whether results should be written past the caches, and can be: so many rows in pieces of so many bytes."""
+def _many_and_aligned(
+    w: LlvmWriter, samples: str, outputs: list[tuple[str, Port]], piece: int, rows: int, aligned: int
+) -> str:
+    """Whether results should be written past the caches, and can be: so many rows in pieces of so many bytes.
+
+    Arrays begin at multiples of ``aligned`` bytes.
+    """
     sizes = [port.size * w.precision.bytes for _, port in outputs]
     if any(rows * size % piece for size in sizes):
         return "false"
     yes = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // sum(sizes)}")
     for base, _ in outputs:
-        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {piece - 1}")
+        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {aligned - 1}")
         yes = w.new(f"and i1 {yes}, {w.new(f'icmp eq i64 {odd}, 0')}")
     return yes
 

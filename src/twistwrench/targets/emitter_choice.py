@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ..program.column_groups import ColumnGroups
+from ..program.forms import Form, program_of
 from ..program.products import Products
 from ..program.program import Program
 from ..program.recurrence import Recurrence
@@ -24,11 +26,12 @@ LONG = 2000
 """Programs beyond this many instructions are emitted in sections; from here on they run faster, too (bench/NOTES.md)."""
 
 
-def modules(given: Program | Products | Recurrence | Search, precision: Precision, machine: Machine) -> Iterator[str]:
+def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
     """The texts to compile and to link together."""
-    program = given if isinstance(given, Program) else given.program
-    around = _around(given, machine)
-    if _is_long_enough(program) and avx2_module.serves(program, machine):
+    program, around = program_of(given), _around(given, machine)
+    if isinstance(given, ColumnGroups):
+        yield from in_sections(given, precision, machine, around)
+    elif _is_long_enough(program) and avx2_module.serves(program, machine):
         yield avx2_module.module(program, precision, machine, LOOP, around)
     elif len(program.instructions) > LONG:
         yield from in_sections(program, precision, machine, around)
@@ -36,7 +39,7 @@ def modules(given: Program | Products | Recurrence | Search, precision: Precisio
         yield assembly(program, precision, machine, around)
 
 
-def _around(given: Program | Products | Recurrence | Search, machine: Machine) -> Loop:
+def _around(given: Form, machine: Machine) -> Loop:
     """The loop around the blocks."""
     if isinstance(given, Recurrence):
         return loop_over(given)

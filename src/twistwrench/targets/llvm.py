@@ -52,7 +52,7 @@ def assembly(program: Program, precision: Precision, machine: Machine, around: L
             declarations(w),
             wrapper(precision, lanes),
             f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
-            around(LOOP, program, precision, lanes, 0, 1, False),
+            around(LOOP, program, precision, lanes, 0, 1, 0),
         ]
     )
 

@@ -23,7 +23,7 @@ def products_over(products: Products, *, fused: bool) -> Loop:
     """What makes the loop of products around their program's blocks; ``fused``: the machine multiplies and adds at once."""
 
     def made(
-        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: bool
+        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: int
     ) -> str:
         loop = _Matrices(products, LlvmWriter(precision, lanes, fused=fused), frame, streams)
         loop.write()
@@ -54,7 +54,7 @@ def _starts(n: int, step: int) -> list[int]:
 class _Matrices:
     """The body of one loop, and the functions it calls."""
 
-    def __init__(self, products: Products, w: LlvmWriter, frame: int, streams: bool) -> None:
+    def __init__(self, products: Products, w: LlvmWriter, frame: int, streams: int) -> None:
         self.p, self.w, self.frame, self.streams = products, w, frame, streams
         self.bytes, self.n = w.precision.bytes, len(products.relations)
         # Sums that find registers, in vectors of another length than the program's, whose intrinsics are declared elsewhere.

@@ -23,7 +23,7 @@ def search_over(search: Search) -> Loop:
     """What makes the loop of a search around its program's blocks."""
 
     def made(
-        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: bool
+        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: int
     ) -> str:
         loop = _Attempts(search, LlvmWriter(precision, lanes), frame, streams)
         loop.write()

@@ -20,7 +20,7 @@ X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, SAID = range(8)
 class SearchState:
     """Where everything is while a loop runs."""
 
-    def __init__(self, search: Search, w: LlvmWriter, frame: int, streams: bool) -> None:
+    def __init__(self, search: Search, w: LlvmWriter, frame: int, streams: int) -> None:
         self.s, self.w, self.frame, self.streams = search, w, frame, streams
         self.bytes = w.precision.bytes
         x, passed = search.program.outputs

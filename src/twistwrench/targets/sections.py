@@ -7,17 +7,22 @@ same, so results keep their bits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
+from ..program.column_groups import ColumnGroups
 from ..program.program import Program
-from .batch_loop import Loop
+from .batch_loop import SHORTEST_PIECE, Loop
+from .buffers import LINE
+from .column_loop import column_loop, column_programs
+from .lanes import RowStorer
 from .llvm import CUT_OUTPUTS, LOOP, Emitter, declarations
 from .llvm_text import LlvmWriter
 from .processor import Machine, Precision
 from .sincos import wrapper
 from .spill_frame import SpillFrame
-from .spill_frame_text import frame_to_rows, load_home, preparation, store_home
+from .spill_frame_text import frame_to_rows, load_home, preparation, store_home, zero_tiles
 
 SECTION = 400
 """Instructions in a section, about."""
@@ -26,10 +31,11 @@ EACH = 25
 """Sections in a module."""
 
 
-def in_sections(program: Program, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
+def in_sections(given: Program | ColumnGroups, precision: Precision, machine: Machine, around: Loop) -> Iterator[str]:
     """The texts of the modules to compile and to link together."""
-    frame = SpillFrame(program, SECTION)
-    yield _head(frame, precision, machine, around)
+    columns = given if isinstance(given, ColumnGroups) else ColumnGroups(given, 0, ())
+    frame = SpillFrame(columns.program, SECTION)
+    yield _head(columns, frame, precision, machine, around)
     sections = list(enumerate(pairwise(frame.starts)))
     for k in range(0, len(sections), EACH):
         w = _writer(precision, machine)
@@ -44,18 +50,22 @@ def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
 # ── the loop, and what it calls ──
 
 
-def _head(frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
-    """The loop, the preparation of the frame, and the block, which calls the sections and then makes rows."""
+def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
+    """The loop, the preparation of the frame, and the block: it calls the sections, works on columns, and makes rows."""
     w = _writer(precision, machine)
-    inputs, ports = len(frame.program.inputs), len(frame.program.inputs) + len(frame.program.outputs)
+    inputs, ports = len(columns.inputs), len(columns.inputs) + len(columns.outputs)
     given = ", ".join(f"ptr %a{k}" for k in range(inputs))
     sections = len(frame.starts) - 1
     for k in range(sections):
         w.do(f"call void @section{k}({given}, ptr %frame)")
-    entry, label = 0, "entry"
-    for k, port in enumerate(frame.program.outputs, start=inputs):
-        label = frame_to_rows(w, f"%a{k}", port.size, entry, label)
-        entry += port.size
+    tables = []
+    for k, (port, entry) in enumerate(zip(columns.outputs, columns.first_entries, strict=False)):
+        zero, span = columns.zeros[entry : entry + port.size], RowStorer(w, "", port.size).span
+        tables.append(zero_tiles(f"zeros{k}", zero, span))
+    size = frame.size * w.lanes * precision.bytes
+    streams = w.lanes * precision.bytes > SHORTEST_PIECE
+    _rows(w, columns, column_loop(w, columns, "entry"), tables, w.at("%frame", size) if streams else "")
+    visible, room = replace(columns.program, outputs=columns.outputs), size + streams * LINE
     arguments = ", ".join(f"ptr noalias %a{k}" for k in range(ports))
     types = ", ".join(["ptr"] * (inputs + 1))
     body = "\n".join(w.lines)
@@ -63,11 +73,34 @@ def _head(frame: SpillFrame, precision: Precision, machine: Machine, around: Loo
         [
             *(f"declare void @section{k}({types})" for k in range(sections)),
             preparation(_writer(precision, machine), frame.constants),
+            *tables,
+            *column_programs(columns, lambda: _writer(precision, machine)),
             f'define internal void @block({arguments}, ptr noalias %frame) noinline "stackrealign" {{\nentry:\n{body}',
             "  ret void\n}\n",
-            around(LOOP, frame.program, precision, w.lanes, frame.size * w.lanes * precision.bytes, 1, False),
+            around(LOOP, visible, precision, w.lanes, room, 1, streams * 2 * SHORTEST_PIECE),
         ]
     )
+
+
+def _rows(w: LlvmWriter, columns: ColumnGroups, label: str, tables: Sequence[str], flag: str) -> None:
+    """Rows of the results, of their entries in the frame; past the caches where what stands at ``flag`` is not 0."""
+
+    def rows(label: str, *, streamed: bool) -> None:
+        for k, (port, table) in enumerate(zip(columns.outputs, tables, strict=True)):
+            array, name = f"%a{len(columns.inputs) + k}", f"zeros{k}" if table and not streamed else ""
+            label = frame_to_rows(w, array, port.size, columns.first_entries[k], label, name, streamed=streamed)
+
+    if not flag:
+        rows(label, streamed=False)
+        return
+    far, near, done = (w.label(stem) for stem in ("far", "near", "done"))
+    past = w.new(f"icmp ne i64 {w.new(f'load i64, ptr {flag}, align 8')}, 0")
+    w.do(f"br i1 {past}, label %{far}, label %{near}")
+    for label, streamed in ((far, True), (near, False)):
+        w.begin(label)
+        rows(label, streamed=streamed)
+        w.do(f"br label %{done}")
+    w.begin(done)
 
 
 # ── one section ──

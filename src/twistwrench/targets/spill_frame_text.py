@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from .batch_loop import SHORTEST_PIECE
 from .lanes import RowStorer
 from .llvm_text import LlvmWriter
-from .spill_frame import SpillFrame
 
 
-def _at(w: LlvmWriter, home: int | str) -> str:
+def _at(w: LlvmWriter, home: int | str, base: str) -> str:
     """The place of a vector of the frame."""
     size = w.lanes * w.precision.bytes
-    return w.at("%frame", home * size if isinstance(home, int) else w.new(f"mul i64 {home}, {size}"))
+    return w.at(base, home * size if isinstance(home, int) else w.new(f"mul i64 {home}, {size}"))
 
 
-def load_home(w: LlvmWriter, home: int | str) -> str:
-    """A vector from its place in the frame."""
-    return w.new(f"load {w.vector}, ptr {_at(w, home)}, align {w.lanes * w.precision.bytes}")
+def load_home(w: LlvmWriter, home: int | str, base: str = "%frame") -> str:
+    """A vector from its place in the frame, or behind another ``base`` in it."""
+    return w.new(f"load {w.vector}, ptr {_at(w, home, base)}, align {w.lanes * w.precision.bytes}")
 
 
-def store_home(w: LlvmWriter, value: str, home: int | str) -> None:
-    """A vector to its place in the frame."""
-    w.do(f"store {w.vector} {value}, ptr {_at(w, home)}, align {w.lanes * w.precision.bytes}")
+def store_home(w: LlvmWriter, value: str, home: int | str, base: str = "%frame") -> None:
+    """A vector to its place."""
+    w.do(f"store {w.vector} {value}, ptr {_at(w, home, base)}, align {w.lanes * w.precision.bytes}")
 
 
 def frame_to_rows(
@@ -38,8 +38,12 @@ def frame_to_rows(
         for c in range(columns):
             whole.put(c, load_home(w, entry + c))
         return label
-    with w.loop(str(columns // whole.span), label) as tile:
-        first = w.new(f"mul i64 {tile}, {whole.span}")
+    shift, count = "0", columns // whole.span
+    if streamed and not zeros:  # from the second tile on they are halves of lines, which then are written whole
+        _tile(w, base, columns, "0", f"{entry}", streamed)
+        shift, count = _elements_to_half_a_line(w, base), (columns - whole.width) // whole.span
+    with w.loop(str(count), label) as tile:
+        first = w.new(f"add i64 {shift}, {w.new(f'mul i64 {tile}, {whole.span}')}")
         if zeros:
             full, empty, stored = w.label("full"), w.label("empty"), w.label("stored")
             nothing = w.new(f"load i1, ptr {w.at(f'@{zeros}', tile)}, align 1")
@@ -54,17 +58,21 @@ def frame_to_rows(
             w.do(f"br label %{stored}")
             w.begin(stored)
     label = w.after
-    if columns % whole.span:
+    if columns % whole.span or shift != "0":
         last = columns - whole.span
         _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"), streamed)
     return label
 
 
-def zero_tiles(name: str, frame: SpillFrame, columns: int, entry: int, span: int) -> str:
+def _elements_to_half_a_line(w: LlvmWriter, base: str) -> str:
+    """How many elements on from a place that is a multiple of 16 bytes the next multiple of 32 is."""
+    odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {SHORTEST_PIECE}")
+    return w.new(f"udiv i64 {odd}, {w.precision.bytes}")
+
+
+def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
     """A table of which tiles of a row are all zeros; empty if none is."""
-    instructions, results = frame.program.instructions, frame.program.results[entry : entry + columns]
-    zero = [instructions[r].op == "const" and instructions[r].value == 0.0 for r in results]
-    tiles = [all(zero[k : k + span]) for k in range(0, columns - span + 1, span)]
+    tiles = [all(zero[k : k + span]) for k in range(0, len(zero) - span + 1, span)]
     if not any(tiles):
         return ""
     return f"@{name} = internal constant [{len(tiles)} x i8] [{', '.join(f'i8 {int(t)}' for t in tiles)}]"

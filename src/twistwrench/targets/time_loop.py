@@ -23,7 +23,7 @@ def loop_over(recurrence: Recurrence) -> Loop:
     """What makes the loop of a recurrence around its program's blocks."""
 
     def made(
-        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: bool
+        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: int
     ) -> str:
         loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame, streams)
         loop.write()
@@ -69,7 +69,7 @@ class _Operand:
 class _Steps:
     """The body of one loop."""
 
-    def __init__(self, recurrence: Recurrence, w: LlvmWriter, frame: int, streams: bool) -> None:
+    def __init__(self, recurrence: Recurrence, w: LlvmWriter, frame: int, streams: int) -> None:
         self.r, self.w, self.frame, self.streams = recurrence, w, frame, streams
         self.program = recurrence.program
         self.starts = sorted({s.state for s in recurrence.sources if s.kind == "start"})

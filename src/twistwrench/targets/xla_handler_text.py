@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..program.program import Port
-from .fast_call_text import loop_steps
+from .call_way import loop_steps
 from .processor import Precision
 
 INSTALL = "install"

@@ -34,6 +34,8 @@ COLOURS: MappingProxyType[str, Any] = MappingProxyType(
         "wrench": (0.62, 0.30, 0.55),
         "ellipsoid": (0.90, 0.60, 0.0),
         "polytope": (0.16, 0.50, 0.85),
+        "mass": (0.0, 0.62, 0.45),
+        "grasp": (0.10, 0.34, 0.62),
         "path": (0.12, 0.31, 0.47),
         "axes": ((0.82, 0.18, 0.20), (0.10, 0.60, 0.27), (0.12, 0.35, 0.80)),
         "lines": (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, LINE, GREY),
@@ -90,3 +92,23 @@ def force_scale(robot: Robot, scene: Scene) -> float:
     found = wrench_ellipsoid(robot, robot.random_configuration(0, _POSES), limits=robot.limits.effort).semi_axes
     typical = float(np.median(found[:, 1]))
     return 0.13 * scene.size / typical if np.isfinite(found).all() and typical > 0 else 0.0
+
+
+def mass_scale(robot: Robot, scene: Scene) -> tuple[float, int]:
+    """Metres drawn for a kilogram, and how many directions the tip can be moved in; 0 and 0 without a tip.
+
+    The mass ellipsoid is then about an eighth of the robot.
+    """
+    if robot.model.tip is None:
+        return 0.0, 0
+    q = robot.random_configuration(0, _POSES)
+    J = np.asarray(robot.jacobian(q, kind="world_aligned"))[:, 3:]
+    inverse = np.linalg.eigvalsh(
+        J @ np.linalg.solve(np.asarray(robot.mass_matrix(q)), np.swapaxes(J, 1, 2))
+    )  # Lambda^-1
+    largest = inverse[:, -1]
+    directions = int((inverse > 1e-9 * largest[:, None]).sum(axis=1).max())
+    if directions == 0:
+        return 0.0, 0
+    middle = np.median(1 / inverse[:, -min(2, directions)])
+    return 0.13 * scene.size / float(middle), directions

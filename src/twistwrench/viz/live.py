@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import html
-import io
-import socket
 import threading
 import time
 from collections.abc import Mapping
@@ -16,18 +13,15 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import MissingExtraError, ValueRangeError
-from ..lie import quaternion
-from ..motion.coordinates import Coordinates
 from ..typing import Array
-from .colours import share_colours
+from .live_server import check_port, private_server, silence
 from .page_access import PageAccess
 from .scene import Scene, scene_of
 from .scene_nodes import LAYERS, Nodes
-from .sliders import sliders_of
+from .sliders import slider_value, sliders_of, with_slider
+from .torque_table import TEXT, torque_table
 
 if TYPE_CHECKING:
-    import viser
-
     from ..robot import Robot
     from .drawn_motion import DrawnMotion
 
@@ -35,22 +29,6 @@ _TRIANGLES = 400_000
 _RATE = 30.0
 """Pictures a second while a motion plays."""
 _SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "5 ×")
-
-
-def check_port(port: int, host: str = "127.0.0.1") -> None:
-    """Raise ValueRangeError where nothing can be served at ``port``; 0 means any that is free."""
-    if not 0 <= port <= 65535:
-        raise ValueRangeError(f"port {port} does not exist. Give 1024 to 65535, or 0 for any that is free.")
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: what has just closed is free
-        try:
-            probe.bind((host, port))
-        except OSError as problem:
-            beside = port + 1 if 1024 <= port < 65535 else 8080
-            raise ValueRangeError(
-                f"port {port} of {host} cannot be used: {problem.strerror or problem}. "
-                f"Give another, such as --port {beside}, or --port 0 for any that is free."
-            ) from None
 
 
 class LiveView:
@@ -91,7 +69,7 @@ class LiveView:
     ) -> None:
         check_port(port, host)
         try:
-            server = _private_server()
+            server = private_server()
         except ImportError:
             raise MissingExtraError.of("viser", "viz", "The live view") from None
         if motion is not None:
@@ -110,7 +88,7 @@ class LiveView:
         self._lock = threading.RLock()
         scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
         self.access = PageAccess(host)
-        with _silence(), self.access.guarding():  # what is to be said of the page, its maker says
+        with silence(), self.access.guarding():  # what is to be said of the page, its maker says
             self.server = server(host=host, port=port, label=robot.name, verbose=False)
         try:
             self.access.require()
@@ -129,7 +107,7 @@ class LiveView:
     def close(self) -> None:
         """End the page."""
         self.playing = False
-        with _silence():
+        with silence():
             self.server.stop()
 
     def serve(self) -> None:
@@ -198,9 +176,10 @@ class LiveView:
                 self.tau = np.asarray(self.robot.holding_torques(self.q, wrench_on_robot=self.wrenches or None))
             shares, coloured = self.shares()
             self.nodes.update(self.q, shares, coloured)
-            self.torque_panel.content = self._torque_table(shares, coloured)
+            title = "Torques that hold this pose" if self.posed else f"Torques of the motion at {self.time:.2f} s"
+            self.torque_panel.content = torque_table(self.robot.model, title, self.tau, shares, coloured)
             for hand, slider in zip(self.hands, self.sliders, strict=True):
-                value = _value(hand, self.q)
+                value = slider_value(hand, self.q)
                 if abs(slider.value - value) > 0.5 * slider.step:
                     slider.value = round(float(np.clip(value, slider.min, slider.max)), 3 - 2 * (hand["unit"] == "°"))
             if self.motion is not None:
@@ -256,7 +235,7 @@ class LiveView:
         notes = [*scene.notes, *(self.motion.warnings if self.motion is not None else ())]
         if notes:
             with gui.add_folder("Notes"):
-                gui.add_html(f"<div style='{_TEXT}color:#8a4b08'>{'<br>'.join(map(html.escape, notes))}</div>")
+                gui.add_html(f"<div style='{TEXT}color:#8a4b08'>{'<br>'.join(map(html.escape, notes))}</div>")
 
     def _motion_controls(self, motion: DrawnMotion) -> None:
         gui = self.server.gui
@@ -286,7 +265,7 @@ class LiveView:
     def _slider(self, k: int, hand: dict[str, Any]) -> Any:
         factor = 180 / np.pi if hand["unit"] == "°" else 1.0
         digits, step = (1, 0.1) if hand["unit"] == "°" else (3, 0.001)
-        value = round(_value(hand, self.q), digits)
+        value = round(slider_value(hand, self.q), digits)
         low, high = (round(hand[end] * factor, digits) for end in ("lower", "upper"))
         label = f"{hand['name'].removesuffix('_joint')} [{hand['unit']}]"
         slider = self.server.gui.add_slider(label, min(low, value), max(high, value), step, value)
@@ -294,7 +273,7 @@ class LiveView:
         @slider.on_update
         def _(event: Any) -> None:
             if event.client is not None:
-                self.pose(_grasped(self.hands[k], self.q, slider.value / factor))
+                self.pose(with_slider(self.hands[k], self.q, slider.value / factor))
 
         return slider
 
@@ -306,71 +285,3 @@ class LiveView:
             with self._lock:
                 self.nodes.switch(layer, box.value)
                 self.refresh()
-
-    def _torque_table(self, shares: Array, coloured: Array) -> str:
-        units, rows = Coordinates.of(self.robot.model).torque_units, []
-        for name, unit, tau, x, c in zip(
-            self.robot.model.velocity_names, units, self.tau.round(2), shares, coloured, strict=True
-        ):
-            wide = 50 * min(1.0, abs(float(x)))
-            colour = "rgb({} {} {})".format(*(round(255 * float(v)) for v in share_colours(c)))
-            bar = (
-                "<div style='position:relative;height:9px;width:88px;background:#e8ecf0;border-radius:3px'>"
-                f"<div style='position:absolute;top:0;bottom:0;left:{50 - wide if x < 0 else 50:.1f}%;width:{wide:.1f}%;"
-                f"background:{colour}'></div></div>"
-            )
-            share = "" if np.isnan(c) else f"{abs(c):.0%}"
-            cells = (html.escape(name.removesuffix("_joint")), bar, f"{tau + 0.0:.2f} {unit}".replace("-", "−"), share)
-            rows.append(f"<tr>{''.join(f'<td style={_CELL!r}>{cell}</td>' for cell in cells)}</tr>")
-        title = "Torques that hold this pose" if self.posed else f"Torques of the motion at {self.time:.2f} s"
-        return f"<div style='{_TEXT}'><b>{title}</b><table style='width:100%'>{''.join(rows)}</table></div>"
-
-
-def _private_server() -> type[viser.ViserServer]:
-    """viser's server with its tunnel to the public closed: any page that is connected may ask for one."""
-    import viser
-
-    class PrivateServer(viser.ViserServer):
-        def request_share_url(self, verbose: bool = True) -> None:
-            """Refuse."""
-
-    return PrivateServer
-
-
-def _silence() -> contextlib.redirect_stdout[io.StringIO]:
-    return contextlib.redirect_stdout(io.StringIO())
-
-
-_TEXT = "font-size:12px;padding:2px 12px 8px;"
-_CELL = "padding:1px 4px;white-space:nowrap;font-variant-numeric:tabular-nums"
-
-
-def _value(hand: dict[str, Any], q: Array) -> float:
-    """What a slider shows: degrees or metres."""
-    value = _angles(q[hand["q"] : hand["q"] + 4])[hand["turn"]] if "turn" in hand else float(q[hand["q"]])
-    return float(np.degrees(value)) if hand["unit"] == "°" else value
-
-
-def _grasped(hand: dict[str, Any], q: Array, value: float) -> Array:
-    """q with one hand moved to a value in rad or m."""
-    q, at = q.copy(), hand["q"]
-    if "turn" not in hand:
-        q[at] = value
-        return q
-    angles = _angles(q[at : at + 4])
-    angles[hand["turn"]] = value
-    (cr, cp, cy), (sr, sp, sy) = np.cos(np.array(angles) / 2), np.sin(np.array(angles) / 2)
-    q[at : at + 4] = (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-    return q
-
-
-def _angles(quat: Array) -> list[float]:
-    """Roll, pitch, yaw of a quaternion."""
-    R = np.asarray(quaternion.rotation(quat / np.linalg.norm(quat)))
-    pitch = float(np.arcsin(np.clip(-R[2, 0], -1.0, 1.0)))
-    return [float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))]

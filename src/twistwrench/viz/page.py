@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import html
 import json
 import zlib
@@ -15,9 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..typing import Array
-from .colours import force_scale
+from .book_data import book_data, telling_pose
+from .book_sections import BookSection, book_section
+from .colours import force_scale, mass_scale
 from .page_programs import PagePrograms
 from .page_robot import robot_data, wrench_data
 from .scene import Scene, scene_of
@@ -33,14 +37,24 @@ _SCRIPTS = (
     "matrices.js",
     "coordinates.js",
     "forces.js",
+    "effective_mass.js",
     "mechanics.js",
     "fall.js",
     "solids.js",
+    "orbit.js",
     "stage.js",
+    "sticks.js",
+    "grasp.js",
     "panel.js",
     "load.js",
+    "readouts.js",
+    "book.js",
     "page.js",
 )
+_POLICY = (
+    "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
+)
+"""Of the page, before the digests of its own scripts: it asks for nothing, and runs nothing else."""
 _KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
@@ -52,6 +66,7 @@ def write_page(
     q: ArrayLike | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     scene: Scene | None = None,
+    section: str | None = None,
 ) -> Path:
     """Write a page with the robot in it, and a motion that plays; it needs nothing but a browser.
 
@@ -60,10 +75,13 @@ def write_page(
     robot : Robot
     path : str or Path, .gif or .mp4
     motion : DrawnMotion, optional, which plays
-    q : (nq,) array_like, optional, where it starts; None: where the motion begins, else neutral
+    q : (nq,) array_like, optional, where it starts
+        None: where the motion begins, for a section a pose far from singular ones, else neutral.
     wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and counted in the torques that hold a pose
         A motion brings its own. [N m, N]
     scene : Scene, optional, the robot's looks
+    section : str, optional, a section of Modern Robotics that the page shows with this robot
+        "3.4", "5.1", "5.2", "8.1.2", "8.1.3", "8.2", "8.3", "8.5" or "8.6"; for arms of at most nine joints.
 
     Returns
     -------
@@ -72,7 +90,7 @@ def write_page(
     Raises
     ------
     ValueRangeError
-        The file cannot be written.
+        The file cannot be written, there is no page of the section, or the robot does not fit it.
 
     Examples
     --------
@@ -82,7 +100,7 @@ def write_page(
     ...     "https:" in page.read_text("utf-8")
     False
     """
-    text = page_text(robot, motion=motion, q=q, wrench_on_robot=wrench_on_robot, scene=scene)
+    text = page_text(robot, motion=motion, q=q, wrench_on_robot=wrench_on_robot, scene=scene, section=section)
     with replacing(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
     return Path(path)
@@ -95,34 +113,58 @@ def page_text(
     q: ArrayLike | None = None,
     wrench_on_robot: Mapping[str, ArrayLike] | None = None,
     scene: Scene | None = None,
+    section: str | None = None,
 ) -> str:
     """The page as text; see :func:`write_page`."""
+    book = None if section is None else book_section(section)
+    if book is not None:
+        if motion is not None or wrench_on_robot:
+            raise ValueRangeError(
+                f"section {section}: the page sets motion and wrenches by its sliders; leave them out."
+            )
+        book.require(robot)
     if motion is not None:
         motion.require(robot)
         robot, wrench_on_robot = motion.load.loaded, motion.load.wrenches
-    start = robot.neutral if motion is None else motion.q[0]
+    start = motion.q[0] if motion is not None else robot.neutral if book is None else telling_pose(robot)
     start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
     box = _Box()
     wrenches = wrench_on_robot or {}
     data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
     data |= wrench_data(robot, wrenches) | {"forceScale": force_scale(robot, scene)}
-    data |= PagePrograms(robot, tuple(wrenches)).data()
+    programs = PagePrograms(robot, tuple(wrenches), book)
+    data |= programs.data()
+    data["massScale"], data["tipDirections"] = mass_scale(robot, scene) if "mass" in data["programs"] else (0.0, 0)
     for torque, peak in zip(
         data["torques"], [0.0] * robot.nv if motion is None else motion.peaks.tolist(), strict=True
     ):
         torque["peak"] = peak
+    data["book"] = None if book is None else book_data(book, robot, start)
     data["motion"] = None if motion is None else _motion_data(robot, motion, box)
     data["notes"] = [*scene.notes, *(motion.warnings if motion is not None else ())]
     data["subtitle"] = _subtitle(robot, motion)
-    data["shown"], data["switches"] = _switches(data, scene)
+    data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
+    scripts = programs.script(), "\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS)
     return Template((parts / "page.html").read_text("utf-8")).substitute(
         title=html.escape(robot.name),
+        policy=f"{_POLICY} {' '.join(map(_digest, scripts))}",
         style=(parts / "page.css").read_text("utf-8"),
-        script="\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS),
+        programs=scripts[0],
+        script=scripts[1],
         data=box.packed(data),
     )
+
+
+def _digest(script: str) -> str:
+    """What names a script in a Content-Security-Policy."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode('ascii')}'"
+
+
+def read_programs(path: str | Path) -> str:
+    """The script of a page that defines ``PROGRAMS``, its functions by name."""
+    return Path(path).read_text("utf-8").partition('<script id="programs">')[2].partition("</script>")[0]
 
 
 def read_page(path: str | Path) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -218,7 +260,9 @@ def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
     return f"{text}{f', payload {carried}' if carried else ''} · {motion.rows} samples in {span:.4g} s"
 
 
-def _switches(data: Mapping[str, Any], scene: Scene) -> tuple[dict[str, bool], list[tuple[str, str]]]:
+def _switches(
+    data: Mapping[str, Any], scene: Scene, book: BookSection | None
+) -> tuple[dict[str, bool], list[tuple[str, str]]]:
     """What is on at first, and the buttons: only those that have something to show."""
     has_tip = "jacobian" in data["programs"] and data["forceScale"] > 0
     known = (
@@ -230,6 +274,8 @@ def _switches(data: Mapping[str, Any], scene: Scene) -> tuple[dict[str, bool], l
         ("frames", "Frames", True, False),
         ("ellipsoid", "Force ellipsoid", has_tip, False),
         ("polytope", "Force polytope", has_tip, False),
+        ("mass", "Mass ellipsoid", data["massScale"] > 0, False),
         ("path", "Path of the tip", bool(data["motion"] and data["motion"]["path"]), True),
     )
-    return {key: on for key, _, _, on in known}, [(key, label) for key, label, there, _ in known if there]
+    shown = {key: on if book is None else key in book.shown for key, _, _, on in known}
+    return shown, [(key, label) for key, label, there, _ in known if there]

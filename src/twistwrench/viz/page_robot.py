@@ -40,6 +40,7 @@ def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
                 "kind": b.joint.kind,
                 "q": b.q_index,
                 "follows": b.follows,
+                "parent": b.parent,
             }
             for b in model.bodies
         ],

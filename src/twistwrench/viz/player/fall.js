@@ -1,14 +1,15 @@
-// A robot let go: its motion under gravity, springs and wrenches, without torques, friction, stops or contact.
+// A robot let go: its motion under gravity, springs, wrenches and constant torques, without friction, stops or contact.
 "use strict";
 
 const LONGEST_FRAME = 8; // ms of computing a frame; a robot that takes longer falls slower than the clock
 
 class Fall {
-  constructor(mechanics, q) {
+  constructor(mechanics, q, dq = []) {
     const { fall, coordinates, torques } = mechanics.robot;
     Object.assign(this, { mechanics, h: fall.step, a: fall.a, b: fall.b, nq: coordinates.length, nv: torques.length });
-    this.y = new Float64Array(this.nq + this.nv + 1); // q, dq, and the work of the wrenches
+    this.y = new Float64Array(this.nq + this.nv + 1); // q, dq, and the work of wrenches and motors
     this.y.set(q);
+    this.y.set(dq, this.nq);
     this.z = this.y.slice();
     this.k = fall.b.map(() => this.y.slice());
     this.time = 0;
@@ -18,6 +19,7 @@ class Fall {
   }
 
   get q() { return Array.from(this.y.subarray(0, this.nq)); }
+  get dq() { return Array.from(this.y.subarray(this.nq, this.nq + this.nv)); }
   get kinetic() { return this.mechanics.run.kinetic(this.y, this.y.subarray(this.nq), ...this.mechanics.load)[0]; }
   get potential() { return this.mechanics.run.potential(this.y, ...this.mechanics.load)[0]; }
   get work() { return this.y[this.nq + this.nv]; }

@@ -5,16 +5,19 @@ class LoadPanel {
   constructor(panel) {
     const { viewer } = panel, { robot, mechanics } = viewer;
     Object.assign(this, { panel, viewer });
-    document.getElementById("load").hidden = !robot.torques.length;
+    this.kind = robot.book ? robot.book.load : "all"; // what may be put on it
+    document.getElementById("load").hidden = !robot.torques.length || !this.kind;
     this.sliders = [];
     if (robot.payload !== null) {
       this.slider(robot.payloadName, 0, robot.payload, "kg", (x) => { mechanics.mass = x; });
-      ["x", "y", "z"].forEach((axis, k) => this.slider(`push on tip, ${axis}`, -robot.push, robot.push, "N", (x) => { mechanics.push[k] = x; }));
+      if (this.kind === "all") ["x", "y", "z"].forEach((axis, k) => this.slider(`push on tip, ${axis}`, -robot.push, robot.push, "N", (x) => { mechanics.push[k] = x; }));
     }
     this.button = document.getElementById("let-go");
     this.said = document.getElementById("fall");
-    this.button.hidden = robot.fall.why !== null;
-    this.said.textContent = robot.fall.why || "";
+    this.felt = document.getElementById("felt");
+    if (this.kind !== "all") document.querySelector("#load h2").textContent = "Payload";
+    this.button.hidden = robot.fall.why !== null || this.kind !== "all";
+    this.said.textContent = this.kind === "all" ? robot.fall.why || "" : "";
     this.button.addEventListener("click", () => (viewer.fall ? viewer.stop() : viewer.letGo()));
   }
 
@@ -31,13 +34,23 @@ class LoadPanel {
     this.sliders.push(slider);
   }
 
+  feel() { // beside the mass ellipsoid: how heavy the tip is
+    const { viewer, felt: said } = this;
+    said.hidden = viewer.robot.book !== null || !viewer.shown.mass || !viewer.weigh();
+    if (said.hidden) return;
+    const masses = viewer.weigh().map(({ mass }) => mass).filter((mass) => mass < Infinity), missing = viewer.robot.tipDirections - masses.length;
+    const heavy = masses.map((mass) => `${mass < 1000 ? mass.toPrecision(3) : Math.round(mass)} kg`).join(", ");
+    said.textContent = `Effective mass at the tip along its principal axes: ${heavy}${missing > 0 ? "; here it cannot be moved in every direction" : ""}.`;
+  }
+
   update() {
     const { fall, robot } = this.viewer;
-    if (robot.fall.why !== null) return;
+    this.feel();
+    if (this.button.hidden) return;
     this.button.textContent = fall ? "Stop" : "Let go";
-    if (!fall) this.said.textContent = "From rest, without torques, friction and stops.";
+    if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : "From rest, without torques, friction and stops.";
     else {
-      const worked = fall.work ? ` − work of the ${this.viewer.mechanics.any ? "wrenches" : "push"} ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
+      const worked = fall.work ? ` − work of the ${robot.book ? "torques and push" : this.viewer.mechanics.any ? "wrenches" : "push"} ${energy(fall.work)}` : "", total = fall.kinetic + fall.potential - fall.work;
       this.said.textContent = `${fall.time.toFixed(2)} s: kinetic energy ${energy(fall.kinetic)} + potential ${energy(fall.potential)}${worked} = ${energy(total)} J, kept to ${fall.drift.toExponential(0)} J`;
     }
   }

@@ -2,17 +2,16 @@
 "use strict";
 
 const NO_WRENCH = [0, 0, 0, 0, 0, 0];
-const compiled = (text) => new Function(text.replace("export function", "return function"))();
 
 class Mechanics {
   constructor(robot) {
     this.robot = robot;
-    this.run = {};
-    for (const [name, text] of Object.entries(robot.programs)) this.run[name] = compiled(text);
+    this.run = PROGRAMS;
     this.mass = 0; // at the tip [kg]
     this.push = [0, 0, 0]; // on the tip, in the base's axes [N]
+    this.tau = robot.torques.map(() => 0); // of the motors, while it is let go
     const [n, nv] = [16 * (robot.bodies.length + robot.frames.length + 1), robot.torques.length];
-    this.scratch = { poses: new Float64Array(n), with: new Float64Array(nv), without: new Float64Array(nv), zero: new Float64Array(nv) };
+    this.scratch = { poses: new Float64Array(n), with: new Float64Array(nv), without: new Float64Array(nv) };
     this.still = robot.wrenchFrames.map(() => NO_WRENCH);
     const names = robot.frames.map((frame) => frame.name);
     this.given = robot.wrenchFrames.map((name) => {
@@ -62,13 +61,18 @@ class Mechanics {
     return this.robot.torques.map((_, k) => [J[3 * n + k], J[4 * n + k], J[5 * n + k]]);
   }
 
-  // d(entries of q)/dt, dv/dt, and the power of the wrenches, at joint torques of zero; y is q, v, and one entry more.
+  massMatrix(q) { // by rows, what is at the tip included. MR section 8.1
+    return this.run.mass(q, ...this.load);
+  }
+
+  // d(entries of q)/dt, dv/dt, and the power of the wrenches and the motors; y is q, v, and one entry more.
   motion(y, slope) {
     const nq = this.robot.coordinates.length, nv = this.robot.torques.length, { scratch } = this;
     const v = y.subarray(nq), wrenches = this.wrenches(y);
     this.run.rates(y, v, slope);
-    this.run.acceleration(y, v, scratch.zero, ...wrenches, ...this.load, slope.subarray(nq));
+    this.run.acceleration(y, v, this.tau, ...wrenches, ...this.load, slope.subarray(nq));
     slope[nq + nv] = 0;
+    for (let k = 0; k < nv; k++) slope[nq + nv] += v[k] * this.tau[k];
     if (!this.any && wrenches === this.given) return slope;
     this.holding(y, wrenches, scratch.with); // tau = g - J' F
     this.holding(y, this.still, scratch.without);

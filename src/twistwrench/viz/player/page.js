@@ -19,7 +19,7 @@ class Viewer {
     this.mechanics = new Mechanics(robot);
     this.fall = null; // while it is let go
     this.shown = { ...robot.shown };
-    this.stage = new Stage(document.getElementById("stage"), robot.size);
+    this.stage = stageOn(document.getElementById("stage"), robot.size);
     this.stage.target = robot.target.slice();
     this.stage.home.target = robot.target.slice();
     this.made = new Map();
@@ -37,6 +37,8 @@ class Viewer {
     this.playing = false;
     this.speed = 1;
     this.panel = new Panel(this);
+    this.grasp = new Grasp(this);
+    this.book = robot.book && new Book(this);
     if (this.motion) this.seek(this.time);
     else this.refresh();
     const frame = (now) => { this.advance(now); this.draw(); requestAnimationFrame(frame); };
@@ -85,13 +87,15 @@ class Viewer {
 
   letGo() {
     this.setCoordinates(this.q);
-    this.fall = new Fall(this.mechanics, this.q);
+    if (this.book) this.mechanics.tau = this.book.state.tau.slice();
+    this.fall = new Fall(this.mechanics, this.q, this.book ? this.book.state.dq : []);
     this.refresh();
   }
 
   fallOn(seconds) {
     this.fall.advance(seconds);
     this.q = this.fall.q;
+    if (this.book) this.book.state.dq = this.fall.dq;
     this.refresh();
   }
 
@@ -103,10 +107,20 @@ class Viewer {
     this.refresh();
   }
 
+  set(input) { // of a section of the book: torques may change while it moves
+    if (this.fall && input === "tau") {
+      this.mechanics.tau = this.book.state.tau.slice();
+      this.fall.reckon();
+    } else this.fall = null;
+    this.refresh();
+  }
+
   refresh() {
     this.poses = this.mechanics.poses(this.q);
-    if (this.posed) this.tau = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
-    this.forces = null;
+    if (this.book) this.tau = this.book.update();
+    else if (this.posed) this.tau = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
+    this.forces = this.masses = null;
+    if (this.shown.mass) this.weigh();
     this.panel.update();
   }
 
@@ -148,8 +162,18 @@ class Viewer {
     if (shown.wrenches) this.wrenchMarks(items);
     if (robot.payload !== null) this.loadMarks(items);
     if (shown.ellipsoid || shown.polytope) this.forceMarks(items);
+    if (shown.mass) this.massMarks(items);
+    if (this.book) this.book.marks(items);
+    if (this.grasp.can) items.push({ kept: this.ball, model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
     if (shown.path && this.motion && this.motion.path) lines.push({ kept: this.motion.path, colour: [...robot.colours.path, 0.9], strip: true });
-    this.stage.draw(items, lines, robot.floor);
+    this.stage.draw(items, lines, robot.floor, this.sticks());
+  }
+
+  sticks() { // from joint to joint, for where surfaces cannot be drawn
+    const at = (body) => place(poseOf(this.poses, body)), tip = this.grasp.can ? [this.grasp.tip] : [];
+    const sticks = this.robot.bodies.map(({ parent }, k) => [at(parent), at(k)]);
+    if (tip.length) sticks.push([at(this.robot.frames[this.robot.tip].body), tip[0]]);
+    return { sticks, ends: tip };
   }
 
   torqueMarks(items) {
@@ -213,6 +237,17 @@ class Viewer {
     const { p, ellipsoid } = this.forces, s = robot.forceScale, at = [s, 0, 0, p[0], 0, s, 0, p[1], 0, 0, s, p[2], 0, 0, 0, 1];
     if (shown.ellipsoid && ellipsoid) items.push({ kept: this.ball, model: mul(at, pose(ellipsoid, [0, 0, 0])), colour: [...robot.colours.ellipsoid, 0.35], closed: true });
     if (shown.polytope && this.solid) items.push({ kept: this.solid, model: at, colour: [...robot.colours.polytope, 0.22], closed: true });
+  }
+
+  // Masses at the tip along its principal axes; null where they are not known.
+  weigh() {
+    this.masses ??= this.mechanics.run.mass && effectiveMasses(this.mechanics.massMatrix(this.q), this.mechanics.tipColumns(this.q));
+    return this.masses;
+  }
+
+  massMarks(items) {
+    const { robot } = this, R = massEllipsoid(this.weigh(), robot.tipDirections, robot.massScale, 0.3 * robot.size);
+    if (R) items.push({ kept: this.ball, model: pose(R, this.grasp.tip), colour: [...robot.colours.mass, 0.4], closed: true });
   }
 }
 

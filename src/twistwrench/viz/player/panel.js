@@ -7,11 +7,11 @@ class Panel {
     const robot = viewer.robot;
     const of = (id) => document.getElementById(id);
     of("subtitle").textContent = robot.subtitle;
+    this.torques = of("torques");
     this.title = document.querySelector("#torques h2");
     this.bars = robot.torques.map((torque, k) => this.torqueRow(torque, k));
     this.hands = robot.hands.map((hand, k) => this.handRow(hand, k));
     of("joints").hidden = !robot.hands.length;
-    of("torques").hidden = !robot.torques.length;
     if (robot.notes.length) {
       of("notes").hidden = false;
       robot.notes.forEach((text) => (of("notes").querySelector("ul").appendChild(document.createElement("li")).textContent = text));
@@ -57,7 +57,8 @@ class Panel {
     Object.assign(slider, { type: "range", id: `hand-${k}`, min: lower, max: upper, step: "any" });
     slider.setAttribute("aria-label", name);
     slider.addEventListener("input", () => this.viewer.setCoordinates(this.grasp(k, Number(slider.value))));
-    const [, , number] = this.row("joints", this.cell("name", name.replace(/_joint$/, "")), slider, this.cell("number"));
+    const shown = `${this.viewer.robot.book ? `${k + 1} ` : ""}${name.replace(/_joint$/, "")}`;
+    const [, , number] = this.row("joints", this.cell("name", shown), slider, this.cell("number"));
     return { slider, number };
   }
 
@@ -80,7 +81,7 @@ class Panel {
   switch(key, label) {
     const button = document.getElementById("shown").appendChild(document.createElement("button"));
     Object.assign(button, { textContent: label, id: `show-${key}` });
-    const set = (on) => { this.viewer.shown[key] = on; button.setAttribute("aria-pressed", on); };
+    const set = (on) => { this.viewer.shown[key] = on; this.load?.update(); button.setAttribute("aria-pressed", on); };
     button.addEventListener("click", () => set(!this.viewer.shown[key]));
     set(this.viewer.shown[key]);
   }
@@ -138,8 +139,10 @@ class Panel {
   update() {
     const viewer = this.viewer, { robot, tau, q } = viewer, shares = viewer.shares();
     const largest = Math.max(...tau.map(Math.abs), ...robot.torques.map(({ peak }) => peak), 1e-3);
-    const digits = viewer.fall ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
-    this.title.textContent = viewer.fall ? "Torques: none, let go" : viewer.posed ? "Torques that hold this pose" : "Torques of the motion";
+    const digits = viewer.fall && !viewer.book ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
+    const { book } = viewer;
+    this.torques.hidden = !robot.torques.length || (book && !book.found.tau);
+    this.title.textContent = book ? book.found.title || "" : viewer.fall ? "Torques: none, let go" : viewer.posed ? "Torques that hold this pose" : "Torques of the motion";
     this.load.update();
     this.bars.forEach(({ fill, number, share }, k) => {
       const x = shares[k], wide = 50 * Math.min(1, Math.abs(x)), limit = robot.torques[k].limit;

@@ -1,0 +1,181 @@
+// A page of a section of Modern Robotics: its words and formulas, sliders for what it needs, and its readout.
+"use strict";
+
+class Book {
+  constructor(viewer) {
+    const { robot } = viewer, { book } = robot;
+    Object.assign(this, { viewer, book, state: {}, readout: READOUTS[book.number], sliders: {} });
+    document.querySelector("main").classList.add("book");
+    const place_ = document.getElementById("book");
+    place_.hidden = false;
+    document.querySelector("h1").textContent = `${book.number} ${book.title}`;
+    document.getElementById("subtitle").textContent = robot.name;
+    place_.querySelector("p").innerHTML = book.idea; // words of ours
+    for (const [formula, number] of book.formulas) {
+      const row = place_.querySelector("ul").appendChild(document.createElement("li"));
+      row.innerHTML = `<span class="formula">${formula}</span><span class="share">${number}</span>`;
+    }
+    this.choose();
+    this.tabs();
+  }
+
+  choose() { // a joint or a link from a list
+    const { book, viewer } = this, label = document.getElementById("chosen");
+    label.hidden = !book.chooses;
+    if (!book.chooses) return;
+    const names = book.chooses === "joint" ? viewer.robot.torques.map(({ name }) => name) : book.links.map(({ name }) => name);
+    const list = label.querySelector("select");
+    label.querySelector("span").textContent = book.chooses === "joint" ? "Joint" : "Link";
+    names.forEach((name, k) => list.appendChild(new Option(`${k + 1}  ${name}`, k)));
+    this.state.chosen = list.value = book.chooses === "joint" ? 0 : Math.min(3, names.length - 1);
+    list.addEventListener("change", () => { this.state.chosen = Number(list.value); viewer.refresh(); });
+  }
+
+  tabs() { // one set of sliders at a time: positions first
+    const section = document.getElementById("joints"), [head, first] = [section.querySelector("h2"), section.querySelector("ul")];
+    const { inputs } = this.book, lists = [first], buttons = [];
+    if (!inputs.length) return;
+    head.innerHTML = "";
+    const show = (at) => lists.forEach((list, k) => {
+      list.hidden = k !== at;
+      buttons[k].setAttribute("aria-pressed", k === at);
+      if (k === at) meaning.textContent = buttons[k].title;
+    });
+    const tab = (letter, title) => {
+      const button = head.appendChild(document.createElement("button")), k = buttons.length;
+      Object.assign(button, { innerHTML: letter, title, id: `tab-${k}` });
+      button.setAttribute("aria-label", title);
+      button.addEventListener("click", () => show(k));
+      buttons.push(button);
+    };
+    tab("θ", "positions of the joints");
+    for (const input of inputs) {
+      tab(input.letter, input.meaning);
+      lists.push(this.list(section, input));
+    }
+    const meaning = head.appendChild(document.createElement("span"));
+    show(0);
+  }
+
+  list(section, { key, rows }) {
+    const list = section.appendChild(document.createElement("ul")), { panel, robot } = this.viewer;
+    const numbered = rows.length === robot.torques.length && key !== "wrench";
+    this.state[key] = rows.map(({ start }) => start);
+    this.sliders[key] = rows.map(({ name, unit: unit_, most }, k) => {
+      const slider = document.createElement("input"), row = list.appendChild(document.createElement("li")), number = panel.cell("number");
+      Object.assign(slider, { type: "range", id: `${key}-${k}`, min: -most, max: most, step: "any" });
+      slider.setAttribute("aria-label", `${name} [${unit_}]`);
+      slider.addEventListener("input", () => { this.state[key][k] = Number(slider.value); this.viewer.set(key); });
+      slider.addEventListener("dblclick", () => { this.state[key][k] = 0; this.viewer.set(key); });
+      row.append(panel.cell("name", `${numbered ? `${k + 1} ` : ""}${name.replace(/_joint$/, "")}`), slider, number);
+      const digits = Math.max(0, 2 - Math.floor(Math.log10(most)));
+      return { slider, tell: (x) => { slider.value = x; number.textContent = `${signed(x, digits)} ${unit_}`; } };
+    });
+    return list;
+  }
+
+  update() { // everything at the pose there is
+    const { viewer, state } = this;
+    this.found = this.readout(viewer.mechanics, { ...state, q: viewer.q });
+    for (const [key, rows] of Object.entries(this.sliders)) rows.forEach(({ tell }, k) => tell(state[key][k]));
+    const words = this.found.tables.map(({ caption, rows }) => `${caption} ${rows.length}`).join();
+    if (words !== this.words) {
+      this.words = words;
+      this.tables = this.found.tables.map((table) => new NumberTable(table));
+      this.below = document.createElement("div");
+      document.getElementById("values").replaceChildren(...this.tables.map(({ place: at }) => at), this.below);
+    }
+    this.tables.forEach((table, k) => table.show(this.found.tables[k].rows));
+    this.below.replaceChildren(...(this.found.values || []).map(valueOf), this.legend());
+    return this.found.tau || viewer.robot.torques.map(() => 0);
+  }
+
+  legend() { // the arrows that are drawn, by colour
+    const list = document.createElement("p"), seen = new Set();
+    list.className = "legend";
+    for (const { name, colour, along } of this.found.arrows) {
+      if (seen.has(name) || norm(along) < 1e-9) continue;
+      seen.add(name);
+      const chip = list.appendChild(document.createElement("span"));
+      chip.appendChild(document.createElement("i")).style.background = this.lines[colour % this.lines.length];
+      chip.append(name);
+    }
+    if (this.found.frames) list.appendChild(document.createElement("span")).textContent = "axes of frames: x red, y green, z blue";
+    return list;
+  }
+
+  label() { // the letters of the frames, beside their origins
+    const place_ = document.getElementById("labels"), frames = this.found.frames || [];
+    while (place_.children.length < frames.length) place_.appendChild(document.createElement("span"));
+    frames.forEach(([name, T], k) => {
+      const [x, y] = this.viewer.stage.project(place(T));
+      Object.assign(place_.children[k], { textContent: name });
+      place_.children[k].style.transform = `translate(${x + 14}px, ${y + 4}px)`;
+    });
+  }
+
+  get lines() { return this.viewer.robot.colours.lines; }
+
+  marks(items) {
+    const { viewer, found } = this, { robot } = viewer, axis = viewer.cached("long axis", () => arrow(1, 0.03));
+    for (const [, T] of found.frames || [])
+      robot.colours.axes.forEach((colour, k) => items.push({ kept: axis, model: mul(T, mul(AXES[k], scaling(0.14 * robot.size))), colour: [...colour, 1] }));
+    this.label();
+    for (const { p, along, most, colour } of found.arrows) {
+      const share = Math.min(1, norm(along) / most), length = Math.round(60 * share) / 200;
+      if (length < 0.01) continue;
+      const T = mul(shifted(p), mul(alongZ(along), scaling(robot.size)));
+      items.push({ kept: viewer.cached(`push ${length}`, () => arrow(length, 0.011)), model: T, colour: [...rgb(this.lines[colour % this.lines.length]), 1] });
+    }
+  }
+}
+
+const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
+
+function shownNumber(x, digits) {
+  if (x === null) return "";
+  if (x === 0) return "0";
+  return Math.abs(x) < 1e5 ? signed(x, digits) : x === Infinity ? "∞" : x.toExponential(1).replace("-", "−");
+}
+
+const digitsOf = (most) => Math.min(3, Math.max(0, 2 - Math.floor(Math.log10(most))));
+
+// A table whose numbers may change, its words not.
+class NumberTable {
+  constructor({ caption, columns, rows, heat }) {
+    const table = document.createElement("table"), head = table.createTHead().insertRow(), body = table.createTBody();
+    const add_ = (row, kind, text = "") => Object.assign(row.appendChild(document.createElement(kind)), { innerHTML: text });
+    this.heat = heat;
+    this.place = document.createElement("div");
+    add_(this.place, "p", caption).className = "caption";
+    this.place.appendChild(table);
+    table.style.width = `min(100%, ${70 + 64 * columns.length}px)`;
+    add_(head, "th");
+    columns.forEach(([name, unit_]) => add_(head, "th", `${name}${unit_ ? `<small>${unit_}</small>` : ""}`));
+    this.cells = rows.map(([name, xs]) => {
+      const row = body.insertRow();
+      add_(row, "th", name);
+      return xs.map(() => add_(row, "td"));
+    });
+  }
+
+  show(rows) { // three places of the largest number of a column; of the whole table, and one more, where it is coloured
+    const largest = rows[0][1].map((_, k) => Math.max(1e-3, ...rows.map(([, xs]) => Math.abs(xs[k])).filter((x) => x < 1e5)));
+    const most = Math.max(...largest), same = this.heat ? digitsOf(most / 10) : null, recolour = this.heat && most !== this.most;
+    this.most = most;
+    rows.forEach(([, xs], i) => xs.forEach((x, k) => {
+      const cell = this.cells[i][k], title = x === null ? "" : String(x);
+      if (!recolour && cell.title === title && cell.digits === (same ?? digitsOf(largest[k]))) return;
+      cell.digits = same ?? digitsOf(largest[k]);
+      cell.title = title;
+      cell.textContent = shownNumber(x, cell.digits);
+      if (this.heat) cell.style.background = `rgba(${x > 0 ? "230, 120, 0" : "0, 110, 190"}, ${(0.5 * Math.min(1, Math.abs(x) / most)).toFixed(3)})`;
+    }));
+  }
+}
+
+function valueOf([name, x, unit_]) {
+  const line = document.createElement("p");
+  line.innerHTML = `${name}: <b>${Math.abs(x) < 1e-9 && x ? x.toExponential(0).replace("-", "−") : signed(x, 4)} ${unit_}</b>`;
+  return line;
+}

@@ -1,0 +1,71 @@
+// A camera that orbits what it looks at, steered by mouse, fingers and wheel; how it draws is for those who extend it.
+"use strict";
+
+class Orbit {
+  constructor(canvas, size) {
+    Object.assign(this, { canvas, size, target: [0, 0, 0], covered: { right: 0, bottom: 0 } });
+    this.home = { azimuth: -0.9, elevation: 0.35, distance: 2.05 * size };
+    Object.assign(this, this.home);
+    this.grasp = null; // takes (x, y) of a press: null, or a function of (dx, dy) that moves what was pressed on
+    this.steer();
+  }
+
+  camera() {
+    const [c, s] = [Math.cos(this.elevation), Math.sin(this.elevation)];
+    const back = [c * Math.cos(this.azimuth), c * Math.sin(this.azimuth), s];
+    const right = [-Math.sin(this.azimuth), Math.cos(this.azimuth), 0], up = cross(back, right);
+    const eye = add(this.target, times(this.distance, back));
+    const view = [...right, -dot(right, eye), ...up, -dot(up, eye), ...back, -dot(back, eye), 0, 0, 0, 1];
+    const near = 0.02 * this.distance, far = this.distance + 20 * this.size, f = 1 / Math.tan(0.3);
+    const [width, height] = [Math.max(1, this.canvas.clientWidth), Math.max(1, this.canvas.clientHeight)], aspect = width / height;
+    const depth = [(far + near) / (near - far), (2 * far * near) / (near - far)];
+    const lens = [f / Math.max(aspect, 1e-3), 0, 0, 0, 0, f, 0, 0, 0, 0, ...depth, 0, 0, -1, 0];
+    if (aspect < 1) [lens[0], lens[5]] = [f, f * aspect];
+    [lens[2], lens[6]] = [this.covered.right / width, -this.covered.bottom / height]; // the middle of what nothing covers
+    return { camera: mul(lens, view), eye, right, up };
+  }
+
+  // Where on the canvas a point is, in its own pixels.
+  project(point) {
+    const M = this.camera().camera, [x, y, , w] = [0, 1, 2, 3].map((i) => dot(M.slice(4 * i, 4 * i + 3), point) + M[4 * i + 3]);
+    return [((x / w + 1) / 2) * this.canvas.clientWidth, ((1 - y / w) / 2) * this.canvas.clientHeight];
+  }
+
+  steer() { // drag orbits, with the right button or two fingers it shifts; the wheel and pinching zoom
+    const canvas = this.canvas, fingers = new Map();
+    let held = null;
+    const orbit = (dx, dy) => {
+      this.azimuth -= 0.008 * dx;
+      this.elevation = Math.min(1.55, Math.max(-1.2, this.elevation + 0.008 * dy));
+    };
+    const shift = (dx, dy) => {
+      const { right, up } = this.camera(), scale = (0.62 * this.distance) / canvas.clientHeight;
+      this.target = add(this.target, add(times(-scale * dx, right), times(scale * dy, up)));
+    };
+    const zoom = (factor) => { this.distance = Math.min(40 * this.size, Math.max(0.05 * this.size, this.distance * factor)); };
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      const box = canvas.getBoundingClientRect();
+      held = event.button === 0 && !fingers.size && this.grasp ? this.grasp(event.clientX - box.x, event.clientY - box.y) : null;
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const before = fingers.get(event.pointerId);
+      if (!before) return;
+      const [dx, dy] = [event.clientX - before[0], event.clientY - before[1]];
+      if (held && fingers.size === 1) held(dx, dy);
+      else if (fingers.size === 2) {
+        const other = [...fingers].find(([id]) => id !== event.pointerId)[1];
+        const far = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]) || 1;
+        zoom(far(before) / far([event.clientX, event.clientY]));
+        shift(dx / 2, dy / 2);
+      } else if (event.buttons & 2 || event.buttons & 4 || event.shiftKey) shift(dx, dy);
+      else orbit(dx, dy);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+    canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoom(Math.exp(0.0012 * event.deltaY)); }, { passive: false });
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("dblclick", () => Object.assign(this, this.home));
+  }
+}

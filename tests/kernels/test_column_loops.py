@@ -1,0 +1,157 @@
+"""∂ddq by a loop over columns: the same numbers as unrolled, on any tree, however they are asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.kernels.ufunc import owner_of
+from twistwrench.program.column_groups import ColumnGroups
+from twistwrench.robot import Robot, column_loops
+from twistwrench.targets import batch_loop
+from twistwrench.targets.numpy_columns import NumpyColumns
+from twistwrench.targets.processor import SINGLE, host
+from twistwrench.testing import random_robot
+from twistwrench.testing.robots import KINDS
+
+NAME = "forward_dynamics_derivatives"
+COUNT = 2 * host().lanes(SINGLE) + 3
+TREES = [(1, False, ()), (2, True, ()), (3, False, ("mimic",)), (4, True, ("mimic",))]
+
+
+def tree(seed: int, floating: bool, more: tuple[str, ...] = ()) -> Robot:
+    kinds = [kind for kind in KINDS if kind not in ("mimic", "fixed")]
+    return random_robot(seed, 6, (*kinds, *more), floating_base=floating)
+
+
+def kernel_of(robot: Robot, monkeypatch: pytest.MonkeyPatch, least: int):
+    """A kernel with a loop from so many pairs of joints on."""
+    monkeypatch.setattr(column_loops, "FROM", least)
+    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", least)
+    kernel = tw.Robot(robot.model).kernel(NAME)
+    assert isinstance(owner_of(kernel).given, ColumnGroups) == (least == 0)
+    return kernel
+
+
+def states(robot: Robot, count: int = COUNT) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(5)
+    return robot.random_configuration(rng, count), *rng.standard_normal((2, count, robot.nv))
+
+
+def off(found, wanted) -> float:
+    """The largest difference, as a share of the largest entry of its matrix."""
+    return max(np.abs(a - b).max() / np.abs(b).max() for a, b in zip(found, wanted, strict=True))
+
+
+@pytest.mark.parametrize(("seed", "floating", "more"), TREES)
+def test_trees_of_all_joints_have_the_derivatives_they_have_unrolled(seed, floating, more, monkeypatch):
+    """The same operations, but for products that one of the two fuses into sums: 1e-12 leaves room for condition."""
+    robot = tree(seed, floating, more)
+    plain, loop = (kernel_of(robot, monkeypatch, least) for least in (10**9, 0))
+    found, wanted = loop(*states(robot)), plain(*states(robot))
+    assert off(found, wanted) <= 1e-12
+    if not floating:  # branches know nothing of each other
+        assert all(((a == 0) == (b == 0)).all() for a, b in zip(found, wanted, strict=True))
+
+
+def test_constants_are_there_in_every_block(monkeypatch):
+    """Springs are constants, which come where the solutions of the block before were left."""
+    joint = '<joint name="{0}" type="{1}" axis="{2}" stiffness="{3}"/>'
+    hinge = joint.format("a", "hinge", "0 1 0", 40)
+    slide = joint.format("b", "slide", "1 0 0", 70)
+    text = (
+        f'<mujoco><worldbody><body name="one">{hinge}<geom type="sphere" size="0.1" mass="2"/>'
+        f'<body name="two" pos="0 0 0.4">{slide}<geom type="sphere" size="0.1" mass="3"/></body></body></worldbody></mujoco>'
+    )
+    robot = tw.load(text)
+    plain, loop = (kernel_of(robot, monkeypatch, least) for least in (10**9, 0))
+    assert off(loop(*states(robot)), plain(*states(robot))) <= 1e-13
+
+
+def test_a_state_has_its_bits_wherever_it_stands(monkeypatch):
+    """Alone, in any batch, in rows with gaps, into arrays of other strides."""
+    robot = tree(1, True)
+    monkeypatch.setattr(column_loops, "FROM", 0)
+    arrays = states(robot)
+    whole = robot.forward_dynamics_derivatives(*arrays)
+    for some in (slice(0, 1), slice(3, 8), slice(None, None, 2)):
+        for a, b in zip(robot.forward_dynamics_derivatives(*(x[some] for x in arrays)), whole, strict=True):
+            assert (a == b[some]).all()
+    for _ in range(3):
+        for a, b in zip(robot.forward_dynamics_derivatives(*(x[4] for x in arrays)), whole, strict=True):
+            assert (a == b[4]).all()
+    n = robot.nv
+    out = tuple(np.full((COUNT, n + 2, 2 * n), 7.0) for _ in whole)
+    robot.forward_dynamics_derivatives(*arrays, out=tuple(x[:, 1:-1, ::2] for x in out))
+    for a, b in zip(out, whole, strict=True):
+        assert (a[:, 1:-1, ::2] == b).all()
+        assert (a[:, :, 1::2] == 7.0).all()
+        assert (a[:, [0, -1]] == 7.0).all()
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("name", [NAME, "mass_matrix"])
+def test_results_past_the_caches_have_the_same_bits(name, dtype, monkeypatch):
+    """From arrays at any place: whole lines are written as such, others as pieces, or not past the caches at all."""
+    from twistwrench.targets import emitter_choice
+
+    monkeypatch.setattr(emitter_choice, "LONG", 0)
+    monkeypatch.setattr(column_loops, "FROM", 0)
+    robot = random_robot(3, 4, ("revolute", "prismatic"), floating_base=True)
+    arrays = [x.astype(dtype) for x in states(robot)][: None if name == NAME else 1]
+    near = tw.Robot(robot.model).kernel(name)
+    wanted = near(*arrays)
+    wanted = wanted if isinstance(wanted, tuple) else (wanted,)
+    monkeypatch.setattr(batch_loop, "BEYOND_CACHES", 1)
+    far = tw.Robot(robot.model).kernel(name)
+    far(*arrays)
+    for start in range(0, 64, np.dtype(dtype).itemsize):
+        out = []
+        for x in wanted:
+            room = np.full(x.nbytes + 192, 7, np.uint8)
+            first = -room.ctypes.data % 64 + start
+            out.append((room, first, room[first : first + x.nbytes].view(dtype).reshape(x.shape)))
+        far(*arrays, out=tuple(view for _, _, view in out))
+        for (room, first, view), x in zip(out, wanted, strict=True):
+            assert (view == x).all()
+            assert (room[:first] == 7).all()
+            assert (room[first + x.nbytes :] == 7).all()
+
+
+def test_single_precision(monkeypatch):
+    robot = tree(1, True)
+    kernel, arrays = kernel_of(robot, monkeypatch, 0), states(robot)
+    found, wanted = kernel(*(a.astype(np.float32) for a in arrays)), kernel(*arrays)
+    assert all(a.dtype == np.float32 for a in found)
+    assert off(found, wanted) <= 1e-3
+
+
+def test_numpy_works_on_the_same_columns(monkeypatch):
+    robot = tree(2, True)
+    kernel, arrays = kernel_of(robot, monkeypatch, 0), states(robot, 4)
+    slow = NumpyColumns(column_loops.columns_of(robot.model, {NAME: {}}), NAME, "")
+    assert off(slow(*arrays), kernel(*arrays)) <= 1e-12
+    out = tuple(np.empty((4, robot.nv, robot.nv)) for _ in range(3))
+    assert slow(*arrays, out=out)[1] is out[1]
+    assert off(out, kernel(*arrays)) <= 1e-12
+
+
+def test_a_wrench_is_felt(monkeypatch):
+    robot = tree(4, False)
+    frame, F = robot.frame_names[-1], np.random.default_rng(1).standard_normal((COUNT, 6))
+    plain, loop = tw.Robot(robot.model), tw.Robot(robot.model)
+    found = []
+    for one, least in ((plain, 10**9), (loop, 0)):
+        monkeypatch.setattr(column_loops, "FROM", least)
+        monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", least)
+        found.append(one.forward_dynamics_derivatives(*states(robot), wrench_on_robot={frame: F}))
+    assert off(found[1], found[0]) <= 1e-12
+    assert off(found[1], loop.forward_dynamics_derivatives(*states(robot))) > 1e-6
+
+
+def test_arms_have_loops_and_small_robots_have_none(bundled, monkeypatch):
+    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", column_loops.FROM)
+    assert column_loops.columns_of(bundled("panda").model, {NAME: {}}) is not None
+    assert column_loops.columns_of(bundled("pendulum").model, {NAME: {}}) is None
+    assert column_loops.columns_of(bundled("panda").model, {"mass_matrix": {}}) is None

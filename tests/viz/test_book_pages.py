@@ -1,0 +1,306 @@
+"""Pages of sections of the book: every number they show is that of the kernels, under Node and in a real browser."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from page_under_node import under_node
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+from twistwrench.viz import write_page
+from twistwrench.viz.book_sections import SECTIONS
+from twistwrench.viz.page import read_page
+
+pytest_plugins = ("page_fixtures",)
+
+ARMS = ["planar_2r", "ur5", "panda"]
+READ = """(m, given) => given.states.map((state) => {
+    m.mass = given.mass; m.push = given.push; m.tau = state.tau;
+    const { tables, values, tau } = READOUTS[given.section](m, state);
+    return { tables: tables.map(({ rows }) => rows.map(([, xs]) => xs)), values: (values || []).map(([, x]) => x), tau }; })"""
+
+
+@cache
+def arm(name, load=""):
+    """One of the bundled arms, with what the tests put at its tip; compiled once."""
+    robot = getattr(tw.robots, name)()
+    return robot.with_payload(tw.SpatialInertia.from_com(1.5)) if load else robot
+
+
+class State:
+    """One state of an arm, and what the kernels say of it; the payload is on it where the page has one."""
+
+    def __init__(self, name, rng, k, load):
+        self.bare, self.robot = arm(name), arm(name, load)
+        robot, n = self.bare, self.bare.nv
+        self.q = robot.random_configuration(k)
+        self.dq, self.ddq, self.tau = rng.normal(size=n), rng.normal(size=n), 10 * rng.normal(size=n)
+        self.dV = rng.normal(size=2 if n == 2 else 3)
+        self.wrench = np.concatenate([rng.normal(size=3), 10 * rng.normal(size=3)])
+        self.chosen = k % n
+        self.mass, self.push = (1.5 if load else 0.0), (np.array([7.0, -8.0, 9.0]) if load == "all" else np.zeros(3))
+
+    @property
+    def sent(self):
+        return {
+            name: np.asarray(getattr(self, name)).tolist()
+            for name in ("q", "dq", "ddq", "tau", "wrench", "dV", "chosen")
+        }
+
+    @property
+    def link(self):
+        return self.bare.body_names[self.chosen]
+
+
+def on_link(s):
+    G = np.asarray(s.bare.model.bodies[s.chosen].inertia.matrix)
+    V = s.bare.frame_velocity(s.q, s.dq, s.link)
+    return G, V, s.bare.frame_acceleration(s.q, s.dq, s.ddq, s.link), -(tw.ad(V).T @ (G @ V))
+
+
+def of_3_4(s):
+    V_b, V_s = (s.bare.frame_velocity(s.q, s.dq, kind=kind) for kind in ("body", "space"))
+    F_s = tw.Ad(tw.se3.inverse(s.bare.forward_kinematics(s.q))).T @ s.wrench
+    return [[V_b, V_s], [s.wrench, F_s]], [V_b @ s.wrench, V_s @ F_s], None
+
+
+def of_5_1(s):
+    J_b, J_s = s.bare.jacobian(s.q), s.bare.jacobian(s.q, kind="space")
+    return [J_b, J_s, [J_b @ s.dq]], [], None
+
+
+def of_5_2(s):
+    J, tau = s.bare.jacobian(s.q), s.bare.wrench_torques(s.q, s.wrench)
+    return [np.column_stack([(J * s.wrench[:, None]).T, tau])], [], tau
+
+
+def of_8_1_2(s):
+    terms = s.robot.christoffel(s.q) * s.dq[:, None] * s.dq
+    c, squares = s.robot.coriolis_forces(s.q, s.dq), np.einsum("ijj->ij", terms).sum(axis=1)
+    mine = terms[s.chosen]
+    upper = np.where(np.tri(len(c), k=-1, dtype=bool), np.nan, mine + mine.T - np.diag(np.diag(mine)))
+    return [upper, [squares, c - squares, c]], [], c
+
+
+def of_8_1_3(s):
+    return [s.robot.mass_matrix(s.q)], [], None
+
+
+def of_8_2(s):
+    G, V, dV, rest = on_link(s)
+    return [[V], [dV], [G @ V], [G @ dV, rest, G @ dV + rest], G], [V @ G @ V / 2], None
+
+
+def of_8_3(s):
+    G, V, dV, rest = on_link(s)
+    R = s.bare.forward_kinematics(s.q, s.link)[:3, :3]
+    dV = dV + np.concatenate([np.zeros(3), -R.T @ s.bare.gravity])
+    on = {s.bare.tip: s.wrench}
+    F = s.bare.joint_wrenches(s.q, s.dq, s.ddq, wrench_by_robot=on)[s.chosen]
+    tau = s.bare.inverse_dynamics(s.q, s.dq, s.ddq, wrench_by_robot=on)
+    return [[V], [dV], [G @ dV, rest, F - G @ dV - rest, F]], [tau[s.chosen]], tau
+
+
+def of_8_5(s):
+    R = s.robot.forward_kinematics(s.q)[:3, :3]
+    on = {s.robot.tip: [0, 0, 0, *(R.T @ s.push)]}
+    h = s.robot.inverse_dynamics(s.q, s.dq, np.zeros(s.robot.nv), wrench_on_robot=on)
+    ddq = s.robot.forward_dynamics(s.q, s.dq, s.tau, wrench_on_robot=on)
+    return [[s.tau, h, s.tau - h, ddq], s.robot.mass_matrix(s.q)], [0.0], s.tau
+
+
+def of_8_6(s):
+    rows = "vx vz" if s.robot.nv == 2 else "vx vy vz"
+    at = [3, 5] if s.robot.nv == 2 else [3, 4, 5]
+    task = {"kind": "world_aligned", "rows": rows}
+    Lambda, eta = s.robot.task_inertia(s.q, **task), s.robot.task_bias(s.q, s.dq, **task)
+    F, J = Lambda @ s.dV + eta, s.robot.jacobian(s.q, kind="world_aligned")[at]
+    pivots = np.diag(np.linalg.cholesky(np.linalg.inv(Lambda)[::-1, ::-1])) ** 2  # from the last row on
+    return [Lambda, [Lambda @ s.dV, eta, F], [s.dV, s.dV]], [pivots.min()], J.T @ F
+
+
+EXPECTED = {
+    "3.4": of_3_4,
+    "5.1": of_5_1,
+    "5.2": of_5_2,
+    "8.1.2": of_8_1_2,
+    "8.1.3": of_8_1_3,
+    "8.2": of_8_2,
+    "8.3": of_8_3,
+    "8.5": of_8_5,
+    "8.6": of_8_6,
+}
+
+
+def test_every_section_is_compared():
+    assert list(EXPECTED) == list(SECTIONS)
+
+
+def close(found, expected, tolerance, what):
+    expected = np.asarray(expected, float)
+    found = (
+        np.array([[np.nan if x is None else x for x in row] for row in found], float)
+        if expected.ndim == 2
+        else np.array(found)
+    )
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerance * max(1.0, np.nanmax(np.abs(expected))), err_msg=what
+    )
+
+
+def some(every, quick):
+    """All of them, those that are not quick marked slow."""
+    return [pytest.param(*x, id="-".join(x), marks=() if x in quick else pytest.mark.slow) for x in every]
+
+
+QUICK = [*((number, "panda") for number in SECTIONS), ("8.1.3", "planar_2r"), ("8.5", "planar_2r")]
+
+
+@pytest.mark.parametrize(("number", "name"), some([(s, n) for s in SECTIONS for n in ARMS], QUICK))
+def test_what_a_section_shows_is_what_the_kernels_compute(tmp_path, number, name):
+    """To 1e-12 of the largest entry; where M is inverted, times its condition."""
+    robot, load = arm(name), SECTIONS[number].load
+    page = write_page(robot, tmp_path / "page.html", section=number)
+    rng = np.random.default_rng(0)
+    states = [State(name, rng, k, load) for k in range(3)]
+    given = {
+        "section": number,
+        "states": [s.sent for s in states],
+        "mass": states[0].mass,
+        "push": states[0].push.tolist(),
+    }
+    for s, found in zip(states, under_node(page, READ, given), strict=True):
+        tables, values, tau = EXPECTED[number](s)
+        tolerance = 1e-12 * (np.linalg.cond(s.robot.mass_matrix(s.q)) if number in ("8.5", "8.6") else 1.0)
+        if number == "8.6":
+            tolerance *= np.linalg.cond(tables[0])
+        for k, expected in enumerate(tables):
+            close(found["tables"][k], expected, tolerance, f"table {k}")
+        assert len(found["values"]) == len(values)
+        if values:
+            of_residual = np.abs(tau).max() if number == "8.5" else 1.0  # M ddq + h - tau, beside tau
+            close(found["values"], values, tolerance * of_residual, "values")
+        assert ("tau" in found) == (tau is not None)
+        if tau is not None:
+            close(found["tau"], tau, tolerance, "torques")
+
+
+@pytest.mark.parametrize("number", some([(s,) for s in SECTIONS], [("5.2",), ("8.3",)]))
+def test_a_page_of_a_section_in_a_browser(show, number):
+    """On a screen and on a telephone: what stands in its cells are the numbers of its readout, nothing runs over its edges, and the sliders move them."""
+    page = show(f"book_{number}", arm("panda"), section=number)
+    try:
+        for width, height in ((1280, 800), (390, 844)):
+            page.call(
+                "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+            )
+            page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            fits(page)
+            moves(page)
+        assert page.complaints == []
+    finally:
+        page.call("Emulation.clearDeviceMetricsOverride")
+
+
+def fits(page):
+    inside = """Array.from(document.querySelectorAll('aside *')).filter((e) => {
+        const box = e.getBoundingClientRect();
+        return box.left < 0 || box.right > innerWidth + 0.5; }).map((e) => e.outerHTML.slice(0, 80))"""
+    assert page.run(inside) == []
+    wide = "Array.from(document.querySelectorAll('#values td')).filter((e) => e.scrollWidth > e.clientWidth + 1).map((e) => e.textContent)"
+    assert page.run(wide) == []
+    shown = page.run("Array.from(document.querySelectorAll('#values td'), (e) => [e.title, e.textContent])")
+    rows = "viewer.book.found.tables.flatMap(({ rows }) => rows.flatMap(([, xs]) => xs.map((x) => x === null ? '' : String(x))))"
+    assert [title for title, _ in shown] == page.run(rows)
+    for title, text in shown:
+        if title:
+            number = float(text.replace("\u2212", "-").replace("\u221e", "inf"))
+            digits = len(text.partition(".")[2])
+            assert number == pytest.approx(float(title), abs=0.501 * 10.0**-digits) or number == 0 == float(title)
+
+
+def moves(page):
+    values = "document.getElementById('values').textContent"
+    before = page.run(values)
+    page.run("viewer.setCoordinates(viewer.q.map((x, k) => x + 0.1 * (k === 1)))")
+    assert page.run(values) != before
+    for key in page.run("viewer.robot.book.inputs.map(({ key }) => key)"):
+        before = page.run(values)
+        page.run(
+            f"((e) => {{ e.value = 0.7 * e.max - e.value; e.dispatchEvent(new Event('input')); }})(document.getElementById('{key}-0'))"
+        )
+        assert page.run(values) != before, key
+
+
+def test_forward_dynamics_of_the_page_keeps_its_account(tmp_path):
+    """Kinetic + potential energy - work of the torques, from a start with velocity."""
+    robot = arm("ur5")
+    page = write_page(robot, tmp_path / "page.html", section="8.5")
+    work = """(m, given) => { m.tau = given.tau; const fall = new Fall(m, given.q, given.dq); fall.advance(0);
+        for (let k = 1; k <= 8000; k++) { fall.step(); if (k % 80 === 0) fall.advance(0); }
+        return [fall.drift, fall.work, fall.kinetic, fall.potential]; }"""
+    q, dq = robot.random_configuration(3), [0.5, -0.5, 0.5, 0.0, 1.0, 0.0]
+    tau = robot.holding_torques(q) + np.array([5.0, -3.0, 2.0, 0.1, 0.1, 0.0])
+    drift, done, K, P = under_node(page, work, {"q": q.tolist(), "dq": dq, "tau": tau.tolist()})
+    assert abs(done) > 0.1
+    assert drift < 1e-6
+    assert K + P - done == pytest.approx(float(robot.kinetic_energy(q, dq) + robot.potential_energy(q)), abs=1e-6)
+
+
+def test_at_first_the_torques_hold_the_robot(tmp_path):
+    robot = arm("panda")
+    header, _ = read_page(write_page(robot, tmp_path / "page.html", section="8.5"))
+    tau, dq = ([row["start"] for row in header["book"]["inputs"][k]["rows"]] for k in (0, 1))
+    np.testing.assert_allclose(tau, robot.holding_torques(np.array(header["start"])), atol=1e-12 * 100)
+    assert dq == [0.0] * robot.nv
+
+
+@pytest.mark.parametrize(
+    ("robot", "section", "message"),
+    [
+        (tw.robots.ur5(), "8.7", "section '8.7' is not known. Choose one of: 3.4"),
+        (tw.robots.quadruped(), "8.3", "section 8.3: robot 'quadruped' has no single tip"),
+        (tw.robots.floating_box(), "8.2", "neither turn nor slide, or a base that moves"),
+    ],
+)
+def test_what_has_no_page_is_refused(tmp_path, robot, section, message):
+    with pytest.raises(tw.ValueRangeError, match=message):
+        write_page(robot, tmp_path / "page.html", section=section)
+    with pytest.raises(tw.ValueRangeError, match="leave them out"):
+        write_page(tw.robots.ur5(), tmp_path / "page.html", section="5.2", wrench_on_robot={"tool0": np.ones(6)})
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--section", "8.3"], "--section writes a page. Add --html OUT.html."),
+        (["--section", "8.30", "--html", "x.html"], "Choose one of: 3.4"),
+        (["--section", "8.3", "--html", "x.html", "--trajectory", "demo"], "Leave --trajectory out"),
+        (["--section", "8.3", "--html", "x.html", "--wrench-on-robot", "tool0:0,0,0,1,0,0"], "leave them out"),
+    ],
+)
+def test_the_command_refuses_before_it_writes(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(main, ["view", "ur5", *arguments])
+    assert found.exit_code == 2
+    assert message in " ".join(found.output.split())
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_command_writes_a_page_with_a_payload(tmp_path):
+    """What the arm carries is part of its last link, and of the page."""
+    path = tmp_path / "page.html"
+    done = CliRunner().invoke(main, ["view", "ur5", "--section", "8.1.3", "--payload", "2", "--html", str(path)])
+    assert done.exit_code == 0, done.output
+    heavy = arm("ur5").with_payload(tw.SpatialInertia.from_com(2.0))
+    q = read_page(path)[0]["start"]
+    J = heavy.jacobian(q, kind="world_aligned")
+    assert np.linalg.svd(J, compute_uv=False)[-1] > 0.1  # far from singular
+    found = under_node(path, "(m, q) => Array.from(m.massMatrix(q))", q)
+    M = heavy.mass_matrix(q)
+    np.testing.assert_allclose(np.reshape(found, M.shape), M, atol=1e-12 * M.max())

@@ -1,0 +1,83 @@
+"""The page where a browser allows less: no functions made of strings, nothing loaded, no WebGL."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from chromium import WITHOUT_WEBGL, browser
+
+import twistwrench as tw
+from twistwrench.viz import write_page
+
+pytest_plugins = ("page_fixtures",)
+
+
+def test_the_page_runs_under_a_strict_policy_of_its_own(show, folder):
+    """It forbids functions made of strings, scripts but its own two, and every request."""
+    page = show("policy", tw.robots.ur5())
+    assert page.run("viewer.tau.length") == 6
+    text = (folder / "policy.html").read_text("utf-8")
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
+    assert "default-src 'none'" in policy
+    assert "unsafe-eval" not in policy
+    assert policy.count("sha256-") == 2
+    refused = page.call("Runtime.evaluate", expression="new Function('return 1')()", allowUnsafeEvalBlockedByCSP=False)
+    assert "Content Security Policy" in refused["exceptionDetails"]["exception"]["description"]
+    added = """(() => { const script = document.createElement("script"); script.textContent = "window.intruder = 1";
+        document.body.appendChild(script); return window.intruder === undefined; })()"""
+    assert page.run(added)
+
+
+def test_a_changed_script_does_not_run(page, folder):
+    path = write_page(tw.robots.pendulum(), folder / "changed.html")
+    path.write_text(path.read_text("utf-8").replace("const PROGRAMS", "window.changed = 1; const PROGRAMS"), "utf-8")
+    page.open(path.as_uri())
+    assert page.run("[typeof window.changed, typeof window.viewer]") == ["undefined", "undefined"]
+
+
+@pytest.fixture(scope="module")
+def blind():
+    with browser(WITHOUT_WEBGL) as found:
+        found.offline()
+        yield found
+
+
+def test_without_webgl_the_page_says_so_and_goes_on(blind, folder):
+    robot = tw.robots.panda()
+    path = write_page(robot, folder / "blind.html")
+    blind.open(path.as_uri())
+    blind.wait("!!window.viewer")
+    assert blind.run("document.createElement('canvas').getContext('webgl2')") is None
+    assert blind.run("getComputedStyle(document.getElementById('undrawn')).display") != "none"
+    assert "no WebGL 2" in blind.run("document.getElementById('undrawn').textContent")
+    assert blind.run("document.getElementById('failure').hidden")
+    before = blind.picture().astype(int)[:, :900]
+    blind.run("viewer.setCoordinates(viewer.q.map((x, k) => k === 1 ? 0.9 : x))")
+    blind.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    q = np.array(blind.run("viewer.q"))
+    tau = robot.holding_torques(q)
+    np.testing.assert_allclose(blind.run("viewer.tau"), tau, atol=1e-12 * np.abs(tau).max())
+    assert (np.abs(blind.picture().astype(int)[:, :900] - before).sum(axis=2) > 20).sum() > 1000
+    blind.run("document.getElementById('let-go').click()")
+    blind.wait("viewer.fall.time > 0.05")
+    assert blind.complaints == []
+
+
+def test_the_tip_follows_the_mouse_within_the_limits(show):
+    robot = tw.robots.panda()
+    start = [0.3, -0.4, 0.0, -2.0, 0.0, 1.8, 0.5]
+    page = show("panda_grasp", robot, q=start)
+    x, y = page.run("viewer.stage.project(viewer.grasp.tip)")
+    azimuth = page.run("viewer.stage.azimuth")
+    page.drag((x, y), (x + 20, y + 10), (x + 40, y + 30))
+    q = np.array(page.run("viewer.q"))
+    assert page.run("viewer.stage.azimuth") == azimuth
+    assert np.abs(q - start).max() > 0.01
+    assert np.hypot(*(np.array(page.run("viewer.stage.project(viewer.grasp.tip)")) - [x + 40, y + 30])) < 3
+    page.drag(page.run("viewer.stage.project(viewer.grasp.tip)"), (5, 5), (5, 790), (900, 400))
+    q = np.array(page.run("viewer.q"))
+    assert (q >= robot.limits.lower).all()
+    assert (q <= robot.limits.upper).all()
+    assert page.complaints == []
