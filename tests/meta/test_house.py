@@ -43,7 +43,6 @@ def lines_of_sections(tree):
 LONGEST = 270
 """Lines of a file, the sections of docstrings (Parameters, Returns, …) counted apart."""
 LONG = {
-    "identification/setting_choice.py",
     "robot/closed_robot.py",
     "robot/closed_robot_checks.py",
     "simulation/rollout_inputs.py",

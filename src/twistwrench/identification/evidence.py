@@ -12,7 +12,7 @@ from ..typing import Array
 from .held_out import HeldOut
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from .streamed_rows import RowFrame
 from .unknown_parameters import STRIBECK_SPEED, UnknownParameters
 from .weights import Method
 
-_WINDOWS, _WINDOW = 16, 4096
+_WINDOWS, WINDOW = 16, 4096
 """Runs of rows that settings are chosen on."""
 _OTHERS, _LEAST_LEFT, _OF_JOINT = 2.5, 0.12, 0.35
 """Times what is left of the torques of all logs, and shares of its own and of a joint's, from which a log is another's."""
@@ -276,8 +276,8 @@ class _Windows:
 
     def of(self, source: LogSource) -> list[Motion]:
         """Runs of rows of one log, cut to no more than asked for."""
-        found = source.excerpts(max(2, self.count), _WINDOW)
+        found = source.excerpts(max(2, self.count), WINDOW)
         whole = found[0]
-        if len(found) == 1 and len(whole) > self.count * _WINDOW:
-            return LogSource(source.robot, source.path, motion=whole).excerpts(self.count, _WINDOW)
+        if len(found) == 1 and len(whole) > self.count * WINDOW:
+            return LogSource(source.robot, source.path, motion=whole).excerpts(self.count, WINDOW)
         return found[: self.count] if len(found) > self.count else found

@@ -27,7 +27,7 @@ from .identified_payload import IdentifiedPayload, payload_from
 from .model_residuals import ModelResiduals, model_residuals
 from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 
 _VAGUE = 0.3
 """Share of its value, from which a group's deviation makes it vague."""

@@ -20,7 +20,7 @@ from .joint_moments import JointMoments
 from .log_side import MotorSide
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 from .streamed_rows import RowFrame
 from .unknown_parameters import STRIBECK_SPEED, UnknownParameters
 

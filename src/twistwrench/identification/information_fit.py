@@ -15,7 +15,7 @@ from .block_deviations import GroupCovariance
 from .held_out import HeldOut
 from .joint_moments import JointMoments
 from .normal_equations import NormalEquations, Prior
-from .setting_choice import FOLDS, FitSettings
+from .setting_trial import FOLDS, FitSettings
 from .streamed_rows import FASTER, RowFrame
 from .weights import Method
 

@@ -23,7 +23,8 @@ from .log_doubts import doubts_of
 from .log_side import MotorSide
 from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
-from .setting_choice import FOLDS, Asked, FitSettings, SettingRows, Trial
+from .setting_choice import SettingRows
+from .setting_trial import FOLDS, Asked, FitSettings, Trial
 from .unknown_parameters import STRIBECK_SPEED, UnknownParameters, check_speed
 from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples

@@ -20,7 +20,7 @@ from .base_columns import BaseColumns
 from .filtered_rows import of_springs
 from .log_chunks import Chunk
 from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 from .zero_phase import ROW_RATE, STATE_RATE, Filtered, low_pass, states_below_of
 
 PERIODS = 16
