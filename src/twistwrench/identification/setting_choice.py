@@ -29,7 +29,7 @@ _SHIFTS = tuple(
 )
 _ROWS = 10.0
 """Equations for each group that a cut-off has to leave."""
-_BYTES = 64 * 2**20
+_BYTES = 48 * 2**20
 """Of rows at several cut-offs that are kept at a time, and of normal equations of the blocks at several settings, half of
 that; beyond, those used longest ago are made again."""
 _NEAR = 1e-3
