@@ -31,8 +31,8 @@ def small_pieces(monkeypatch):
     """Pieces and chunks far shorter than the log."""
     for module in (log_source, log_piece, gathering):
         monkeypatch.setattr(module, "PIECE", 7000)
-    monkeypatch.setattr(log_piece, "_LEAST_CORE", 2000)
-    monkeypatch.setattr(log_piece, "_CORE", 500)
+    monkeypatch.setattr(log_piece, "LEAST_CORE", 2000)
+    monkeypatch.setattr(log_piece, "CORE", 500)
 
 
 def equations(information):
@@ -195,7 +195,7 @@ def test_a_log_of_other_torques_is_named(log, tmp_path):
 
 def test_a_jump_in_the_middle_is_seen(tmp_path, monkeypatch):
     """Far from what settings were chosen on."""
-    monkeypatch.setattr(gathering, "_WINDOW", 300)
+    monkeypatch.setattr(gathering, "WINDOW", 300)
     monkeypatch.setattr("twistwrench.motion.motion_log.LARGE", 0)
     arm = tw.robots.ur5()
     motion = known_log(arm, 1, seconds=120.0, rate=100.0).motion

@@ -107,6 +107,14 @@ def test_the_robot_predicts_what_the_file_does_not(found):
     assert names[int(np.argmax(gained))] in ("upper_arm_link", "forearm_link")
 
 
+def test_what_four_models_leave_adds_up_to_what_the_pull_was_chosen_by(found):
+    """Joint by joint in the picture, of all joints where γ is chosen: the same fits, so equal to rounding."""
+    left, torques = found.residuals, sum(fold.y for fold in found.folds)
+    for shares, whole in ((left.consistent, found.consistent.held_out), (left.with_friction, found.consistent.of_file)):
+        assert np.isclose(np.sqrt(shares**2 @ torques / torques.sum()), whole, rtol=1e-9)
+    assert (left.identified < left.file).all()  # the robot of the log has friction, and more mass
+
+
 def test_files_come_back_as_they_were_written(found, tmp_path):
     found.write(tmp_path / "new.urdf", tmp_path / "new.yaml", logs=["log.csv"])
     again = tw.load(tmp_path / "new.urdf").with_actuators(tmp_path / "new.yaml")
@@ -196,6 +204,7 @@ def test_the_page_shows_each_picture_and_friction_only_where_it_was_sought(tmp_p
     found = tw.identification.identify(tw.robots.planar_2r(), log, cutoff=10.0)
     page = found.report(tmp_path / "a.html").read_text("utf-8")
     assert page.count("<svg") == 7 and "<h2>Friction</h2>" in page
+    assert all(model in page for model in ("file, friction fitted", "identified", "bodies that can exist"))
     bare = tw.identification.identify(tw.robots.planar_2r(), log, cutoff=10.0, friction=())
     page = bare.report(tmp_path / "b.html").read_text("utf-8")
     assert page.count("<svg") == 6 and "<h2>Friction</h2>" not in page

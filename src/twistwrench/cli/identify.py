@@ -60,7 +60,15 @@ def identify_options(function: Callable[..., None]) -> Callable[..., None]:
             metavar="LAWS",
             default="viscous,coulomb,offset",
             show_default=True,
-            help="What each joint has besides its bodies; 'none' for nothing.",
+            help="What each joint has besides its bodies: viscous, coulomb, stribeck, offset; 'none' for nothing.",
+        ),
+        click.option(
+            "--stribeck-speed",
+            type=float,
+            metavar="SPEED",
+            default=0.1,
+            show_default=True,
+            help="At which static friction has faded, where stribeck is asked for [rad/s, m/s].",
         ),
         click.option(
             "--payload-only",
@@ -123,6 +131,7 @@ def answer_identify(
     method: Any,
     no_motor_inertia: bool,
     friction: str,
+    stribeck_speed: float,
     plot_path: str | None,
     report_path: str | None,
     csv_path: str | None,
@@ -176,6 +185,7 @@ def answer_identify(
             "motor_side": side,
             "known": held,
             "payload_only": payload_only,
+            "stribeck_speed": stribeck_speed,
         }
         portions = any(x is not None for x in (information_path, old_path, workers, scheduler))
         if portions or bytes_of((*logs, *tests)) > LARGE:

@@ -13,6 +13,7 @@ _UNITS = {
     "motor_inertia": ("kg m^2", "kg"),
     "viscous": ("N m s/rad", "N s/m"),
     "coulomb": ("N m", "N"),
+    "stribeck": ("N m", "N"),
     "offset": ("N m", "N"),
 }
 """SI units of each kind of parameter: that of turning joints first."""

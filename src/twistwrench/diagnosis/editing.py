@@ -48,10 +48,9 @@ def edited(
         tag = tags[element]
         was = []
         for edit, _ in mine:
-            start, end = _span(text, tag, edit)
-            which = f"number {edit.place.position + 1} of " if edit.place.position >= 0 else ""
-            was.append(f"{which}{edit.place.attribute or 'its text'} was {text[start:end].strip()}")
-            changes.append((start, end, edit.text))
+            change, before = _change(text, tag, edit)
+            was.append(before)
+            changes.append(change)
         whys = dict.fromkeys(why for _, why in mine)
         said = f"{signature}: {', '.join(was)}: {'; '.join(whys)}"
         changes.append((tag.start, tag.start, _comment(text, tag.start, said)))
@@ -143,11 +142,32 @@ def _behind(text: str, start: int) -> int:
     raise RobotFileError("an element of the file does not end.")
 
 
+def _change(text: str, tag: _Tag, edit: Edit) -> tuple[tuple[int, int, str], str]:
+    """From where to where the text changes, and to what; and what it was, in words."""
+    place = edit.place
+    match = _attribute(text, tag, place.attribute) if edit.how != "change" else None
+    if edit.how == "put" and match is None:
+        at = tag.end - (2 if text[tag.end - 2] == "/" else 1)
+        at -= len(text[tag.start : at]) - len(text[tag.start : at].rstrip())
+        return (at, at, f' {place.attribute}="{edit.text}"'), f"{place.attribute} was not given"
+    start, end = _span(text, tag, edit)
+    which = f"number {place.position + 1} of " if place.position >= 0 else ""
+    was = f"{which}{place.attribute or 'its text'} was {text[start:end].strip()}"
+    if edit.how == "remove" and match is not None:
+        blanks = len(text[tag.start : match.start()]) - len(text[tag.start : match.start()].rstrip())
+        return (match.start() - blanks, match.end(), ""), was
+    return (start, end, edit.text), was
+
+
+def _attribute(text: str, tag: _Tag, name: str) -> re.Match[str] | None:
+    return next((m for m in _ATTRIBUTE.finditer(text, tag.start, tag.end) if m[1] == name), None)
+
+
 def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
     """Where the number stands."""
     place = edit.place
     if place.attribute:
-        match = next((m for m in _ATTRIBUTE.finditer(text, tag.start, tag.end) if m[1] == place.attribute), None)
+        match = _attribute(text, tag, place.attribute)
         if match is None:
             raise RobotFileError(f"the attribute {place.attribute!r} is not where it was. Load the file again.")
         start, end = match.start(2) + 1, match.end(2) - 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Literal
 
 from ..bodies.inertia import SpatialInertia
 
@@ -45,10 +46,12 @@ class Edit:
     ----------
     place : Place
     text : str
+    how : str, ``change`` what is there, ``put`` an attribute that may be missing, or ``remove`` an attribute
     """
 
     place: Place
     text: str
+    how: Literal["change", "put", "remove"] = "change"
 
 
 _ALL = 1e8

@@ -56,6 +56,7 @@ def read_subject(
 
     Raises :class:`~twistwrench.NotFoundError` and :class:`~twistwrench.ModelError` for what is no robot at all.
     """
+    of = source.model.name if isinstance(source, Robot) else None
     if isinstance(source, Robot):
         path = Path(source.model.source) if source.model.source else None
         if path is None or not path.is_file() or usd_path(path) is not None:
@@ -72,6 +73,8 @@ def read_subject(
     if path is not None:
         data, text = robot_file(path)
     given = text if path is None or not path.is_file() else source
+    if of is not None:
+        model = _model_of(text, of)
     problems: list[FileProblem] = []
     try:
         made = _loaded(given, floating_base, "follow", model, max_bodies)
@@ -87,6 +90,13 @@ def read_subject(
     shapes = ShapeReader(path, folders, meshes is not False)
     described = replace(_DESCRIBE[_format(root)](root, made, shapes, path), problems=tuple(problems))
     return Subject(described, text, path, data, floating_base, model)
+
+
+def _model_of(text: str, name: str) -> str | None:
+    """The model of an SDF file with several, that a robot was read from by its name."""
+    root = parse(text)
+    models = [one for place in (root, *root.all("world")) for one in place.all("model")]
+    return name if len(models) > 1 and name in [one.text("name") for one in models] else None
 
 
 def _loaded(source: str | Path, floating_base: bool | None, mimic: str, model: str | None, max_bodies: int) -> Model:

@@ -17,7 +17,7 @@ from .left_out import without_links
 from .log_side import MotorSide, motor_side, read_motion
 from .parameter_groups import BaseParameters
 from .robot_identification import identify
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 from .unknown_parameters import UnknownParameters
 
 __all__ = [

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..sensing.covariance import by_witnesses
+from ..sensing.covariance import by_moments, witnesses
 from ..typing import Array
 from .normal_equations import Prior
 
@@ -21,6 +21,8 @@ _SECONDS = 1.0
 """s, that a block lasts at least, where the logs have enough of them."""
 _LENGTHS = 10.0
 """Times the length over which residuals hang together that a block lasts."""
+_PORTION = 1000
+"""Rows that are factored at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +87,50 @@ def group_covariance(
     groups = W.shape[2]
     left = tau - W @ x
     size = np.sqrt((chosen**2).mean(axis=(0, 1)))
-    W = np.concatenate([W, chosen[..., size > 0] / size[size > 0]], axis=2)
-    prior = Prior(np.zeros(W.shape[2]), np.concatenate([prior.size, np.full(int((size > 0).sum()), sigma.max() * 1e3)]))
-    found = _covariance(W, left, sigma, weights, prior, time, log)
+    rows = _WhitenedRows(W, chosen[..., size > 0] / size[size > 0], np.sqrt(weights) / sigma)
+    prior = Prior(np.zeros(rows.count), np.concatenate([prior.size, np.full(int((size > 0).sum()), sigma.max() * 1e3)]))
+    found = _covariance(rows, left * rows.root, prior, time, log)
     matrix = found.matrix[:groups, :groups] * _huber_factor(left, weights) ** 2
     return GroupCovariance(matrix, found.freedom[:groups], found.textbook[:groups], found.block)
+
+
+@dataclass(frozen=True, eq=False)
+class _WhitenedRows:
+    """Columns W (n, nv, r) and beside them others (n, nv, k), times the roots (n, nv) of their weights: some rows at a time."""
+
+    W: Array
+    beside: Array
+    root: Array
+
+    @property
+    def count(self) -> int:
+        """Of all columns."""
+        return int(self.W.shape[2] + self.beside.shape[2])
+
+    def of(self, rows: Array | slice) -> Array:
+        """(m nv, r + k) of some of the rows."""
+        A = np.concatenate([self.W[rows], self.beside[rows]], axis=2)
+        A *= self.root[rows][..., None]
+        return A.reshape(-1, self.count)
+
+    def factor(self, size: Array) -> Array:
+        """R (r + k, r + k) with R'R = 1 + A'A of the columns in units of their sizes: of the rows so far and the next ones."""
+        R: Array = np.eye(self.count)
+        for begin in range(0, len(self.W), _PORTION):
+            more = self.of(slice(begin, begin + _PORTION)) * size
+            R = np.asarray(np.linalg.qr(np.concatenate([R, more]), mode="r"))
+        return R
+
+    def moments(self, left: Array, half: Array, label: Array) -> tuple[Array, Array]:
+        """Q_g'Q_g (g, r + k, r + k) and Q_g'e_g (g, r + k) of each witness, Q = A half and e (n, nv) the residuals."""
+        place = witnesses(label)
+        order = np.argsort(place, kind="stable")
+        parts = np.split(order, np.searchsorted(place[order], np.arange(1, int(place.max()) + 1)))
+        M, s = np.zeros((len(parts), self.count, self.count)), np.zeros((len(parts), self.count))
+        for g, rows in enumerate(parts):
+            Q = self.of(rows) @ half
+            M[g], s[g] = Q.T @ Q, Q.T @ left[rows].reshape(-1)
+        return M, s
 
 
 def _huber_factor(left: Array, weights: Array) -> float:
@@ -104,29 +145,22 @@ def _huber_factor(left: Array, weights: Array) -> float:
     return float(weights[:, live].mean() / (weights[:, live] == 1.0).mean())
 
 
-def _covariance(
-    W: Array, left: Array, sigma: Array, weights: Array, prior: Prior, time: Array, log: Array
-) -> GroupCovariance:
-    """The sandwich of all columns."""
-    n, nv, r = W.shape
-    root = np.sqrt(weights) / sigma
-    left = left * root
-    A = (W * root[..., None]).reshape(n * nv, r)
-    R = np.linalg.qr(np.concatenate([A * prior.size, np.eye(r)]), mode="r")
-    half = prior.size[:, None] * np.linalg.inv(R)
-    Q = (A @ half).reshape(n, nv, r)
+def _covariance(rows: _WhitenedRows, left: Array, prior: Prior, time: Array, log: Array) -> GroupCovariance:
+    """The sandwich of all columns, ``left`` (n, nv) the whitened residuals."""
+    (n, nv), r = left.shape, rows.count
+    half = prior.size[:, None] * np.linalg.inv(rows.factor(prior.size))
     step = float(np.median(np.diff(time)[np.diff(log) == 0])) if n > 1 else 1.0
     textbook = np.sqrt(np.maximum(((half @ half.T).diagonal()) * float((left**2).sum()) / max(1, n * nv - r), 0.0))
-    rows = max(_LENGTHS * hanging(left), _SECONDS / step)
-    rows = float(np.clip(rows, n / _MOST_BLOCKS, n / _FEWEST_BLOCKS))
+    apart = max(_LENGTHS * hanging(left), _SECONDS / step)
+    apart = float(np.clip(apart, n / _MOST_BLOCKS, n / _FEWEST_BLOCKS))
     for _ in range(8):
-        label = np.arange(n) // max(1, math.ceil(rows))
-        found = by_witnesses(Q, left, half, label + (label.max() + 1) * log)
+        label = np.arange(n) // max(1, math.ceil(apart))
+        found = by_moments(*rows.moments(left, half, label + (label.max() + 1) * log), half)
         if found is not None:
             matrix, freedom = found
-            return GroupCovariance(matrix, freedom, textbook, rows * step)
-        rows /= 2.0
-        if rows < 1.0:
+            return GroupCovariance(matrix, freedom, textbook, apart * step)
+        apart /= 2.0
+        if apart < 1.0:
             break
     inflated = half @ half.T * hanging(left)
     return GroupCovariance(inflated, np.full(r, 1e9), textbook, 0.0)

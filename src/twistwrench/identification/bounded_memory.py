@@ -9,7 +9,9 @@ Made = TypeVar("Made")
 
 
 class BoundedMemory(Generic[Made]):
-    """What was made, by its key, up to so many bytes, and the two last used whatever they take.
+    """What was made, by its key, up to so many bytes, and the last one whatever it takes.
+
+    Room is made beforehand for one more as large as the largest.
 
     Parameters
     ----------
@@ -19,8 +21,8 @@ class BoundedMemory(Generic[Made]):
     Examples
     --------
     >>> kept = BoundedMemory(10, len)
-    >>> [kept.of(key, lambda n=key: "x" * n) for key in (4, 5, 6)], sorted(kept.keys)
-    (['xxxx', 'xxxxx', 'xxxxxx'], [5, 6])
+    >>> [kept.of(key, lambda n=key: "x" * n) for key in (2, 4, 4, 5)], sorted(kept.keys)
+    (['xx', 'xxxx', 'xxxx', 'xxxxx'], [4, 5])
     """
 
     def __init__(self, most: int, size: Callable[[Made], int]) -> None:
@@ -34,8 +36,15 @@ class BoundedMemory(Generic[Made]):
 
     def of(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """What is kept under the key, or is made now."""
-        found = self._made.pop(key) if key in self._made else make()
+        if key in self._made:
+            found = self._made.pop(key)
+        else:
+            self._keep_below(self._most - max(map(self._size, self._made.values()), default=0), 0)
+            found = make()
         self._made[key] = found
-        while len(self._made) > 2 and sum(map(self._size, self._made.values())) > self._most:
-            self._made.pop(next(iter(self._made)))
+        self._keep_below(self._most, 1)
         return found
+
+    def _keep_below(self, most: int, fewest: int) -> None:
+        while len(self._made) > fewest and sum(map(self._size, self._made.values())) > most:
+            self._made.pop(next(iter(self._made)))

@@ -9,7 +9,7 @@ from ..typing import Array
 from .evidence import Evidence, LogDoubt, percent
 from .normal_equations import NormalEquations
 from .parameter_groups import BaseParameters
-from .setting_choice import FOLDS
+from .setting_trial import FOLDS
 
 _SATURATED, _SATURATED_ROWS = 0.02, 30
 _GAIN, _SURE_GAIN = 2.5, 6.0

@@ -74,19 +74,19 @@ class ConsistentRobot:
 
     @property
     def inertias(self) -> tuple[SpatialInertia, ...]:
-        """Of each moving body, fixed links fused, in its own frame."""
-        names = {name: k for k, name in enumerate(self.base.unknown.names)}
-        return tuple(
-            SpatialInertia.from_parameters([self.fit.values[names[f"{body.link}.{p}"]] for p in PARAMETER_NAMES])
-            for body in self.base.unknown.model.bodies
-        )
+        """Of each moving body, fixed links fused, in its own frame; zero of what only stands between two joints of a link."""
+        unknown = self.base.unknown
+        values = np.zeros((len(unknown.model.bodies), len(PARAMETER_NAMES)))
+        mine = unknown.of_bodies >= 0
+        values.reshape(-1)[unknown.of_bodies[mine]] = self.fit.values[mine]
+        return tuple(map(SpatialInertia.from_parameters, values))
 
     def of_joints(self, kind: str) -> dict[str, float]:
         """Numbers of one kind by joint; joints without one are left out.
 
         Parameters
         ----------
-        kind : str, ``motor_inertia``, ``viscous``, ``coulomb`` or ``offset``
+        kind : str, ``motor_inertia``, ``viscous``, ``coulomb``, ``stribeck`` or ``offset``
 
         Returns
         -------
@@ -148,7 +148,7 @@ class ConsistentRobot:
     def of_several_joints(self) -> dict[str, float]:
         """Friction and motor inertia of motors that turn several joints at once, by name: no file has a place for them."""
         unknown = self.base.unknown
-        kinds = {"motor_inertia", "viscous", "coulomb"}
+        kinds = {"motor_inertia", "viscous", "coulomb", "stribeck"}
         return {
             name: float(value)
             for name, value in zip(unknown.names, self.fit.values, strict=True)
@@ -166,6 +166,9 @@ class ConsistentRobot:
         for law in ("viscous", "coulomb"):
             for joint, value in self.of_joints(law).items():
                 laws[joint][law] = value
+        for joint, value in self.of_joints("stribeck").items():
+            static = laws[joint].get("coulomb", 0.0) + value
+            laws[joint] |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
         given = self.of_joints("motor_inertia")
         armature = np.array([given.get(joint, 0.0) for joint in model.velocity_names])
         return Robot(with_friction(replace(model, bodies=bodies, armature=armature), laws))
@@ -197,7 +200,7 @@ def consistent_robot(
         rest = sum_of([p for j, p in enumerate(parts) if j != k]) if len(parts) > 1 else total
         fits = PositiveProblem(base, prior, *rest, sizes).path(strengths)
         left += [_squares(part, base.project(fit.values)) for fit in fits]
-        of_file += _squares(part, _file_with_drives(base, rest, weak))
+        of_file += _squares(part, file_with_drives(base, rest, weak))
     shares = np.sqrt(left / total[2])
     chosen = len(strengths) - 1 if strength is not None else int(np.argmax(shares <= _NEAR_BEST * shares.min()))
     fit = PositiveProblem(base, prior, *total, sizes).path(strengths[: chosen + 1])[-1]
@@ -218,7 +221,7 @@ def _squares(part: Information, x: Array) -> float:
     return max(y - 2.0 * float(c @ x) + float(x @ N @ x), 0.0)
 
 
-def _file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Array:
+def file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Array:
     """The file's bodies with the drives that fit best."""
     x = base.project(base.unknown.file_values)
     drives = np.flatnonzero(base.unknown.of_bodies[base.kept] < 0)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..motion.motion import Motion
 from ..typing import Array
 from .held_out import HeldOut
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 
 
 @dataclass(frozen=True)
@@ -46,14 +48,20 @@ class Evidence:
     settings: FitSettings
     prior: Prior
     x: Array
-    deviations: Array
+    covariance: Array
     held_out: HeldOut
     trained: HeldOut
+    speed: Array
     acceleration: Array
     rate: float
     dead: Array
     payload_only: bool = False
     """What the file lacks is sought, so its torques are not expected."""
+
+    @property
+    def deviations(self) -> Array:
+        """(r,) of the groups."""
+        return np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,32 @@ MOST_ROWS = 10_000
 """Of all logs together: 46 MB for seven joints."""
 _JUDGED_ROWS = 2500
 """States of all logs that predictions of different cut-offs are compared in."""
+
+
+@dataclass(eq=False)
+class _LogRows:
+    """What is kept of one log's states: more than rows where friction of another speed, or of another time, is asked for."""
+
+    time: Array
+    rate: float
+    rows: slice
+    dq: Array
+    acceleration: Array
+    """Of the rows."""
+    _tau: Array
+    """Low-passed twice; none once they are in the spline."""
+
+    @cached_property
+    def spline(self) -> Any:
+        """Of the torques, by its coefficients alone."""
+        from scipy.interpolate import make_interp_spline
+
+        found, self._tau = make_interp_spline(self.time, self._tau), self._tau[:0]
+        return found
+
+    def torques(self, shift: float) -> Array:
+        """(m, nv) at the rows, from ``shift`` seconds later."""
+        return np.asarray(self.spline(np.clip(self.time[self.rows] + shift, self.time[0], self.time[-1])))
 
 
 @dataclass(eq=False)
@@ -46,10 +73,8 @@ class FilteredRows:
     time: Array
     log: Array
     known: Array
-    states: list[Filtered]
-    slices: list[slice]
+    logs: list[_LogRows]
     dead: Array | None = None
-    _torques: list[Any] = field(default_factory=list)
     _coulomb: dict[tuple[int, float], Array] = field(default_factory=dict)
 
     @classmethod
@@ -76,7 +101,7 @@ class FilteredRows:
         rows : FilteredRows
         """
         W, known, times, logs = list[Array](), list[Array](), list[Array](), list[Array]()
-        states, slices = list[Filtered](), list[slice]()
+        parts = list[_LogRows]()
         total = sum(log.seconds for log in samples)
         for k, log in enumerate(samples):
             s = states_below(log, cutoff)
@@ -86,34 +111,28 @@ class FilteredRows:
             known.append(fixed)
             times.append(s.time[rows])
             logs.append(np.full(len(w), k))
-            states.append(s)
-            slices.append(rows)
+            parts.append(
+                _LogRows(s.time, s.rate, rows, s.dq.copy(), s.ddq[rows].copy(), low_pass(s.tau, cutoff, s.rate))
+            )
         return cls(
             base,
             cutoff,
-            np.concatenate(W),
+            _joined(W),
             np.concatenate(times),
             np.concatenate(logs),
             np.concatenate(known),
-            states,
-            slices,
+            parts,
         )
 
     @property
     def nbytes(self) -> int:
-        """What it takes in memory: columns, states, and splines of the torques, which are four times their size."""
-        return int(self.W.nbytes + sum(8 * s.tau.nbytes for s in self.states))
+        """What it takes in memory: columns, velocities, torques as a spline, and friction of other speeds."""
+        friction = sum(column.nbytes for column in self._coulomb.values())
+        return int(self.W.nbytes + friction + sum(x.time.nbytes + 2 * x.dq.nbytes for x in self.logs))
 
     def torques(self, shift: float) -> Array:
         """(m, nv) torques that are ``shift`` seconds later in the log than the positions of the rows, springs taken off."""
-        from scipy.interpolate import CubicSpline
-
-        if not self._torques:
-            self._torques = [CubicSpline(s.time, low_pass(s.tau, self.cutoff, s.rate)) for s in self.states]
-        found = [
-            spline(np.clip(s.time[rows] + shift, s.time[0], s.time[-1]))
-            for spline, s, rows in zip(self._torques, self.states, self.slices, strict=True)
-        ]
+        found = [log.torques(shift) for log in self.logs]
         tau = np.asarray(np.concatenate(found) - self.known)
         if self.dead is not None:
             tau[:, self.dead] = 0.0
@@ -127,12 +146,12 @@ class FilteredRows:
         return self._coulomb[key]
 
     def _coulomb_column(self, column: int, joints: Array, friction_speed: Array) -> Array:
-        kept = self.base.kept[column : column + 1]
-        found = list[Array]()
-        for s, rows in zip(self.states, self.slices, strict=True):
-            w = self.base.unknown.columns(kept, s.q, s.dq, s.ddq, friction_speed)[..., 0]
-            w[:, joints] = low_pass(w[:, joints], self.cutoff, s.rate)
-            found.append(w[rows])
+        k, found = int(self.base.kept[column]), list[Array]()
+        for log in self.logs:
+            value, share = self.base.unknown.drive(k, log.dq, log.dq, friction_speed)  # which no acceleration changes
+            w = np.zeros((len(log.acceleration), len(share)))
+            w[:, joints] = low_pass(value, self.cutoff, log.rate)[log.rows, None] * share[joints]
+            found.append(w)
         whole = np.concatenate(found)
         if self.dead is not None:
             whole[:, self.dead] = 0.0
@@ -141,12 +160,24 @@ class FilteredRows:
     @property
     def speed(self) -> Array:
         """(m, nv) velocities of the joints in the rows."""
-        return np.concatenate([s.dq[rows] for s, rows in zip(self.states, self.slices, strict=True)])
+        return np.concatenate([log.dq[log.rows] for log in self.logs])
 
     @property
     def acceleration(self) -> Array:
         """(m, nv) accelerations of the joints in the rows."""
-        return np.concatenate([s.ddq[rows] for s, rows in zip(self.states, self.slices, strict=True)])
+        return np.concatenate([log.acceleration for log in self.logs])
+
+
+def _joined(parts: list[Array]) -> Array:
+    """One array of parts, which are let go one after another: never twice in memory. The list is empty then."""
+    if len(parts) == 1:
+        return parts.pop()
+    whole, at = np.empty((sum(map(len, parts)), *parts[0].shape[1:])), 0
+    while parts:
+        part = parts.pop(0)
+        whole[at : at + len(part)] = part
+        at += len(part)
+    return whole
 
 
 def _columns(

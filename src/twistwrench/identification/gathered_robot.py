@@ -49,7 +49,7 @@ def gathered_robot(information: Information, test: Information | None = None) ->
         prior=information.weak,
         method=information.method,
         sizes=information.sizes,
-        information=sum_of(folds),
+        information=sum_of([fold.together() for fold in folds]),
         folds=tuple(folds),
         payload_frame=information.payload_frame,
     )

@@ -28,10 +28,10 @@ from .log_side import MotorSide
 from .log_source import PIECE, LogClock, LogSource
 from .robot_identification import METHODS, asked_settings, checked_motions, identified
 from .streamed_rows import RowFrame
-from .unknown_parameters import UnknownParameters
+from .unknown_parameters import STRIBECK_SPEED, UnknownParameters
 from .weights import Method
 
-_WINDOWS, _WINDOW = 16, 4096
+_WINDOWS, WINDOW = 16, 4096
 """Runs of rows that settings are chosen on."""
 _OTHERS, _LEAST_LEFT, _OF_JOINT = 2.5, 0.12, 0.35
 """Times what is left of the torques of all logs, and shares of its own and of a joint's, from which a log is another's."""
@@ -53,6 +53,7 @@ def gather(
     motor_side: MotorSide | None = None,
     known: Mapping[str, float] | None = None,
     payload_only: str | None = None,
+    stribeck_speed: float = STRIBECK_SPEED,
     columns: Mapping[str, str] | None = None,
     rate: float | None = None,
     degrees: bool = False,
@@ -70,7 +71,7 @@ def gather(
     like : Information, optional
         Settings are taken from it in place of an excerpt, so that the new information can be added to it.
     motor_inertia : bool
-    friction : sequence of str, ``viscous``, ``coulomb``, ``offset``
+    friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
     cutoff : float, optional, of the low-pass [Hz]; None: chosen
     friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
     shift : float, optional, by how much torques are later than positions [s]; None: chosen
@@ -78,6 +79,7 @@ def gather(
     motor_side : MotorSide, optional; motors that turn with several joints have friction and inertia of their own
     known : {name: float}, optional, values of parameters that are held, as for :func:`identify`
     payload_only : str, optional, the frame of a payload that alone is sought, as for :func:`identify`
+    stribeck_speed : float, as for :func:`identify`
     columns, rate, degrees : how files are read, as for :meth:`Motion.from_file <twistwrench.Motion.from_file>`
     client : dask.distributed.Client, optional, whose workers read the files; bits do not depend on them
     progress : callable, optional, told the share that is done
@@ -127,7 +129,8 @@ def gather(
     if like is None:
         asked = asked_settings(cutoff, friction_speed, shift)
         sought: dict[str, Any] = {"motor_inertia": motor_inertia, "friction": friction, "motor_side": motor_side}
-        unknown = unknown_of(robot, **sought, known=known, payload_only=payload_only)
+        sought |= {"known": known, "stribeck_speed": stribeck_speed}
+        unknown = unknown_of(robot, **sought, payload_only=payload_only)
         start = _from_excerpt(unknown, robot, [sources[k] for k in clocks], asked, method, failed, payload_only)
     else:
         start = replace(like, moments=JointMoments.none(like.frame, 0), doubts=(), logs=())
@@ -273,8 +276,8 @@ class _Windows:
 
     def of(self, source: LogSource) -> list[Motion]:
         """Runs of rows of one log, cut to no more than asked for."""
-        found = source.excerpts(max(2, self.count), _WINDOW)
+        found = source.excerpts(max(2, self.count), WINDOW)
         whole = found[0]
-        if len(found) == 1 and len(whole) > self.count * _WINDOW:
-            return LogSource(source.robot, source.path, motion=whole).excerpts(self.count, _WINDOW)
+        if len(found) == 1 and len(whole) > self.count * WINDOW:
+            return LogSource(source.robot, source.path, motion=whole).excerpts(self.count, WINDOW)
         return found[: self.count] if len(found) > self.count else found

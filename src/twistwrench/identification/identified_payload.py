@@ -121,7 +121,7 @@ def known_but_for(robot: Robot, link: str) -> dict[str, float]:
     known = {
         f"{body.link}.{name}": float(own[10 * i + k])
         for i, body in enumerate(model.bodies)
-        if body.link != link
+        if body.link != link and body.link in model.link_inertias
         for k, name in enumerate(PARAMETER_NAMES)
     }
     drives: Mapping[str, Array] = {
@@ -174,10 +174,11 @@ def unknown_of(
     motor_side: MotorSide | None,
     known: Mapping[str, float] | None,
     payload_only: str | None,
+    stribeck_speed: float,
 ) -> UnknownParameters:
     """What is sought; of a payload alone all but its own numbers and the torques' offsets are known."""
     held = dict(known or {})
     if payload_only is not None:
         held = known_but_for(robot, payload_body(robot, payload_only)) | held
         motor_inertia, friction = True, ("viscous", "coulomb", "offset")
-    return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held)
+    return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held, stribeck_speed)

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,18 +17,18 @@ from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..robot import Robot
 from ..typing import Array
-from ..verdict import Verdict, Word
+from ..verdict import Verdict
 from .block_deviations import GroupCovariance
 from .consistent_robot import ConsistentRobot, consistent_robot
 from .essential_groups import EssentialGroups, essential_groups
 from .evidence import LogDoubt
 from .held_out import HeldOut
 from .identified_payload import IdentifiedPayload, payload_from
-from .normal_equations import Prior
+from .model_residuals import ModelResiduals, model_residuals
+from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 
-_SAME = 1e-12
 _VAGUE = 0.3
 """Share of its value, from which a group's deviation makes it vague."""
 
@@ -56,7 +55,7 @@ class IdentifiedRobot:
     method : str
     sizes : (p,) array, that each unknown parameter could have at most
     information : tuple, N, c and |τ|² of the weighted rows, in units of their residuals
-    folds : tuple, the same of each fifth of the time
+    folds : tuple of NormalEquations, of the weighted rows of each fifth of the time, joint by joint, in the same units
     payload_frame : str or None, what carries the payload that alone was sought
     """
 
@@ -73,7 +72,7 @@ class IdentifiedRobot:
     method: str
     sizes: Array
     information: Information
-    folds: tuple[Information, ...]
+    folds: tuple[NormalEquations, ...]
     payload_frame: str | None = None
 
     def __repr__(self) -> str:
@@ -129,7 +128,8 @@ class IdentifiedRobot:
             raise ValueRangeError(
                 f"a strength of {strength!r} is not offered. Give one from {STRENGTHS[-1]:g} to {STRENGTHS[0]:g}."
             )
-        return consistent_robot(self.base, self.values, self.sizes, self.folds, self.prior, strength)
+        folds = [fold.together() for fold in self.folds]
+        return consistent_robot(self.base, self.values, self.sizes, folds, self.prior, strength)
 
     @property
     def robot(self) -> Robot:
@@ -148,7 +148,13 @@ class IdentifiedRobot:
     @cached_property
     def essential(self) -> EssentialGroups:
         """The fewest groups that predict rows held out as well as all of them."""
-        return essential_groups(self.groups, self.folds, self.prior.size, self.base.held, self.values)
+        folds = [fold.together() for fold in self.folds]
+        return essential_groups(self.groups, folds, self.prior.size, self.base.held, self.values)
+
+    @cached_property
+    def residuals(self) -> ModelResiduals:
+        """What the file's bodies, these with friction, the groups and the consistent robot leave in fifths held out."""
+        return model_residuals(self.base, self.folds, self.prior, self.values, self.sizes, self.consistent.fit.strength)
 
     def interval(self, level: float = 0.95) -> Array:
         """Intervals of the groups.
@@ -236,48 +242,9 @@ class IdentifiedRobot:
         ...     tw.load(f"{folder}/new.urdf").nv
         2
         """
-        from .. import __version__
-        from .written_robot import actuator_text, check_written, same_actuators, written_robot
+        from .robot_writing import write_identified
 
-        if self.verdict.word is Word.LOOK_AGAIN and not force:
-            raise ValueRangeError(f"nothing is written after {self.verdict}. Pass force=True to write all the same.")
-        if self.payload_frame is not None:
-            raise ValueRangeError(
-                "a payload alone is no robot to write. Take found.payload, or with_payload of the robot."
-            )
-        found = self.consistent
-        notes = check_written(found)
-        of = f" from {', '.join(logs)}" if logs else ""
-        said = (
-            f"version {__version__}, {date.today().isoformat()}{of}: {found.base.count} groups, "
-            f"{100 * self.held_out.all:.3g} % of the torques left in rows held out ({self.held_out.kind}), "
-            f"pull to the file {found.fit.strength:g}"
-        )
-        if together := found.of_several_joints:
-            numbers = ", ".join(f"{name} {value:.4g}" for name, value in together.items())
-            notes.append(
-                f"no file can say what one motor does to several joints: {numbers}. Without it the torques of these joints are "
-                "not predicted as they are here"
-            )
-            said += f"; not in it: {numbers}"
-        notes += found.outside(self.interval(), self.standard_deviations)
-        if actuators is None and (inertia := found.of_joints("motor_inertia")):
-            listed = ", ".join(f"{joint} {value:.4g}" for joint, value in inertia.items())
-            notes.append(f"motor inertias stand in an actuator file only, and none is written: {listed}")
-            said += "; motor inertias are not in it"
-        made = None if path is None else written_robot(self.original, found, said)
-        text = None if actuators is None else actuator_text(self.original.model, found, given)
-        if text is not None and not same_actuators(text, found) <= _SAME:
-            raise ValueRangeError("what was written of the actuators does not come back. Please report it.")
-        if path is not None and made is not None:
-            with replacing(path) as scratch:
-                scratch.write_bytes(made.data)
-            notes += [f"{link} is part of the link that carries it now" for link in made.folded]
-            notes += made.notes
-        if actuators is not None and text is not None:
-            with replacing(actuators) as scratch:
-                scratch.write_text(text, encoding="utf-8")
-        return tuple(notes)
+        return write_identified(self, path, actuators, given, logs, force=force)
 
     def plot(self, path: str | Path) -> Path:
         """Plot of the torques of rows held out, measured and predicted, of the groups with their intervals, and of γ.

@@ -20,9 +20,9 @@ from .joint_moments import JointMoments
 from .log_side import MotorSide
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 from .streamed_rows import RowFrame
-from .unknown_parameters import UnknownParameters
+from .unknown_parameters import STRIBECK_SPEED, UnknownParameters
 
 if TYPE_CHECKING:
     from .information import Information
@@ -45,6 +45,7 @@ def write_information(i: Information, path: str | Path) -> Path:
         "motor_inertia": unknown.motor_inertia,
         "friction": list(unknown.friction),
         "known": dict(unknown.known),
+        "stribeck_speed": unknown.stribeck_speed,
         "payload": i.payload_frame,
         "cutoff": frame.settings.cutoff,
         "shift": frame.settings.shift,
@@ -92,8 +93,9 @@ def information_arguments(path: str | Path, robot: Robot) -> dict[str, Any]:
         if said["format"] != _MARK:
             raise ValueError(f"its format is {said['format']!r}")
     side = MotorSide(arrays["ratios"], arrays["zero"], arrays["gain"]) if "ratios" in arrays else None
+    speed = said.get("stribeck_speed", STRIBECK_SPEED)
     base = BaseParameters.of(
-        UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side, said["known"])
+        UnknownParameters(robot, said["motor_inertia"], tuple(said["friction"]), side, said["known"], speed)
     )
     if list(base.names) != said["groups"]:
         raise ValueRangeError(

@@ -15,7 +15,7 @@ from .block_deviations import GroupCovariance
 from .held_out import HeldOut
 from .joint_moments import JointMoments
 from .normal_equations import NormalEquations, Prior
-from .setting_choice import FOLDS, FitSettings
+from .setting_trial import FOLDS, FitSettings
 from .streamed_rows import FASTER, RowFrame
 from .weights import Method
 
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 _SPEED_SIZE = 3.0
 """What a friction speed could be off by at most, in units of its step."""
-Folded = tuple[Array, Array, float]
-"""N, c and |τ|² of weighted rows, in units of their residuals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,15 +120,14 @@ class InformationFit:
             speed[owner] *= max(1.0 + FASTER * float(x[r + int(self.frame.free_shift) + k]), 0.1)
         return replace(settings, shift=shift, friction_speed=speed)
 
-    def folded(self, x: Array, sigma: Array) -> list[Folded]:
-        """N, c and |τ|² of the groups in each fifth, with what the settings were off taken from the torques."""
-        r, found = self.frame.base.count, list[Folded]()
+    def folded(self, x: Array, sigma: Array) -> list[NormalEquations]:
+        """Of the groups in each fifth, in units of the residuals, with what the settings were off taken from the torques."""
+        r, off, found = self.frame.base.count, x[self.frame.base.count :], list[NormalEquations]()
         for mine in self.folds():
             one = self.moments.equations(self.frame, 1, mine)
-            N, c = _whitened(one, sigma)
-            y, off = float((one.y / sigma**2).sum()), x[r:]
-            rest = y - 2.0 * float(c[r:] @ off) + float(off @ N[r:, r:] @ off)
-            found.append((N[:r, :r], c[:r] - N[:r, r:] @ off, rest))
+            N, c, y = one.N / sigma[:, None, None] ** 2, one.c / sigma[:, None] ** 2, one.y / sigma**2
+            rest = y - 2.0 * c[:, r:] @ off + np.einsum("jkl,k,l->j", N[:, r:, r:], off, off)
+            found.append(NormalEquations(N[:, :r, :r], c[:, :r] - N[:, :r, r:] @ off, rest, one.rows))
         return found
 
     def by_factors(self) -> Array:

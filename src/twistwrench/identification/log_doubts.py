@@ -16,6 +16,8 @@ from .parameter_groups import BaseParameters
 
 _LATE = 8e-3
 _UNTOLD = 0.2
+_MOTION, _UNSURE = 200, 0.1
+"""States of another motion, and the share of its torques that deviations of the groups may make."""
 _WITHOUT = 0.5
 _UNEXPLAINED, _UNEXPLAINED_JOINT = 0.35, 0.6
 _OTHERS = 2.5, 0.12
@@ -32,12 +34,13 @@ def doubts_of(seen: Evidence) -> tuple[LogDoubt, ...]:
     columns = column_doubts(seen)
     signs = {joint for doubt in columns if doubt.kind == "sign" for joint in doubt.joints}
     negative = [doubt for doubt in _negative(seen) if not signs >= set(doubt.joints)]  # said already
+    unexciting = _unexciting(seen) or _untold(seen)
     found = [
         *_contradictions(seen),
         *columns,
-        *_late(seen),
+        *([] if unexciting else _late(seen)),  # of too little, the clock's offset is a guess as well
         *([] if seen.payload_only else _without(seen)),
-        *_unexciting(seen),
+        *unexciting,
         *negative,
         *_unexplained(seen),
     ]
@@ -122,6 +125,35 @@ def _unexciting(seen: Evidence) -> list[LogDoubt]:
             "unexciting",
             f"the motion tells {len(unknown) - int(unknown.sum())} of {len(unknown)} groups of parameters only, least {names} "
             "and what is grouped with them: these keep the file's values. Move all joints, far, fast and slow, in both ways.",
+        )
+    ]
+
+
+def _untold(seen: Evidence) -> list[LogDoubt]:
+    """Joints whose torques the groups do not predict in another motion, as wide and as fast as the logs'."""
+    base, rng = seen.base, np.random.default_rng(0)
+    q = np.concatenate([motion.q for motion in seen.motions])
+    wide = rng.uniform(q.min(axis=0), q.max(axis=0), (_MOTION, q.shape[1]))
+    dq, ddq = (
+        rng.normal(size=(_MOTION, x.shape[1])) * np.sqrt((x**2).mean(axis=0)) for x in (seen.speed, seen.acceleration)
+    )
+    W = base.unknown.columns(base.kept, wide, dq, ddq, seen.settings.friction_speed)
+    variance = np.einsum("njk,kl,njl->j", W, seen.covariance, W)
+    share = np.sqrt(np.maximum(variance, 0.0) / np.maximum(((W @ seen.x) ** 2).sum(axis=0), 1e-300))
+    share[seen.dead | np.array([np.ptp(q[:, k]) == 0 for k in range(len(seen.names))])] = 0.0
+    bad = [int(j) for j in np.argsort(-share) if share[j] > _UNSURE]
+    if not bad:
+        return []
+    told = ", ".join(f"{seen.names[j]} {percent(share[j])}" for j in bad[:4])
+    worst = np.argsort(-((W[:, bad[0]] ** 2).sum(axis=0) * seen.covariance.diagonal()))[:3]
+    least_sure = "; ".join(base.names[k].split(" ")[0] for k in worst)
+    return [
+        LogDoubt(
+            "unexciting",
+            f"of another motion, as wide and as fast, torques would be predicted no better than to: {told}. The logs are too "
+            f"short, or tell too little of {least_sure} and what is grouped with them. Move these joints longer, far, fast and "
+            "slow, in both ways.",
+            tuple(seen.names[j] for j in bad),
         )
     ]
 

@@ -12,7 +12,7 @@ from .log_source import PIECE, LogClock, LogSource
 from .streamed_rows import RowFrame, rows_of
 from .zero_phase import STATE_RATE
 
-_CORE, _LEAST_CORE = 8192, 1 << 15
+CORE, LEAST_CORE = 8192, 1 << 15
 """States, and rows, that a chunk has besides its margins."""
 _MOST_CORE = 1 << 18
 """Rows of a chunk at most, unless margins ask for more."""
@@ -35,7 +35,7 @@ class Piece:
         rate, said = clock.rate, list[str]()
         margin = frame.margin(rate)
         every = max(1, int(rate / (STATE_RATE * frame.settings.cutoff)))
-        core = max(_LEAST_CORE, min(_CORE * every, _MOST_CORE), 2 * margin)
+        core = max(LEAST_CORE, min(CORE * every, _MOST_CORE), 2 * margin)
         span = (-np.inf, np.inf)
         if self.end is not None:
             span = (

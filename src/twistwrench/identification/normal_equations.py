@@ -41,14 +41,23 @@ class NormalEquations:
     rows: float
 
     @classmethod
-    def of(cls, W: Array, tau: Array, felt: Array | None = None) -> NormalEquations:
-        """Of rows W (n, nv, r) and τ (n, nv).
+    def of(
+        cls,
+        W: Array,
+        tau: Array,
+        felt: Array | None = None,
+        root: Array | None = None,
+        rows: Array | slice | None = None,
+    ) -> NormalEquations:
+        """Of rows W (n, nv, r) and τ (n, nv), one joint after another, so that no second W is made.
 
         Parameters
         ----------
         W : (n, nv, r) array
         tau : (n, nv) array
         felt : (nv, r) bool array, optional, columns that are not zero in the rows of each joint
+        root : (n, nv) array, optional, what each row is multiplied by, the root of its weight
+        rows : slice or (n,) bool array, optional, those that count; None: all
 
         Returns
         -------
@@ -61,18 +70,38 @@ class NormalEquations:
         """
         nv, r = W.shape[1:]
         N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
+        mine = slice(None) if rows is None else rows
+        tau = tau[mine] if root is None else tau[mine] * root[mine]
         for j in range(nv):
             which = np.arange(r) if felt is None else np.flatnonzero(felt[j])
-            mine = np.ascontiguousarray(W[:, j, which])
-            N[j][np.ix_(which, which)] = mine.T @ mine
-            c[j, which] = mine.T @ tau[:, j]
-        return cls(N, c, (tau**2).sum(axis=0), float(len(W)))
+            A = np.ascontiguousarray(W[mine, j][:, which])
+            if root is not None:
+                A *= root[mine, j, None]
+            N[j][np.ix_(which, which)] = A.T @ A
+            c[j, which] = A.T @ tau[:, j]
+        return cls(N, c, (tau**2).sum(axis=0), float(len(tau)))
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         return NormalEquations(self.N + other.N, self.c + other.c, self.y + other.y, self.rows + other.rows)
 
     def __sub__(self, other: NormalEquations) -> NormalEquations:
         return NormalEquations(self.N - other.N, self.c - other.c, self.y - other.y, self.rows - other.rows)
+
+    def together(self) -> tuple[Array, Array, float]:
+        """N (r, r), c (r,) and |τ|² of all joints, of equations in units of their residuals.
+
+        Returns
+        -------
+        N : (r, r) array
+        c : (r,) array
+        y : float
+
+        Examples
+        --------
+        >>> NormalEquations.of(np.ones((4, 2, 1)), np.full((4, 2), 3.0)).together()
+        (array([[8.]]), array([24.]), 72.0)
+        """
+        return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
 
     def squares(self, x: Array) -> Array:
         """Sums of squared residuals (nv,) at x (r,).
@@ -124,6 +153,62 @@ class NormalEquations:
             if close:
                 break
         return x, np.sqrt(variance)
+
+
+@dataclass(frozen=True, eq=False)
+class FeltEquations:
+    """Normal equations without the entries that are zero: of each joint those of the columns that it feels.
+
+    Attributes
+    ----------
+    N : tuple of (k, k) arrays, by joint
+    c : tuple of (k,) arrays
+    y : (nv,) array
+    rows : float
+    felt : (nv, r) bool array
+    """
+
+    N: tuple[Array, ...]
+    c: tuple[Array, ...]
+    y: Array
+    rows: float
+    felt: Array
+
+    @classmethod
+    def of(cls, equations: NormalEquations, felt: Array) -> FeltEquations:
+        """Of equations whose other entries are zero.
+
+        Parameters
+        ----------
+        equations : NormalEquations
+        felt : (nv, r) bool array
+
+        Returns
+        -------
+        equations : FeltEquations
+
+        Examples
+        --------
+        >>> whole = NormalEquations.of(np.array([[[1.0, 0.0]]]), np.array([[3.0]]))
+        >>> FeltEquations.of(whole, np.array([[True, False]])).whole().N.tolist()
+        [[[1.0, 0.0], [0.0, 0.0]]]
+        """
+        N = tuple(A[np.ix_(mine, mine)] for A, mine in zip(equations.N, felt, strict=True))
+        c = tuple(b[mine] for b, mine in zip(equations.c, felt, strict=True))
+        return cls(N, c, equations.y, equations.rows, felt)
+
+    @property
+    def nbytes(self) -> int:
+        """What they take in memory."""
+        return sum(x.nbytes for x in (*self.N, *self.c, self.y))
+
+    def whole(self) -> NormalEquations:
+        """With the entries that are zero."""
+        nv, r = self.felt.shape
+        N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
+        for j, mine in enumerate(self.felt):
+            N[j][np.ix_(mine, mine)], c[j, mine] = self.N[j], self.c[j]
+        return NormalEquations(N, c, self.y, self.rows)
 
 
 @dataclass(frozen=True, eq=False)

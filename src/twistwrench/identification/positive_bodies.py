@@ -83,7 +83,7 @@ class PositivePrior:
 
     Attributes
     ----------
-    bodies : (nbodies, 4, 4) array, pseudo-inertias above 0
+    bodies : (n, 4, 4) array, pseudo-inertias above 0, of the links that move
     drives : (p,) array, positive; 1 where the parameter is free
     positive : (p,) bool array, parameters of drives that cannot be negative
     repaired : tuple of str, links whose inertia in the file is on the border of what can exist
@@ -119,13 +119,13 @@ class PositivePrior:
         model = base.unknown.model
         mass, length = base.unknown.lengths
         bodies, repaired = [], []
-        for body in model.bodies:
+        for body in (model.bodies[i] for i in base.unknown.bodies):
             J, changed = _thickened(body.inertia, mass, length)
             bodies.append(J)
             if changed:
                 repaired.append(body.link)
         kinds = np.array(base.unknown.kinds)
-        positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb"))
+        positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb", "stribeck"))
         drives = np.where(positive, _SMALL_DRIVE * sizes, 1.0)
         lacking = values - base.project(base.unknown.file_values)  # what the file's bodies leave to the drives
         for k in np.flatnonzero(positive):
@@ -171,8 +171,7 @@ class PositiveProblem:
         self.y = y + float(weight @ known**2)
         of_bodies = base.unknown.of_bodies
         self._bodies = [
-            np.array([int(np.flatnonzero(of_bodies == 10 * i + k)[0]) for k in range(10)])
-            for i in range(len(prior.bodies))
+            np.array([int(np.flatnonzero(of_bodies == 10 * i + k)[0]) for k in range(10)]) for i in base.unknown.bodies
         ]
         self._drives = np.flatnonzero(prior.positive)
         self._free = np.flatnonzero((of_bodies < 0) & ~prior.positive)

@@ -21,10 +21,11 @@ from .identified_payload import unknown_of
 from .identified_robot import IdentifiedRobot
 from .log_doubts import doubts_of
 from .log_side import MotorSide
-from .normal_equations import Prior
+from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
-from .setting_choice import FOLDS, Asked, FitSettings, SettingRows, Trial
-from .unknown_parameters import UnknownParameters, check_speed
+from .setting_choice import SettingRows
+from .setting_trial import FOLDS, Asked, FitSettings, Trial
+from .unknown_parameters import STRIBECK_SPEED, UnknownParameters, check_speed
 from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples
 
@@ -49,6 +50,7 @@ def identify(
     motor_side: MotorSide | None = None,
     known: Mapping[str, float] | None = None,
     payload_only: str | None = None,
+    stribeck_speed: float = STRIBECK_SPEED,
     progress: Callable[[float], None] | None = None,
 ) -> IdentifiedRobot:
     """Identify masses, inertias, friction and motor inertias of a robot from logs of positions and torques.
@@ -63,7 +65,7 @@ def identify(
         Logs that are only predicted. Without any, fifths of the others in time are predicted from the rest, settings chosen
         on the rest as well.
     motor_inertia : bool, whether each joint has a motor's inertia besides its bodies
-    friction : sequence of str, of ``viscous``, ``coulomb``, ``offset``
+    friction : sequence of str, of ``viscous``, ``coulomb``, ``stribeck`` (what friction at rest is more), ``offset``
     cutoff : float, optional [Hz]; None: chosen
     friction_speed : float, optional, speed at which Coulomb friction turns [rad/s, m/s]; None: chosen for each joint
     shift : float, optional, by how much torques are later than positions [s]; None: chosen
@@ -72,6 +74,7 @@ def identify(
     known : mapping, optional, values that are held, by names such as ``link_3.m`` and ``joint_2.viscous``, in SI units
     payload_only : str, optional
         A frame: only the body fixed to it is sought, and offsets of the torques; all else is as the robot has it, friction too.
+    stribeck_speed : float, at which static friction has faded, where ``stribeck`` is asked for [rad/s or m/s]
     progress : callable, optional, told the share that is done
 
     Returns
@@ -116,6 +119,7 @@ def identify(
         "friction": friction,
         "motor_side": motor_side,
         "known": known,
+        "stribeck_speed": stribeck_speed,
     }
     if sum(len(motion) for motion in (*trained, *tested)) > MOST_SAMPLES:
         from .gathering import gather
@@ -166,7 +170,7 @@ def identified(
     trial = Trial(source, settings)
     rows = source.rows(settings.cutoff)
     fold = source.folds(rows.log, rows.time)
-    x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, base.felt)
+    x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
     covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
     tell(0.5)
     names = unknown.model.velocity_names
@@ -184,8 +188,8 @@ def identified(
 
         among = held_out = _five_fold(source, prior, method, names, nested)
     seen = Evidence(
-        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.deviations, held_out, among,
-        rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
+        base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
+        rows.speed, rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
     found = IdentifiedRobot(
@@ -201,8 +205,8 @@ def identified(
         prior=prior,
         method=method,
         sizes=sizes,
-        information=_information(trial.W, trial.tau, sigma, weights),
-        folds=_fold_information(trial, fold, sigma, weights),
+        information=_weighted(trial, sigma, weights).together(),
+        folds=tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS)),
         payload_frame=payload_only,
     )
     return Identified(found, dead, rows, hanging((trial.tau - trial.W @ x) / sigma))
@@ -268,18 +272,25 @@ def _five_fold(
     """Each fifth of the time predicted from the others."""
     found: HeldOut | None = None
     for block in range(FOLDS):
-        trial = Trial(source, settings_of(block))
-        rows = source.rows(trial.settings.cutoff)
-        here = source.folds(rows.log, rows.time) == block
-        if not here.any() or here.all():
-            continue
-        x, _, _ = weighted_fit(trial.W[~here], trial.tau[~here], prior, method, source.base.felt)
-        left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
-        one = HeldOut.of("five-fold", left, names)
-        found = one if found is None else found + one
+        one = _one_fold(source, settings_of(block), prior, method, names, block)
+        if one is not None:
+            found = one if found is None else found + one
     if found is None:
         raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
     return found
+
+
+def _one_fold(
+    source: SettingRows, settings: FitSettings, prior: Prior, method: Method, names: Sequence[str], block: int
+) -> HeldOut | None:
+    """One fifth; None where it has no rows, or all."""
+    trial, rows = Trial(source, settings), source.rows(settings.cutoff)
+    here = source.folds(rows.log, rows.time) == block
+    if not here.any() or here.all():
+        return None
+    x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~here)
+    left = HeldOutRows(rows.time[here], rows.log[here], trial.tau[here], trial.W[here] @ x)
+    return HeldOut.of("five-fold", left, names)
 
 
 def _predicted(
@@ -299,17 +310,6 @@ def _predicted(
     return HeldOut.of("test", HeldOutRows(rows.time, rows.log, trial.tau, trial.W @ x), names)
 
 
-def _information(W: Array, tau: Array, sigma: Array, weights: Array) -> tuple[Array, Array, float]:
-    """N (r, r), c (r,) and y of all weighted rows, in units in which residuals have size 1."""
-    root = np.sqrt(weights) / sigma
-    A, b = W * root[..., None], tau * root
-    A, b = A.reshape(-1, W.shape[-1]), b.reshape(-1)
-    return A.T @ A, A.T @ b, float(b @ b)
-
-
-def _fold_information(
-    trial: Trial, fold: Array, sigma: Array, weights: Array
-) -> tuple[tuple[Array, Array, float], ...]:
-    return tuple(
-        _information(trial.W[fold == b], trial.tau[fold == b], sigma, weights[fold == b]) for b in range(FOLDS)
-    )
+def _weighted(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:
+    """Of weighted rows, in units in which residuals have size 1."""
+    return NormalEquations.of(trial.W, trial.tau, trial.felt, np.sqrt(weights) / sigma, rows)

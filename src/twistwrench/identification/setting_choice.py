@@ -8,60 +8,37 @@ Cut-offs are compared by torques below the highest of them: against torques of i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from ..typing import Array
 from .bounded_memory import BoundedMemory
 from .filtered_rows import MOST_ROWS, FilteredRows, JudgedStates
-from .normal_equations import NormalEquations, Prior
+from .normal_equations import FeltEquations, NormalEquations, Prior
 from .parameter_groups import BaseParameters
-from .zero_phase import SteadySamples, cutoffs, states_below
+from .setting_trial import FOLDS, Asked, FitSettings, Trial
+from .zero_phase import SteadySamples, cutoffs, torques_below
 
-FOLDS = 5
 SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Speeds that friction turns at [rad/s, m/s] that are tried."""
 _USUAL_SPEED = 0.05
 _SHIFTS = tuple(
-    1e-3 * s for s in (-60, -40, -25, -15, -10, -7, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60)
+    1e-3 * s
+    for s in (-90, -60, -40, -25, -15, -10, -7, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90)
 )
 _ROWS = 10.0
 """Equations for each group that a cut-off has to leave."""
-_KEPT = 64
-"""Settings whose normal equations are kept."""
-_BYTES = 64 * 2**20
-"""Of rows at several cut-offs that are kept at a time; beyond, those used longest ago are made again."""
+_BYTES = 48 * 2**20
+"""Of rows at several cut-offs that are kept at a time, and of normal equations of the blocks at several settings, half of
+that; beyond, those used longest ago are made again."""
 _NEAR = 1e-3
 """s, about an offset that was found, where it is sought again."""
 _WORTH = 2e-3
 """Of log |residual|², that another cut-off, offset or speed has to bring for each joint; else the first one stays."""
-
-
-@dataclass(frozen=True, eq=False)
-class FitSettings:
-    """What a fit is made with.
-
-    Attributes
-    ----------
-    cutoff : float [Hz]
-    friction_speed : (nv,) array, v_0 [rad/s or m/s]
-    shift : float, by how much torques are later in the log than the positions they belong to [s]
-    """
-
-    cutoff: float
-    friction_speed: Array
-    shift: float
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What the user fixes; None: chosen."""
-
-    cutoff: float | None = None
-    friction_speed: float | None = None
-    shift: float | None = None
+_CHANCE = 6.0
+"""Of log |residual|² of all joints, by the independent rows there are, what an offset or a speed brings by chance once in 70
+times: half a log-likelihood ratio that is distributed as χ² of one degree of freedom (Wilks 1938)."""
 
 
 class SettingRows:
@@ -86,7 +63,7 @@ class SettingRows:
         self._most = most_rows
         self._rows = BoundedMemory[FilteredRows](_BYTES, lambda rows: rows.nbytes)
         self._judged = BoundedMemory[JudgedStates](_BYTES // 3, lambda states: states.W.nbytes)
-        self._blocks: dict[tuple[float, float, bytes], tuple[NormalEquations, ...]] = {}
+        self._blocks = BoundedMemory[tuple[FeltEquations, ...]](_BYTES // 2, lambda made: sum(x.nbytes for x in made))
 
     def rows(self, cutoff: float) -> FilteredRows:
         """At that cut-off, with the usual speed of friction."""
@@ -114,11 +91,8 @@ class SettingRows:
     ) -> tuple[NormalEquations, ...]:
         """Normal equations of the blocks at settings, made once; nothing changes them in place."""
         key = (settings.cutoff, settings.shift, settings.friction_speed.tobytes())
-        if key not in self._blocks:
-            if len(self._blocks) >= _KEPT:
-                self._blocks.pop(next(iter(self._blocks)))
-            self._blocks[key] = tuple(make())
-        return self._blocks[key]
+        kept = self._blocks.of(key, lambda: tuple(FeltEquations.of(one, self.base.felt) for one in make()))
+        return tuple(one.whole() for one in kept)
 
     def typical(self) -> tuple[Array, Array, Array]:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
@@ -148,13 +122,18 @@ class SettingRows:
         if self.asked.friction_speed is None and trial.coulomb:
             nv = len(settings.friction_speed)
             for joints in (np.ones(nv, bool), *np.eye(nv, dtype=bool)):
-                best = _best_speed(trial, prior, blocks, best, joints, _WORTH * nv)
+                best = _best_speed(trial, prior, blocks, best, joints, self._worth(settings.cutoff))
         if self.asked.shift is None:
             self._best_shift(trial, prior, blocks, best)
         return trial.settings
 
+    def _worth(self, cutoff: float) -> float:
+        """What another setting has to bring: of a short log more, where chance brings as much."""
+        independent = 2.0 * cutoff * sum(s.seconds for s in self.samples)
+        return max(_WORTH * len(self.dead), _CHANCE / independent)
+
     def _best_shift(self, trial: Trial, prior: Prior, blocks: tuple[int, ...], best: float) -> float:
-        worth = _WORTH * len(trial.settings.friction_speed)
+        worth = self._worth(trial.settings.cutoff)
         begun, first = trial.settings.shift, best
         scores = []
         for shift in _SHIFTS:
@@ -182,148 +161,39 @@ class SettingRows:
 
     def _best_cutoff(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
         """By predictions of torques below the highest cut-off."""
-        scores = []
-        live = ~self.dead
         top = max(self.tried)
-        reference = [states_below(s, top, None) for s in self.samples]
-        for cutoff in self.tried:
-            trial = Trial(self, replace(settings, cutoff=cutoff))
-            judged = self.judged(cutoff)
-            tau = np.concatenate(
-                [
-                    np.stack([np.interp(s.time + settings.shift, r.time, x) for x in r.tau.T], axis=1)
-                    for s, r in zip(judged.states, reference, strict=True)
-                ]
-            )
-            fold = self.folds(judged.log, judged.time)
-            W = judged.W
-            for c, joints in trial.coulomb:
-                W = W.copy()
-                kept = self.base.kept[c : c + 1]
-                new = [
-                    self.base.unknown.columns(kept, s.q, s.dq, s.ddq, settings.friction_speed)[..., 0]
-                    for s in judged.states
-                ]
-                W[:, joints, c] = np.concatenate(new)[:, joints]
-            left = np.zeros(W.shape[1])
-            for block, x in trial.fits(prior, blocks):
-                here = fold == block
-                left += ((tau[here] - judged.known[here] - W[here] @ x) ** 2).sum(axis=0)
-            scores.append(float(np.log(np.maximum(left[live], 1e-300)).sum()))
-        order = np.array(scores)
-        good = np.flatnonzero(order <= order.min() + _WORTH * W.shape[1])
+        torques = [torques_below(s, top) for s in self.samples]
+        scores = np.array(
+            [self._judged_score(prior, blocks, replace(settings, cutoff=cutoff), torques) for cutoff in self.tried]
+        )
+        good = np.flatnonzero(scores <= scores.min() + _WORTH * len(self.dead))
         return self.tried[int(good[0])]
 
-
-class Trial:
-    """Normal equations of all blocks under settings that change one at a time."""
-
-    def __init__(self, source: SettingRows, settings: FitSettings) -> None:
-        self.settings, self._asked = settings, source.asked
-        self._source, self._felt = source, source.base.felt
-        self.coulomb = source.base.unknown.coulomb_columns(source.base.kept)
-        self._blocks = list(source.kept_blocks(settings, self._made))
-
-    @cached_property
-    def _rows(self) -> FilteredRows:
-        return self._source.rows(self.settings.cutoff)
-
-    @cached_property
-    def _places(self) -> list[Array | slice]:
-        fold = self._source.folds(self._rows.log, self._rows.time)
-        return [_as_slice(np.flatnonzero(fold == b)) for b in range(FOLDS)]
-
-    @cached_property
-    def _tau(self) -> Array:
-        return self._rows.torques(self.settings.shift)
-
-    @cached_property
-    def _W(self) -> Array:
-        rows, settings = self._rows, self.settings
-        if np.array_equal(settings.friction_speed, self._source.usual_speed):
-            return rows.W
-        W = rows.W.copy()
-        for c, joints in self.coulomb:
-            W[:, :, c] = rows.coulomb(c, joints, settings.friction_speed)
-        return W
-
-    def _made(self) -> list[NormalEquations]:
-        return [NormalEquations.of(self._W[p], self._tau[p], self._felt) for p in self._places]
-
-    @property
-    def W(self) -> Array:
-        """(m, nv, r)."""
-        return self._W
-
-    @property
-    def tau(self) -> Array:
-        """(m, nv)."""
-        return self._tau
-
-    def changes(self, x: Array) -> Array:
-        """(m, nv, k) what the predicted torques change by with each chosen setting: the clock's offset, speeds of friction."""
-        found = []
-        settings = self.settings
-        if self._asked.shift is None:
-            step = 0.1 / settings.cutoff
-            later, sooner = self._rows.torques(settings.shift + step), self._rows.torques(settings.shift - step)
-            found.append((later - sooner) / (2 * step))
-        if self._asked.friction_speed is None:
-            for j in range(self._W.shape[1]):
-                speed = np.where(np.arange(self._W.shape[1]) == j, 1.1, 1.0) * settings.friction_speed
-                mine = [(c, joints) for c, joints in self.coulomb if np.flatnonzero(joints)[-1] == j]
-                change = np.zeros(self._tau.shape)
-                for c, joints in mine:
-                    change += (self._rows.coulomb(c, joints, speed) - self._W[:, :, c]) * x[c]
-                found.append(change)
-        return np.stack(found, axis=-1) if found else np.zeros((*self._tau.shape, 0))
-
-    def fits(self, prior: Prior, blocks: Sequence[int]) -> list[tuple[int, Array]]:
-        """Each block, and what the others of ``blocks`` give."""
-        total = self._blocks[blocks[0]]
-        for b in blocks[1:]:
-            total = total + self._blocks[b]
-        x, sigma = total.solve(prior)
-        found = []
-        for b in blocks:
-            rest = total - self._blocks[b] if len(blocks) > 1 else total
-            weight = 1.0 / sigma**2
-            x = prior.solve(np.einsum("jkl,j->kl", rest.N, weight), (rest.c * weight[:, None]).sum(axis=0))
-            found.append((b, x))
-        return found
-
-    def score(self, prior: Prior, blocks: Sequence[int]) -> float:
-        """The sum of log |residual|² over the joints, of blocks predicted from the others."""
-        left = sum((self._blocks[b].squares(x) for b, x in self.fits(prior, blocks)), np.zeros(len(self._felt)))
-        return float(np.log(np.maximum(left, 1e-300)).sum())
-
-    def shift(self, shift: float) -> None:
-        """Take torques from another time."""
-        _ = self._W  # of the settings before
-        self._tau = self._rows.torques(shift)
-        self.settings = replace(self.settings, shift=shift)
-        for k, p in enumerate(self._places):
-            W, tau = self._W[p], self._tau[p]
-            c = np.stack([W[:, j].T @ tau[:, j] for j in range(W.shape[1])])
-            self._blocks[k] = replace(self._blocks[k], c=c, y=(self._tau[p] ** 2).sum(axis=0))
-
-    def speed(self, friction_speed: Array) -> None:
-        """Take other speeds of friction."""
-        changed, _, _ = friction_speed != self.settings.friction_speed, self._W, self._tau
-        self.settings = replace(self.settings, friction_speed=friction_speed)
-        if self._W is self._rows.W:
-            self._W = self._W.copy()
-        for c, joints in self.coulomb:
-            if not changed[int(np.flatnonzero(joints)[-1])]:
-                continue
-            self._W[:, :, c] = self._rows.coulomb(c, joints, friction_speed)
-            for k, p in enumerate(self._places):
-                N, right = self._blocks[k].N.copy(), self._blocks[k].c.copy()
-                W, tau = self._W[p], self._tau[p]
-                for j in np.flatnonzero(joints):
-                    N[j, :, c] = N[j, c, :] = W[:, j].T @ W[:, j, c]
-                    right[j, c] = W[:, j, c] @ tau[:, j]
-                self._blocks[k] = replace(self._blocks[k], N=N, c=right)
+    def _judged_score(
+        self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings, torques: Sequence[tuple[Array, Array]]
+    ) -> float:
+        """The sum of log |residual|² over the joints, of torques that are given with their times for each log."""
+        trial, judged = Trial(self, settings), self.judged(settings.cutoff)
+        tau = np.concatenate(
+            [
+                np.stack([np.interp(s.time + settings.shift, time, x) for x in tau.T], axis=1)
+                for s, (time, tau) in zip(judged.states, torques, strict=True)
+            ]
+        )
+        fold = self.folds(judged.log, judged.time)
+        W = judged.W.copy() if trial.coulomb else judged.W
+        for c, joints in trial.coulomb:
+            kept = self.base.kept[c : c + 1]
+            new = [
+                self.base.unknown.columns(kept, s.q, s.dq, s.ddq, settings.friction_speed)[..., 0]
+                for s in judged.states
+            ]
+            W[:, joints, c] = np.concatenate(new)[:, joints]
+        left = np.zeros(W.shape[1])
+        for block, x in trial.fits(prior, blocks):
+            here = fold == block
+            left += ((tau[here] - judged.known[here] - W[here] @ x) ** 2).sum(axis=0)
+        return float(np.log(np.maximum(left[~self.dead], 1e-300)).sum())
 
 
 def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
@@ -331,13 +201,6 @@ def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
     (a, b, c), (d, e, f) = x, y
     below = (b - a) * (e - f) - (b - c) * (e - d)
     return b - 0.5 * ((b - a) ** 2 * (e - f) - (b - c) ** 2 * (e - d)) / below if below < 0 else b
-
-
-def _as_slice(places: Array) -> Array | slice:
-    """Rows that follow each other as a slice, which copies nothing."""
-    if len(places) and places[-1] - places[0] == len(places) - 1:
-        return slice(int(places[0]), int(places[-1]) + 1)
-    return places
 
 
 def _best_speed(trial: Trial, prior: Prior, blocks: tuple[int, ...], best: float, joints: Array, worth: float) -> float:

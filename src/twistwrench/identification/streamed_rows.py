@@ -20,7 +20,7 @@ from .base_columns import BaseColumns
 from .filtered_rows import of_springs
 from .log_chunks import Chunk
 from .parameter_groups import BaseParameters
-from .setting_choice import FitSettings
+from .setting_trial import FitSettings
 from .zero_phase import ROW_RATE, STATE_RATE, Filtered, low_pass, states_below_of
 
 PERIODS = 16
@@ -61,8 +61,9 @@ class RowFrame:
 
     @cached_property
     def speeds(self) -> list[tuple[int, Array]]:
-        """Columns of Coulomb friction whose speed was chosen, and the joints they are in."""
-        return self.base.unknown.coulomb_columns(self.base.kept) if self.free_speed else []
+        """Of each friction speed that was chosen a column of it, and the joints that it is in."""
+        found = self.base.unknown.coulomb_columns(self.base.kept) if self.free_speed else []
+        return list({int(np.flatnonzero(joints)[-1]): (c, joints) for c, joints in reversed(found)}.values())[::-1]
 
     @property
     def extra(self) -> int:
@@ -147,7 +148,7 @@ def _portion(frame: RowFrame, s: Filtered, torques: _Torques, span: slice, wante
     tau, slope = torques.at(s.time[wanted])
     if base.unknown.model.springs:
         tau = tau - low_pass(of_springs(base, q, dq, ddq), settings.cutoff, s.rate)[at]
-    changes = [_slower(frame, s, span, c, joints)[at] for c, joints in frame.speeds]
+    changes = [_slower(frame, s, span, joints)[at] for _, joints in frame.speeds]
     found = []
     for j, place in enumerate(columns.slices):
         beside = [slope[:, j]] if frame.free_shift else []
@@ -157,14 +158,17 @@ def _portion(frame: RowFrame, s: Filtered, torques: _Torques, span: slice, wante
     return JointRows(s.time[wanted], tuple(found))
 
 
-def _slower(frame: RowFrame, s: Filtered, span: slice, column: int, joints: Array) -> Array:
-    """(n, nv) what W x_0 changes by when the friction speed of a column grows by a tenth of itself."""
-    unknown, kept = frame.base.unknown, frame.base.kept[column : column + 1]
+def _slower(frame: RowFrame, s: Filtered, span: slice, joints: Array) -> Array:
+    """(n, nv) what W x_0 changes by when the friction speed of the last of these joints grows by a tenth of itself."""
+    unknown, owner = frame.base.unknown, int(np.flatnonzero(joints)[-1])
     speed = frame.settings.friction_speed
-    owner = int(np.flatnonzero(joints)[-1])
     faster = np.where(np.arange(len(speed)) == owner, 1.0 + FASTER, 1.0) * speed
     states = s.q[span], s.dq[span], s.ddq[span]
-    change = unknown.columns(kept, *states, faster)[..., 0] - unknown.columns(kept, *states, speed)[..., 0]
-    found = np.zeros_like(change)
-    found[:, joints] = low_pass(change[:, joints], frame.settings.cutoff, s.rate) * frame.x[column]
+    found = np.zeros(states[1].shape)
+    for column, mine in unknown.coulomb_columns(frame.base.kept):
+        if int(np.flatnonzero(mine)[-1]) != owner:
+            continue
+        kept = frame.base.kept[column : column + 1]
+        change = unknown.columns(kept, *states, faster)[..., 0] - unknown.columns(kept, *states, speed)[..., 0]
+        found[:, mine] += low_pass(change[:, mine], frame.settings.cutoff, s.rate) * frame.x[column]
     return found

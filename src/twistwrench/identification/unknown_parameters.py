@@ -2,7 +2,11 @@
 
 Row j of τ = W x, with Y the regressor of the bodies (Atkeson, An and Hollerbach, 1986) and v_0 the speed of friction:
 
-    τ_j = Y_j π + Ia_j ddq_j + fv_j dq_j + fc_j tanh(dq_j / v_0j) + off_j
+    τ_j = Y_j π + Ia_j ddq_j + fv_j dq_j + (fc_j + fs_j exp(-(dq_j / v_s)²)) tanh(dq_j / v_0j) + off_j
+
+with fs what static friction is above Coulomb's, and v_s Stribeck's speed, where they are asked for (Armstrong-Hélouvry, Dupont
+and Canudas de Wit, "A survey of models, analysis tools and compensation methods for the control of machines with friction",
+Automatica 30(7), 1994).
 
 A motor k that turns with several joints, at the rate s_k · dq of the joint it drives, adds s_k (Ia_k s_k·ddq + fv_k s_k·dq +
 fc_k tanh(s_k·dq / v_0)) to all of them.
@@ -27,8 +31,11 @@ from ..typing import Array
 if TYPE_CHECKING:
     from .log_side import MotorSide
 
-DRIVE = ("motor_inertia", "viscous", "coulomb", "offset")
+DRIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "offset")
 """What a joint may have besides its bodies, in the order of the columns."""
+STRIBECK_SPEED = 0.1
+"""rad/s or m/s, unless another is given."""
+_DRY = ("coulomb", "stribeck")
 _BODY = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
 """The order in which the ten of a body are kept or grouped: moments first, as papers on base parameters list them."""
 _SMALLEST_LENGTH, _SMALLEST_MASS = 0.05, 1e-3
@@ -43,9 +50,10 @@ class UnknownParameters:
     robot : Robot
         Every joint has one degree of freedom. Its own friction and armature count as unknown.
     motor_inertia : bool, a motor inertia for each joint, as the joint feels it
-    friction : sequence of str, ``viscous``, ``coulomb``, ``offset``
+    friction : sequence of str, ``viscous``, ``coulomb``, ``stribeck``, ``offset``
     motor_side : MotorSide, optional; motors that turn with several joints have parameters of their own
     known : mapping, values of parameters that are held, by their names
+    stribeck_speed : float, v_s of all joints [rad/s or m/s]
 
     Raises
     ------
@@ -69,12 +77,14 @@ class UnknownParameters:
     friction: Sequence[str] = ("viscous", "coulomb", "offset")
     motor_side: MotorSide | None = None
     known: Mapping[str, float] = field(default_factory=dict)
+    stribeck_speed: float = STRIBECK_SPEED
 
     def __post_init__(self) -> None:
         robot = require_robot(self.robot, "identification")
         for name in self.friction:
             if name not in DRIVE[1:]:
                 raise UnknownNameError.of("friction column", name, DRIVE[1:])
+        check_speed(self.stribeck_speed)
         wide = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
         if wide:
             raise ModelError(
@@ -104,6 +114,11 @@ class UnknownParameters:
         return self.robot.model
 
     @cached_property
+    def bodies(self) -> tuple[int, ...]:
+        """Bodies that are links; what only stands between two joints of one link has no mass, and is not asked for."""
+        return tuple(i for i, body in enumerate(self.model.bodies) if body.link in self.model.link_inertias)
+
+    @cached_property
     def coupled(self) -> Array:
         """(k, nv) what each motor that turns with several joints turns at, per rate of each of them; 1 for its own."""
         nv = self.model.nv
@@ -115,7 +130,8 @@ class UnknownParameters:
         model, found = self.model, list[tuple[str, str, int]]()
         drive = (["motor_inertia"] if self.motor_inertia else []) + [f for f in DRIVE[1:] if f in self.friction]
         for i, body in enumerate(model.bodies):
-            found += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
+            if i in self.bodies:
+                found += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
             if not body.follows:
                 found += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive]
         names = model.velocity_names
@@ -131,7 +147,7 @@ class UnknownParameters:
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
-        """What each is: ``m``, ``mcx``, …, ``Izz``, ``motor_inertia``, ``viscous``, ``coulomb``, ``offset``."""
+        """What each is: ``m``, ``mcx``, …, ``Izz``, ``motor_inertia``, ``viscous``, ``coulomb``, ``stribeck``, ``offset``."""
         return tuple(kind.removeprefix("coupled ") for _, kind, _ in self._entries)
 
     @cached_property
@@ -188,6 +204,7 @@ class UnknownParameters:
             "motor_inertia": torque / acceleration,
             "viscous": torque / speed,
             "coulomb": torque,
+            "stribeck": torque,
             "offset": torque,
         }
         found = []
@@ -233,7 +250,7 @@ class UnknownParameters:
         return W
 
     def coulomb_columns(self, which: Array) -> list[tuple[int, Array]]:
-        """Columns of Coulomb friction among some of the parameters.
+        """Columns of dry friction, Coulomb's and Stribeck's, among some of the parameters.
 
         Parameters
         ----------
@@ -252,9 +269,9 @@ class UnknownParameters:
         found = []
         for c, k in enumerate(which):
             _, kind, place = self._entries[int(k)]
-            if kind == "coulomb":
+            if kind in _DRY:
                 found.append((c, np.arange(self.model.nv) == place))
-            elif kind == "coupled coulomb":
+            elif kind.removeprefix("coupled ") in _DRY:
                 found.append((c, self.coupled[place] != 0))
         return found
 
@@ -286,8 +303,10 @@ class UnknownParameters:
             return ddq @ s, s
         if plain == "viscous":
             return dq @ s, s
-        if plain == "coulomb":
-            return np.tanh(dq @ s / friction_speed[int(np.flatnonzero(s)[-1])]), s
+        if plain in _DRY:
+            rate = dq @ s
+            eased = np.tanh(rate / friction_speed[int(np.flatnonzero(s)[-1])])
+            return (eased if plain == "coulomb" else eased * np.exp(-((rate / self.stribeck_speed) ** 2))), s
         return np.ones(len(dq)), s
 
 

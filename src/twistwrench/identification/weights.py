@@ -19,30 +19,30 @@ Method = Literal["irls", "wls", "ols"]
 
 
 def weighted_fit(
-    W: Array, tau: Array, prior: Prior, method: Method, felt: Array | None = None
+    W: Array, tau: Array, prior: Prior, method: Method, felt: Array | None = None, rows: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Parameters (r,), sizes of residuals by joint (nv,), and weights (n, nv) of the rows, 1 for whole ones.
 
-    ``W`` is (n, nv, r), ``tau`` (n, nv); ``felt`` (nv, r) says which columns are not zero for each joint.
+    ``W`` is (n, nv, r), ``tau`` (n, nv); ``felt`` (nv, r) says which columns are not zero for each joint, ``rows`` (n,) bool
+    which rows count: weights of the others say nothing.
     """
-    ones = np.ones(tau.shape)
+    mine = slice(None) if rows is None else rows
+    plain = NormalEquations.of(W, tau, felt, rows=mine)
+    weights = np.ones(tau.shape)
     if method == "ols":
-        whole = NormalEquations.of(W, tau, felt)
-        x = prior.solve(whole.N.sum(axis=0), whole.c.sum(axis=0))
-        return x, np.sqrt(whole.squares(x) / max(1.0, whole.rows)), ones
-    x, sigma = NormalEquations.of(W, tau, felt).solve(prior)
-    weights = ones
+        x = prior.solve(plain.N.sum(axis=0), plain.c.sum(axis=0))
+        return x, np.sqrt(plain.squares(x) / max(1.0, plain.rows)), weights
+    x, sigma = plain.solve(prior)
     if method == "wls":
         return x, sigma, weights
     for _ in range(_ROUNDS):
         left = tau - W @ x
-        sigma = np.maximum(_MAD * np.median(np.abs(left), axis=0), 1e-9 * np.abs(tau).max(axis=0) + 1e-300)
+        sigma = np.maximum(_MAD * np.median(np.abs(left[mine]), axis=0), 1e-9 * np.abs(tau[mine]).max(axis=0) + 1e-300)
         weights = np.minimum(1.0, HUBER / np.maximum(np.abs(left / sigma), 1e-300))
         root = np.sqrt(weights) / sigma
-        A, b = W * root[..., None], tau * root
-        equations = NormalEquations.of(A, b, felt)
+        equations = NormalEquations.of(W, tau, felt, root, mine)
         new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
-        done = bool(np.abs(W @ (new - x)).max() <= 1e-6 * sigma.max())
+        done = bool(np.abs((W @ (new - x))[mine]).max() <= 1e-6 * sigma.max())
         x = new
         if done:
             break

@@ -8,27 +8,32 @@ is put in its place.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..diagnosis.described import DescribedRobot
-from ..diagnosis.editing import edited, encoded
-from ..diagnosis.findings import Edit, Place
+from ..diagnosis.editing import encoded
 from ..diagnosis.reading import Subject, read_subject
 from ..errors import ModelError, RobotFileError, ValueRangeError
-from ..formats.element import Element
-from ..formats.urdf import PRODUCTS, origin_of
 from ..formats.xml_parser import parse
-from ..model.model import Model
+from ..model.model import BASE, Model
 from ..robot import Robot, load
-from ..typing import Array
 from .consistent_robot import ConsistentRobot
+from .mjcf_text import MjcfText
+from .sdf_text import SdfText
+from .text_changes import TextChanges
+from .urdf_text import UrdfText
+from .written_actuators import SIGNATURE
 
-SIGNATURE = "twistwrench identify"
 _SAME = 1e-12
 _STATES = 200
+_TEXTS: Mapping[str, type[UrdfText] | type[MjcfText] | type[SdfText]] = {
+    "urdf": UrdfText,
+    "mjcf": MjcfText,
+    "sdf": SdfText,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,26 +46,20 @@ class WrittenRobot:
     data : bytes, as the file it came from is encoded
     difference : float, of torques of the file read again, as a share of the largest
     folded : tuple of str, fixed links whose inertia went into the links that carry them
-    notes : tuple of str, what could not be written
+    missing : {kind: {joint: number}}, of joints, for which the file has no place
+    folder : Path or None, from which the file names others, such as meshes; None where it names none
     """
 
     text: str
     data: bytes
     difference: float
     folded: tuple[str, ...]
-    notes: tuple[str, ...]
-
-
-@dataclass(eq=False)
-class _Changes:
-    edits: list[tuple[Edit, str]] = field(default_factory=list)
-    additions: dict[int, str] = field(default_factory=dict)
-    folded: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    missing: Mapping[str, Mapping[str, float]]
+    folder: Path | None
 
 
 def written_robot(original: Robot, found: ConsistentRobot, said: str) -> WrittenRobot:
-    """The file of ``original`` with the bodies and the friction of ``found``; ``said`` goes into a comment at its top.
+    """The file of ``original`` with the bodies and the drives of ``found``; ``said`` goes into a comment at its top.
 
     Raises ModelError where the robot has no file or its format has no place for a number, and RobotFileError where what was
     written does not come back.
@@ -71,138 +70,128 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
             f"robot {original.name!r} was not read from a file, so there is none to write into. tw.save(found.robot, path) "
             "writes a new one."
         )
-    root = parse(subject.text)
-    numbers = {id(element): k for k, element in enumerate(root.walk())}
-    links = {element.text("name"): element for element in root.all("link")} if subject.robot.format == "urdf" else {}
-    changes = _Changes()
-    wanted = _link_inertias(found, changes)
-    model = found.base.unknown.model
-    for link, before in subject.robot.model.link_inertias.items():
-        if before.mass > 0 and link in model.link_inertias and not model.link_inertias[link].parameters.any():
-            wanted.setdefault(link, SpatialInertia.zero())  # left out: see without_links
-    for link, inertia in wanted.items():
-        _write_link(link, inertia, subject.robot, links.get(link), numbers, changes)
-    if subject.robot.format == "urdf":
-        _write_friction(found, root, numbers, changes)
-        changes.additions[0] = f"<!-- {SIGNATURE}: {said.replace('--', '- -')} -->"
-    else:
-        changes.notes.append("friction is written into the actuator file only")
-    text = edited(subject.text, changes.edits, additions=changes.additions, signature=SIGNATURE)
-    difference = _difference(text, subject, found)
+    inertias, folded = _link_inertias(found)
+    drives = _drives(found)
+    wanted = drives
+    again = _again(_text(subject, found, said, inertias, wanted), subject, found)
+    beside = _off(again, drives)
+    if any(value > 0 for of_kind in beside.values() for value in of_kind.values()):
+        # What actuators add to a joint is in the file besides: the joint gets the rest.
+        wanted = {
+            kind: {
+                joint: max(0.0, value - max(0.0, beside.get(kind, {}).get(joint, 0.0)))
+                for joint, value in of_kind.items()
+            }
+            for kind, of_kind in drives.items()
+        }
+        again = _again(_text(subject, found, said, inertias, wanted), subject, found)
+    missing = {kind: {joint: drives[kind][joint] for joint in of_kind} for kind, of_kind in _off(again, drives).items()}
+    lacking = [f"{kind} {joint} {value:.4g}" for kind, of_kind in missing.items() for joint, value in of_kind.items()]
+    text = _text(subject, found, f"{said}; not in it: {', '.join(lacking)}" if lacking else said, inertias, wanted)
+    difference = _difference(_again(text, subject, found), found)
     if not difference <= _SAME:
         raise RobotFileError(
             f"what was written does not come back: torques differ by {difference:.2g} of the largest. Please report it."
         )
-    return WrittenRobot(text, encoded(text, subject.data), difference, tuple(changes.folded), tuple(changes.notes))
+    folder = subject.path.resolve().parent if subject.path is not None and _names_files(subject.text) else None
+    return WrittenRobot(text, encoded(text, subject.data), difference, tuple(folded), missing, folder)
 
 
-def _link_inertias(found: ConsistentRobot, changes: _Changes) -> dict[str, SpatialInertia]:
-    """The inertia that each link is to have, in its own frame; those that change."""
+def _names_files(text: str) -> bool:
+    """Whether it names other files by paths from its own folder: those that it includes, meshes, textures."""
+    elements = list(parse(text).walk())
+    named = [element.attributes.get(key, "") for element in elements for key in ("file", "filename")]
+    named += [element.content.strip() for element in elements if element.tag == "uri"]
+    return any(name and "://" not in name and not name.startswith("/") for name in named)
+
+
+def _text(
+    subject: Subject,
+    found: ConsistentRobot,
+    said: str,
+    inertias: Mapping[str, SpatialInertia],
+    drives: Mapping[str, Mapping[str, float]],
+) -> str:
+    """The file's text with inertias of links and numbers of joints, those of joints that follow others at 0."""
+    root = parse(subject.text)
+    changes = TextChanges(root, SIGNATURE)
     model = found.base.unknown.model
-    wanted: dict[str, SpatialInertia] = {}
+    file = _TEXTS[subject.robot.format](root, changes, model.name, subject.path)
+    before = subject.robot.model.link_inertias
+    file.write_links({
+        link: G
+        for link, G in inertias.items()
+        if link not in before or not np.array_equal(before[link].parameters, G.parameters)
+    })  # fmt: skip
+    for joint in model.velocity_names:
+        file.write_joint(joint, {kind: of_kind[joint] for kind, of_kind in drives.items() if joint in of_kind})
+    for body in model.bodies:
+        if body.follows:
+            file.write_joint(body.joint.name, dict.fromkeys(drives, 0.0), "part of the joint that it follows")
+    changes.add(root, f"<!-- {SIGNATURE}: {said.replace('--', '- -')} -->")
+    return changes.made(subject.text)
+
+
+def _link_inertias(found: ConsistentRobot) -> tuple[dict[str, SpatialInertia], list[str]]:
+    """The inertia that each moving link is to have, in its own frame; and fixed links that are part of another now."""
+    model = found.base.unknown.model
+    wanted, folded = dict[str, SpatialInertia](), list[str]()
     for i, (body, whole) in enumerate(zip(model.bodies, found.inertias, strict=True)):
-        others = {
-            link: model.link_inertias[link].in_frame(frame.pose)
-            for link, frame in model.frames.items()
-            if frame.body == i and link != body.link and link in model.link_inertias
+        if body.link not in model.link_inertias:
+            continue  # between two joints of one body
+        mine = {
+            link: frame.pose for link, frame in model.frames.items() if frame.body == i and link in model.link_inertias
         }
+        others = {link: model.link_inertias[link] for link in mine if link != body.link}
         left = whole
-        for G in others.values():
-            left = left - G
+        for link, G in others.items():
+            left = left - G.in_frame(mine[link])
         if others and (left.mass <= 0 or left.defects()):
-            heavy = [link for link, G in others.items() if G.parameters.any()]
-            changes.folded += heavy
-            wanted |= dict.fromkeys(heavy, SpatialInertia.zero())
-            left = whole
-        wanted[body.link] = left
-    return wanted
+            folded += [link for link, G in others.items() if G.parameters.any()]
+            others, left = dict.fromkeys(others, SpatialInertia.zero()), whole
+        wanted |= {**others, body.link: left}
+    return wanted, folded
 
 
-def _write_link(
-    link: str,
-    inertia: SpatialInertia,
-    described: DescribedRobot,
-    element: Element | None,
-    numbers: Mapping[int, int],
-    changes: _Changes,
-) -> None:
-    why = (
-        "identified from logs"
-        if inertia.parameters.any()
-        else "in none of the logs, or part of the link that carries it"
-    )
-    written = described.links[link].written if link in described.links else None
-    if written is not None and not inertia.parameters.any():
-        zero = {name: place for name, place in written.places.items() if name in ("mass", *PRODUCTS)}
-        changes.edits += [(Edit(place, "0"), why) for place in zero.values()]
-        return
-    edits = () if written is None else written.exact_edits(inertia)
-    if edits:
-        changes.edits += [(edit, why) for edit in edits]
-        return
-    if element is None:
-        raise ModelError(
-            f"the inertia of {link!r} has no place for all ten numbers in this file. Convert the robot to URDF first: "
-            "twistwrench convert."
-        )
-    _add_inertial(link, inertia, element, numbers, changes, why)
+def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
+    """What joints are to have by kind: friction that was sought, and motor inertias, none where none was sought."""
+    model = found.base.unknown.model
+    sought = {kind: found.of_joints(kind) for kind in ("viscous", "coulomb", "stribeck")}
+    inertias = dict.fromkeys(model.velocity_names, 0.0) | found.of_joints("motor_inertia")
+    return {kind: values for kind, values in sought.items() if values} | {"motor_inertia": inertias}
 
 
-def _add_inertial(
-    link: str, inertia: SpatialInertia, element: Element, numbers: Mapping[int, int], changes: _Changes, why: str
-) -> None:
-    """Into a URDF whose link has no <inertial>, or one without an <origin>."""
-    inertial = element.child("inertial")
-    com = " ".join(map(repr, inertia.com.tolist()))
-    if inertial is None:
-        I = inertia.moment_about_com
-        entries = dict(zip(PRODUCTS, (I[0, 0], I[0, 1], I[0, 2], I[1, 1], I[1, 2], I[2, 2]), strict=True))
-        tensor = " ".join(f'{name}="{float(value)!r}"' for name, value in entries.items())
-        changes.additions[numbers[id(element)]] = (
-            f'<inertial><origin xyz="{com}" rpy="0 0 0"/><mass value="{float(inertia.mass)!r}"/><inertia {tensor}/></inertial>'
-        )
-        return
-    origin = inertial.child("origin")
-    if origin is not None:
-        raise ModelError(f'the <origin> of {link!r} has no xyz, so its centre of mass has no place. Add xyz="0 0 0".')
-    R = origin_of(inertial)[:3, :3]
-    moments = R.T @ inertia.moment_about_com @ R
-    changes.additions[numbers[id(inertial)]] = f'<origin xyz="{com}" rpy="0 0 0"/>'
-    mass, tensor_element = inertial.required("mass", "a mass"), inertial.required("inertia", "an inertia")
-    changes.edits.append((Edit(Place(numbers[id(mass)], "value"), repr(float(inertia.mass))), why))
-    places = dict(zip(PRODUCTS, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), strict=True))
-    for name, (i, j) in places.items():
-        edit = Edit(Place(numbers[id(tensor_element)], name), repr(float(0.5 * (moments[i, j] + moments[j, i]))))
-        changes.edits.append((edit, why))
-
-
-def _write_friction(found: ConsistentRobot, root: Element, numbers: Mapping[int, int], changes: _Changes) -> None:
-    joints = {element.text("name"): element for element in root.all("joint")}
-    laws = {"damping": found.of_joints("viscous"), "friction": found.of_joints("coulomb")}
-    for name in found.base.unknown.model.velocity_names:
-        values = {key: law[name] for key, law in laws.items() if name in law}
-        if name not in joints or not values:
-            continue
-        dynamics = joints[name].child("dynamics")
-        if dynamics is None:
-            entries = " ".join(f'{key}="{value!r}"' for key, value in values.items())
-            changes.additions[numbers[id(joints[name])]] = f"<dynamics {entries}/>"
-            continue
-        for key, value in values.items():
-            if key in dynamics.attributes:
-                changes.edits.append((Edit(Place(numbers[id(dynamics)], key), repr(value)), "identified from logs"))
-            else:
-                changes.notes.append(f"<dynamics> of {name} has no {key}, so {value:.4g} is in the actuator file only")
-
-
-def _difference(text: str, subject: Subject, found: ConsistentRobot) -> float:
-    """Largest difference of torques of the text read again, as a share of the largest torque, over random states."""
+def _again(text: str, subject: Subject, found: ConsistentRobot) -> Model:
+    """The text read as the robot's file was."""
     folders = [] if subject.path is None else [subject.path.resolve().parent]
-    again = load(text, include_paths=folders, inertia="accept", model=subject.model).model
+    given = {"include_paths": folders, "inertia": "accept", "model": subject.model}
+    model = load(text, **given).model  # type: ignore[arg-type]
+    joints = set(found.base.unknown.model.velocity_names)
+    return model if joints <= set(model.velocity_names) else load(text, **given, mimic="independent").model  # type: ignore[arg-type]
+
+
+def _off(again: Model, drives: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """By how much numbers of joints are not as they are to be, those that are beyond rounding."""
+    friction = again.friction
+    above = np.asarray(friction.static) - friction.coulomb
+    has = {"viscous": friction.viscous, "coulomb": friction.coulomb, "stribeck": above, "motor_inertia": again.armature}
+    place = {name: k for k, name in enumerate(again.velocity_names)}
+    found: dict[str, dict[str, float]] = {}
+    for kind, of_kind in drives.items():
+        size = max(map(abs, of_kind.values()), default=0.0)
+        for joint, value in of_kind.items():
+            off = float(has[kind][place[joint]]) - value if joint in place else -value
+            if abs(off) > _SAME * size:
+                found.setdefault(kind, {})[joint] = off
+    return found
+
+
+def _difference(again: Model, found: ConsistentRobot) -> float:
+    """Largest difference of torques of the text read again, as a share of the largest torque, over random states."""
     model = found.base.unknown.model
     bodies = [np.zeros(10) for _ in model.bodies]
     for link, frame in model.frames.items():
-        if frame.body >= 0 and link in again.link_inertias:
+        if frame.body != BASE and link in again.link_inertias:
             bodies[frame.body] = bodies[frame.body] + again.link_inertias[link].in_frame(frame.pose).parameters
     rng = np.random.default_rng(0)
     robot = found.base.unknown.robot
@@ -220,7 +209,7 @@ def check_written(found: ConsistentRobot) -> list[str]:
     """
     model = found.base.unknown.model
     for body, G in zip(model.bodies, found.inertias, strict=True):
-        if said := G.defects():
+        if body.link in model.link_inertias and (said := G.defects()):
             raise ValueRangeError(f"the body of {body.link!r} cannot exist: {'; '.join(said)}. Nothing is written.")
     robot = found.robot
     rng = np.random.default_rng(0)
@@ -243,55 +232,3 @@ def check_written(found: ConsistentRobot) -> list[str]:
             f"the file's inertia of {', '.join(found.repaired)} was thickened first, as no body of volume has it"
         )
     return said
-
-
-def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, object] | None = None) -> str:
-    """An actuator file with friction and motor inertias; entries that were ``given`` stay, but for these.
-
-    With a known ratio the motor's inertia is that of an extra rotor, Ia / ratio²; without, the reflected one.
-    """
-    import yaml
-
-    content: dict[str, object] = {"robot": model.name, **dict(given or {})}
-    entries = {name: dict(entry) for name, entry in dict(content.get("actuators", {}) or {}).items()}  # type: ignore[call-overload]
-    sliding = {b.joint.name for b in model.leaders if not b.joint.turning[0]}
-    inertia, viscous = found.of_joints("motor_inertia"), found.of_joints("viscous")
-    coulomb, offset = found.of_joints("coulomb"), found.of_joints("offset")
-    for name in model.velocity_names:
-        entry = entries.setdefault(name, {})
-        slides = name in sliding
-        if name in inertia:
-            entry.pop("rotor", None)
-            entry["reflected_inertia"] = f"{inertia[name]!r} {'kg' if slides else 'kg m^2'}"
-        law = {}
-        if name in viscous:
-            law["viscous"] = f"{viscous[name]!r} {'N s/m' if slides else 'N m s/rad'}"
-        if name in coulomb:
-            law["coulomb"] = f"{coulomb[name]!r} {'N' if slides else 'N m'}"
-        if law:
-            entry["friction"] = law
-    content["actuators"] = entries
-    head = f"# {SIGNATURE}: friction and motor inertias as the joints feel them\n"
-    if offset:
-        head += "".join(f"# offset of the torque of {name}: {value:.6g}\n" for name, value in offset.items())
-    head += "".join(
-        f"# of several joints, not read: {name} {value!r}\n" for name, value in found.of_several_joints.items()
-    )
-    return head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-
-
-def same_actuators(text: str, found: ConsistentRobot) -> float:
-    """Largest difference of friction and armature of an actuator file read again, as a share of the largest."""
-    import yaml
-
-    model = found.base.unknown.model
-    bare = replace(model, armature=np.zeros(model.nv))
-    again = Robot(bare).with_actuators(yaml.safe_load(text)).model
-    right = found.robot.model
-    pairs: list[tuple[Array, Array]] = [
-        (again.armature, right.armature),
-        (again.friction.viscous, right.friction.viscous),
-        (again.friction.coulomb, right.friction.coulomb),
-    ]
-    size = max(float(np.abs(b).max()) for _, b in pairs)
-    return max(float(np.abs(a - b).max()) for a, b in pairs) / max(size, 1e-300)

@@ -160,10 +160,39 @@ def states_below(samples: SteadySamples, cutoff: float, rate: float | None = Non
     >>> bool(np.abs(found.ddq[60:-60, 0] + np.sin(found.time[60:-60])).max() < 1e-3)
     True
     """
-    every = max(1, math.floor(samples.rate / (rate or STATE_RATE * cutoff)))
+    every = _every(samples, rate or STATE_RATE * cutoff)
     step = 1.0 / samples.rate
     time = samples.start + step * np.arange(len(samples))
     return states_below_of(time, samples.q, samples.tau, step, cutoff, slice(None, None, every))
+
+
+def torques_below(samples: SteadySamples, cutoff: float) -> tuple[Array, Array]:
+    """Times (m,) and torques (m, nv) of the states below a cut-off [Hz].
+
+    Parameters
+    ----------
+    samples : SteadySamples
+    cutoff : float [Hz]
+
+    Returns
+    -------
+    time : (m,) array [s]
+    tau : (m, nv) array
+
+    Examples
+    --------
+    >>> t = np.arange(2000) * 1e-3
+    >>> samples = SteadySamples.of(t, np.zeros((2000, 1)), np.sin(t)[:, None], "a log")
+    >>> torques_below(samples, 10.0)[1].shape
+    (400, 1)
+    """
+    rows = slice(None, None, _every(samples, STATE_RATE * cutoff))
+    time = samples.start + np.arange(len(samples)) / samples.rate
+    return time[rows], np.stack([low_pass(x, cutoff, samples.rate)[rows] for x in samples.tau.T], axis=1)
+
+
+def _every(samples: SteadySamples, rate: float) -> int:
+    return max(1, math.floor(samples.rate / rate))
 
 
 def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: float, rows: slice) -> Filtered:

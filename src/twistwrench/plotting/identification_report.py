@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.html_table import html_table
 from ..motion.coordinates import Coordinates
-from .identified_drawings import draw_bodies, draw_friction, draw_residuals, frictional
+from .identified_drawings import draw_bodies, draw_friction, draw_residual_bars, draw_residuals, frictional
 from .style import (
     AXIS,
     BLUE,
@@ -134,7 +134,7 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     names = found.held_out.names
     yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(_rows(drawn, len(names)), found))
     yield "<h2>Residuals</h2>"
-    yield _svg(10.0, 2.6, lambda drawn: _bars(drawn.subplots(), found))
+    yield _svg(10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found))
     yield "<h3>In time</h3>"
     yield _svg(10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, len(names)), found))
     if count := len(frictional(found)):
@@ -153,9 +153,10 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
         f"<p>Pull γ = {consistent.fit.strength:g}: {100 * consistent.held_out:.3g} % left in fifths held out, weighted; by "
         f"the file's own bodies with friction {100 * consistent.of_file:.3g} %.</p>"
     )
-    count = len(consistent.inertias)
+    unknown, inertias = found.base.unknown, consistent.inertias
+    count = len(unknown.bodies)
     yield _svg(9.0, 2.5 * count, lambda drawn: draw_bodies(drawn.subplots(count, 3, squeeze=False), found))
-    bodies = zip(found.base.unknown.model.bodies, consistent.inertias, strict=True)
+    bodies = ((unknown.model.bodies[i], inertias[i]) for i in unknown.bodies)
     links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(f"{x:.3g}" for x in G.com)) for b, G in bodies)
     yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
     yield "</html>"
@@ -220,14 +221,6 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
         axes.set_ylabel(units[j])
     grid[0].legend(fontsize=SMALL, frameon=False, ncols=3, loc="upper right")
     grid[-1].set_xlabel("time [s]")
-
-
-def _bars(axes: Axes, found: IdentifiedRobot) -> None:
-    joints = found.held_out.joints
-    shares = [100 * x if math.isfinite(x) else 0.0 for x in joints.values()]
-    axes.bar(list(joints), shares, color=BLUE, width=0.6)
-    axes.set_ylabel("% of the torque left")
-    axes.tick_params(axis="x", labelsize=SMALL)
 
 
 def _groups(axes: Axes, found: IdentifiedRobot) -> None:

@@ -9,22 +9,26 @@ import numpy as np
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .diagnosis import VIEWS, draw_inertias
-from .style import AXIS, BLUE, LINE, PALE, QUIET, SMALL, VERMILION
+from .style import AXIS, BLUE, GREEN, LINE, PALE, QUIET, SMALL, VERMILION
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from ..identification import IdentifiedRobot
 
 _BAND, _FAR = 1.96, 4.0
 """Deviations of a band that holds 95 %, and from which a residual is marked."""
 _SPEEDS, _USUAL = 201, 2.0
 """Points of a curve, and the speed it goes to of a joint without a limit [rad/s, m/s]."""
-_LAWS = ("viscous", "coulomb", "offset")
+_BAR = 0.2
+"""Width, of four beside each other in a joint's unit."""
+_LAWS = ("viscous", "coulomb", "stribeck", "offset")
 
 
 def frictional(found: IdentifiedRobot) -> list[int]:
     """The joints whose friction was identified."""
     names = found.original.velocity_names
-    return [k for k, name in enumerate(names) if any(f"{name}.{law}" in found.groups for law in _LAWS[:2])]
+    return [k for k, name in enumerate(names) if any(f"{name}.{law}" in found.groups for law in _LAWS[:3])]
 
 
 def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
@@ -35,7 +39,13 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
         most = float(model.limits.velocity[k])
         dq = np.linspace(-1, 1, _SPEEDS) * (most if np.isfinite(most) else _USUAL)
         eased = np.tanh(dq / found.settings.friction_speed[k])
-        of_law: dict[str, Array] = {"viscous": dq, "coulomb": eased, "offset": np.ones_like(dq)}
+        fading = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
+        of_law: dict[str, Array] = {
+            "viscous": dq,
+            "coulomb": eased,
+            "stribeck": fading * eased,
+            "offset": np.ones_like(dq),
+        }
         places = [found.groups.index(f"{name}.{law}") if f"{name}.{law}" in found.groups else -1 for law in _LAWS]
         kept = [(place, of_law[law]) for place, law in zip(places, _LAWS, strict=True) if place >= 0]
         at, columns = [place for place, _ in kept], np.stack([column for _, column in kept], axis=1)
@@ -73,10 +83,34 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
     grid[-1].set_xlabel("time in its log [s]")
 
 
+def draw_residual_bars(axes: Axes, found: IdentifiedRobot) -> None:
+    """What is left of each joint's torque by the file, by the file with friction, by the groups and by bodies that can exist.
+
+    Bars end at the whole torque; what is beyond is written on them.
+    """
+    left, names = found.residuals, list(found.held_out.names)
+    models = (
+        ("file", left.file, PALE),
+        ("file, friction fitted", left.with_friction, VERMILION),
+        ("identified", left.identified, BLUE),
+        ("bodies that can exist", left.consistent, GREEN),
+    )
+    at = np.arange(len(names))
+    for k, (label, shares, colour) in enumerate(models):
+        x = at + (k - 1.5) * _BAR
+        axes.bar(x, np.minimum(100 * shares, 100.0), _BAR, color=colour, label=label)
+        for j in np.flatnonzero(shares > 1.0):
+            axes.text(x[j], 99.0, f"{100 * shares[j]:.3g} %", rotation=90, ha="center", va="top", fontsize=SMALL)
+    axes.set_xticks(at, names, fontsize=SMALL)
+    axes.set_ylabel("% left in fifths held out")
+    axes.legend(fontsize=SMALL, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+
+
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
     """Ellipsoids of inertia of the moving bodies, in the file and identified: a row for each body, seen along each axis."""
-    bodies = found.base.unknown.model.bodies
-    for row, body, inertia in zip(grid, bodies, found.consistent.inertias, strict=True):
+    unknown, inertias = found.base.unknown, found.consistent.inertias
+    for row, i in zip(grid, unknown.bodies, strict=True):
+        body, inertia = unknown.model.bodies[i], inertias[i]
         for axes, view in zip(row, VIEWS, strict=True):
             draw_inertias(axes, [(inertia, BLUE, "-", "identified"), (body.inertia, VERMILION, "--", "file")], view)
             axes.set_aspect("equal", adjustable="datalim")

@@ -77,9 +77,7 @@ def by_witnesses(Q: Array, left: Array, half: Array, label: Array) -> tuple[Arra
     Survey Methodology 28, 2002; Pustejovsky and Tipton, J. Business & Economic Statistics 36, 2018.
     """
     p = Q.shape[-1]
-    place = np.unique(label, return_inverse=True)[1]
-    if place.max() >= _MANY:
-        place = place * _MANY // (place.max() + 1)
+    place = witnesses(label)
     count = int(place.max()) + 1
     M, s = np.zeros((count, p, p)), np.zeros((count, p))
     order = np.argsort(place, kind="stable")
@@ -89,6 +87,12 @@ def by_witnesses(Q: Array, left: Array, half: Array, label: Array) -> tuple[Arra
         q = Q[order[a:b]].reshape(-1, p)
         M[g] = q.T @ q
     return by_moments(M, s, half)
+
+
+def witnesses(label: Array) -> Array:
+    """(n,) numbers 0, 1, … of the witnesses with these labels; of more than a thousand, neighbours are one."""
+    place = np.unique(label, return_inverse=True)[1]
+    return np.asarray(place * _MANY // (place.max() + 1) if place.max() >= _MANY else place)
 
 
 def by_moments(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
