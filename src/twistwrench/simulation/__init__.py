@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from .batch import SimulationBatch, SimulationOptions
 from .contact import JointStops, Plane
 from .events import Event, Happening
 from .result import SimulationResult
@@ -28,6 +29,8 @@ __all__ = [
     "Plane",
     "Rollout",
     "RolloutGradient",
+    "SimulationBatch",
+    "SimulationOptions",
     "SimulationResult",
     "Tableau",
     "simulate",

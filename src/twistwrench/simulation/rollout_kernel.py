@@ -38,9 +38,12 @@ def computed(robot: Robot, given: Inputs, results: list[Array]) -> None:
     """Take all steps, and write the states into the results."""
     samples = math.prod(given.batch)
     arrays = [x.copy() if any(np.may_share_memory(x, place) for place in results) else x for x in given.arrays]
-    q, dq, *said = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
-    q[:, 0], dq[:, 0] = arrays[0], arrays[1]
-    take(kernel_of(robot, given.plan), arrays, given.ranks, (q[:, 1:], dq[:, 1:], *said), given.steps)
+    states = len(given.plan.state_sizes)
+    flat = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
+    for x, start in zip(flat[:states], arrays, strict=False):
+        x[:, 0] = start
+    outputs = (*(x[:, 1:] for x in flat[:states]), *flat[states:])
+    take(kernel_of(robot, given.plan), arrays, given.ranks, outputs, given.steps)
 
 
 def take(kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int) -> None:
