@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +12,19 @@ import numpy as np
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..model.friction import NONE_GIVEN
-from ..model.sampled_parameters import refuse_impossible
-from ..model.variable_parameters import matching, nominal
-from ..robot.wrench_arguments import wrench_at
 from ..typing import Array
 from .eased_friction import creep_of_samples, easing_remark
+from .rollout_arguments import (
+    given_by,
+    law_of,
+    leaves_single,
+    parameter_values,
+    state_of,
+    torque_limits_of,
+    wrenches_by_frame,
+)
 from .step_program import Plan, method_named
-from .torque_laws import GivenTorque, TorqueLaw
+from .torque_laws import GivenTorque
 from .user_functions import positive, whole
 
 if TYPE_CHECKING:
@@ -67,20 +73,20 @@ def cleaned(
     if hasattr(tau, "batch_law") and not isinstance(tau, type):  # a controller of one motion
         n, h, _ = _counted_steps(dt, steps, duration, 1, [])
         tau = tau.batch_law(robot, h * np.arange(n))
-    law = _law_of(tau)
+    law = law_of(tau)
     law.check(robot.model)
     if isinstance(torque_limits, np.bool_):
         torque_limits = bool(torque_limits)
     friction = arguments.flag(friction, "friction")
-    limits, frames = _limits(robot, torque_limits), _wrenches_by_frame(robot, wrench_on_robot)
-    names, values = _parameter_values(robot, parameters)
+    limits, frames = torque_limits_of(robot, torque_limits), wrenches_by_frame(robot, wrench_on_robot)
+    names, values = parameter_values(robot, parameters)
     rubs = friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names))
     said = arguments.flag(torques, "torques")
     plan = step_of(Plan(robot.model, law, method_named(method), bool(limits), tuple(frames), names, rubs, said))
-    given = [*_given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]
-    states = [_state_of(robot, "q0", q0, robot.nq), _state_of(robot, "dq0", dq0, robot.nv)]
+    given = [*given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]
+    states = [state_of(robot, "q0", q0, robot.nq), state_of(robot, "dq0", dq0, robot.nv)]
     numbers = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
-    single = all(_is_single(x) for x in (*states, *numbers, *values))
+    single = all(leaves_single(x) for x in (*states, *numbers, *values))
     n, h, kept = _counted_steps(dt, steps, duration, every, given)
     labelled = [(label, _stepped(label, x, size, n)) for label, x, size in given]
     batches = [("q0", states[0].shape[:-1]), ("dq0", states[1].shape[:-1])]
@@ -123,106 +129,6 @@ def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
             f"an input of shape {x.shape} for each of a batch {batch} takes {size / 1e9:.3g} GB, more than there is. Take "
             "fewer samples at a time."
         ) from None
-
-
-def _limits(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
-    if asked is None or asked is False:
-        return []
-    limits = robot.limits.effort if asked is True else _real(asked, "torque_limits", robot.model.velocity_names)
-    if limits.shape[-1:] != (robot.nv,) and limits.ndim:
-        raise ShapeError(
-            f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number "
-            "for all, or True for its own."
-        )
-    if not (limits >= 0).all():
-        raise ValueRangeError(
-            f"torque_limits has {limits[~(limits >= 0)].flat[0]:g}, and limits are at least 0; inf is none."
-        )
-    return [("torque_limits", limits, robot.nv)]
-
-
-def _law_of(tau: Any) -> TorqueLaw:
-    if isinstance(tau, type):
-        raise ValueRangeError(f"tau is the class {tau.__name__}, not a law: call it, with a reference and gains.")
-    if hasattr(tau, "torques") and hasattr(tau, "names"):
-        return tau
-    if callable(tau):
-        raise ValueRangeError(
-            "tau is a function, and the loop over the steps is machine code, which calls none. Give torques as an array, "
-            "tw.control.PD, tw.control.ComputedTorque, or their batches in tw.simulation; robot.simulate takes functions."
-        )
-    return GivenTorque(tau)
-
-
-def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
-    """Real numbers, float32 or float64, of any shape; a table by the names of its columns."""
-    array = arguments.array(x, what, names=names)
-    if array.dtype == object:
-        raise ValueRangeError(f"{what} is of symbols, and a rollout is of numbers.")
-    return array
-
-
-def _is_single(x: Array) -> bool:
-    """Whether an array leaves the result in float32; single numbers do."""
-    return x.dtype == np.float32 or x.ndim == 0
-
-
-def _state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
-    x = _real(given, what, robot.coordinate_names if what == "q0" else robot.model.velocity_names)
-    if x.shape[-1:] != (size,):
-        raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
-    if what == "q0":
-        for body in robot.model.leaders:
-            if not body.joint.is_configuration(x[..., body.places[0]]):
-                raise ValueRangeError(
-                    f"q0 has a quaternion of zeros at joint {body.joint.name!r}, which is no rotation; none is (1, 0, 0, 0)."
-                )
-    return x
-
-
-def _given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
-    """What a law is given, by name, with the length of the last axis."""
-    found = []
-    for name in law.names:
-        size = robot.nq if name == "q_des" else robot.nv
-        given = getattr(law, name)
-        none = given is None and isinstance(law, GivenTorque)
-        x = _real(
-            0.0 if none else given, name, robot.coordinate_names if name == "q_des" else robot.model.velocity_names
-        )
-        one_for_all = none or name not in ("tau", "q_des")
-        if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
-            more = ", or one number for all" if one_for_all else ""
-            raise ShapeError(
-                f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{more}."
-            )
-        found.append((name, x, size))
-    return found
-
-
-def _wrenches_by_frame(robot: Robot, wrenches: Any) -> dict[str, Array]:
-    if wrenches is None:
-        return {}
-    if not isinstance(wrenches, Mapping):
-        raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, for the frame is part of what a wrench says.")
-    return {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
-
-
-def _parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Array]]:
-    if given is None:
-        return (), []
-    if not isinstance(given, Mapping):
-        raise ShapeError(f"parameters is a dict {{name: numbers}}, got {given!r}; robot.varying() lists the names.")
-    known = nominal(robot.model)
-    for name in given:
-        if name not in known:
-            matching(robot.model, (str(name),))  # says which there are
-            raise ValueRangeError(
-                f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}."
-            )
-    values = {name: _real(x, f"parameter {name!r}") for name, x in given.items()}
-    refuse_impossible(robot.model, values)
-    return tuple(values), list(values.values())
 
 
 def _counted_steps(
