@@ -26,6 +26,7 @@ ALONE = (
     "fresh",
     "inverse_kinematics",
     "long_chain",
+    "closed",
 )
 SECTIONS = (*sorted(ALONE), "rollout", "simulate", "threads")
 ALL_CORES = ("threads",)  # the others keep to one
@@ -63,7 +64,18 @@ def _options() -> argparse.Namespace:
 
 def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """What one section takes, by its name in the results."""
-    from bench import bounds, derivatives, float32, fresh, inverse_kinematics, long_chain, one_body, one_call, threads
+    from bench import (
+        bounds,
+        closed,
+        derivatives,
+        float32,
+        fresh,
+        inverse_kinematics,
+        long_chain,
+        one_body,
+        one_call,
+        threads,
+    )
 
     def rollout() -> dict[str, Any]:
         from bench import rollout  # needs MuJoCo, which may be missing
@@ -80,6 +92,7 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
     cases, rounds = _cases(options), options.rounds
     return {
         "bounds": lambda: bounds.times(rounds, cases),
+        "closed": lambda: closed.times(rounds),
         "compile": lambda: footprint.compile_times(max(rounds // 5, 1), cases),
         "derivatives": lambda: derivatives.times(rounds, cases),
         "float32": lambda: float32.times(rounds, cases),

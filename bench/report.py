@@ -24,7 +24,7 @@ def write(results: dict[str, Any]) -> str:
     ]
     parts += [part(results) for part in (sections.inverse_kinematics, sections.long_chain)]
     parts += [part(results) for part in (_agreement, _builds, _operations, _one_body, _threads, sections.rollouts)]
-    parts += [sections.simulations(results)]
+    parts += [sections.simulations(results), sections.closed_loops(results)]
     parts += [part(results) for part in (sections.compiling, _kernels, _start)]
     return "\n\n".join([*filter(None, parts), METHOD.read_text()])
 

@@ -165,7 +165,30 @@ def simulations(results: dict[str, Any]) -> str:
         " beside a Python loop of MuJoCo's `mj_step` with nothing but mechanics, which keeps nothing. The states of both"
         f" after 100 steps agree to {found['agreement']:.0e}."
     )
+    if any("controller" in name for name in found["times"]):
+        text += " With a controller both ask one function in Python every step, and hold its torques for the step."
     return section("Simulations", text, ("", "one motion of a second, times real time", "of `mj_step`'s time"), rows)
+
+
+def closed_loops(results: dict[str, Any]) -> str:
+    """Ten seconds of a four-bar linkage on its loop."""
+    found = results.get("closed")
+    if not found:
+        return ""
+    rows = [
+        (
+            name if name.startswith("mj_step") else f"**twistwrench, {name}**",
+            f"{duration(timing['median'])} {quartiles(timing)}",
+            "–" if name == "rollout" else duration(found["steps"] * timing["median"]),
+        )
+        for name, timing in found["times"].items()
+    ]
+    text = (
+        f"{measured_on(found)}, one core: a four-bar linkage of `robot.close`, {found['steps']:,} steps of 1 ms by"
+        f" `closed.simulate`, each projected back onto the loop, {found['gap']:.0e} m open at most; `closed.rollout` of"
+        f" {found['motions']} motions with semi-implicit steps; and a Python loop of MuJoCo's `mj_step`, whose pin is a spring."
+    )
+    return section("Closed loops", text, ("", "a step", "the whole motion"), rows)
 
 
 def _one_motion(timing: dict[str, float]) -> str:

@@ -1,7 +1,8 @@
 """The section on ``robot.simulate``: a second of panda, beside a Python loop of MuJoCo's ``mj_step``.
 
 Ours gives energies, works, momentum, an estimate of the error and every state; the loop steps, and keeps nothing. Nothing but
-mechanics is on in either. The states after a tenth of a second are compared before anything is timed.
+mechanics is on in either. Then the same with a controller in Python, which both ask every step. The states after a tenth of a
+second are compared before anything is timed.
 """
 
 from collections.abc import Callable
@@ -19,6 +20,9 @@ from bench.timing import ROUNDS, Contender, interleave
 STEPS, DT = 1000, 1e-3
 METHODS = ("rk4", "semi_implicit", "dopri5")
 LOOP, LOOP_RK4 = "mj_step", "mj_step, RK4"
+STEERED = (("semi_implicit", LOOP), ("rk4", LOOP_RK4))
+AND, ITSELF = ", controller", "mj_step's controller itself"
+KP, KD = 100.0, 5.0
 TOLERANCE = 1e-8  # a hundred steps of two programs that round differently
 
 
@@ -29,9 +33,13 @@ def times(rounds: int = ROUNDS) -> dict[str, Any]:
     print(f"simulate: {case.name}, one motion of {STEPS} steps", flush=True)
     states = States.random(case, 1)
     ours, loops = _Ours(case, states), {name: _Loop(case, states, rk4=name == LOOP_RK4) for name in (LOOP, LOOP_RK4)}
-    gaps = [_gap(ours.after(100, m), loops[n].after(100)) for m, n in (("semi_implicit", LOOP), ("rk4", LOOP_RK4))]
+    ways = [(m, n, steered) for m, n in STEERED for steered in (False, True)]
+    gaps = [_gap(ours.after(100, m, steered=x), loops[n].after(100, steered=x)) for m, n, x in ways]
     contenders = [Contender(method, ours.sweep(method), STEPS) for method in METHODS]
     contenders += [Contender(name, loop.sweep(), STEPS) for name, loop in loops.items()]
+    contenders += [Contender(method + AND, ours.sweep(method, steered=True), STEPS) for method, _ in STEERED]
+    contenders += [Contender(name + AND, loop.sweep(steered=True), STEPS) for name, loop in loops.items()]
+    contenders.append(Contender(ITSELF, ours.asked, STEPS))
     return {
         **{name: where[name] for name in ("date", "cpu")},
         "rounds": rounds,
@@ -48,22 +56,36 @@ def _gap(ours: np.ndarray, theirs: np.ndarray) -> float:
     return found
 
 
+def _controller(rest: np.ndarray) -> Callable[[float, np.ndarray, np.ndarray], np.ndarray]:
+    def hold(_t: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        return np.asarray(KP * (rest - q) - KD * dq)
+
+    return hold
+
+
 class _Ours:
     def __init__(self, case: Case, states: States) -> None:
         ours = Ours(case)
         self.robot = ours.robot
         self.q, self.dq = (np.ascontiguousarray(x[0, ours.q_index]) for x in (states.q, states.dq))
+        self.hold = _controller(np.zeros_like(self.q))
 
-    def after(self, steps: int, method: str) -> np.ndarray:
-        found = self.robot.simulate(self.q, self.dq, steps * DT, DT, method=method)
+    def after(self, steps: int, method: str, *, steered: bool) -> np.ndarray:
+        controller = self.hold if steered else None
+        found = self.robot.simulate(self.q, self.dq, steps * DT, DT, method=method, controller=controller)
         return np.concatenate([found.q[-1], found.dq[-1]])
 
-    def sweep(self, method: str) -> Callable[[int], None]:
+    def sweep(self, method: str, *, steered: bool = False) -> Callable[[int], None]:
         def sweep(times: int) -> None:
             for _ in range(times):
-                self.robot.simulate(self.q, self.dq, STEPS * DT, DT, method=method)
+                self.after(STEPS, method, steered=steered)
 
         return sweep
+
+    def asked(self, times: int) -> None:
+        """The controller as often as a run asks it, and nothing else."""
+        for _ in range(times * STEPS):
+            self.hold(0.0, self.q, self.dq)
 
 
 class _Loop:
@@ -74,19 +96,23 @@ class _Loop:
         self.model.opt.integrator = kind.mjINT_RK4 if rk4 else kind.mjINT_EULER
         self.data = mujoco.MjData(self.model)
         self.states = states
+        self.hold = _controller(np.zeros_like(states.q[0]))
 
-    def after(self, steps: int) -> np.ndarray:
+    def after(self, steps: int, *, steered: bool) -> np.ndarray:
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:] = self.states.q[0], self.states.dq[0]
+        q, dq, tau, hold = data.qpos, data.qvel, data.qfrc_applied, self.hold
+        q[:], dq[:], tau[:] = self.states.q[0], self.states.dq[0], 0.0
         step = mujoco.mj_step
         for _ in range(steps):
+            if steered:
+                tau[:] = hold(data.time, q, dq)
             step(model, data)
-        return np.concatenate([data.qpos, data.qvel])
+        return np.concatenate([q, dq])
 
-    def sweep(self) -> Callable[[int], None]:
+    def sweep(self, *, steered: bool = False) -> Callable[[int], None]:
         def sweep(times: int) -> None:
             for _ in range(times):
-                self.after(STEPS)
+                self.after(STEPS, steered=steered)
 
         return sweep

@@ -38,7 +38,7 @@ def maximum(a: Any, b: Any) -> Any:
     >>> over([0.0, 2.0, 3.0]).tolist()
     [0.0, 1.0, 1.0]
     """
-    return _each(np.maximum, lambda t, x, y: t.max(x, y), a, b)
+    return _each(np.maximum, _larger, a, b)
 
 
 def minimum(a: Any, b: Any) -> Any:
@@ -58,11 +58,11 @@ def minimum(a: Any, b: Any) -> Any:
     >>> tw.differentiate(lambda x: tw.pointwise.minimum(x, 2.0), {"x": ()})([1.0, 3.0]).tolist()
     [1.0, 0.0]
     """
-    return _each(np.minimum, lambda t, x, y: t.min(x, y), a, b)
+    return _each(np.minimum, _smaller, a, b)
 
 
 def clip(x: Any, lower: Any, upper: Any) -> Any:
-    """Value, or the limit it is beyond, element by element.
+    """Value, or the limit it is beyond, element by element; the upper one where limits are the wrong way round.
 
     Parameters
     ----------
@@ -79,11 +79,11 @@ def clip(x: Any, lower: Any, upper: Any) -> Any:
     >>> tw.differentiate(lambda x: tw.pointwise.clip(x, -1.0, 1.0), {"x": ()})([0.5, 2.0]).tolist()
     [1.0, 0.0]
     """
-    return _each(np.clip, lambda t, x, low, high: t.max(low, t.min(high, x)), x, lower, upper)
+    return _each(np.clip, lambda t, x, low, high: _smaller(t, high, _larger(t, low, x)), x, lower, upper)
 
 
 def where_positive(x: Any, a: Any, b: Any) -> Any:
-    """Value a where x > 0, else b, element by element; both are computed, and numbers beyond 1.8e308 become that.
+    """Value a where x > 0, else b, element by element; both are computed, and numbers beyond 1.8e308, or NaN, become that.
 
     Parameters
     ----------
@@ -104,6 +104,23 @@ def where_positive(x: Any, a: Any, b: Any) -> Any:
     [3.0, 4.0]
     """
     return _each(lambda x, a, b: np.where(np.asarray(x) > 0, a, b), _where_positive, x, a, b)
+
+
+def _larger(t: Trace, a: Expr, b: Expr) -> Expr:
+    a, b = (b, a) if b.op == "const" else (a, b)
+    return t.max(a, _none_where(t, a, b))
+
+
+def _smaller(t: Trace, a: Expr, b: Expr) -> Expr:
+    a, b = (b, a) if b.op == "const" else (a, b)
+    return t.min(a, _none_where(t, a, b))
+
+
+def _none_where(t: Trace, a: Expr, b: Expr) -> Expr:
+    """b, and NaN where a is: programs' min and max take their second where one is NaN, and so lose the first."""
+    if a.op == "const":
+        return a if a.value != a.value else b
+    return t.add(b, t.max(t.constant(2.0), t.sign(a)) - 2.0)
 
 
 def _where_positive(t: Trace, x: Expr, a: Expr, b: Expr) -> Expr:

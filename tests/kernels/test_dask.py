@@ -128,7 +128,7 @@ def test_what_cannot_be_meant_is_refused_at_once(robot, call, words):
 CLOSED = {
     "constraint_error": "q", "consistent": "q", "constraint_jacobian": "q", "constraint_bias": "qd", "rank": "q",
     "degrees_of_freedom": "q", "projector": "q", "split": "qa", "project_velocity": "qd", "project_acceleration": "qda",
-    "forward_dynamics": "qda", "inverse_dynamics": "qda",
+    "forward_dynamics": "qda", "inverse_dynamics": "qda", "power_balance": "qda",
 }  # fmt: skip
 
 

@@ -434,13 +434,29 @@ def test_simulations_agree_with_a_loop_of_mujoco_and_make_a_table(bench, monkeyp
     assert found["agreement"] < 1e-8
     text = bench("report").write({**kept(), "simulate": found})
     assert "## Simulations" in text and "| **twistwrench, semi_implicit** |" in text
+    assert "| **twistwrench, rk4, controller** |" in text and "| mj_step, controller |" in text
     without = {name: section for name, section in kept().items() if name != "simulate"}
     assert "## Simulations" not in bench("report").write(without)
 
 
+def test_closed_loops_stay_closed_and_make_a_table(bench, monkeypatch):
+    closed = bench("closed")
+    monkeypatch.setattr(closed, "STEPS", 100)
+    monkeypatch.setattr(closed, "MOTIONS", 3)
+    found = closed.times(1)
+    assert found["gap"] <= 1e-12 and {"rk4", "semi_implicit", "rollout"} <= {*found["times"]}
+    text = bench("report").write({**kept(), "closed": found})
+    assert "## Closed loops" in text and "| **twistwrench, rollout** |" in text
+    without = {name: section for name, section in kept().items() if name != "closed"}
+    assert "## Closed loops" not in bench("report").write(without)
+    monkeypatch.setattr(closed, "GAP", 0.0)
+    with pytest.raises(SystemExit, match="nothing is timed"):
+        closed.times(1)
+
+
 def test_simulations_that_disagree_are_not_timed(bench, monkeypatch):
     simulate = bench("simulate")
-    monkeypatch.setattr(simulate._Loop, "after", lambda self, steps: np.ones(14))
+    monkeypatch.setattr(simulate._Loop, "after", lambda self, steps, *, steered: np.ones(14))
     with pytest.raises(SystemExit, match="nothing is timed"):
         simulate.times(1)
 

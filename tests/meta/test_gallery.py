@@ -178,6 +178,54 @@ def test_the_hands_of_the_rollouts_are_off_by_the_load_over_the_square_of_the_fr
     assert_shows_something(example.pixels)
 
 
+def test_the_nut_of_the_gripper_does_the_work_of_its_pads(ran):
+    """F ds + Σ f dx = dV along the openings, by central differences good to 1e-3; and the nut is where the geometry has it."""
+    example = ran(7)
+    names = example.names
+    q, width, robot = names["q"], names["width"], names["robot"]
+    assert names["found"].converged.all() and np.abs(names["closed"].constraint_error(q)).max() <= 1e-12
+    s = q[:, robot.coordinate_names.index("spindle")]
+    work = names["push"] * np.gradient(s) + names["grip"] * np.gradient(width)
+    stored = np.gradient(robot.potential_energy(q))
+    np.testing.assert_allclose(work[1:-1], stored[1:-1], atol=1e-3 * names["grip"] * (width[1] - width[0]))
+    angle = np.arcsin(0.5 * width / names["crank"])
+    elbow = np.stack([names["inner"] + names["arm"] * np.cos(angle), -names["arm"] * np.sin(angle)])
+    np.testing.assert_allclose(s, elbow[1] - np.sqrt(names["rod"] ** 2 - (elbow[0] - names["pin"]) ** 2), atol=1e-10)
+    least, most, at = example.numbers("pushes # to # N, most at # mm")
+    assert 0 < least < most and at == round(1000 * width[np.argmax(names["push"])])
+    assert_shows_something(example.pixels)
+
+
+def test_the_legs_of_the_hexapod_carry_its_weight_by_virtual_work(ran):
+    """Σ F dl = dV around the circle at rest, and the power of the legs that of the energy in motion; slopes by Fourier sums."""
+    example = ran(8)
+    names = example.names
+    closed, robot, q = names["closed"], names["robot"], names["found"].q
+    T = robot.forward_kinematics(q, "platform")
+    np.testing.assert_allclose(T, names["poses"], atol=1e-9)
+    ends = np.einsum("nij,kj->nki", T[:, :3, :3], names["sockets"]) + T[:, None, :3, 3]
+    lengths = np.linalg.norm(ends - names["anchors"], axis=2)
+    legs = [robot.coordinate_names.index(name) for name in names["motors"]]
+    np.testing.assert_allclose(q[:, legs], lengths, atol=1e-10)
+
+    def slope(x):
+        """Of what is periodic, by all the harmonics there are."""
+        sums = np.fft.rfft(x[:-1], axis=0)
+        ways = 2j * np.pi * np.arange(len(sums)) / names["period"]
+        return np.fft.irfft(sums * ways.reshape(-1, *[1] * (x.ndim - 1)), len(x) - 1, axis=0)
+
+    needed = slope(robot.potential_energy(q))
+    np.testing.assert_allclose(
+        (names["at_rest"][:-1] * slope(lengths)).sum(axis=1), needed, atol=2e-3 * np.abs(needed).max()
+    )
+    energy = slope(robot.kinetic_energy(q, names["dq"])) + needed
+    given = (names["force"][:-1] * slope(lengths)).sum(axis=1)
+    np.testing.assert_allclose(given[3:-3], energy[3:-3], atol=0.05 * np.abs(energy).max())
+    assert example.numbers("leg # carries most")[0] == names["worst"] and (names["force"] < 0).any()
+    assert np.abs(closed.constraint_error(q)).max() <= 1e-12
+    assert_shows_something(example.pixels)
+
+
 def test_the_gallery_is_that_of_the_scripts():
     """As ``python -m examples`` writes it, with every picture there, none of them large."""
     pytest.importorskip("PIL")
@@ -186,7 +234,7 @@ def test_the_gallery_is_that_of_the_scripts():
     assert gallery["PAGE"].read_text("utf-8") == gallery["page"]()
     for script in SCRIPTS:
         assert 10_000 < gallery["picture_of"](script).stat().st_size < 150_000
-    assert len(list(gallery["PICTURES"].iterdir())) == len(SCRIPTS) == 6
+    assert len(list(gallery["PICTURES"].iterdir())) == len(SCRIPTS) == 8
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda s: s.name)

@@ -72,6 +72,22 @@ def test_the_mass_of_a_massless_link_is_a_payload():
         assert_close(tau, carrying.inverse_dynamics(q, dq, ddq), ROUNDING, f"payload {m} kg")
 
 
+def test_coulomb_friction_acts_at_all_speeds_where_no_static_friction_is_known():
+    """A file's friction is static friction too; of an actuator that breaks away later, that stays as it was."""
+    robot = tw.robots.panda()
+    dq = np.zeros((3, robot.nv))
+    dq[:, 0] = 0.01, -0.1, 2.0
+    lost = robot.kernel("friction_forces", parameters="panda_joint1.coulomb")(dq, [5.0])[:, 0]
+    viscous = robot.varying("panda_joint1.viscous")["panda_joint1.viscous"]
+    np.testing.assert_allclose(lost, 5.0 * np.sign(dq[:, 0]) + viscous * dq[:, 0], rtol=1e-14)
+    both = robot.kernel("friction_forces", parameters=("panda_joint1.coulomb", "panda_joint1.static"))(dq, [5.0, 7.0])
+    np.testing.assert_allclose(both[:, 0] - lost, 2.0 * np.sign(dq[:, 0]) * np.exp(-(dq[:, 0] ** 2)), atol=1e-14)
+    laws = {"friction": {"coulomb": "1 N m", "static": "4 N m", "stribeck": "0.2 rad/s"}}
+    sticky = tw.robots.pendulum().with_actuators({"actuators": {"hinge": laws}})
+    found = sticky.kernel("friction_forces", parameters="*.coulomb")([[1e-6], [3.0]], [2.0])
+    np.testing.assert_allclose(found[:, 0], [4.0, 2.0], rtol=1e-9)
+
+
 def test_lengths_move_the_joints():
     robot = tw.robots.planar_2r()
     tip = robot.kernel("forward_kinematics", parameters="joint2.x")([0.0, 0.0], [[1.0], [1.5]])[:, 0, 3]

@@ -194,6 +194,33 @@ def test_a_data_frame_gives_the_motion_back():
         tw.Motion.from_dataframe(table.where(table > 0), robot)
 
 
+def test_dates_and_spans_are_seconds_wherever_they_stand():
+    """In a column or in the index, with a time zone or without: they came out as nanoseconds."""
+    pd = pytest.importorskip("pandas")
+    motion, robot = ur5_motion()
+    table = motion.to_pandas()[list(robot.coordinate_names)]
+    spans = pd.Series(pd.to_timedelta(motion.time.round(6), unit="s"))
+    dates = pd.Timestamp("2026-01-01") + spans
+    for stamps in (spans, dates, dates.dt.tz_localize("Europe/Berlin"), dates.astype("datetime64[us]")):
+        for frame in (table.assign(time=stamps.to_list()), table.set_index(pd.Index(stamps, name="stamp"))):
+            again = tw.Motion.from_dataframe(frame, robot)
+            np.testing.assert_allclose(again.time, motion.time - motion.time[0], atol=2e-6)
+            assert again.contradictions == ()
+    gap = table.assign(time=dates.where(dates.index != 3).to_list())
+    with pytest.raises(tw.TwistWrenchError, match="time"):
+        tw.Motion.from_dataframe(gap, robot)
+
+
+def test_a_column_that_is_there_twice_is_refused():
+    """Also by a name that another column has with its unit; the last one used to win."""
+    pd = pytest.importorskip("pandas")
+    motion, robot = ur5_motion()
+    table = motion.to_pandas()
+    for more in (0.0 * table[["elbow_joint"]], (0.0 * table[["elbow_joint"]]).add_suffix(" [deg]")):
+        with pytest.raises(tw.TrajectoryError, match="'elbow_joint' is there 2 times"):
+            tw.Motion.from_dataframe(pd.concat([table, more], axis=1), robot)
+
+
 def test_a_motion_is_cut_by_rows_and_by_time():
     motion, robot = ur5_motion()
     motion = tw.Motion(motion.time, motion.q, motion.dq, motion.ddq, motion.torques(), robot)

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from chains import chain
 from mechanisms import LEGS, along, closed_platform, four_bar, integrated
 from places import ROOT
 from random_trees import DIFFERENCES, ROUNDING
@@ -713,3 +714,24 @@ def test_the_example_draws_and_says_what_its_motion_keeps(tmp_path, capsys):
     example["main"](tmp_path, duration=0.1)
     assert (tmp_path / "four_bar.png").read_bytes().startswith(b"\x89PNG")
     assert "over 0.1 s in steps of 0.005 s: gap" in capsys.readouterr().out
+
+
+def test_a_row_that_moves_by_rounding_alone_takes_no_torque_off():
+    """A point on the axis of the joint between two links stays where it is, and its row of A is some 1e-17."""
+    axis = np.array([0.36, 0.48, 0.8])
+
+    def on_the_axis(name, options):
+        options |= {"j2": {"axis": axis}, "j3": {"placement": along(*(0.7 * axis))}}.get(name, {})
+
+    rng = np.random.default_rng(1)
+    robot = tw.Robot(chain(rng, "rrf", on_the_axis).build())
+    q, dq, ddq = rng.normal(size=(3, robot.nv))
+    pose = tw.se3.inverse(robot.forward_kinematics(q, "l1")) @ robot.forward_kinematics(q, "l3")
+    held = robot.close("l1", "l3", rows="vx", pose=pose, redundant="accept")
+    assert 0 < np.abs(held.constraint_jacobian(q)).max() < 1e-12
+    assert held.rank(q) == 0
+    found = held.inverse_dynamics(q, dq, ddq)
+    np.testing.assert_array_equal(found.tau, robot.inverse_dynamics(q, dq, ddq))
+    assert found.lam == 0
+    np.testing.assert_allclose(held.forward_dynamics(q, dq, found.tau).ddq, ddq, rtol=1e-9)
+    np.testing.assert_array_equal(held.holding_torques(q).tau, robot.holding_torques(q))

@@ -146,6 +146,26 @@ def test_choices_at_their_edges():
         assert np.isnan(chosen(np.nan)[0])
 
 
+@pytest.mark.parametrize("jit", ["0", "1"])
+def test_what_is_not_a_number_is_no_choice(jit, monkeypatch):
+    """A gap of a log is no torque within its limits; as NumPy has it, wherever the NaN stands."""
+    monkeypatch.setenv("TWISTWRENCH_JIT", jit)
+    numbers = [np.nan, 1.0, -1.0, np.inf, 0.0]
+    x, y = (grid.ravel() for grid in np.meshgrid(numbers, numbers))
+    choose = tw.pointwise
+    for function in (
+        lambda x, y: choose.maximum(x, y),
+        lambda x, y: choose.minimum(x, y),
+        lambda x, y: choose.maximum(x, 0.5) + choose.minimum(0.5, y),
+        lambda x, y: choose.minimum(x, 0.5) + choose.maximum(0.5, y),
+        lambda x, y: choose.clip(x, -0.5, y),
+        lambda x, y: choose.clip(x, y, 0.5),
+        lambda x, y: choose.maximum(x, np.nan) + y,
+    ):
+        with np.errstate(all="ignore"):
+            np.testing.assert_array_equal(kernels(function)(np.stack([x, y], axis=1))[0], function(x, y))
+
+
 def test_functions_of_robots_take_choices():
     arm = tw.robots.planar_2r()
 

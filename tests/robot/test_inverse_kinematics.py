@@ -459,6 +459,19 @@ def test_frames_may_have_rows_of_their_own(bundled):
     assert (far.distance > 1.0).all()
 
 
+def test_a_sequence_of_one_frame_takes_one_pose_each(bundled):
+    """(1, 4, 4), as k frames take (k, 4, 4): q has no axis more than it has with several."""
+    robot = bundled("ur5")
+    q = robot.random_configuration(3, 4)
+    T = robot.forward_kinematics(q)
+    for poses, start in ((T[0], q[1]), (T, q[::-1])):
+        found = robot.inverse_kinematics(poses[..., None, :, :], ["tool0"], start)
+        np.testing.assert_array_equal(found.q, robot.inverse_kinematics(poses, "tool0", start).q)
+        assert found.converged.shape == poses.shape[:-2]
+    with pytest.raises(tw.ShapeError, match="1, 4, 4"):
+        robot.inverse_kinematics(T[0], ["tool0"])
+
+
 def test_frames_that_are_none_are_named(bundled):
     robot = bundled("ur5")
     two = np.stack([np.eye(4)] * 2)
@@ -531,6 +544,31 @@ def test_an_arm_with_a_spherical_wrist_or_parallel_axes_has_up_to_eight_branches
         apart = np.abs(np.exp(1j * found.q[:, None]) - np.exp(1j * found.q)).max(axis=-1)
         assert (apart + np.eye(len(apart)) > 1e-6).all()
     assert max(counts) == 8
+
+
+@pytest.mark.parametrize(
+    ("q", "most"),
+    [
+        ([0.3, -1.0, 1e-4, 0.4, 0.5, 0.2], 6),  # elbow next to stretched: two configurations meet
+        ([0.3, -1.0, 1.2, 0.4, 1e-6, 0.2], 8),  # wrist next to stretched
+        ([0.97625485, 1.28477538, 2.90548998, -5.3750732, -0.00034151, 3.06741939], 8),
+    ],
+)
+def test_configurations_that_a_singular_pose_hardly_tells_apart_are_one_branch(bundled, q, most):
+    """A hand that is off by 1e-10 is reached 1e-5 and more apart there."""
+    robot = bundled("ur5")
+    T = robot.forward_kinematics(q)
+    found = robot.inverse_kinematics_branches(T, starts=512)
+    assert 2 <= len(found.q) <= most
+    assert_allclose(robot.forward_kinematics(found.q), np.broadcast_to(T, (len(found.q), 4, 4)), atol=3e-10)
+
+
+def test_points_of_a_curve_are_no_branches_and_are_called_so(bundled):
+    """With its wrist stretched the arm's last four joints move, and the hand stays."""
+    robot = bundled("ur5")
+    T = robot.forward_kinematics([0.3, -1.0, 1.2, 0.4, 0.0, 0.2])
+    with pytest.warns(tw.ModelWarning, match="points of curves on which the frame stays"):
+        assert len(robot.inverse_kinematics_branches(T).q) > 8
 
 
 def test_branches_of_a_pose_out_of_reach_and_of_a_redundant_arm(bundled):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import COUPLER, CRANK, GROUND, MASSES, ROCKER, along, closed_platform, four_bar
+from mechanisms import GROUND, MASSES, G, along, closed_platform, crank_only, four_bar, pins
 from places import ROOT
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
@@ -17,7 +17,6 @@ from twistwrench.algorithms.loop_projection import small_gaps
 from twistwrench.model.friction import Friction
 from twistwrench.simulation import SimulationResult
 
-G = 9.81
 LEVEL = 0.5
 """m, both cranks of the parallelogram."""
 
@@ -70,35 +69,6 @@ def test_a_parallelogram_is_a_pendulum(parallelogram):
     theta = 2 * np.arcsin(k * ellipj(ellipk(k**2) - w * found.times, k**2)[0])
     off = found.q - bottom - theta[:, None] * np.array([1, -1, 1])
     assert np.abs(off).max() < 1e-8, "steps of 1 ms are good to some 1e-10 here"
-
-
-def pins(phi):
-    """Where the crank and the rocker meet the coupler, with the crank at phi, by plane geometry; (x, z) each."""
-    B = np.array([CRANK * np.cos(phi), CRANK * np.sin(phi)])
-    x, z = GROUND - B[0], -B[1]
-    d2 = x * x + z * z
-    along_line = (COUPLER**2 - ROCKER**2 + d2) / (2 * d2)
-    across = np.sqrt(COUPLER**2 / d2 - along_line**2)
-    return B, B + np.array([along_line * x - across * z, along_line * z + across * x])
-
-
-def crank_only(angle):
-    """Inertia, potential energy and the rocker's rate seen from the crank; rates of the pins by complex steps."""
-    step = 1e-30
-    B, C = pins(angle)
-    dB, dC = (p.imag / step for p in pins(angle + 1j * step))
-    crank, coupler, rocker = MASSES
-    turn = ((dC - dB) @ np.array([-(C - B)[1], (C - B)[0]])) / COUPLER**2
-    rocks = (dC @ np.array([-C[1], C[0] - GROUND])) / ROCKER**2
-    middle = 0.5 * (dB + dC)
-    inertia = (
-        crank * CRANK**2 / 3
-        + coupler * (middle @ middle + COUPLER**2 * turn**2 / 12)
-        + rocker * ROCKER**2 * rocks**2 / 3
-    )
-    inertia += 1e-4 * (1 + turn**2 + rocks**2)
-    height = crank * B[1] / 2 + coupler * (B[1] + C[1]) / 2 + rocker * C[1] / 2
-    return inertia, G * height, rocks
 
 
 def test_a_four_bar_moves_as_its_reduced_equation(linkage):

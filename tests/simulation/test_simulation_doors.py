@@ -290,7 +290,7 @@ def test_what_ends_a_run_before_anything_was_computed_keeps_the_first_state(arm,
         raise problem
 
     monkeypatch.setattr(Stepper, "__init__", begin)
-    monkeypatch.setattr(Run, "_begin", begin)
+    monkeypatch.setattr(Run, "begin", begin)
     with pytest.raises(type(problem)) as caught:
         arm.simulate([1, 1], method=method)
     assert len(caught.value.result) == 1

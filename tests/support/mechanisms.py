@@ -40,6 +40,38 @@ def four_bar(lengths=(CRANK, COUPLER, ROCKER, GROUND), masses=MASSES):
     return tw.Robot(builder.build())
 
 
+G = 9.81
+
+
+def pins(phi):
+    """Where the crank and the rocker meet the coupler, with the crank at phi, by plane geometry; (x, z) each."""
+    B = np.array([CRANK * np.cos(phi), CRANK * np.sin(phi)])
+    x, z = GROUND - B[0], -B[1]
+    d2 = x * x + z * z
+    along_line = (COUPLER**2 - ROCKER**2 + d2) / (2 * d2)
+    across = np.sqrt(COUPLER**2 / d2 - along_line**2)
+    return B, B + np.array([along_line * x - across * z, along_line * z + across * x])
+
+
+def crank_only(angle):
+    """Inertia, potential energy and the rocker's rate seen from the crank; rates of the pins by complex steps."""
+    step = 1e-30
+    B, C = pins(angle)
+    dB, dC = (p.imag / step for p in pins(angle + 1j * step))
+    crank, coupler, rocker = MASSES
+    turn = ((dC - dB) @ np.array([-(C - B)[1], (C - B)[0]])) / COUPLER**2
+    rocks = (dC @ np.array([-C[1], C[0] - GROUND])) / ROCKER**2
+    middle = 0.5 * (dB + dC)
+    inertia = (
+        crank * CRANK**2 / 3
+        + coupler * (middle @ middle + COUPLER**2 * turn**2 / 12)
+        + rocker * ROCKER**2 * rocks**2 / 3
+    )
+    inertia += 1e-4 * (1 + turn**2 + rocks**2)
+    height = crank * B[1] / 2 + coupler * (B[1] + C[1]) / 2 + rocker * C[1] / 2
+    return inertia, G * height, rocks
+
+
 LEGS = 3
 
 

@@ -41,6 +41,37 @@ def assert_its_rates_are_derivatives(motion: trajectories.Fastest) -> None:
     assert np.median(off) < 1e-6 * (1 + np.abs(now[2]).max())  # the instants beside a switch stand out
 
 
+def test_an_instant_is_where_it_is_whatever_others_are_asked(bundled):
+    """Shares of pieces are sought sample by sample: neither how many there are nor which tells in the last bit."""
+    arm = bundled("planar_2r")
+    motion = fastest(arm, joint_line(arm, [0, 0], [1, 1]), effort=[60, 30])
+    t = instants(motion, 5000)
+    together = motion.scaling(t)
+    for some in (slice(7, 8), slice(2040, 2060), slice(4999, 3, -1)):
+        for one, all_of_them in zip(motion.scaling(t[some]), together, strict=True):
+            np.testing.assert_array_equal(one, all_of_them[some])
+    s = motion.scaling(np.sort(t))[0]
+    assert (np.diff(s) >= 0.0).all() and 0.0 < s[0] < s[-1] < 1.0
+
+
+def test_the_work_of_an_instant_does_not_grow_with_their_number(bundled, monkeypatch):
+    """One that rounding keeps from settling is sought on alone."""
+    arm, sizes = bundled("planar_2r"), []
+    motion = fastest(arm, joint_line(arm, [0, 0], [1, 1]), effort=[60, 30])
+    integral = trajectories.timing.FastestScaling._integral
+    monkeypatch.setattr(
+        trajectories.timing.FastestScaling,
+        "_integral",
+        lambda self, k, *rest: sizes.append(len(k)) or integral(self, k, *rest),
+    )
+    each = []
+    for count in (50, 5000):
+        motion.scaling(instants(motion, count))
+        each.append(sum(sizes) / count)
+        sizes.clear()
+    assert each[1] < 1.5 * each[0] and each[1] < 20.0
+
+
 @pytest.mark.parametrize(("d", "a"), [(2.0, 8.0), (-0.3, 5.0), (6.0, 1.0)])
 def test_a_mass_is_driven_bang_bang(d, a):
     """A double integrator takes 2 √(d/a)."""

@@ -250,6 +250,26 @@ def test_a_limit_on_the_way_is_named(bundled, down, limit):
         trajectories.follow_poses(robot, trajectories.straight_path(T, end), HOME)
 
 
+@pytest.mark.parametrize("drawn", [0, 1], ids=["a limit", "a singular configuration"])
+def test_the_path_so_far_says_how_far_it_is_off(bundled, drawn):
+    """Near its end a path may bend more than its places tell: what is looked at between them is not all."""
+    robot = bundled("panda")
+    rng = np.random.default_rng(drawn)
+    for _ in range(30):
+        q0 = robot.random_configuration(rng)
+        T = robot.forward_kinematics(q0)
+        poses = trajectories.screw_path(T, T @ tw.se3.exp(rng.normal(size=6)))
+        try:
+            trajectories.follow_poses(robot, poses, q0, tolerance=1e-6)
+        except tw.PathError as error:
+            partial, reached = error.partial, error.reached
+            if partial is not None:
+                break
+    s = np.linspace(0, 1, 500)
+    off = robot.forward_kinematics(partial(s)[0])[:, :3, 3] - poses(reached * s)[:, :3, 3]
+    assert np.linalg.norm(off, axis=1).max() <= 1.5 * partial.deviation + 1e-12
+
+
 BAD = {
     "same place": lambda r: trajectories.joint_line(r, HOME, HOME),
     "no number": lambda r: trajectories.joint_line(r, HOME, HOME * np.nan),

@@ -32,3 +32,14 @@ class MotionForceSplit(NamedTuple):
     """Torques that move the robot, Pτ; (..., nv), N m or N."""
     force: Array
     """Torques that only press on the constraints, (1 - P)τ; (..., nv), N m or N."""
+
+
+class ConstrainedDerivatives(NamedTuple):
+    """Derivatives of the torques of the independent joints along motions that keep to the constraints; (..., m, m) each."""
+
+    tau_by_q: Array
+    """By the independent coordinates, the others going along."""
+    tau_by_dq: Array
+    """By the independent velocities."""
+    tau_by_ddq: Array
+    """By the independent accelerations: the mass matrix that the motors see."""

@@ -12,7 +12,7 @@ position goes with them. λ is what the robot applies: {b} to {a} at the origin 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -85,6 +85,22 @@ def names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
 def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
     """A name for each row of A: the constraint's and that of the row of a twist."""
     return tuple(f"{name} {ROWS[k]}" for name, c in zip(names(constraints), constraints, strict=True) for k in c.rows)
+
+
+def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:
+    """Which rows of A are those of closures, which have a position."""
+    return [isinstance(c, Closure) for c in constraints for _ in c.rows]
+
+
+def kept(constraints: Sequence[Constraint], independent: Sequence[int]) -> tuple[Constraint, ...]:
+    """The constraints with the rows of A of those numbers alone, without constraints that keep none."""
+    some, first = [], 0
+    for c in constraints:
+        rows = tuple(row for n, row in enumerate(c.rows) if first + n in independent)
+        first += len(c.rows)
+        if rows:
+            some.append(replace(c, rows=rows))
+    return tuple(some)
 
 
 def place_of(model: Model, frame: str) -> Frame:

@@ -25,9 +25,10 @@ from ..model.model import Model
 from ..typing import Array
 from . import integration
 from .forward_kinematics import forward_kinematics
-from .friction import signs
 from .jacobians import jacobian
+from .loop_projection import LoopRows
 from .recursion import zeros
+from .switches import either, largest, positive
 from .tree_factorisation import factored, solved
 
 PATIENCE, NEARER = 6, 0.99
@@ -40,6 +41,8 @@ _LONGEST_WAY, _STILL = 0.2, 1e-7
 """rad or m: how far to go towards a posture in a step, and of a step that is none."""
 _HESITATION, _SHORTER = 0.25, 0.9
 """By how much the way to a posture is divided more, after a step that is longer than this part of the one before."""
+_STIFFER = 1e-2
+"""What part of the damping of poses that of loops is, beside that of their own gaps: poses are looked for along the loops."""
 _AT_LIMIT, _PUSHES, _LONGEST_STEP, _LEAST_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
 
 
@@ -60,6 +63,10 @@ class NewtonStep:
     """(nv,) the coordinate of each such joint; -1 of all others."""
     posture: bool = False
     """Whether to come as near to a posture as the poses let, which is given behind them."""
+    loops: LoopRows | None = None
+    """Rows of closed loops, which are to be closed at the poses."""
+    gaps: tuple[float, ...] = ()
+    """How far each of those may be open, rad or m."""
     rounds: int = 3
     """In how many rounds the joints are found that their limits hold; with 1, what meets a limit goes no further."""
 
@@ -71,12 +78,12 @@ class NewtonStep:
     @property
     def sizes(self) -> tuple[int, ...]:
         """Numbers of what :meth:`__call__` passes on beside the next q."""
-        return self.model.nq, 2, len(self.rows), self.model.nv, 2
+        return self.model.nq, 2, len(self.scale), self.model.nv, 2
 
     @property
     def begins(self) -> tuple[float, ...]:
         """What is passed on to the first step, behind q."""
-        return (0.0, FAR, *[0.0] * (len(self.rows) + self.model.nv), 0.0, 1.0)
+        return (0.0, FAR, *[0.0] * (len(self.scale) + self.model.nv), 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, given: Array) -> tuple[Array, Array]:
         """The next q, and what is passed on to the next step, of :attr:`sizes`.
@@ -95,19 +102,19 @@ class NewtonStep:
         odd = 1.0 - self.are_poses(targets.reshape(-1, 4, 4))
         now = np.sqrt(V @ V)
         if self.posture:  # as many steps as there are, the last is the best, and shorter ones where they get no shorter
-            there = there * (1.0 - _positive(dq @ dq - _STILL * _STILL))
+            there = there * (1.0 - positive(dq @ dq - _STILL * _STILL))
             now = np.sqrt(dq @ dq) * (1.0 + idle)
-            nearer, idle = runs, idle + _HESITATION * _positive(now - _SHORTER * cost)
+            nearer, idle = runs, idle + _HESITATION * positive(now - _SHORTER * cost)
         else:
-            nearer = runs * (there + (1.0 - there) * _positive(cost - now))
-            idle = (idle + 1.0) * (1.0 - _positive(NEARER * cost - now))
+            nearer = runs * (there + (1.0 - there) * positive(cost - now))
+            idle = (idle + 1.0) * (1.0 - positive(NEARER * cost - now))
         goes = runs * (1.0 - there) * (1.0 - odd)
         if not self.posture:
-            goes = goes * _positive(PATIENCE - idle)
+            goes = goes * positive(PATIENCE - idle)
         if self.rounds == 1:
             goes = goes * (1.0 - some)
-        said = np.array([_either(odd, -1.0, _either(nearer, there, arrived)), _either(nearer, now, cost)])
-        parts = _either(nearer, q, best), said, _either(nearer, e, least), _either(goes, held_now, held)
+        said = np.array([either(odd, -1.0, either(nearer, there, arrived)), either(nearer, now, cost)])
+        parts = either(nearer, q, best), said, either(nearer, e, least), either(goes, held_now, held)
         moved = integration.moved(self.model, q, goes * dq, angles)
         return self.inside(moved), np.concatenate([*parts, np.array([idle, goes])])  # (3)
 
@@ -116,11 +123,11 @@ class NewtonStep:
         fine: Any = 1.0
         for M in targets:
             off = np.array([*gaps(M[:3, :3].tolist()), *(M[3] - np.array([0.0, 0.0, 0.0, 1.0]))])
-            fine = fine * (1.0 - _positive(off @ off - _POSE * _POSE))
+            fine = fine * (1.0 - positive(off @ off - _POSE * _POSE))
         return fine
 
     def left(self, angles: Array, targets: Array) -> Array:
-        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself."""
+        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself; then gaps of loops."""
         parts = []
         for (frame, rows), T_d in zip(self.frames, targets, strict=True):
             T, last = forward_kinematics(self.model, angles, frame), np.array([[0.0, 0.0, 0.0, 1.0]])
@@ -129,22 +136,30 @@ class NewtonStep:
                 parts.append(pose_log(between)[0])
             else:
                 parts.append(np.concatenate([rotation_log(between[:3, :3])[0], between[:3, 3]])[list(rows)])
+        if self.loops is not None:
+            parts.append(-self.loops.gaps(self.model, angles))
         return np.concatenate(parts)
 
     def there(self, e: Array, allowed: Array) -> Any:
         """1 where what is left is allowed."""
         turns = np.array([row < 3 for row in self.rows])
         fine: Any = 1.0
-        for part, most in ((e[turns], allowed[0]), (e[~turns], allowed[1])):
+        poses, open_by = np.split(e, [len(turns)])
+        gaps = open_by / np.array(self.gaps)
+        for part, most in ((poses[turns], allowed[0]), (poses[~turns], allowed[1]), (gaps, 1.0)):
             if len(part):
-                fine = fine * (1.0 - _positive(part @ part - most))
+                fine = fine * (1.0 - positive(part @ part - most))
         return fine
 
     def step(self, angles: Array, q: Array, V: Array, wanted: Array, slower: Any) -> tuple[Array, Array, Any]:
         """dq of (2), or of (4) with less of z, without joints that their limits hold; which these are; 1 if there are some."""
         each = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
+        each += [self.loops.jacobian(self.model, angles)] if self.loops is not None else []
         J = self.scale[:, None] * np.concatenate(each)
-        damping = (0.5 * (V @ V) + _LEAST_DAMPING) * np.eye(len(self.rows))
+        poses, gaps = np.split(V, [len(self.rows)])
+        most = 0.5 * (V @ V)
+        each = [most] * len(poses) + [0.5 * (gaps @ gaps) + _STIFFER * most] * len(gaps)
+        damping = np.diag(np.array(each) + _LEAST_DAMPING)
         bounds = self.at_limits(q)
         z = integration.subtract(self.model, wanted, q) / slower if self.posture else None
         dq = _damped(J, damping, V, z)
@@ -154,7 +169,7 @@ class NewtonStep:
             rest = _damped(J * free, damping, V, None if z is None else z * free)
             free = free * (1.0 - _leaving(rest, *bounds))
             if number == self.rounds - 1:
-                dq = np.array([_either(some, a, b) for a, b in zip(rest, dq, strict=True)])
+                dq = np.array([either(some, a, b) for a, b in zip(rest, dq, strict=True)])
         return _shortened(dq, _LONGEST_WAY if self.posture else _LONGEST_STEP), 1.0 - free, some
 
     def at_limits(self, q: Array) -> tuple[Array, Array]:
@@ -162,9 +177,9 @@ class NewtonStep:
         low, high = zeros(self.model.nv), zeros(self.model.nv)
         for k, i in enumerate(self.coordinates):
             if np.isfinite(self.low[k]):
-                low[k] = 1.0 - _positive(q[i] - (self.low[k] + _AT_LIMIT))
+                low[k] = 1.0 - positive(q[i] - (self.low[k] + _AT_LIMIT))
             if np.isfinite(self.high[k]):
-                high[k] = 1.0 - _positive((self.high[k] - _AT_LIMIT) - q[i])
+                high[k] = 1.0 - positive((self.high[k] - _AT_LIMIT) - q[i])
         return low, high
 
     def inside(self, q: Array) -> Array:
@@ -187,24 +202,10 @@ def _damped(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
 
 def _shortened(dq: Array, most: float) -> Array:
     """dq with no entry larger than ``most``."""
-    longest: Any = most
-    for x in dq:
-        longest = abs(x).clip(longest, np.inf) if hasattr(x, "clip") else max(abs(x), longest)
-    return dq * (most / longest)
+    return dq * (most / largest(dq, most))
 
 
 def _leaving(dq: Array, low: Array, high: Array) -> Array:
     """1 for each joint that is at a limit and would go beyond."""
     each = zip(low, high, dq, strict=True)
-    return np.array([a * _positive(-x - _PUSHES) + b * _positive(x - _PUSHES) for a, b, x in each])
-
-
-def _positive(x: Any) -> Any:
-    """1 where a number is above 0, else 0."""
-    s = signs(np.array([x], object))[0]
-    return 0.5 * (s + s * s)
-
-
-def _either(which: Any, a: Any, b: Any) -> Any:
-    """a where ``which`` is 1, b where it is 0: to the bit, for numbers that are finite."""
-    return which * a + (1.0 - which) * b
+    return np.array([a * positive(-x - _PUSHES) + b * positive(x - _PUSHES) for a, b, x in each])

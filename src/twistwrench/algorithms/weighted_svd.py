@@ -50,15 +50,15 @@ class Reach:
     """(..., m)."""
 
     @classmethod
-    def of(cls, A: Array, M: Array, sizes: Array) -> Reach:
-        """A (..., k, nv), M (..., nv, nv), sizes (k,)."""
+    def of(cls, A: Array, M: Array, sizes: Array, most: int | None = None) -> Reach:
+        """A (..., k, nv), M (..., nv, nv), sizes (k,); ``most`` directions where more are known to be rounding."""
         L = _factor(M)
         B = _through(A, L) / sizes[:, None]
         if 0 in B.shape[-2:]:
             empty = [np.zeros((*B.shape[:-2], *shape)) for shape in ((B.shape[-2], 0), (B.shape[-1], 0), (0,))]
             return cls(sizes, L, *empty)
         U, sigma, Vt = np.linalg.svd(B, full_matrices=False)
-        kept = sigma > TOLERANCE
+        kept = (sigma > TOLERANCE) & (np.arange(sigma.shape[-1]) < (sigma.shape[-1] if most is None else most))
         inverse = np.where(kept, 1.0 / np.where(kept, sigma, 1.0), 0.0)
         return cls(sizes, L, U * kept[..., None, :], np.swapaxes(Vt, -1, -2) * kept[..., None, :], inverse)
 

@@ -8,6 +8,7 @@ of the method allows.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -36,7 +37,10 @@ class ProbeRule:
     def __init__(self, times: Array, weights: Array, spacing: float) -> None:
         self.spacing = spacing
         self.times, self.weights = times[weights != 0.0], weights[weights != 0.0]
-        self._one = self._rules(1)
+
+    @cached_property
+    def _one(self) -> tuple[Array, Array]:
+        return self._rules(1)
 
     def needed(self, h: float) -> bool:
         """Whether a step is so long that the method does not ask often enough itself."""
@@ -53,6 +57,6 @@ class ProbeRule:
 
 
 def left_out(weights: Array, found: Array) -> Array:
-    """What is left out of the mean of forces ``found`` (m, k), (k,); rounding is nothing."""
+    """What is left out of the mean of forces ``found`` (..., m, k), (..., k); rounding is nothing."""
     off = weights @ found
-    return np.where(np.abs(off) > _ROUNDING * np.abs(found).max(axis=0), off, 0.0)
+    return np.where(np.abs(off) > _ROUNDING * np.abs(found).max(axis=-2), off, 0.0)

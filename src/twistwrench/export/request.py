@@ -59,7 +59,7 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
     if robot.nv == 0:
         raise KernelError(f"robot {robot.name!r} has no joint that moves: there is no function of q to export.")
     found: list[Request] = []
-    for name, options in _named(quantities):
+    for name, options in named(quantities):
         full = checked_options(robot.model, name, options)
         _require_a_program(robot, name, full)
         function = CFunction("_".join([prefix, name, *_words(full)]), program_of(robot.model, name, full), precision)
@@ -76,7 +76,7 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
     return found
 
 
-def _named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """(name, options) from one name, a mapping, or names with or without options."""
     given: list[Any]
     if isinstance(quantities, str):

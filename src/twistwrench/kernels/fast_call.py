@@ -19,6 +19,7 @@ import numpy as np
 from ..targets.call_way import BYTES_DATA, FIELDS, LIST_ITEMS, POINTERS, SIZE, TUPLE_ITEMS
 from ..targets.fast_call_checks import FLOAT_VALUE
 from ..targets.fast_call_text import CALL, call_assembly
+from .builtins import FASTCALL, KEYWORDS, MethodDefinition, address_of, builtin
 from .call_form import CallForm
 from .call_parameters import CallParameters, way_of
 from .interpreter import runs_machine_code
@@ -33,19 +34,6 @@ MOST_IN_A_ROW = 16
 
 LONG, EACH = 4000, 100
 """Programs of so many instructions take a second to compile, so they wait for as many calls as they have hundreds of them."""
-
-_FASTCALL_WITH_KEYWORDS = 0x0080 | 0x0002
-
-
-class _MethodDefinition(ctypes.Structure):
-    """CPython's PyMethodDef."""
-
-    _fields_ = (
-        ("name", ctypes.c_char_p),
-        ("function", ctypes.c_void_p),
-        ("flags", ctypes.c_int),
-        ("doc", ctypes.c_char_p),
-    )
 
 
 class _Keeper(str):
@@ -87,7 +75,7 @@ def make_call(
     interpreter of another build.
     """
     owner = owner_of(ufunc)
-    if owner is None or not _understood():
+    if owner is None or not understood():
         return None
     asked, parameters = asked or CallForm(), CallParameters.of(method)
     way = way_of(owner.given, parameters, asked)
@@ -108,12 +96,12 @@ def make_call(
         "descriptor": id(dtype),
         "new_array": _numpys(_NEW_FROM_DESCRIPTOR),
         "new_scalar": _numpys(_SCALAR),
-        "new_tuple": _address("PyTuple_New"),
-        "dict_size": _address("PyDict_Size"),
-        "dict_item": _address("PyDict_GetItem"),
-        "vectorcall": _address("PyObject_Vectorcall"),
-        "incref": _address("Py_IncRef"),
-        "decref": _address("Py_DecRef"),
+        "new_tuple": address_of("PyTuple_New"),
+        "dict_size": address_of("PyDict_Size"),
+        "dict_item": address_of("PyDict_GetItem"),
+        "vectorcall": address_of("PyObject_Vectorcall"),
+        "incref": address_of("Py_IncRef"),
+        "decref": address_of("Py_DecRef"),
         "loop": loop.address,
         "fallback": ctypes.addressof(place),
     }
@@ -121,8 +109,8 @@ def make_call(
     objects = [*parameters.names, *options, *asked.keys]
     places = [*(addresses[n] for n in POINTERS), *map(id, objects)]
     context = kernel(b"".join(place.to_bytes(8, sys.byteorder) for place in places))
-    definition = _MethodDefinition(
-        name.encode(), code.address, _FASTCALL_WITH_KEYWORDS, parameters.doc(method, name).encode()
+    definition = MethodDefinition(
+        name.encode(), code.address, FASTCALL | KEYWORDS, parameters.doc(method, name).encode()
     )
     context.owner = method.__self__  # type: ignore[attr-defined]
     keeper = _Keeper("twistwrench.robot")
@@ -136,9 +124,7 @@ def make_call(
         "objects": objects,
         "definition": definition,
     }
-    make = ctypes.pythonapi.PyCFunction_NewEx
-    make.restype, make.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
-    return make(ctypes.addressof(definition), context, keeper)
+    return builtin(definition, context, keeper)
 
 
 def is_made_here(function: Any) -> bool:
@@ -159,14 +145,10 @@ def stand_behind(first: Any, other: Any) -> None:
 def calls_before(ufunc: Any) -> int:
     """How many calls with one state are a reason for a builtin: two, more where compiling takes long; never: 0."""
     owner = owner_of(ufunc)
-    if owner is None or not _understood():
+    if owner is None or not understood():
         return 0
     length = len(owner.program.instructions)
     return 2 if length < LONG else length // EACH
-
-
-def _address(name: str) -> int:
-    return ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value or 0
 
 
 @cache
@@ -181,7 +163,7 @@ def _numpys(slot: int) -> int:
 
 
 @cache
-def _understood() -> bool:
+def understood() -> bool:
     """Whether objects lie in memory as the code expects: looked at, not guessed from versions."""
     if not runs_machine_code() or sys.byteorder != "little":
         return False

@@ -2,7 +2,8 @@
 
 A name is ``<link>.mass``, ``<link>.com_x`` …, ``<link>.Ixx`` … (about the link's centre of mass, in its own axes),
 ``<joint>.x`` … (where the joint sits in the body that carries it), or ``<joint>.viscous`` and the other laws of
-friction. A link may be one without mass: ``tool0.mass`` is a payload.
+friction. A link may be one without mass: ``tool0.mass`` is a payload. Static friction that is Coulomb's stays so where only
+``<joint>.coulomb`` is given.
 """
 
 from __future__ import annotations
@@ -110,4 +111,9 @@ def _friction(model: Model, new: dict[str, Any]) -> Friction:
         for law in _OF_FRICTION:
             if (name := f"{body.joint.name}.{law}") in new:
                 columns[law][body.v_index], changed = new[name], True
+        coulomb, static = (f"{body.joint.name}.{law}" for law in ("coulomb", "static"))
+        if coulomb in new and static not in new:
+            i = body.v_index
+            if model.friction.static[i] == model.friction.coulomb[i]:
+                columns["static"][i] = new[coulomb]
     return Friction(**columns) if changed else model.friction

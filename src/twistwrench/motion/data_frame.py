@@ -27,16 +27,26 @@ def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
             "for each joint."
         )
     timed = any(time_meaning(str(name)) is not None for name in frame.columns)
-    found: dict[str, Array] = dict(_time(frame.index, timed=timed))
-    ignored = []
+    found, ignored = [], []
     for name, column in frame.items():
         try:
-            found[str(name)] = np.asarray(column, float)
+            found.append(_column(str(name), column))
         except (TypeError, ValueError):
             ignored.append(str(name))
-    table = np.column_stack(list(found.values())) if found else np.zeros((len(frame), 0))
+    named = {str(name) for name in frame.columns}
+    found = [index for index in _time(frame.index, timed=timed) if index[0].removesuffix(" [s]") not in named] + found
+    table = np.column_stack([x for _, x in found]) if found else np.zeros((len(frame), 0))
     said = (f"Columns that are no numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
-    return NpzFile(Path(_NAME), tuple(found), table, 8 * table.size), said
+    return NpzFile(Path(_NAME), tuple(name for name, _ in found), table, 8 * table.size), said
+
+
+def _column(name: str, values: Any) -> tuple[str, Array]:
+    """Numbers and what they are called; dates and spans are seconds since the first. TypeError, ValueError: none."""
+    kind = getattr(values.dtype, "kind", "")
+    if kind not in "mM":
+        return name, np.asarray(values, float)
+    spans = np.asarray(values, "datetime64[ns]" if kind == "M" else "timedelta64[ns]")
+    return f"{name} [s]", (spans - spans[:1]) / np.timedelta64(1, "s")
 
 
 def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
@@ -44,9 +54,9 @@ def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
 
     Its name is kept where it means time, or another column does (``timed``); else floats that increase are the time.
     """
+    if getattr(index.dtype, "kind", "") in "mM":
+        return [_column("time", index)]
     values = np.asarray(index)
-    if values.dtype.kind in "mM":
-        return [("time [s]", (values - values[:1]) / np.timedelta64(1, "s"))]
     counts = values.dtype.kind in "iu" and np.array_equal(values, np.arange(len(values)))
     if values.ndim != 1 or values.dtype.kind not in "iuf" or (index.name is None and counts):
         return []

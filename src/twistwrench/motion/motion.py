@@ -171,7 +171,7 @@ class Motion(MotionFiles):
         Parameters
         ----------
         frame : pandas.DataFrame, with the time as its index or as a column
-            Seconds, or dates and time spans as an index. An index that only counts rows is none.
+            Seconds, dates or time spans. An index that only counts rows is none.
         robot : Robot, that moves
         columns : {joint: column}, optional, as for :meth:`from_file`
         rate : float, optional, samples a second where there is no time [Hz]
@@ -389,17 +389,26 @@ class Motion(MotionFiles):
         found = {"inertia": tau - coriolis - gravity, "coriolis": coriolis, "gravity": gravity}
         return found | {"friction": robot.friction_forces(self.dq, load=tau)} if friction else found
 
-    def violations(self, bounds: Bounds | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
+    def violations(
+        self, bounds: Bounds | None = None, *, friction: bool = False, tau: Array | None = None
+    ) -> tuple[Violation, ...]:
         """Limits of position, velocity, acceleration and torque that the motion passes, worst first.
 
         Parameters
         ----------
         bounds : Bounds, optional; None: the robot's own
         friction : bool, count the friction of the joints
+        tau : (n, nv) array, optional, torques that are judged, such as those of a closed robot's motors [N m, sliding
+            joints: N]; None: those of inverse dynamics
 
         Returns
         -------
         found : tuple of Violation
+
+        Raises
+        ------
+        ShapeError
+            ``tau`` has not a row for each state.
 
         Examples
         --------
@@ -410,7 +419,13 @@ class Motion(MotionFiles):
         ()
         """
         check = LimitCheck(self.robot.model, bounds_or_own(self.robot, bounds))
-        check.add(self.time, self.q, self.dq, self.ddq, self.torques(friction=friction))
+        if tau is None:
+            tau = self.torques(friction=friction)
+        elif np.shape(tau) != self.dq.shape:
+            raise ShapeError(
+                f"violations: tau has shape {np.shape(tau)}, and the motion {self.dq.shape}: a row for each state."
+            )
+        check.add(self.time, self.q, self.dq, self.ddq, np.asarray(tau, float))
         return check.violations()
 
     def plot(self, path: str | Path, bounds: Bounds | None = None, *, friction: bool = False) -> Path:

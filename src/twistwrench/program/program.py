@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
@@ -122,6 +122,7 @@ def signature_of(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequen
     return f"{ins}->{outs}"
 
 
+@cache
 def axes_of(signature: str) -> list[list[int]]:
     """By operand, where NumPy puts the size of each axis in a loop's ``dims``: by names and numbers as they first appear.
 

@@ -11,6 +11,7 @@ from ..algorithms.motor_side import MotorLoads, motor_loads
 from ..algorithms.power import PowerBalance, power_balance
 from ..core import lazy
 from ..errors import ModelError
+from ..typing import Array
 from .state_arguments import states
 from .wrench_arguments import Wrenches
 
@@ -120,8 +121,18 @@ class ActuationMethods:
         """
         given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         ddq = self.forward_dynamics(q, dq, tau, friction=friction, **given)
-        dq, tau = states(self.model, "power_balance", dq=dq, tau=tau)
-        moving = self.inverse_dynamics(q, dq, ddq)  # M ddq + h: dq times it is d/dt of the energy
-        pushing = self.holding_torques(q, **given) - self.holding_torques(q)
-        lost = self.friction_forces(dq, load=moving + pushing) if friction else np.zeros_like(dq)
-        return power_balance(dq, tau, moving, pushing, lost)
+        return balanced(self, q, dq, ddq, tau, None, given, friction=friction)
+
+
+def balanced(
+    robot: Any, q: ArrayLike, dq: ArrayLike, ddq: Array, tau: ArrayLike, left: Array | None, wrenches: dict[str, Any],
+    *, friction: bool = False,
+) -> PowerBalance:  # fmt: skip
+    """Where the power goes of a motion under torques τ; ``left`` is what friction leaves of them, where that is known."""
+    dq, tau = states(robot.model, "power_balance", dq=dq, tau=tau)
+    moving = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: dq times it is d/dt of the energy
+    pushing = robot.holding_torques(q, **wrenches) - robot.holding_torques(q)
+    lost = np.zeros_like(dq) if left is None else tau - left
+    if friction:
+        lost = robot.friction_forces(dq, load=moving + pushing)
+    return power_balance(dq, tau, moving, pushing, lost)

@@ -10,7 +10,6 @@ shape goes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -19,31 +18,30 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..algorithms.constrained import ConstrainedMotion, ConstrainedTorques, MotionForceSplit
-from ..algorithms.constraint_forces import balance
-from ..algorithms.constraints import Closure, Constraint, Rolling, names, place_of, row_names
+from ..algorithms.constraints import Closure, Constraint, Rolling, kept, place_of, row_names, with_gaps
 from ..algorithms.jacobians import KINDS
 from ..algorithms.loop_closure import closure_gaps, settled
 from ..algorithms.operational_space import ROWS, row_numbers
-from ..algorithms.weighted_svd import Reach, doubtful, independent_rows
+from ..algorithms.weighted_svd import independent_rows
 from ..core import arguments, lazy
 from ..errors import ConstraintError, UnknownNameError, ValueRangeError
 from ..model.model import BASE
 from ..typing import Array
 from . import closed_robot_checks as checks
+from .closed_dynamics_methods import ClosedDynamicsMethods
+from .closed_load_methods import ClosedLoadMethods
 from .closed_shortcuts import ClosedShortcuts
+from .constraint_methods import ConstraintMethods
+from .constraint_sizes import CLOSED, gap_units, row_sizes
 from .quantity_types import Rows
 from .robot import Robot
-from .state_arguments import names_of
-from .wrench_arguments import Wrenches
-
-CLOSED = 1e-12
-"""rad, and part of the robot's length: loops closed to this are closed; positions are rounded to some 1e-15 of it."""
+from .state_arguments import finite_states
 
 __all__ = ["ClosedRobot", "ConstrainedMotion", "ConstrainedTorques", "MotionForceSplit"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ClosedRobot(ClosedShortcuts):
+class ClosedRobot(ConstraintMethods, ClosedDynamicsMethods, ClosedLoadMethods, ClosedShortcuts):
     """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
 
     Made by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7.
@@ -188,7 +186,7 @@ class ClosedRobot(ClosedShortcuts):
     def _with(self, new: Constraint, near: ArrayLike | None, redundant: str) -> ClosedRobot:
         if redundant not in checks.REDUNDANT:
             raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
-        sizes, spans = checks.row_sizes(self, new)
+        sizes, spans = row_sizes(self, new)
         rows = tuple(range(len(sizes)))
         closed = replace(self, constraints=(*self.constraints, new), sizes=sizes, spans=spans, independent=rows)
         q = checks.some_configurations(closed, near)
@@ -223,7 +221,7 @@ class ClosedRobot(ClosedShortcuts):
 
     # ── positions ──
 
-    @lazy.by_blocks(lambda closed, _: [(sum(checks.with_gaps(closed.constraints)),)])
+    @lazy.by_blocks(lambda closed, _: [(sum(with_gaps(closed.constraints)),)])
     def constraint_error(self, q: ArrayLike) -> Array:
         """Constraint error: by how much loops are open, in the rows that have a position.
 
@@ -249,7 +247,7 @@ class ClosedRobot(ClosedShortcuts):
         >>> bool(abs(held.constraint_error(q)).max() < 1e-12)
         True
         """
-        (q,) = self._state("constraint_error", q=q)
+        (q,) = finite_states(self.robot.model, "constraint_error", q=q)
         return self.gaps(q).astype(q.dtype, copy=False)
 
     @lazy.by_blocks(lambda closed, _: [(closed.nq,)])
@@ -294,7 +292,7 @@ class ClosedRobot(ClosedShortcuts):
         >>> q.round(4).tolist(), arm.subtract(q, [-0.7, 1.1, 1.2]).round(4).tolist()
         ([-0.6096, 0.1992, 2.2203], [0.0904, -0.9008, 1.0203])
         """
-        (q,) = self._state("consistent", q=q)
+        (q,) = finite_states(self.robot.model, "consistent", q=q)
         if not arguments.number(tolerance, "tolerance") > 0:
             raise ValueRangeError(f"tolerance={tolerance!r} is not allowed: a positive number, such as {CLOSED:g}.")
         if not arguments.number(within, "within") >= 0:
@@ -338,8 +336,8 @@ class ClosedRobot(ClosedShortcuts):
                 self.robot.mass_matrix(q),
             ),
             self.robot.add,
-            self.sizes[checks.with_gaps(self.constraints)],
-            checks.gap_units(self),
+            self.sizes[with_gaps(self.constraints)],
+            gap_units(self),
             tolerance,
         )
 
@@ -367,488 +365,9 @@ class ClosedRobot(ClosedShortcuts):
             return np.zeros((*q.shape[:-1], 0))
         return closure_gaps(self.constraints, self.robot.engine.call("closure_poses", q, constraints=self.constraints))
 
-    # ── velocities and forces ──
-
-    @lazy.by_blocks(lambda closed, _: [(len(closed.sizes), closed.nv)])
-    def constraint_jacobian(self, q: ArrayLike) -> Array:
-        """Constraint Jacobian A, with A dq = 0.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
-        Returns
-        -------
-        A : (k, nv) array, rows as in :attr:`row_names`
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-
-        Notes
-        -----
-        MR section 8.7.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> held.constraint_jacobian(q).shape
-        (2, 3)
-        """
-        (q,) = self._state("constraint_jacobian", q=q)
-        if not self.constraints:
-            return np.zeros((*q.shape[:-1], 0, self.nv))
-        return np.asarray(self.robot.engine.call("constraint_jacobian", q, constraints=self.constraints))
-
-    @lazy.by_blocks(lambda closed, _: [(len(closed.sizes),)])
-    def constraint_bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
-        """Constraint bias (dA/dt) dq, so that A q̈ + (dA/dt) dq = 0.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-
-        Returns
-        -------
-        b : (k,) array, rows as in :attr:`row_names` [rad/s², m/s²]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> held.constraint_bias(q, [0, 0, 0]).tolist()
-        [0.0, 0.0]
-        """
-        q, dq = self._state("constraint_bias", q=q, dq=dq)
-        if not self.constraints:
-            return np.zeros((*np.broadcast_shapes(q.shape[:-1], dq.shape[:-1]), 0))
-        return np.asarray(self.robot.engine.call("constraint_bias", q, dq, constraints=self.constraints))
-
-    @lazy.by_blocks(lambda *_: [()], dtype=int)
-    def rank(self, q: ArrayLike) -> Array:
-        """Rank of A at q: how many of its rows are independent; fewer than usual where the configuration is singular.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
-        Returns
-        -------
-        count : () array of int
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> int(held.rank(q))
-        2
-        """
-        return self._reach(*self._state("rank", q=q))[1].rank
-
-    @lazy.by_blocks(lambda *_: [()], dtype=int)
-    def degrees_of_freedom(self, q: ArrayLike) -> Array:
-        """Degrees of freedom at q: nv less the rank of A.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
-        Returns
-        -------
-        count : () array of int
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> int(held.degrees_of_freedom(q))
-        1
-        """
-        return self.nv - self.rank(q)
-
-    @lazy.by_blocks(lambda closed, _: [(closed.nv, closed.nv)])
-    def projector(self, q: ArrayLike) -> Array:
-        """Projector P = 1 - A'(A M⁻¹ A')⁻¹ A M⁻¹, which takes from torques what presses on the constraints.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-
-        Returns
-        -------
-        P : (nv, nv) array
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Notes
-        -----
-        Its transpose takes from velocities what breaks them. MR section 8.7.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> P = held.projector(q)
-        >>> bool(abs(P @ P - P).max() < 1e-12)
-        True
-        """
-        (q,) = self._state("projector", q=q)
-        return self._reach(q)[1].projector.astype(q.dtype, copy=False)
-
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,)] * 2, MotionForceSplit)
-    def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
-        """Torques split into those that move the robot, Pτ, and those that the constraints bear.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-
-        Returns
-        -------
-        parts : MotionForceSplit, ``motion`` and ``force`` (nv,) [N m, sliding joints: N]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> parts = held.split(q, [1, 2, 3])
-        >>> (parts.motion + parts.force).round(12).tolist()
-        [1.0, 2.0, 3.0]
-        """
-        q, tau = self._state("split", q=q, tau=tau)
-        motion = (self._reach(q)[1].projector @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
-        return MotionForceSplit(motion, tau - motion)
-
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,)])
-    def project_velocity(self, q: ArrayLike, dq: ArrayLike) -> Array:
-        """Velocity nearest in the kinetic metric that meets A dq = 0: P'dq.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-
-        Returns
-        -------
-        dq : (nv,) array [rad/s, m/s]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> bool(abs(held.constraint_jacobian(q) @ held.project_velocity(q, [1, 0, 0])).max() < 1e-12)
-        True
-        """
-        q, dq = self._state("project_velocity", q=q, dq=dq)
-        return self._nearest(q, dq, 0.0)
-
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,)])
-    def project_acceleration(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-        """Acceleration nearest in the kinetic metric that meets A q̈ + (dA/dt) dq = 0.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-
-        Returns
-        -------
-        ddq : (nv,) array [rad/s², m/s²]
-
-        Raises
-        ------
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> bool(abs(held.constraint_jacobian(q) @ held.project_acceleration(q, [0, 0, 0], [1, 0, 0])).max() < 1e-12)
-        True
-        """
-        q, dq, ddq = self._state("project_acceleration", q=q, dq=dq, ddq=ddq)
-        return self._nearest(q, ddq, self.constraint_bias(q, dq))
-
-    def _nearest(self, q: Array, v: Array, b: Array | float) -> Array:
-        A, reach = self._reach(q)
-        return reach.nearest(v, (A @ v[..., None])[..., 0] + b).astype(np.result_type(q, v), copy=False)
-
-    def wrenches(self, lam: ArrayLike) -> dict[str, Array]:
-        """Constraint wrenches: λ as wrenches (m, f) that the robot applies where it is held.
-
-        Parameters
-        ----------
-        lam : (k,) array_like, λ of :meth:`forward_dynamics` or :meth:`inverse_dynamics` [N m, N]
-
-        Returns
-        -------
-        wrenches : {name of the constraint: (6,) array} [N m, N]
-
-        Raises
-        ------
-        ShapeError
-            ``lam`` has not a number for each row.
-
-        Notes
-        -----
-        A closure's is what {b} applies to {a}, at the origin of {b}, along the axes of {c}.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> {name: F.round(12).tolist() for name, F in held.wrenches([10.0, 0.0]).items()}
-        {'ground–tip': [0.0, 0.0, 0.0, 10.0, 0.0, 0.0]}
-        """
-        lam = arguments.finite(lam, "lam", len(self.sizes))
-        found, first = {}, 0
-        for name, c in zip(names(self.constraints), self.constraints, strict=True):
-            found[name] = np.zeros((*lam.shape[:-1], 6))
-            found[name][..., list(c.rows)] = lam[..., first : first + len(c.rows)]
-            first += len(c.rows)
-        return found
-
-    # ── dynamics ──
-
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedMotion)
-    def forward_dynamics(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        tau: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
-    ) -> ConstrainedMotion:
-        """Constrained forward dynamics: q̈ and λ of τ = M q̈ + h + A'λ + Σ J'F_by - Σ J'F_on, A q̈ + (dA/dt) dq = 0.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        friction : bool, count the friction of the joints
-
-        Returns
-        -------
-        motion : ConstrainedMotion
-            ``ddq`` (nv,) [rad/s², m/s²] and ``lam`` (k,) [N m, N], rows as in :attr:`row_names`.
-
-        Raises
-        ------
-        ConstraintError
-            q leaves loops open by a hundredth (rad, and of what the joints' lever is), or a tenth of dq breaks the
-            constraints.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-        UnknownNameError
-            A wrench is at no frame of the robot.
-        SingularMassMatrixError
-            A joint moves nothing with inertia, so that M has no inverse.
-
-        Warns
-        -----
-        ConstraintWarning
-            The configuration is singular.
-
-        Notes
-        -----
-        MR section 8.7. λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of least norm where rows are redundant or the
-        configuration is singular.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> motion = held.forward_dynamics(q, [0, 0, 0], [0, 0, 0])
-        >>> bool(abs(held.constraint_jacobian(q) @ motion.ddq).max() < 1e-12)
-        True
-        """
-        q, dq, tau = self._state("forward_dynamics", q=q, dq=dq, tau=tau)
-        checks.require_met(self, q, dq)
-        if friction:
-            tau = self.robot.engine.call("torque_past_friction", dq, tau)
-        by, on = wrench_by_robot, wrench_on_robot
-        if not self._kept:
-            ddq = self.robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
-            return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], len(self.sizes)), ddq.dtype))
-        rows, call = list(self.independent), self.robot.engine.call_with_wrenches
-        with np.errstate(all="ignore"):
-            ddq, some, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=self._kept)
-        lam = np.zeros((*some.shape[:-1], len(self.sizes)), some.dtype)
-        lam[..., rows] = some
-        again = doubtful(pivots, self.sizes[rows])
-        if len(rows) < len(self.sizes) and not again.all():
-            usual = np.broadcast_to(q, (*again.shape, self.nq))[~again]
-            lam[~again] = (self._reach(usual)[1].range @ lam[~again][..., None])[..., 0]
-        if again.any():
-            h = call("bias_forces", (q, dq), by, on, None)
-            q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
-            ddq[again], lam[again] = self._by_singular_values(q, dq, force)
-        return ConstrainedMotion(ddq, lam)
-
-    def _by_singular_values(self, q: Array, dq: Array, force: Array) -> tuple[Array, Array]:
-        """The same from τ - h (n, nv), however singular A is."""
-        _, reach = self._reach(q)
-        checks.warn_of_singular(reach.rank, len(self.independent))
-        return reach.constrained(force, self.constraint_bias(q, dq))
-
-    @lazy.by_blocks(lambda closed, _: [(closed.nv,), (len(closed.sizes),)], ConstrainedTorques)
-    def inverse_dynamics(
-        self,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        actuated: Iterable[str] | None = None,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
-    ) -> ConstrainedTorques:
-        """Constrained inverse dynamics: τ of the ``actuated`` joints, and λ, for a motion that meets the constraints.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        actuated : iterable of str, optional, joints that have a motor; None: all
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        friction : bool, add what overcomes the friction of all joints, driven or not
-            As :meth:`forward_dynamics` takes off; friction that grows with the load is that of the torques the open
-            robot would need.
-
-        Returns
-        -------
-        torques : ConstrainedTorques
-            ``tau`` (nv,) [N m, sliding joints: N], zero at the other joints, and ``lam`` (k,) [N m, N].
-
-        Raises
-        ------
-        ConstraintError
-            q, dq or ddq breaks the constraints, as in :meth:`forward_dynamics`, or the motors named cannot make the
-            motion.
-        UnknownNameError
-            ``actuated`` names no joint of the robot.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-
-        Notes
-        -----
-        With more motors than degrees of freedom τ is the one of least norm.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> torques = held.inverse_dynamics(q, [0, 0, 0], [0, 0, 0], actuated=["joint1"])
-        >>> torques.tau.nonzero()[0].tolist()
-        [0]
-        """
-        q, dq, ddq = self._state("inverse_dynamics", q=q, dq=dq, ddq=ddq)
-        checks.require_met(self, q, dq, ddq)
-        driven = checks.driven(self.robot, actuated)
-        by, on = wrench_by_robot, wrench_on_robot
-        with np.errstate(all="ignore"):
-            f = self.robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=by, wrench_on_robot=on, friction=friction)
-        f = arguments.finite(
-            f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", self.nv
-        )
-        A, reach = self._reach(q)
-        lam, left = balance(f, A, self.sizes, driven)
-        checks.require_made(self, left, f, driven)
-        tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
-        lam = (reach.range @ lam[..., None])[..., 0]
-        return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
-
     # ── inputs ──
 
     @cached_property
     def _kept(self) -> tuple[Constraint, ...]:
         """The constraints with their independent rows alone."""
-        return checks.kept(self.constraints, self.independent)
-
-    def _reach(self, q: Array) -> tuple[Array, Reach]:
-        A = self.constraint_jacobian(q)
-        return A, Reach.of(A, self.robot.mass_matrix(q), self.sizes)
-
-    def _state(self, name: str, **arrays: ArrayLike) -> list[Array]:
-        """Arrays of finite numbers of the right last axis whose batch shapes broadcast."""
-        model, sizes = self.robot.model, {"q": self.nq}
-        found = [
-            arguments.finite(array, f"{name}: {x}", sizes.get(x, self.nv), names=names_of(model, x))
-            for x, array in arrays.items()
-        ]
-        try:
-            np.broadcast_shapes(*(array.shape[:-1] for array in found))
-        except ValueError:
-            raise arguments.mismatch(**dict(zip(arrays, found, strict=True))) from None
-        return found
+        return kept(self.constraints, self.independent)

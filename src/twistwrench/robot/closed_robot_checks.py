@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.constraint_forces import UNBALANCED
-from ..algorithms.constraints import Closure, Constraint, row_names
+from ..algorithms.constraint_forces import SINGULAR, UNBALANCED
+from ..algorithms.constraints import Closure, row_names, with_gaps
 from ..algorithms.operational_space import ROWS
-from ..algorithms.weighted_svd import through, usual_sizes
+from ..algorithms.weighted_svd import through
 from ..core import arguments
 from ..errors import ConstraintError, ConstraintWarning, UnknownNameError
-from ..model.model import BASE
 from ..typing import Array
+from .constraint_sizes import all_rows, gap_length, rate_units, six_sizes
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -40,14 +39,6 @@ of an integrator's step add up to velocities as small as their errors, of which 
 FADED = 1e-2
 """Rows that see this part of what they usually see of a motion are near a singular configuration, where rounding and an
 integrator's errors are all that is left of them."""
-SHORTEST = 1e-4
-"""Part of the robot's length: beside levers shorter than it, positions of single precision are rounded to more than loops may
-be open."""
-LONGEST = 1.0
-"""m: loops of larger robots are closed as well as those of this size."""
-ROUNDED = 4e-3
-"""Part of a robot's whole length, however large: 1e-12 of this is 18 units in the last place of its positions, and no loop is
-closed to less."""
 NEAR = 0.5
 """rad and m: what has to move further for its loops to close is no longer near."""
 
@@ -58,75 +49,6 @@ def named(model: Model, frame: str | None) -> str:
         model.frame(None)
         return str(model.tip)
     return frame
-
-
-def with_gaps(constraints: tuple[Constraint, ...]) -> list[bool]:
-    """Which rows of A are those of closures, which have a position."""
-    return [isinstance(c, Closure) for c in constraints for _ in c.rows]
-
-
-def kept(constraints: tuple[Constraint, ...], independent: tuple[int, ...]) -> tuple[Constraint, ...]:
-    """The constraints with the rows of A of those numbers alone, without constraints that keep none."""
-    some, first = [], 0
-    for c in constraints:
-        rows = tuple(row for n, row in enumerate(c.rows) if first + n in independent)
-        first += len(c.rows)
-        if rows:
-            some.append(replace(c, rows=rows))
-    return tuple(some)
-
-
-def row_sizes(closed: ClosedRobot, new: Constraint) -> tuple[Array, Array]:
-    """How large rows of A usually are, through the mass matrix, and their spans, those of one more constraint appended."""
-    sizes, rows = _six_sizes(closed.robot, new), list(new.rows)
-    length = robot_length(closed.robot.model)
-    spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], SHORTEST * length, LONGEST)], 3)
-    return np.concatenate([closed.sizes, sizes[rows]]), np.concatenate([closed.spans, spans[rows]])
-
-
-def robot_length(model: Model) -> float:
-    """m, :data:`LONGEST` at most: how far its links may be from its base, what gaps are small beside."""
-    return min(_whole_length(model), LONGEST)
-
-
-def _whole_length(model: Model) -> float:
-    """m: the sum of the levers along the longest chain, with what joints may slide; what positions are rounded by."""
-    reach: list[float] = []
-    for body in model.bodies:
-        sliding = body.joint.axes[:, 3:].any(axis=1)
-        most = 0.0
-        if sliding.any():
-            k = body.v_index
-            way = [max(abs(model.limits.lower[k + n]), abs(model.limits.upper[k + n])) for n in np.flatnonzero(sliding)]
-            most = float(sum(x if np.isfinite(x) else LONGEST for x in way))
-        before = 0.0 if body.parent == BASE else reach[body.parent]
-        reach.append(before + float(np.linalg.norm(body.placement[:3, 3])) + abs(body.ratio) * most)
-    frames = [
-        (0.0 if f.body == BASE else reach[f.body]) + float(np.linalg.norm(f.pose[:3, 3])) for f in model.frames.values()
-    ]
-    return max([*reach, *frames], default=0.0) or LONGEST
-
-
-def _gap_length(model: Model) -> float:
-    """m: what a gap of one is."""
-    return max(robot_length(model), ROUNDED * _whole_length(model))
-
-
-def gap_units(closed: ClosedRobot) -> Array:
-    """What a gap of one is, of each row that has a position: 1 rad, or the robot's length in m, or what rounding allows."""
-    turning = np.array([k < 3 for c in closed.constraints if isinstance(c, Closure) for k in c.rows], bool)
-    return np.where(turning, 1.0, _gap_length(closed.robot.model))
-
-
-def _all_rows(constraint: Constraint) -> Constraint:
-    return replace(constraint, rows=tuple(range(6)))
-
-
-def _six_sizes(robot: Robot, constraint: Constraint) -> Array:
-    robot.engine.require_invertible()
-    some = robot.random_configuration(0, 8)
-    J = np.stack([robot.reference("constraint_jacobian", q, constraints=(_all_rows(constraint),)) for q in some])
-    return usual_sizes(J, robot.mass_matrix(some))
 
 
 def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
@@ -158,9 +80,9 @@ def require_angle(closed: ClosedRobot, q: Array) -> None:
     turning = [k for k in new.rows if k < 3]
     if not isinstance(new, Closure) or len(turning) != 1:
         return
-    J = robot.kernel("constraint_jacobian", constraints=(_all_rows(new),))(q)
+    J = robot.kernel("constraint_jacobian", constraints=(all_rows(new),))(q)
     others = np.delete(through(J, robot.mass_matrix(q))[:, :3], turning[0], axis=1)
-    if np.abs(others).max() > 1e-9 * _six_sizes(robot, new)[0]:
+    if np.abs(others).max() > 1e-9 * six_sizes(robot, new)[0]:
         raise ConstraintError(
             f"{new.name}: {ROWS[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
             "so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with constrain."
@@ -181,7 +103,7 @@ def refuse_redundant(closed: ClosedRobot) -> None:
 
 
 def _in_units(closed: ClosedRobot) -> str:
-    length = _gap_length(closed.robot.model)
+    length = gap_length(closed.robot.model)
     return "rad or m" if length == 1.0 else f"rad, or part of {length:.3g} m"
 
 
@@ -252,7 +174,7 @@ def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = No
 
 def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, b: Array, remedy: str) -> None:
     rate = (np.abs((A @ v[..., None])[..., 0] + b) / closed.sizes).max(axis=-1, initial=0.0)
-    terms = (np.abs(A) @ (np.abs(v) + STILL * _rate_units(closed))[..., None])[..., 0] + np.abs(b)
+    terms = (np.abs(A) @ (np.abs(v) + STILL * rate_units(closed))[..., None])[..., 0] + np.abs(b)
     usual = (terms / closed.sizes).max(axis=-1, initial=0.0)
     if (rate <= ASTRAY * usual).all():
         return
@@ -269,12 +191,6 @@ def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, 
     )
 
 
-def _rate_units(closed: ClosedRobot) -> Array:
-    """What a rate of one is, of each velocity: 1 rad/s, or the robot's length per second."""
-    axes = np.concatenate([np.zeros((0, 6)), *(body.joint.axes for body in closed.robot.model.leaders)])
-    return np.where(axes[:, :3].any(axis=1), 1.0, robot_length(closed.robot.model))
-
-
 def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> None:
     """Raise where torques ``left`` (..., n) at joints without motors are no rounding beside M q̈ + h = f (..., nv)."""
     rest = np.abs(left).max(axis=-1, initial=0.0)
@@ -288,6 +204,29 @@ def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> N
         f"{rest.flat[worst]:.3g} N m or N is left over{_place(worst, rest.shape)}. Degrees of freedom: "
         f"{closed.nv - len(closed.independent)}; name as many joints that move them."
     )
+
+
+def require_independent(closed: ClosedRobot, q: Array, driven: Array) -> None:
+    """Raise unless the joints ``driven`` (nv,) have as many velocities as there are degrees of freedom, and make all others."""
+    free, named = closed.nv - len(closed.independent), int(driven.sum())
+    mine = ", ".join(joints(closed.robot, driven)) or "no joint"
+    if named != free:
+        raise ConstraintError(
+            f"{mine}: {named} velocities, and there are {free} degrees of freedom. Name joints of as many velocities, the "
+            "independent ones."
+        )
+    if not closed.independent or not (~driven).any():
+        return
+    rows = list(closed.independent)
+    A = closed.constraint_jacobian(q)[..., rows, :][..., ~driven] / closed.sizes[rows, None]
+    sigma = np.linalg.svd(A, compute_uv=False)
+    part = sigma[..., -1] / sigma[..., 0]
+    if not (part > SINGULAR).all():
+        worst = int(np.argmin(part))
+        raise ConstraintError(
+            f"{mine} do not determine the other joints{_place(worst, part.shape)}: a dead centre, or a singular configuration. "
+            "Choose other joints, or go round it."
+        )
 
 
 def driven(robot: Robot, actuated: Iterable[str] | None) -> Array:

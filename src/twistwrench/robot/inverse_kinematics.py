@@ -28,9 +28,12 @@ from .reached_poses import InverseKinematics, Searched
 
 if TYPE_CHECKING:
     from .robot import Robot
+    from .searched_loops import SearchedLoops
 
 Rows = str | Iterable[int | str] | None
 
+NO_LOOP = 1e-6
+"""rad, and part of the robot's length: what the search calls closed, and is open by more, is turned over by π."""
 MOST_WAYS = 16
 """Sets of options that single poses are looked for with, so many of which are remembered."""
 
@@ -46,19 +49,28 @@ def solve(
     angle: float,
     distance: float,
     nearest: bool,
+    loops: SearchedLoops | None = None,
 ) -> InverseKinematics:
-    """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`."""
+    """Configurations at which a frame has the pose T; see :meth:`twistwrench.Robot.inverse_kinematics`.
+
+    ``loops`` of a closed robot are to be closed there.
+    """
     often, key = robot.engine.single_poses, None
     plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
-    if plain and type(rng) is int and type(restarts) is int and type(angle) is float:
+    if plain and loops is None and type(rng) is int and type(restarts) is int and type(angle) is float:
         key = frame, rows, restarts, rng, angle, distance
         if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:
             return InverseKinematics(found[0], found[1], way[1])
-    asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance)
+    asked, search, given = _looked_at(robot, frame, rows, restarts, rng, angle, distance, loops)
     core = search.core
-    target = arguments.real(T, "inverse_kinematics: T", *core)
-    shape, kind, start = target.shape[: -len(core)], target.dtype, robot.neutral
-    if q0 is not None:
+    if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence of one name
+        target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
+    else:
+        target = arguments.real(T, "inverse_kinematics: T", *core)
+    shape, kind = target.shape[: -len(core)], target.dtype
+    if q0 is None:
+        start = robot.neutral if loops is None else loops.start
+    else:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
         kind = np.result_type(kind, start)
     if start.shape[:-1] != shape:
@@ -84,6 +96,8 @@ def solve(
         often[key] = (alone, asked) if alone is not None and alone.call is not None else None
     if nearest:
         q, said = search.nearest(_rigid(poses), start, (q, said), given[2])
+    if loops is not None:
+        q, said = _on_loops(search, _frames(robot, frame, rows), loops, poses, (q, said))
     q = search.rounded(q.reshape(*shape, robot.nq), kind)
     return InverseKinematics(q, said.reshape(*shape, -1), asked)
 
@@ -95,7 +109,7 @@ def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array
 
 
 def _looked_at(
-    robot: Robot, frame: Any, rows: Any, restarts: Any, rng: Any, angle: Any, distance: Any
+    robot: Robot, frame: Any, rows: Any, restarts: Any, rng: Any, angle: Any, distance: Any, loops: SearchedLoops | None
 ) -> tuple[Searched, PoseSearch, tuple[int, int, tuple[float, float]]]:
     """The options, checked: what is asked, who looks for it, and how often, the seed, and what may be left."""
     frames = _frames(robot, frame, rows)
@@ -112,10 +126,14 @@ def _looked_at(
         raise ValueRangeError(
             f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints."
         )
-    search = _search(robot, frames)
+    search = _search(robot, frames, loops)
     most = allowed[0], allowed[1] * max(1.0, search.length)
     return (
-        Searched(robot.model.velocity_names, tuple(k for _, mine in frames for k in mine)),
+        Searched(
+            robot.model.velocity_names,
+            tuple(k for _, mine in frames for k in mine),
+            0 if loops is None else len(loops.kinds),
+        ),
         search,
         (again, seed, most),
     )
@@ -157,7 +175,7 @@ def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
     return tuple(found)
 
 
-def _search(robot: Robot, frames: Frames) -> PoseSearch:
+def _search(robot: Robot, frames: Frames, loops: SearchedLoops | None = None) -> PoseSearch:
     """Made once for each frames and rows of a robot."""
 
     def made() -> PoseSearch:
@@ -165,10 +183,33 @@ def _search(robot: Robot, frames: Frames) -> PoseSearch:
         J = np.array([[robot.engine.reference("jacobian", (q,), {"frame": name}) for q in some] for name, _ in frames])
         farthest = float(np.linalg.norm(J[..., 3:, :], axis=-2).max(initial=0.0))
         poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
-        return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}))
+        return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}), loops)
 
-    found: PoseSearch = robot.engine.kept(("inverse kinematics", frames), made)
+    found: PoseSearch = robot.engine.kept(("inverse kinematics", frames, loops and loops.key), made)
     return found
+
+
+def _on_loops(
+    search: PoseSearch, frames: Frames, loops: SearchedLoops, targets: Array, found: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """What was found, q (n, nq) and what is said of it; where poses were not reached, the loops are closed next to it."""
+    q, said = found
+    some = np.flatnonzero(np.isfinite(q).all(axis=-1))
+    count = sum(len(mine) for _, mine in frames)
+    gaps = slice(3 + count, 3 + count + len(loops.kinds))
+    said[some, gaps], widest = loops.open_by(q[some])
+    lost = some[~((said[some, 1] > 0.0) & (widest <= NO_LOOP))]
+    said[lost, 1] = 0.0
+    near = loops.settled(q[lost])
+    fit = (loops.open_by(near)[1] <= NO_LOOP) & (search.inside(near) == near).all(axis=-1)
+    rows = lost[fit]
+    q[rows] = near[fit]
+    said[rows, gaps] = loops.open_by(q[rows])[0]
+    each = zip(frames, search.poses, np.moveaxis(targets.reshape(len(q), -1, 4, 4), 1, 0), strict=True)
+    if len(rows):
+        left = [twist_left(poses(q[rows]), target[rows], mine) for (_, mine), poses, target in each]
+        said[rows, 3 : 3 + count] = np.concatenate(left, axis=-1)
+    return q, said
 
 
 def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:

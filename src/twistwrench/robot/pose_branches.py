@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
-from ..errors import ValueRangeError
+from ..errors import ModelWarning, ValueRangeError
 from ..joints.screw_joint import ScrewJoint
+from ..model.remark import frames_to_user
 from ..typing import Array
 from .reached_poses import InverseKinematics, selected
 
@@ -20,6 +22,11 @@ if TYPE_CHECKING:
 
 SAME = 1e-6
 """rad or m: configurations nearer than this in all joints are one."""
+ALIKE = 10.0
+"""So are those on whose straight way the frame moves no more than so many times what may be left, to first order: only near a
+singular configuration is that far, and what is left tells them no better apart."""
+SINGULAR = 1e-9
+"""Singular values of J below this part of the largest are zero."""
 
 
 def branches(
@@ -47,10 +54,27 @@ def branches(
     found = robot.inverse_kinematics(target, frame, q0, rows=rows, restarts=0, angle=angle, distance=distance)
     there = np.flatnonzero(found.converged)
     q = _unwound(robot, found.q[there])
+    J = robot.jacobian(q, frame)[:, chosen, :]
+    turning = np.array(chosen) < 3
+    levers = np.linalg.norm(J[:, ~turning], axis=1).max(axis=-1, initial=1.0)
     kept: list[int] = []
     for k in range(len(q)):
-        if not any(np.abs(_apart(robot, q[k], q[other])).max(initial=0.0) < SAME for other in kept):
+        way = _apart(robot, q[k], q[kept])
+        V = (J[kept] @ way[..., None])[..., 0]
+        near = np.abs(way).max(axis=-1, initial=0.0) < SAME
+        still = np.linalg.norm(V[:, turning], axis=1) <= ALIKE * angle
+        still &= np.linalg.norm(V[:, ~turning], axis=1) <= ALIKE * distance * levers[kept]
+        if not (near | still).any():
             kept.append(k)
+    sizes = np.linalg.svd(J[kept], compute_uv=False) if kept else np.ones((0, 1))
+    singular = int((sizes[:, -1] <= SINGULAR * sizes[:, 0]).sum())
+    if singular > 1:
+        warnings.warn(
+            f"inverse_kinematics_branches: {singular} of the {len(kept)} configurations are singular, so they may be points of "
+            "curves on which the frame stays, and not branches. Turn or move the pose a little.",
+            ModelWarning,
+            stacklevel=frames_to_user(),
+        )
     order = sorted(kept, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))
     return selected(found, there[order], q[order])
 

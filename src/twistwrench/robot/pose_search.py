@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from ..program.search import PLACES, Search
 from ..program.trace import trace
 from ..typing import Array
 from .engine import compiled
+
+if TYPE_CHECKING:
+    from .searched_loops import SearchedLoops
 
 STEPS = 60
 """The most steps from one start."""
@@ -37,18 +40,27 @@ _HAIR = 1e-9
 class PoseSearch:
     """What looks for some frames of one robot, each by some rows."""
 
-    def __init__(self, model: Model, frames: Frames, farthest: float, poses: tuple[Any, ...], apart: Any) -> None:
+    def __init__(
+        self,
+        model: Model,
+        frames: Frames,
+        farthest: float,
+        poses: tuple[Any, ...],
+        apart: Any,
+        loops: SearchedLoops | None = None,
+    ) -> None:
         """``farthest``: what a frame moves per radian of the joint it is farthest from [m]; the rest are kernels.
 
-        ``poses`` give those of q, ``apart`` the twists of joints from one q to another.
+        ``poses`` give those of q, ``apart`` the twists of joints from one q to another. ``loops`` are to be closed there.
         """
-        self.model, self.poses, self.apart = model, poses, apart
+        self.model, self.poses, self.apart, self.loops = model, poses, apart, loops
         self.core = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)
         """The shape of what is looked for."""
         self._places: dict[int, _Places] = {}
         self.length = farthest if farthest > 0 else 1.0
         """m that count as much as a radian."""
-        scale = np.array([1.0 if k < 3 else 1.0 / self.length for _, rows in frames for k in rows])
+        kinds = [k for _, rows in frames for k in rows] + (loops.kinds if loops is not None else [])
+        scale = np.array([1.0 if k < 3 else 1.0 / self.length for k in kinds])
         one = [b for b in model.leaders if b.joint.nv == 1]
         self.q_of, v_of = (np.array([getattr(b, name) for b in one], int) for name in ("q_index", "v_index"))
         self.low, self.high = model.limits.lower[v_of], model.limits.upper[v_of]
@@ -57,7 +69,10 @@ class PoseSearch:
         coordinates = np.full(model.nv, -1)
         coordinates[v_of] = self.q_of
         low, high = limits[:2, : model.nv]
-        self._step = NewtonStep(model, frames, scale, low, high, tuple(coordinates.tolist()))
+        held = (None, ()) if loops is None else (loops.rows, loops.allowed)
+        self._step = NewtonStep(
+            model, frames, scale, low, high, tuple(coordinates.tolist()), loops=held[0], gaps=held[1]
+        )
         self._bounds: list[list[float]] = limits[2:, : model.nq].tolist()
         search = self._search(self._step)
         self.said = search.said.size
@@ -191,7 +206,9 @@ class _Places:
         """Configurations (PLACES, nq), and the rows of their poses (12 for each frame, PLACES)."""
         while len(self._tables) <= number:
             more = bool(self._tables)
-            some = self.search.inside(random_configuration(self.search.model, self.rng, (PLACES + more,)))
+            some = random_configuration(self.search.model, self.rng, (PLACES + more,))
+            loops, inside = self.search.loops, self.search.inside
+            some = inside(some) if loops is None else loops.places(some, inside)
             q = np.ascontiguousarray(some[more:])
             self._firsts.append(some[0])
             reached = [poses(q)[:, :3].reshape(PLACES, 12).T for poses in self.search.poses]

@@ -8,6 +8,9 @@ import numpy as np
 
 from ..typing import Array
 
+_OPEN = 1e-9
+"""rad or m: gaps wider than this are told with what is left of a pose."""
+
 
 @dataclass(frozen=True)
 class Searched:
@@ -15,6 +18,8 @@ class Searched:
 
     joint_names: tuple[str, ...]
     rows: tuple[int, ...]
+    loops: int = 0
+    """How many rows of loops were to be closed, too."""
 
 
 @dataclass(eq=False, repr=False, slots=True)  # and not frozen, which takes as long as a step of the search
@@ -44,6 +49,12 @@ class InverseKinematics:
     def distance(self) -> Array:
         """(...) m that are left."""
         return self._length(turning=False)
+
+    @property
+    def gap(self) -> Array:
+        """(...) rad or m, by how much the loops of a closed robot are open there at most; zero for an open one."""
+        first = 3 + len(self.rows)
+        return np.asarray(np.abs(self._said[..., first : first + self._asked.loops]).max(axis=-1, initial=0.0))
 
     @property
     def starts(self) -> Array:
@@ -98,6 +109,8 @@ class InverseKinematics:
         if np.isnan(d) or np.isnan(a):
             return "the pose has entries that are not numbers"
         left = f"the nearest found is {d:.3g} m and {a:.3g} rad away, after {int(self.starts[index])} starts"
+        if (gap := float(self.gap[index])) > _OPEN:
+            left += f", with loops open by {gap:.3g} (rad or m)"
         held = [n for n, h in zip(self.joint_names, self.held[index], strict=True) if h]
         if held:
             return f"{', '.join(held)} {'is at its limit' if len(held) == 1 else 'are at their limits'}: {left}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from .wrench_arguments import Wrenches, check_mapping, wrench_at
 if TYPE_CHECKING:
     from ..algorithms.closed_form import ClosedForm
     from ..export.request import Quantities
-    from ..simulation import Event, JointStops, Plane, SimulationResult
+    from ..simulation import Event, JointStops, Plane, SimulationBatch, SimulationOptions, SimulationResult
     from ..simulation.rollout import Rollout
     from ..simulation.torque_laws import TorqueLaw
     from .closed_robot import ClosedRobot
@@ -143,7 +143,8 @@ class Shortcuts:
         Notes
         -----
         Joints that differ by full turns are one branch, told with the smallest angles the limits allow. A search from random
-        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1.
+        places proves nothing: where more ``starts`` find more branches, there were too few. MR section 6.1. At singular
+        configurations branches meet, or are points of curves on which the frame stays; a ``ModelWarning`` says so.
 
         Examples
         --------
@@ -236,6 +237,53 @@ class Shortcuts:
             friction=friction, creep=creep, contacts=contacts, limits=limits, events=events, rtol=rtol, atol=atol,
             max_step=max_step, every=every, progress=progress,
         )  # fmt: skip
+
+    def simulate_batch(
+        self: Any,
+        q0: ArrayLike | None = None,
+        dq0: ArrayLike | None = None,
+        duration: float = 1.0,
+        dt: float = 1e-3,
+        **options: Unpack[SimulationOptions],
+    ) -> SimulationBatch:
+        """Simulations from many states, each as :meth:`simulate` gives it, to the last bit.
+
+        Parameters
+        ----------
+        q0 : (..., nq) array_like, optional, configurations at the start; None: neutral
+        dq0 : (..., nv) array_like, optional, velocities at the start [rad/s, m/s]; None: at rest
+        duration : float [s]
+        dt : float, a state every so often [s]
+        **options : all others of :meth:`simulate`, the same for each
+
+        Returns
+        -------
+        batch : SimulationBatch, one SimulationResult for each state
+
+        Raises
+        ------
+        ShapeError, ValueRangeError, UnknownNameError
+            An argument is invalid.
+        SingularMassMatrixError
+            A joint moves nothing with inertia, so that M has no inverse.
+
+        Notes
+        -----
+        One that fails is in the batch as far as it came: ``batch.completed`` says which are whole, ``.stopped`` of a result
+        why. Steps of fixed length under constant torques and wrenches are taken side by side. Functions are asked by one
+        simulation after the other: a controller that remembers its last call meets the start of the next. States alone, of
+        many more samples, are what :meth:`rollout` is for.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> swings = tw.robots.pendulum().simulate_batch([[1.0], [2.0]], duration=0.5, method="rk4")
+        >>> len(swings), bool(swings.completed.all()), swings[1].q[0]
+        (2, True, array([2.]))
+        """
+        from ..simulation.batch import simulate_batch
+
+        return simulate_batch(self, q0, dq0, duration, dt, **options)
 
     def rollout(
         self: Any,

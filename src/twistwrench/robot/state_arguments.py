@@ -17,11 +17,12 @@ from . import quantity_programs
 from .derivative_options import is_symbolic
 from .quantities import QUANTITIES
 from .quantity_options import checked_options
+from .quantity_row import CONFIGURATIONS
 
 
 def names_of(model: Model, label: str) -> tuple[str, ...]:
     """The names of the last axis of an input, by which a table is read; none where it has none."""
-    if label in ("q", "q0", "q1"):
+    if label in CONFIGURATIONS:
         return model.coordinate_names
     return () if label in ("wrench", "gravity", "parameters") else model.velocity_names
 
@@ -48,6 +49,19 @@ def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str
 def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
     """Arrays of states by their labels, float64 or float32; tables in the robot's order, Dask arrays lazy."""
     return numbers(name, {label: names_of(model, label) for label in arrays}, **arrays)
+
+
+def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
+    """Arrays of states that are finite, of the right last axis, and whose batch shapes broadcast."""
+    found = [
+        arguments.finite(array, f"{name}: {x}", model.nq if x in CONFIGURATIONS else model.nv, names=names_of(model, x))
+        for x, array in arrays.items()
+    ]
+    try:
+        np.broadcast_shapes(*(array.shape[:-1] for array in found))
+    except ValueError:
+        raise arguments.mismatch(**dict(zip(arrays, found, strict=True))) from None
+    return found
 
 
 def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from .batch import SimulationBatch, SimulationOptions
 from .contact import JointStops, Plane
 from .events import Event, Happening
 from .result import SimulationResult
@@ -26,6 +27,8 @@ __all__ = [
     "Partitioned",
     "Plane",
     "Rollout",
+    "SimulationBatch",
+    "SimulationOptions",
     "SimulationResult",
     "Tableau",
     "simulate",

@@ -24,12 +24,12 @@ class BrakedStep:
     """:func:`~twistwrench.algorithms.velocity_step.velocity_step` of one robot, compiled."""
 
     def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
-        self.usual, self.friction = usual, friction
-        """The length of a step [s], unless said otherwise."""
+        self.usual, self.friction, self.gained = usual, friction, gains is not None
+        """The length of a step [s], unless said otherwise; whether there is friction; whether there are gains."""
         self.dry = rubs_dry(robot.model) & friction
         """Joints with dry friction, (nv,)."""
         self.gains = np.zeros(robot.nv) if gains is None else gains
-        self._robot, self._gained = robot, gains is not None
+        self._robot = robot
 
     @cached_property
     def kernel(self) -> Any:
@@ -39,9 +39,9 @@ class BrakedStep:
         def made() -> Any:
             robot.engine.require_invertible()
             doc = f"Velocities of {robot.name} after a step, compiled."
-            return compiled(_program(robot, self.friction, self._gained), "braked step", doc)
+            return compiled(_program(robot, self.friction, self.gained), "braked step", doc)
 
-        return robot.engine.kept(("braked step", self.friction, self._gained), made)
+        return robot.engine.kept(("braked step", self.friction, self.gained), made)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
         """Where the velocities change, (nq,): halfway with friction, at the beginning without."""

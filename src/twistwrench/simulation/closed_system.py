@@ -7,34 +7,32 @@ hold the acceleration only, so after each step q and dq are projected: see :mod:
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..algorithms.loop_projection import projected
+from ..algorithms.constraints import kept, with_gaps
+from ..algorithms.loop_projection import LoopRows, projected
 from ..algorithms.weighted_svd import SAFE, doubtful
 from ..errors import SimulationError, ValueRangeError
 from ..kernels.ufunc import owner_of
 from ..program.trace import trace
 from ..robot import closed_robot_checks as checks
+from ..robot.constraint_sizes import CLOSED, gap_units
 from ..robot.engine import compiled
 from ..typing import Array
 from .adaptive import Stepper
+from .closed_step import SMALL, ClosedStep, lost
 from .forces import WORKS, System
 from .schemes import ADAPTIVE, Scheme
+from .step_program import Plan
 
 if TYPE_CHECKING:
     from ..robot.closed_robot import ClosedRobot
 
 CLOSED_METHODS = (ADAPTIVE, "rk4", "semi_implicit", "euler")
 """Those whose steps ask for nothing but rates; the variational ones know the open robot alone."""
-CLOSED = 1e-12
-"""rad, and part of the robot's length: how far loops may be open after a step."""
-SMALL = 1e-2
-"""Part of its usual size from which a pivot of A M⁻¹ A' is small."""
-SHRUNK = 0.25
-"""Where the smallest pivot is small and one step leaves less than this part of it, its root has halved: another step as long
-would be at the singular configuration, or beyond it."""
 
 
 class Loops:
@@ -42,11 +40,11 @@ class Loops:
 
     def __init__(self, closed: ClosedRobot) -> None:
         self.closed, robot = closed, closed.robot
-        self.with_gap = checks.with_gaps(closed.constraints)
-        self.kept = checks.kept(closed.constraints, closed.independent)
+        self.with_gap = with_gaps(closed.constraints)
+        self.kept = kept(closed.constraints, closed.independent)
         self._nq = robot.nq
         self._moving = slice(robot.nq, robot.nq + robot.nv)
-        self._units = checks.gap_units(closed)
+        self._units = gap_units(closed)
         self._sizes = closed.sizes[list(closed.independent)] ** 2
         self._project = robot.engine.kept(("projection", closed.constraints, closed.independent), self._compiled)
         self.dynamics = robot.kernel("constrained_dynamics", constraints=self.kept)
@@ -84,33 +82,37 @@ class Loops:
         self.onto(0.0, y)
         self.widest = self.fastest = 0.0
 
-    def smallest(self, y: Array) -> float:
-        """The smallest pivot of A M⁻¹ A' over its usual size; 0 where the constraints lose rank."""
-        return float((self._project(y[: self._nq], y[self._moving])[-1] / self._sizes).min(initial=np.inf))
+    def smallest(self, y: Array) -> Array:
+        """The smallest pivot of A M⁻¹ A' over its usual size, of states (..., size); 0 where the constraints lose rank."""
+        return np.asarray(self.projected(y[..., : self._nq], y[..., self._moving])[-1])
+
+    def projected(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """q (..., nq) and dq (..., nv) on the constraints, and the smallest pivot over its usual size (...)."""
+        q, dq, *_, pivots = self._project(q, dq)
+        return q, dq, (pivots / self._sizes).min(axis=-1, initial=np.inf)
 
     def step(self, t: float, h: float, y: Array, y1: Array) -> None:
         """Bring the state after a step from y at t onto the constraints, in place."""
         if not np.isfinite(y1).all():  # said where steps are looked at
             return
         smallest = self.onto(t + h, y1)
-        if not smallest >= SMALL and _lost(np.array(smallest), self.smallest(y)):
+        if not smallest >= SMALL and lost(np.array(smallest), self.smallest(y)):
             raise SimulationError(
                 f"at t = {t + h:.9g} s the constraints lose rank: {', '.join(self.closed.row_names)} hold the robot in fewer "
                 "directions at a singular configuration, from which the motion may go on in several ways. Change the "
                 "mechanism or the motion so that it stays away, or take a smaller dt where it only comes near."
             )
 
-    def good(self, y: Array, after: Array, pivots: Array) -> Array:
-        """Whether steps (..., n) from y (..., size) end on the constraints and keep their rank, by what is said of each."""
-        smallest = (pivots / self._sizes).min(axis=-1, initial=np.inf)
-        first = (self._project(y[..., : self._nq], y[..., self._moving])[-1] / self._sizes).min(axis=-1, initial=np.inf)
-        earlier = np.concatenate([first[..., None], smallest[..., :-1]], axis=-1)
-        return (np.abs(after / self._units).max(axis=-1, initial=0.0) <= CLOSED) & ~_lost(smallest, earlier)
+    def step_of(self, plan: Plan, *, works: bool = False) -> ClosedStep:
+        """The step of a plan, on the constraints."""
+        made_of = {each.name: getattr(plan, each.name) for each in fields(Plan)}
+        rows = LoopRows(self.closed.constraints, self.closed.independent)
+        usual, allowed = (tuple(x.tolist()) for x in (self._sizes, CLOSED * self._units))
+        return ClosedStep(**made_of, loops=rows, usual=usual, allowed=allowed, works=works)
 
-    def note(self, before: Array, rates: Array) -> None:
-        """Take note of what steps left to be taken away, gaps and rates."""
-        self.widest = max(self.widest, float(np.abs(before).max(initial=0.0)))
-        self.fastest = max(self.fastest, float(np.abs(rates).max(initial=0.0)))
+    def note(self, gap: float, rate: float) -> None:
+        """Take note of the largest that a step left to be taken away, gap and rate."""
+        self.widest, self.fastest = max(self.widest, float(gap)), max(self.fastest, float(rate))
 
     def onto(self, t: float, y: Array) -> float:
         """Bring a state onto the constraints, in place; gives the smallest pivot over its usual size."""
@@ -125,13 +127,8 @@ class Loops:
                 )
             q, dq, _, rates, _, pivots = self._project(found[0], y[self._moving])
         y[: self._nq], y[self._moving] = q, dq
-        self.note(before, rates)
+        self.note(gap, np.abs(rates).max(initial=0.0))
         return float((pivots / self._sizes).min(initial=np.inf))
-
-
-def _lost(smallest: Array, earlier: Array | float) -> Array:
-    """Whether the constraints lose rank after a step, or would in the next, by the smallest pivots after it and before."""
-    return ~(smallest >= SAFE) | ((smallest < SMALL) & (smallest < SHRUNK * earlier))
 
 
 class ClosedSystem(System):
@@ -151,20 +148,16 @@ class ClosedSystem(System):
         self.manifold.rates(q, dq, out[: self.nq])
         out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
 
-    def constant_accelerations(self, states: Array) -> Array:
-        """Of states (..., size) under torques and friction alone, where nothing that acts is a function; (..., nv)."""
-        q, dq = states[..., : self.nq], states[..., self.moving]
-        tau = np.broadcast_to(self.held, dq.shape)
-        return np.asarray(self.loops.dynamics(q, dq, tau if self.friction is None else self.friction.left(dq, tau))[0])
-
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """λ of states under the torques tau and all else that acts, (n, k); wrenches that are functions are asked again."""
+        if not len(times):
+            return np.zeros((0, len(self.loops.closed.sizes)))
         total = tau if self.friction is None else self.friction.left(dq, tau)
-        if self.wrenches or self.contacts:
-            total = total.copy()
-            for k, t in enumerate(times.tolist()):
-                for _, push in self._pushes(t, q[k], dq[k], q[k]):
-                    total[k] += push
+        for frame, law in self.wrenches.items():
+            total = total + self.robot.wrench_torques(q, law.values(times, q, dq), frame)
+        for contact in self.contacts:
+            touched = [contact.torques(*state) for state in zip(q, dq, strict=True)]
+            total = total + np.array([np.zeros(self.nv) if push is None else push for push in touched])
         _, lam, pivots = self.loops.dynamics(q, dq, total)
         closed = self.loops.closed
         if len(closed.independent) == len(closed.sizes) and not doubtful(pivots, closed.sizes).any():

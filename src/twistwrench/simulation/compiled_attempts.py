@@ -10,7 +10,7 @@ from ..kernels.ufunc import owner_of
 from ..robot.engine import compiled
 from ..typing import Array
 from .attempt_program import STAGES, AttemptedStep, judgement
-from .compiled_steps import asks_nothing, constants, rubs
+from .compiled_steps import acts_by_itself, constants, rubs
 from .forces import System
 from .torque_laws import GivenTorque
 
@@ -22,13 +22,13 @@ class CompiledAttempts:
         self, system: System, plan: AttemptedStep, kernel: Any, judge: Any, tolerances: tuple[float, float]
     ) -> None:
         self.system, self.plan, self.kernel, self.judge, self.tolerances = system, plan, kernel, judge, tolerances
-        self.given = [x[None] for x in constants(system, plan)]
+        self.constants = [x[None] for x in constants(system, plan).values()]
         self._given_rates = np.zeros((STAGES, system.size))
 
     @classmethod
     def of(cls, system: System, tolerances: tuple[float, float]) -> CompiledAttempts | None:
         """None where something is a function, a contact, or cannot be compiled."""
-        if not asks_nothing(system):
+        if system.functions or not acts_by_itself(system):
             return None
         robot = system.robot
         frames = tuple(system.wrenches)
@@ -52,7 +52,7 @@ class CompiledAttempts:
         nq, n = s.nq, s.nq + s.nv
         Y, rates = np.empty((1, s.size)), np.empty((1, STAGES, s.size))
         out = Y[:, :nq], Y[:, nq:n], Y[:, n:], rates
-        self.kernel(y[:nq], y[nq:n], y[n:], K, np.array([h]), *self.given, out=out)
+        self.kernel(y[:nq], y[nq:n], y[n:], K, np.array([h]), s.held[None], *self.constants, out=out)
         s.evaluations += self.plan.stages
         y1, K = Y[0], rates[0]
         error, judged = self.judge(y, y1, K, h, *self.tolerances)

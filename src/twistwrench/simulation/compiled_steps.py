@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..kernels.interpreter import compiles
 from ..kernels.ufunc import owner_of
+from ..program.recurrence import Recurrence
 from ..robot.engine import compiled
 from ..typing import Array
 from .forces import System
@@ -20,10 +22,10 @@ _NUMBERS = 2_000_000
 """Numbers that the states of one call may be."""
 
 
-def asks_nothing(system: System) -> bool:
-    """Whether all that acts on a robot is constant, or follows from its state by laws of its own, and steps can be compiled."""
-    varies = system.tau is not None or any(law.varies for law in system.wrenches.values())
-    return not (varies or system.contacts) and compiles()
+def acts_by_itself(system: System) -> bool:
+    """Whether what acts on a robot follows from its state by laws of its own but for functions, and steps can be compiled."""
+    gained = system.braked is not None and system.braked.gained
+    return not (system.contacts or gained) and compiles()
 
 
 def rubs(system: System) -> bool:
@@ -31,68 +33,95 @@ def rubs(system: System) -> bool:
     return system.friction is not None or (system.braked is not None and system.braked.friction)
 
 
-def constants(system: System, plan: SimulatedStep) -> list[Array]:
-    """What a step is given but its length."""
-    given = [system.held, *(law(0.0, np.zeros(0), np.zeros(0)) for law in system.wrenches.values())]
+def constants(system: System, plan: SimulatedStep) -> dict[str, Array]:
+    """What a step is given but its length and functions, by the names of the plan."""
+    nothing = np.zeros(0)
+    given = {
+        f"wrench at {frame}": law(0.0, nothing, nothing) for frame, law in system.wrenches.items() if not law.varies
+    }
     if plan.eases and system.friction is not None:
-        given.append(system.friction.creep)
+        given["creep"] = system.friction.creep
     return given
 
 
 class CompiledSteps:
-    """The steps of one method under the constant torques and wrenches of a system."""
+    """The steps of one method, under the torques held by a system and its constant wrenches."""
 
     takes_many = True
 
     def __init__(self, system: System, plan: SimulatedStep, order: int, h: float, kernel: Any, effort: float) -> None:
-        self.system, self.order, self.h, self.kernel = system, order, h, kernel
+        self.system, self.plan, self.order, self.h, self.kernel = system, plan, order, h, kernel
         self.stages = plan.stages
         """Evaluations of forward dynamics in a step."""
         self.most = max(1, int(min(_IN_ONE_CALL / (effort * self.stages), _NUMBERS / (system.size + system.nv))))
         """Steps to take in one call."""
-        self.given = constants(system, plan)
-        self._given: tuple[int, list[Array]] = (-1, [])
+        self.names = [name for name, _ in plan.given[1:]]
+        """Of what a step is given but its length."""
+        self.constants = constants(system, plan)
+        self.cuts = slice(0, system.nq), system.moving, slice(system.nq + system.nv, system.size)
+        """The parts of a state."""
 
     @classmethod
     def of(cls, system: System, method: str, order: int, h: float) -> CompiledSteps | None:
-        """The steps of a system in machine code; None where something is a function, a contact, or cannot be compiled."""
-        if method not in SIMULATED or not asks_nothing(system):
+        """The steps of a system in machine code; None where there is a contact, or they cannot be compiled."""
+        if method not in SIMULATED or not acts_by_itself(system):
             return None
+        model = system.robot.model
+        plan = SimulatedStep(model, GivenTorque(), method, frames=tuple(system.wrenches), friction=rubs(system))
+        return cls._with_kernel(system, plan, order, h, lone=True)
+
+    @classmethod
+    def _with_kernel(
+        cls, system: System, plan: SimulatedStep, order: int, h: float, *, lone: bool
+    ) -> CompiledSteps | None:
+        """The same, for one state at a time or for many side by side."""
         robot = system.robot
-        frames = tuple(system.wrenches)
-        plan = SimulatedStep(robot.model, GivenTorque(), method, frames=frames, friction=rubs(system))
 
         def made() -> Any:
             robot.engine.require_invertible()
-            return compiled(plan.recurrence(), "simulated step", f"Steps of {robot.name}, compiled: {method}.")
+            doc = f"Steps of {robot.name}, compiled: {plan.method}."
+            return compiled(cls.recurrence(plan), "simulated step", doc, lone=lone)
 
-        kernel = robot.engine.kept(plan.key, made)
+        kernel = robot.engine.kept((*plan.key, cls.__name__, lone), made)
         owner = owner_of(kernel)
         return None if owner is None else cls(system, plan, order, h, kernel, owner.effort)
 
+    def side_by_side(self) -> CompiledSteps:
+        """The same steps compiled for many states at once: the numbers of a state do not depend on its neighbours."""
+        return self._with_kernel(self.system, self.plan, self.order, self.h, lone=False) or self
+
+    @staticmethod
+    def recurrence(plan: SimulatedStep) -> Recurrence:
+        """What is compiled: whole steps."""
+        return plan.recurrence()
+
     def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
         """States after each step, (..., steps, size), and accelerations as each begins, (..., steps, nv); y (..., size)."""
+        return self.taken(y, steps, self.h if h is None else h, self.told())
+
+    def told(self) -> list[Array]:
+        """What a step is given but its length, where nothing of it is a function."""
+        given = {"tau": self.system.held, **self.constants}
+        return [given[name] for name in self.names]
+
+    def taken(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array]:
+        """The same, where ``given`` (..., n) are told for all of the steps but their length."""
         s = self.system
         Y, ddq = np.empty((*y.shape[:-1], steps, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
-        lengths = np.full(steps, self.h if h is None else h)
-        given = self._given_for(steps)
-        cuts = slice(0, s.nq), s.moving, slice(s.nq + s.nv, s.size)
-        self.kernel(*(y[..., cut] for cut in cuts), lengths, *given, out=(*(Y[..., cut] for cut in cuts), ddq))
+        rows = [x[..., None, :] for x in given]
+        if steps > 1:
+            rows = [np.broadcast_to(x, (*x.shape[:-2], steps, x.shape[-1])) for x in rows]
+        states, after = ([x[..., cut] for cut in self.cuts] for x in (y, Y))
+        self.kernel(*states, 0.0, np.full(steps, h), *rows, out=(*after, np.empty(Y.shape[:-1]), ddq))
         s.evaluations += self.stages * steps
         return Y, ddq
 
-    def _given_for(self, steps: int) -> list[Array]:
-        """What is given for each of so many steps."""
-        if self._given[0] != steps:
-            self._given = steps, [np.broadcast_to(x, (steps, *x.shape)) for x in self.given]
-        return self._given[1]
-
-    def after(self, _t: float, y: Array, h: float) -> Array:
+    def after(self, _t: Any, y: Array, h: float) -> Array:
         """The states a time h after states (..., size)."""
         return self.take(y, 1, h)[0][..., 0, :]
 
-    def accelerations(self, _t: float, y: Array) -> Array:
+    def accelerations(self, _t: Any, y: Array) -> Array:
         """Of states (..., size), (..., nv), those that a step begins with."""
-        found = self.take(y, 1)[1][..., 0, :]
+        found = self.take(y, 1, self.h)[1][..., 0, :]
         self.system.evaluations += 1 - self.stages  # of the step only what it begins with was asked for
         return found

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
+from glob import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..algorithms.friction import eased, torque_past_eased_friction
+from ..errors import ValueRangeError
 from ..model.model import Model
 from ..program.trace import trace
 from ..robot.engine import compiled
@@ -27,6 +30,34 @@ def creep_speeds(M: Array, dry: Array, h: float) -> Array:
     """
     light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
     return np.asarray(np.maximum(CREEP, h * dry * light))
+
+
+def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
+    """The speeds below which dry friction is eased off, (..., nv), of samples with parameters of their own."""
+    inertia, inputs = robot.mass_matrix, [q0]
+    if parameters:
+        inertia = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
+        inputs.append(np.stack(np.broadcast_arrays(*parameters.values()), axis=-1))
+    try:
+        with np.errstate(all="ignore"):  # states that are not finite end in a motion that is named
+            M = inertia(*(np.asarray(x, float) for x in inputs))
+            return creep_speeds(M, _dry_friction(robot, parameters), h)
+    except np.linalg.LinAlgError:
+        robot.engine.require_invertible()
+        raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
+
+
+def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
+    """The most that dry friction takes from each joint before its load counts, (..., nv)."""
+    friction = robot.model.friction
+    most = np.maximum(friction.static, friction.coulomb)
+    most = np.broadcast_to(most, (*np.broadcast_shapes(*(x.shape for x in parameters.values())), robot.nv)).copy()
+    for body in robot.model.leaders:
+        if body.joint.nv == 1:
+            k, laws = body.v_index, {"static": friction.static, "coulomb": friction.coulomb}
+            given = [parameters.get(f"{body.joint.name}.{law}", x[k]) for law, x in laws.items()]
+            most[..., k] = np.maximum(*given)
+    return most
 
 
 class EasedFriction:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..core import arguments
 from ..typing import Array
 from .position_limits import PositionLimits
@@ -82,21 +84,42 @@ class Watch:
         self.events, self.split, self.limits = (*events, *contact_events(contacts)), split, limits
         self.laws = [Law(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
+        """g of each event, when last looked at."""
+        self.margins: Array = np.zeros(0)
+        """Of the limits of position, when last looked at."""
 
-    def values(self, t: float, y: Array) -> list[float]:
+    def values(self, t: float, y: Array) -> tuple[list[float], Array]:
         """g of each event, and the margin of each limit."""
         q, dq = self.split(y)
-        found = [float(law(t, q, dq)) for law in self.laws]
-        return found if self.limits is None else found + self.limits.margins(q).tolist()
+        found = [law.number(t, q, dq) for law in self.laws]
+        return found, self.margins if self.limits is None else self.limits.margins(q)
 
     @property
     def gaps(self) -> list[float]:
         """Of the contacts, when last looked at [m or rad]."""
-        return self.before[self.asked : len(self.events)]
+        return self.before[self.asked :]
+
+    @property
+    def limits_alone(self) -> bool:
+        """Whether there is nothing but limits of position."""
+        return not self.events
+
+    def first_passed(self, states: Array) -> int | None:
+        """The first of the steps between states (m + 1, size) in which a joint passes a limit, where there is nothing else.
+
+        None where there is none; then these are the states that were looked at last.
+        """
+        if self.limits is None:
+            return None
+        margins = self.limits.margins(self.split(states.T)[0].T)
+        passed = self.limits.passed(margins[:-1], margins[1:]).any(axis=1)
+        k = int(passed.argmax()) if passed.any() else len(margins) - 1
+        self.margins = margins[k].copy()
+        return k if passed.any() else None
 
     def begin(self, t: float, y: Array) -> None:
         """Take the values of the first state."""
-        self.before = self.values(t, y)
+        self.before, self.margins = self.values(t, y)
 
     def leaves_at_once(self, y: Array, later: Array, h: float) -> Happening | None:
         """A joint that begins at a limit and moves beyond it, where ``later`` is the state ``h`` s after the first."""
@@ -110,33 +133,34 @@ class Watch:
         """What happened in a step from t whose states at some times after t are ``points``; and when it ended all, if so."""
         happened, s0 = [], 0.0
         for s1, y1 in points:
-            after = self.values(t + s1, y1)
+            after, margins = self.values(t + s1, y1)
             pairs = list(zip(self.before, after, strict=True))
             crossed = [k for k, pair in enumerate(pairs) if self._passed(k, *pair)]
+            if self.limits is not None and not (margins > self.limits.tolerances).all():
+                pairs += zip(self.margins.tolist(), margins.tolist(), strict=True)
+                crossed += (len(after) + np.flatnonzero(self.limits.passed(self.margins, margins))).tolist()
             for s, k in sorted((self._moment(k, t, (s0, pairs[k][0]), (s1, pairs[k][1]), at), k) for k in crossed):
                 q, dq = self.split(at(s))
                 happened.append(Happening(self._name(k), t + s, q.copy(), dq.copy()))
                 if k >= len(self.events) or self.events[k].terminal:
                     return happened, s
-            self.before, s0 = after, s1
+            self.before, self.margins, s0 = after, margins, s1
         return happened, None
 
     def _passed(self, k: int, g0: float, g1: float) -> bool:
-        if self.limits is not None and k >= len(self.events):
-            return self.limits.passed(k - len(self.events), g0, g1)
         way = _DIRECTIONS[self.events[k].direction]
         return (way >= 0 and g0 < 0.0 <= g1) or (way <= 0 and g0 > 0.0 >= g1)
 
     def _name(self, k: int) -> str:
         if self.limits is not None and k >= len(self.events):
-            return self.limits.words(k - len(self.events), self.before[k])
+            return self.limits.words(k - len(self.events), float(self.margins[k - len(self.events)]))
         return self.events[k].name
 
     def _value(self, k: int, t: float, y: Array) -> float:
         q, dq = self.split(y)
         if self.limits is not None and k >= len(self.events):
             return float(self.limits.margins(q)[k - len(self.events)])
-        return float(self.laws[k](t, q, dq))
+        return self.laws[k].number(t, q, dq)
 
     def _moment(self, k: int, t: float, left: tuple[float, float], right: tuple[float, float], at: Step) -> float:
         """When g has its level between two times after t, to a few units in the last place.

@@ -23,6 +23,10 @@ _MOST_KEPT = 100_000
 """Steps that are kept until the run is over, so that nothing is asked before; of more, the first are looked at on the way."""
 
 
+_AT_ONCE = 256
+"""Steps that are looked at together."""
+
+
 class ForceProbes:
     """The functions of a run, and the times at which they are asked: see :class:`~twistwrench.core.probe_rule.ProbeRule`."""
 
@@ -42,6 +46,18 @@ class ForceProbes:
         for _, forces in self.system.functions:
             missing += left_out(weights, forces(times, states))
         return h * missing if missing.any() else None
+
+    def impulses(self, t: Array, h: float, y: Array, after: Array) -> Array:
+        """The same of n steps from times (n,) along straight lines from states (n, size) to others, (n, nv)."""
+        missing = np.zeros((len(t), self.system.nv))
+        if not self.system.functions or not self.rule.needed(h):
+            return missing
+        shares, weights = self.rule.shares(h)
+        times = t[:, None] + h * shares
+        states = (y[:, None] + shares[:, None] * (after - y)[:, None]).reshape(-1, y.shape[1])
+        for _, forces in self.system.functions:
+            missing += left_out(weights, forces(times.ravel(), states).reshape(*times.shape, -1))
+        return h * missing
 
     def change(self, q: Array, dq: Array, impulse: Array) -> Array:
         """The changes of velocity (..., nv) that impulses (..., nv) make."""
@@ -73,6 +89,14 @@ class UnseenForces:
         if self.probes.system.functions:
             self._steps.append((t, y, after, self.probes.system.held))
             if len(self._steps) == _MOST_KEPT:
+                self._add_up()
+
+    def note_block(self, times: Array, states: Array, held: Array) -> None:
+        """Take note of n steps from times (n,) through states (n + 1, size) under torques (nv,) or (n, nv) of a controller."""
+        if self.probes.system.functions:
+            kept, torques = states.copy(), np.array(np.broadcast_to(held, (len(times), held.shape[-1])))
+            self._steps += zip(times.tolist(), kept[:-1], kept[1:], torques, strict=True)
+            if len(self._steps) >= _MOST_KEPT:
                 self._add_up()
 
     def error(self, extent: Extent, end: float) -> Array | None:
@@ -108,14 +132,11 @@ class UnseenForces:
 
     def _add_up(self) -> None:
         system, found = self.probes.system, []
-        for step in self._steps:
-            t, y, after, _ = step
-            try:
-                missing = self.probes.impulse(t, self.h, _straight(y, after))
-            except SimulationError:  # a function that fails at other times than those of the run
-                continue
-            if missing is not None:
-                found.append((missing, step))
+        for first in range(0, len(self._steps), _AT_ONCE):
+            some = self._steps[first : first + _AT_ONCE]
+            found += [
+                (missing, step) for missing, step in zip(self._impulses(some), some, strict=True) if missing.any()
+            ]
         self._steps = []
         if not found:
             return
@@ -125,6 +146,16 @@ class UnseenForces:
         largest = int(np.abs(change).max(axis=1).argmax())
         if self._worst is None or np.abs(change[largest]).max() > np.abs(self._worst[0]).max():
             self._worst = change[largest], found[largest][1]
+
+    def _impulses(self, steps: list[_Step]) -> Array:
+        """What steps leave out, (n, nv); nothing where a function fails at other times than those of the run."""
+        t, y, after = (np.array(x) for x in list(zip(*steps, strict=True))[:3])
+        try:
+            return self.probes.impulses(t, self.h, y, after)
+        except SimulationError:
+            if len(steps) == 1:
+                return np.zeros((1, self.probes.system.nv))
+            return np.concatenate([self._impulses([step]) for step in steps])
 
 
 def _straight(y: Array, after: Array) -> Path:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import ValueRangeError
 from ..typing import Array
@@ -63,8 +64,8 @@ class PositionLimits:
         return cls(names, units, *map(np.array, numbers))
 
     def margins(self, q: Array) -> Array:
-        """How far each joint is inside each of its limits, (nq) → (m,), negative beyond it [rad or m]."""
-        return np.asarray(self.sides * (self.limits - q[self.coordinates]))
+        """How far each joint is inside each of its limits, (..., nq) → (..., m), negative beyond it [rad or m]."""
+        return np.asarray(self.sides * (self.limits - q[..., self.coordinates]))
 
     def outside(self, q: Array) -> str:
         """In words, the joint farthest beyond a limit; empty where none is beyond."""
@@ -83,9 +84,10 @@ class PositionLimits:
         """The margin at which an event happens, for a joint whose margin was ``before``."""
         return 0.0 if before > self.tolerances[k] else -float(self.tolerances[k])
 
-    def passed(self, k: int, before: float, after: float) -> bool:
-        """Whether a joint reaches limit k, or leaves through it."""
-        return after <= 0.0 if before > self.tolerances[k] else after < -self.tolerances[k] <= before
+    def passed(self, before: Array, after: Array) -> NDArray[np.bool_]:
+        """Whether joints reach their limits, or leave through them, by the margins (..., m) before and after."""
+        leaves = (after < -self.tolerances) & (-self.tolerances <= before)
+        return np.where(before > self.tolerances, after <= 0.0, leaves)
 
     def words(self, k: int, before: float) -> str:
         """What happened at limit k."""

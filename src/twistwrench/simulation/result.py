@@ -311,9 +311,9 @@ class Record:
         self.blocks.append((np.array([t]), y[None].copy(), ddq[None].copy(), tau[None].copy()))
 
     def keep_block(self, times: Array, states: Array, accelerations: Array, tau: Array) -> None:
-        """Add states (m, size) under the same torques."""
+        """Add states (m, size) under torques (nv,) or (m, nv)."""
         if len(times):
-            torques = np.broadcast_to(tau, accelerations.shape)
+            torques = tau.copy() if tau.ndim > 1 else np.broadcast_to(tau, accelerations.shape)
             self.blocks.append((times.copy(), states.copy(), accelerations.copy(), torques))
 
     def result(self, robot: Robot, works: tuple[str, ...], **said: Any) -> SimulationResult:

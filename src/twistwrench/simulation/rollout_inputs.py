@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from glob import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from ..model.sampled_parameters import refuse_impossible
 from ..model.variable_parameters import matching, nominal
 from ..robot.wrench_arguments import wrench_at
 from ..typing import Array
-from .eased_friction import creep_speeds, easing_remark
+from .eased_friction import creep_of_samples, easing_remark
 from .step_program import Plan, method_named
 from .torque_laws import GivenTorque, TorqueLaw
 from .user_functions import positive, whole
@@ -49,17 +48,18 @@ class Inputs:
 
     @property
     def shapes(self) -> list[tuple[int, ...]]:
-        """Of the results: q, dq, and the torques if they are asked for."""
-        model, said = self.plan.model, self.plan.says_torques
+        """Of the results: q, dq, what else is passed on, and the torques if they are asked for."""
         rows, begun = (*self.batch, self.kept + 1), (*self.batch, self.kept)
-        return [(*rows, model.nq), (*rows, model.nv), *[(*begun, model.nv)] * said]
+        states = [(*rows, size) for size in self.plan.state_sizes]
+        return [*states, *[(*begun, self.plan.model.nv)] * self.plan.says_torques]
 
 
 def cleaned(
     robot: Robot, q0: Any, dq0: Any, tau: Any, *, dt: Any, steps: Any, duration: Any, every: Any, method: Any,
     wrench_on_robot: Any, parameters: Any, friction: Any, torque_limits: Any, torques: Any,
+    step_of: Callable[[Plan], Plan] = lambda plan: plan,
 ) -> Inputs:  # fmt: skip
-    """The inputs of a rollout; raises ShapeError, ValueRangeError and UnknownNameError."""
+    """The inputs of a rollout, whose step is ``step_of`` the plan; raises ShapeError, ValueRangeError and UnknownNameError."""
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
     if hasattr(tau, "batch_law") and not isinstance(tau, type):  # a controller of one motion
@@ -72,20 +72,13 @@ def cleaned(
     friction = arguments.flag(friction, "friction")
     limits, frames = _limits(robot, torque_limits), _wrenches_by_frame(robot, wrench_on_robot)
     names, values = _parameter_values(robot, parameters)
-    plan = Plan(
-        robot.model,
-        law,
-        method_named(method),
-        bool(limits),
-        tuple(frames),
-        names,
-        friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names)),
-        arguments.flag(torques, "torques"),
-    )
+    rubs = friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names))
+    said = arguments.flag(torques, "torques")
+    plan = step_of(Plan(robot.model, law, method_named(method), bool(limits), tuple(frames), names, rubs, said))
     given = [*_given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]
     states = [_state_of(robot, "q0", q0, robot.nq), _state_of(robot, "dq0", dq0, robot.nv)]
-    said = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
-    single = all(_is_single(x) for x in (*states, *said, *values))
+    numbers = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
+    single = all(_is_single(x) for x in (*states, *numbers, *values))
     n, h, kept = _counted_steps(dt, steps, duration, every, given)
     labelled = [(label, _stepped(label, x, size, n)) for label, x, size in given]
     batches = [("q0", states[0].shape[:-1]), ("dq0", states[1].shape[:-1])]
@@ -95,7 +88,7 @@ def cleaned(
     rest = [x for _, x in labelled]
     remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
-        creep = _creep(robot, states[0], h, dict(zip(names, values, strict=True)))
+        creep = creep_of_samples(robot, states[0], h, dict(zip(names, values, strict=True)))
         rest.append(creep[..., None, :])
         if creep.size and (eased := easing_remark(robot.model, creep)):
             remarks = (eased,)
@@ -271,31 +264,3 @@ def _batch_of(batches: list[tuple[str, tuple[int, ...]]]) -> tuple[int, ...]:
     except ValueError:
         listed = ", ".join(f"{label} {shape}" for label, shape in batches)
         raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None
-
-
-def _creep(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
-    """The speeds below which dry friction is eased off, (..., nv)."""
-    inertia, inputs = robot.mass_matrix, [q0]
-    if parameters:
-        inertia = robot.kernel("mass_matrix", parameters=tuple(map(escape, parameters)))
-        inputs.append(np.stack(np.broadcast_arrays(*parameters.values()), axis=-1))
-    try:
-        with np.errstate(all="ignore"):  # states that are not finite end in a motion that is named
-            M = inertia(*(np.asarray(x, float) for x in inputs))
-            return creep_speeds(M, _dry_friction(robot, parameters), h)
-    except np.linalg.LinAlgError:
-        robot.engine.require_invertible()
-        raise ValueRangeError("q0: the mass matrix has no inverse at one of these states.") from None
-
-
-def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
-    """The most that dry friction takes from each joint before its load counts, (..., nv)."""
-    friction = robot.model.friction
-    most = np.maximum(friction.static, friction.coulomb)
-    most = np.broadcast_to(most, (*np.broadcast_shapes(*(x.shape for x in parameters.values())), robot.nv)).copy()
-    for body in robot.model.leaders:
-        if body.joint.nv == 1:
-            k, laws = body.v_index, {"static": friction.static, "coulomb": friction.coulomb}
-            given = [parameters.get(f"{body.joint.name}.{law}", x[k]) for law, x in laws.items()]
-            most[..., k] = np.maximum(*given)
-    return most

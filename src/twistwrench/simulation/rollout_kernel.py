@@ -38,9 +38,11 @@ def computed(robot: Robot, given: Inputs, results: list[Array]) -> None:
     """Take all steps, and write the states into the results."""
     samples = math.prod(given.batch)
     arrays = [x.copy() if any(np.may_share_memory(x, place) for place in results) else x for x in given.arrays]
-    q, dq, *said = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
-    q[:, 0], dq[:, 0] = arrays[0], arrays[1]
-    kernel, outputs = _kernel(robot, given.plan), (q[:, 1:], dq[:, 1:], *said)
+    states = len(given.plan.state_sizes)
+    flat = [x.reshape(samples, *x.shape[-2:]) for x in results]  # views: the results have no gaps
+    for x, start in zip(flat[:states], arrays, strict=False):
+        x[:, 0] = start
+    kernel, outputs = _kernel(robot, given.plan), (*(x[:, 1:] for x in flat[:states]), *flat[states:])
     with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
         threads.share(kernel, _parts(kernel, given, arrays, outputs, samples))
 

@@ -9,15 +9,16 @@ import numpy as np
 
 from ..core.probe_rule import probe_spacing
 from ..errors import SimulationError
+from ..kernels.row_calls import calls_rows
 from ..typing import Array
 from .accuracy import Accuracy, Extent
 from .adaptive import Stepper
+from .asked_blocks import take_asked
 from .compiled_steps import CompiledSteps
 from .contact_steps import Touches
 from .events import Watch
 from .force_probes import ForceProbes, UnseenForces
 from .forces import WORKS, System
-from .free_steps import take_freely
 from .result import Record, SimulationResult
 from .schemes import ADAPTIVE, OneByOne, Scheme
 from .step_blocks import FASTEST, take_blocks
@@ -54,6 +55,8 @@ class Run:
         self.tick: Callable[[float], None] | None = None
         self.compiled: CompiledSteps | None = None
         """Its steps in machine code, where nothing asks Python for a force or looks at a step."""
+        self.go: Callable[[], None] = self.fixed
+        """Takes all of its steps."""
         self.stopped = ""
         self.steps = self.rejected = 0
         self.rate = np.zeros(system.size)
@@ -67,21 +70,26 @@ class Run:
 
     def fixed(self) -> None:
         """Steps of one length."""
-        y = self._begin()
+        y = self.begin()
+        if self.stopped:
+            return
         if self.compiled is not None:
-            take_blocks(self, self.compiled)
-            if self.steps == self.n:
+            if self.asks_nobody:
+                take_blocks(self, self.compiled)
+            elif calls_rows(self.compiled.kernel):
+                take_asked(self, self.compiled)
+            if self.stopped or self.steps == self.n:
                 return
             y = self.last[1].copy()
         for k in range(self.steps, self.n):
             t = k * self.h
-            self._sample(t, y)
+            self.sample(t, y)
             self.system.rates(t, y, self.rate)
             if k % self.every == 0:
-                self._keep(t, y)
-            t1 = (k + 1) * self.h if k + 1 < self.n else self.end
+                self.keep(t, y)
+            t1 = self.time(k + 1)
             y1 = self.checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
-            if (k == 0 and self._leaves_at_once(y, y1, self.h)) or self._ended(t, y, [(self.h, y1)]):
+            if (k == 0 and self.leaves_at_once(y, y1, self.h)) or self.ended(t, y, [(self.h, y1)]):
                 return
             changed = self._touched(t1, y, y1) or self._stuck_or_slid(y, y1)
             self.doubling.note(t, y, y1, self.system.held, changed=changed)
@@ -89,50 +97,7 @@ class Run:
             y = y1
             self.advance(t1, y)
         self.system.rates(self.end, y, self.rate)
-        self._keep(self.end, y)
-
-    def adaptive(self, stepper: Stepper) -> None:
-        """Steps of any length, from sample to sample where a controller asks for it; states between by dense output."""
-        self.stepper = stepper
-        y = self._begin()
-        t, k, spacing = 0.0, 0, self.h * self.every
-        end = self.end
-        self._sample(t, y)
-        self.system.rates(t, y, self.rate)
-        self._keep(t, y)
-        if stepper.attempts is not None:
-            take_freely(self, stepper)
-            return
-        kept = 1
-        while t < end:
-            until = (k + 1) * self.h if self.controller is not None and k + 1 < self.n else end
-            t1, y1 = stepper.step(t, y, self.rate, until)
-            self.rejected, rate1 = stepper.rejected, stepper.rate_after
-            y1 = self.checked(t, t1, y1)
-            if t == 0.0 and self._leaves_at_once(y, y1, t1):
-                return
-            begin = kept
-            while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
-                kept += 1
-            times = np.arange(begin, kept) * spacing
-            points = list(zip((times - t).tolist(), stepper.between(times), strict=True))
-            if self._ended(t, y, [*points, (t1 - t, y1)], points):
-                return
-            for s, between in points:
-                self._keep_at(t + s, between)
-            t, y = t1, y1
-            self.advance(t, y)
-            if self.controller is not None and t == until and t < end:
-                k += 1
-                self._sample(t, y)
-                self.system.rates(t, y, self.rate)
-            else:
-                self.rate[:] = rate1
-                self.system.manifold.rates(*self.system.split(y), out=self.rate[: self.system.nq])
-            if abs(kept * spacing - t) <= 1e-12 * end and t < end:
-                self._keep_at(t, y)
-                kept += 1
-        self._keep_at(t, y)
+        self.keep(self.end, y)
 
     def result(self, stopped: str, *, completed: bool) -> SimulationResult:
         """All up to here, the last good state included."""
@@ -162,17 +127,28 @@ class Run:
     # ── parts of a step ──
 
     @property
+    def asks_nobody(self) -> bool:
+        """Whether no function in Python gives torques or looks at steps; limits of position may be looked at."""
+        looks = self.watch is not None and not self.watch.limits_alone
+        return not looks and self.controller is None and not self.system.functions
+
+    @property
     def flow(self) -> Flow:
         """The steps of its method from any state."""
         return self.compiled or OneByOne(self.system, self.scheme)
 
-    def _begin(self) -> Array:
+    def time(self, k: int) -> float:
+        """When step k begins, of steps of one length."""
+        return k * self.h if k < self.n else self.end
+
+    def begin(self) -> Array:
+        """The first state, seen by what looks for events."""
         y = self.last[1].copy()
         if self.watch is not None:
             self.watch.begin(0.0, y)
         return y
 
-    def _leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
+    def leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
         """Whether a joint begins at a limit and moves beyond it; the first state is kept already, and is the last one too."""
         happened = None if self.watch is None else self.watch.leaves_at_once(y, y1, h)
         if happened is None:
@@ -181,7 +157,8 @@ class Run:
         self.stopped = str(happened)
         return True
 
-    def _sample(self, t: float, y: Array) -> None:
+    def sample(self, t: float, y: Array) -> None:
+        """Ask the controller."""
         if self.controller is not None:
             self.system.held = self.constant + self.controller(t, *self.system.split(y))
 
@@ -203,11 +180,12 @@ class Run:
         if self.tick is not None:
             self.tick(t)
 
-    def _keep(self, t: float, y: Array) -> None:
+    def keep(self, t: float, y: Array) -> None:
         """Keep a state whose rates were computed last."""
         self.record.keep(t, y, self.rate[self.system.moving], self.system.applied)
 
-    def _keep_at(self, t: float, y: Array) -> None:
+    def keep_at(self, t: float, y: Array) -> None:
+        """Keep a state."""
         rate = np.zeros(self.system.size)
         self.system.rates(t, y, rate)
         self.record.keep(t, y, rate[self.system.moving], self.system.applied)
@@ -215,15 +193,20 @@ class Run:
     def _keep_rough(self, t: float, y: Array) -> None:
         """Keep a state after something failed, which may fail again: then accelerations and torques are unknown there."""
         try:
-            self._keep_at(t, y)
+            self.keep_at(t, y)
         except (SimulationError, KeyboardInterrupt):  # an interrupt is under way already
             unknown = np.full(self.robot.nv, np.nan)
             self.record.keep(t, y, unknown, unknown)
 
     def checked(self, t0: float, t1: float, y: Array) -> Array:
         """The state with its quaternions of unit length; SimulationError where a step was unstable."""
+        self.system.manifold.normalise(y[: self.system.nq])
+        self.require_stable(t0, t1, y)
+        return y
+
+    def require_stable(self, t0: float, t1: float, y: Array) -> None:
+        """Raise SimulationError where a step was unstable, by the state after it."""
         s = self.system
-        s.manifold.normalise(y[: s.nq])
         speed = np.abs(y[s.moving])
         if not (speed.max() < FASTEST and np.isfinite(y).all()):
             bad = int(np.argmax(np.where(np.isfinite(speed), speed, np.inf)))
@@ -239,14 +222,11 @@ class Run:
                 f"the step from {t0:.9g} s to {t1:.9g} s is unstable: joint {self.robot.model.velocity_names[bad]!r} moves at "
                 f"{y[s.moving][bad]:.3g} rad/s or m/s after it. {advice}"
             )
-        return y
 
-    def _ended(
+    def ended(
         self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
     ) -> bool:
         """Look for events in a step from t; one that ends all has its state kept, and those before it."""
-        if self.watch is None:
-            return False
         rate = self.rate.copy()
 
         def at(s: float) -> Array:
@@ -254,14 +234,25 @@ class Run:
             self.system.manifold.normalise(found[: self.system.nq])
             return found
 
-        happened, end = self.watch.look(t, points, at)
-        self.record.events += happened
+        end = self.looked(t, points, at)
         if end is None:
             return False
         for s, between in kept:
             if s < end:
-                self._keep_at(t + s, between)
-        self._keep_at(t + end, at(end))
-        self.stopped = str(happened[-1])
-        self.steps += 1
+                self.keep_at(t + s, between)
+        self.finish(t, end, at)
         return True
+
+    def looked(self, t: float, points: Sequence[tuple[float, Array]], at: Callable[[float], Array]) -> float | None:
+        """Look for events in a step from t; how long after t one ends all, if one does. ``at``: the state a time after t."""
+        if self.watch is None:
+            return None
+        happened, end = self.watch.look(t, points, at)
+        self.record.events += happened
+        return end
+
+    def finish(self, t: float, end: float, at: Callable[[float], Array]) -> None:
+        """End the run in a step from t with the event that happened last."""
+        self.keep_at(t + end, at(end))
+        self.stopped = str(self.record.events[-1])
+        self.steps += 1

@@ -20,6 +20,7 @@ from ..algorithms.jacobians import wrench_torques
 from ..algorithms.recursion import zeros
 from ..algorithms.velocity_step import velocity_step
 from ..model.model import Model
+from ..program.program import Program
 from ..program.recurrence import Recurrence, Source
 from ..program.trace import trace
 from ..typing import Array
@@ -31,6 +32,15 @@ TABLEAUS = {"euler": EULER, "rk4": RK4}
 """The methods whose stages need the one before alone."""
 SIMULATED = ("semi_implicit", *TABLEAUS)
 """The methods that have steps here, by their names in simulations."""
+
+FED = (*(Source("state", k) for k in (0, 0, 1, 2)),)
+"""Where the state of a program comes from: angles and coordinates are the same numbers."""
+_TRACE = 1e-30
+
+
+def ended(q: Array, dq: Array, work: Array) -> tuple[Array, Array, Array, Any]:
+    """A state, and its peak: the square of all velocities, with a trace of all else, so that it is no number if any is none."""
+    return q, dq, work, dq @ dq + _TRACE * (q @ q + work @ work)
 
 
 @dataclass(frozen=True)
@@ -48,21 +58,40 @@ class SimulatedStep(Plan):
         return len(TABLEAUS[self.method].b) if self.method in TABLEAUS else 1
 
     def recurrence(self) -> Recurrence:
-        """The program, and where its inputs come from: q, dq and W are the state, accelerations are said of each step."""
-        given = self.given
-        shapes = [(self.model.nq,), (self.model.nv,), (len(WORKS),)]
-        state: Ports = [("angles", shapes[0]), *zip(("q", "dq", "work"), shapes, strict=True)]
-        fed = [Source("state", k) for k in (0, 0, 1, 2)]
-        sources = [Source("given")] * len(given)
+        """The program, and where its inputs come from: the state is q, dq, W and a peak, of a step its accelerations are said.
+
+        The peak is that of :func:`ended`. Nothing takes it; it goes in as any number.
+        """
         if self.method == "semi_implicit":
-            program = trace(self._semi_implicit_step, [*state, *given], ["q", "dq", "work", "ddq"])
-            return Recurrence(program, (*fed, *sources), visible=3)
-        more: Ports = [(f"{name} at start", shape) for (name, _), shape in zip(state[1:], shapes, strict=True)]
-        more += [(f"{name} sum", shape) for (name, _), shape in zip(state[1:], shapes, strict=True)]
-        fed += [*(Source("start", k) for k in range(3)), *(Source("state", k) for k in range(3, 6)), Source("stage")]
-        names = ["q", "dq", "work", "q sum", "dq sum", "work sum", "ddq"]
-        program = trace(self._stage, [*state, *more, ("stage", (5,)), *given], names)
-        return Recurrence(program, (*fed, *sources), visible=3, hidden=3, table=stages(TABLEAUS[self.method]))
+            names = ["q", "dq", "work", "peak", "ddq"]
+            program = trace(self._semi_implicit_step, [*self._state(), *self.given], names)
+            return Recurrence(program, (*FED, *[Source("given")] * len(self.given)), visible=4)
+        program, fed = self._staged()
+        return Recurrence(program, fed, visible=4, hidden=3, table=stages(TABLEAUS[self.method]))
+
+    def one_stage(self) -> Recurrence:
+        """The same for each stage of a Runge-Kutta method: sums are states, the beginning of the step and the row are given."""
+        program, fed = self._staged()
+        sources = [source if source.kind == "state" else Source("given") for source in fed]
+        return Recurrence(program, tuple(sources), visible=7)
+
+    def _state(self) -> Ports:
+        nq, nv = self.model.nq, self.model.nv
+        return [("angles", (nq,)), ("q", (nq,)), ("dq", (nv,)), ("work", (len(WORKS),))]
+
+    def _staged(self) -> tuple[Program, tuple[Source, ...]]:
+        """The program of a stage, and where its inputs come from."""
+        state = self._state()
+        more: Ports = [(f"{name} {when}", shape) for when in ("at start", "sum") for name, shape in state[1:]]
+        fed = [
+            *FED,
+            *(Source("start", k) for k in range(3)),
+            *(Source("state", k) for k in range(4, 7)),
+            Source("stage"),
+        ]
+        names = ["q", "dq", "work", "peak", "q sum", "dq sum", "work sum", "ddq"]
+        program = trace(self._stage, [*state, *more, ("stage", (5,)), *self.given], names)
+        return program, (*fed, *[Source("given")] * len(self.given))
 
     # ── on symbols ──
 
@@ -75,12 +104,12 @@ class SimulatedStep(Plan):
         if not self.friction:
             ddq = forward_dynamics(plant, angles, dq, tau, wrenches=self._pushed(rest))
             dq1, powers = dq + h * ddq, self._powers(plant, angles, dq, tau, zeros(plant.nv), rest)
-            return integration.moved(self.model, q, h * dq1, angles), dq1, work + h * powers, ddq
+            return *ended(integration.moved(self.model, q, h * dq1, angles), dq1, work + h * powers), ddq
         middle = integration.halfway(self.model, q, h * dq, angles)
         dq1, tau, lost = velocity_step(plant, middle, dq, h, tau, friction=True, wrenches=self._pushed(rest))
         powers = self._powers(plant, middle, 0.5 * (dq + dq1), tau, lost, rest)
         q1 = integration.moved(self.model, middle, 0.5 * h * dq1, middle)
-        return q1, dq1, work + h * powers, (dq1 - dq) / h
+        return *ended(q1, dq1, work + h * powers), (dq1 - dq) / h
 
     def _stage(
         self, angles: Array, _q: Array, dq: Array, _work: Array, q0: Array, dq0: Array, work0: Array, q_sum: Array,
@@ -95,7 +124,7 @@ class SimulatedStep(Plan):
             x0 + h * (last * rate + all_of_them * total)
             for x0, rate, total in zip((q0, dq0, work0), rates, sums, strict=True)
         ]
-        return integration.normalised(self.model, ends_at[0], ends), *ends_at[1:], *sums, rates[1]
+        return *ended(integration.normalised(self.model, ends_at[0], ends), *ends_at[1:]), *sums, rates[1]
 
     def rates(self, angles: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array, Array]:
         """Of coordinates, velocities and works, dry friction eased off; ``given`` is what a step is given but its length."""

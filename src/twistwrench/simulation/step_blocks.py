@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..typing import Array
 from .compiled_steps import CompiledSteps
 
 if TYPE_CHECKING:
@@ -18,27 +20,72 @@ _LOOKS = 100
 
 
 def take_blocks(run: Run, steps: CompiledSteps) -> None:
-    """Take the steps of a run as long as they are stable: a block that is not stays to be taken step by step."""
-    system, moving = run.system, run.system.moving
+    """Take the steps of a run as long as they are stable: from the first one that is not they are to be taken one by one."""
+    system = run.system
     most = steps.most if run.tick is None else min(steps.most, max(1, run.n // _LOOKS))
     while run.steps < run.n:
-        first, y = run.steps, run.last[1]
-        Y, ddq = steps.take(y, min(most, run.n - first))
-        if not (np.isfinite(Y).all() and np.abs(Y[:, moving]).max() < FASTEST):
+        counted = system.evaluations
+        Y, ddq = steps.take(run.last[1], min(most, run.n - run.steps))
+        system.evaluations = counted
+        if not use_block(run, steps, Y, ddq):
             return
-        numbers = np.arange(first, first + len(Y) + 1)
-        times, states = np.asarray(numbers * run.h, float), np.concatenate([y[None], Y])
-        if numbers[-1] == run.n:
-            times[-1] = run.end
-        kept = slice(-first % run.every, len(Y), run.every)
-        run.record.keep_block(times[kept], states[kept], ddq[kept], system.held)
-        changed = np.zeros(len(Y), bool)
-        if system.braked is not None:
-            signs = np.sign(states[:, moving])
-            changed = (signs[1:] != signs[:-1])[:, system.braked.dry].any(axis=1)
-        run.doubling.note_block(times[:-1], states, system.held, changed)
-        run.steps, run.last = first + len(Y), (float(times[-1]), states[-1])
-        if run.tick is not None:
-            run.tick(run.last[0])
     t, y = run.last
     run.record.keep_block(np.array([t]), y[None], steps.accelerations(t, y)[None], system.held)
+
+
+def use_block(run: Run, steps: CompiledSteps, Y: Array, ddq: Array) -> bool:
+    """Keep the next m steps of a run, to states Y (m, size), up to one that is unstable or ends it; whether none is."""
+    system, (t, y) = run.system, run.last
+    sound = np.isfinite(Y).all(axis=1) & (np.abs(Y[:, system.moving]).max(axis=1) < FASTEST)
+    m = len(Y) if sound.all() else int(sound.argmin())
+    states = np.concatenate([y[None], Y[:m]])
+    k = None if run.watch is None or not m else run.watch.first_passed(states)
+    k = 0 if m and t == 0.0 and run.leaves_at_once(y, Y[0], run.h) else k
+    used = m if k is None else k
+    system.evaluations += steps.stages * (m if k is None else k + 1)
+    keep_steps(run, states[: used + 1], ddq[:used], system.held, system.held)
+    if k is not None:
+        end = 0.0 if run.stopped else look_in_step(run, steps, *run.last, states[k + 1])
+        end_in_step(run, steps, end or 0.0, ddq[k], system.held)
+    elif run.tick is not None and m:
+        run.tick(run.last[0])
+    return k is None and m == len(Y)
+
+
+def look_in_step(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
+    """Look for events in a step from y at t; how long after t one ends the run, if one does."""
+    if t == 0.0 and run.leaves_at_once(y, after, run.h):
+        return 0.0
+    return run.looked(t, [(run.h, after)], partial(steps.after, t, y))
+
+
+def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Array) -> None:
+    """End a run in its next step, which begins with ``ddq`` and ``tau``, a time ``end`` after that."""
+    t, y = run.last
+    if run.steps % run.every == 0:
+        run.record.keep_block(np.array([t]), y[None], ddq[None], tau)
+    if not run.stopped:
+        run.finish(t, end, partial(steps.after, t, y))
+
+
+def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array) -> None:
+    """Keep and note the next m steps of a run, by the states (m + 1, size) between them.
+
+    ``ddq`` and ``tau`` are those of their beginnings, ``held`` the torques of the controller; one for all, or (m, nv).
+    """
+    system, first, m = run.system, run.steps, len(ddq)
+    if not m:
+        return
+    numbers = np.arange(first, first + m + 1)
+    times = np.asarray(numbers * run.h, float)
+    if numbers[-1] == run.n:
+        times[-1] = run.end
+    kept = slice(-first % run.every, m, run.every)
+    run.record.keep_block(times[kept], states[kept], ddq[kept], tau if tau.ndim == 1 else tau[kept])
+    changed = np.zeros(m, bool)
+    if system.braked is not None:
+        signs = np.sign(states[:, system.moving])
+        changed = (signs[1:] != signs[:-1])[:, system.braked.dry].any(axis=1)
+    run.doubling.note_block(times[:-1], states, held, changed)
+    run.unseen.note_block(times[:-1], states, held)
+    run.steps, run.last = first + m, (float(times[-1]), states[-1].copy())

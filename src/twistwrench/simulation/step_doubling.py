@@ -10,6 +10,7 @@ not asked again: its torque is that of the step.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -65,9 +66,11 @@ class _Step:
 
     @classmethod
     def of_all(cls, steps: list[_Step]) -> _Step:
-        """Steps under the same torques as one, with an axis of steps first."""
+        """Steps as one, with an axis of steps first; torques have none where they are the same object."""
         numbers, times, before, after = zip(*((s.number, s.t, s.y, s.after) for s in steps), strict=True)
-        return cls(np.array(numbers), np.array(times), np.array(before), np.array(after), steps[0].held)
+        same = all(s.held is steps[0].held for s in steps)
+        held = steps[0].held if same else np.array([s.held for s in steps])
+        return cls(np.array(numbers), np.array(times), np.array(before), np.array(after), held)
 
 
 def probed_steps(n: int) -> Iterator[int]:
@@ -93,7 +96,8 @@ class StepDoubling:
     def __init__(self, n: int, h: float, *, lagging: bool) -> None:
         self.h, self.lagging = h, lagging
         """Whether velocities are those of half a step before: see :meth:`_lagging`."""
-        self._due = frozenset(probed_steps(n))
+        self._ordered = sorted(probed_steps(n))
+        self._due = frozenset(self._ordered)
         self._spread: list[_Step] = []
         self._changed: list[_Step] = []
         self.steps = self._changes = 0
@@ -116,11 +120,13 @@ class StepDoubling:
     def note_block(self, times: Array, states: Array, held: Array, changed: NDArray[np.bool_]) -> None:
         """Take note of the next n steps, from times (n,) through states (n + 1, size); ``changed`` (n,) as of one step."""
         first, n = self.steps, len(times)
-        noted = {k - first for k in self._due if first <= k < first + n}
+        ordered = self._ordered
+        noted = {k - first for k in ordered[bisect_left(ordered, first) : bisect_left(ordered, first + n)]}
         noted |= {*np.flatnonzero(changed).tolist(), *np.flatnonzero(changed[1:]).tolist(), n - 1}  # and those before
         for k in sorted(noted):
             self.steps = first + k
-            self.note(float(times[k]), states[k].copy(), states[k + 1].copy(), held, changed=bool(changed[k]))
+            mine = held if held.ndim == 1 else held[k].copy()
+            self.note(float(times[k]), states[k].copy(), states[k + 1].copy(), mine, changed=bool(changed[k]))
 
     def errors(self, system: System, flow: Flow, spans: Array) -> Array | None:
         """What all steps are off by, all together and signs left out, (nv,) [rad or m]; None where no step could be probed.
@@ -146,13 +152,16 @@ class StepDoubling:
     def _probe(self, system: System, flow: Flow, steps: list[_Step], spans: Array) -> tuple[Array, Array] | None:
         """The numbers (m,) of the steps that could be taken in halves, and how far off they were, (m, nv)."""
         found = []
-        for step in [_Step.of_all(steps)] if steps and flow.takes_many else steps:
+        left = [_Step.of_all(steps)] if steps and flow.takes_many else list(steps)
+        for step in left:
             system.held = step.held
             try:
                 halves = (self._lagging if self.lagging else self._halves)(system, flow, step)
                 change = (halves - step.after)[..., system.moving]
                 lasts = lasting(flow, system.moving, step.t + self.h, step.after, change)
             except SimulationError:  # a function that fails at other times than those of the run
+                if np.ndim(step.t):
+                    left += steps
                 continue
             found.append((step.number, step.after, halves, lasts))
         if not found:

@@ -61,6 +61,11 @@ class Plan:
         return ("rollout", *self.law.key, *said)
 
     @property
+    def state_sizes(self) -> tuple[int, ...]:
+        """How many numbers each part of the state is: q, dq, and what else is passed on from step to step."""
+        return self.model.nq, self.model.nv
+
+    @property
     def eases(self) -> bool:
         """Whether dry friction is eased off at low speeds, and not an impulse that at most stops a joint."""
         return self.friction and self.method != "semi_implicit"
@@ -140,13 +145,15 @@ class Plan:
     def _dynamics(self, angles: Array, q: Array, dq: Array, given: Sequence[Array]) -> tuple[Array, Array]:
         """Torques and accelerations."""
         known, plant, rest = self._models(given)
-        tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
-        if self.limited:
-            tau = clipped(tau, rest["torque limits"])
-        force = tau
+        tau = force = self._torques(known, angles, q, dq, rest)
         if self.friction:
             force = torque_past_eased_friction(plant, dq, tau, eased(dq, rest["creep"]))
         return tau, forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(rest))
+
+    def _torques(self, known: Model, angles: Array, q: Array, dq: Array, rest: dict[str, Array]) -> Array:
+        """Of the law, within the limits."""
+        tau = self.law.torques(known, angles, q, dq, *(rest[name] for name in self.law.names))
+        return clipped(tau, rest["torque limits"]) if self.limited else tau
 
     def _models(self, given: Sequence[Array]) -> tuple[Model, Model, dict[str, Array]]:
         """The robot as the law knows it and as it is, and what is given for the step, by name."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
+from math import isfinite
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -40,11 +42,29 @@ class Law:
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """What the function gives."""
         try:
-            # A function may keep what it is given, or change it; a table that it gives would be read by position.
-            found = arguments.plain(self.function(t, q.copy(), dq.copy()), self.what)
+            found = self.function(t, q.copy(), dq.copy())  # a function may keep what it is given, or change it
         except Exception as problem:
-            kind = type(problem).__name__
-            raise SimulationError(f"{self.what} failed at t = {t:.9g} s with {kind}: {problem}") from problem
+            raise self.failure(t, problem) from problem
+        return self.checked(t, found)
+
+    def number(self, t: float, q: Array, dq: Array) -> float:
+        """The same of a function of one number."""
+        try:
+            found = self.function(t, q.copy(), dq.copy())
+        except Exception as problem:
+            raise self.failure(t, problem) from problem
+        return float(found) if isinstance(found, float) and isfinite(found) else float(self.checked(t, found))
+
+    def failure(self, t: float, problem: Exception) -> SimulationError:
+        """What to say where the function raised an exception."""
+        return SimulationError(f"{self.what} failed at t = {t:.9g} s with {type(problem).__name__}: {problem}")
+
+    def checked(self, t: float, given: Any) -> Array:
+        """What the function gave, as floats of its own; SimulationError where it is something else."""
+        try:
+            found = arguments.plain(given, self.what)  # a table would be read by position
+        except Exception as problem:
+            raise self.failure(t, problem) from problem
         if found.dtype.kind not in "biuf":
             raise SimulationError(
                 f"{self.what} gave {found.tolist()!r} at t = {t:.9g} s, expected real numbers of shape "
@@ -85,6 +105,11 @@ def require_arguments(function: Any, what: str, taken: Sequence[str], names: str
     """Refuse what is no function of so many arguments, which are ``taken`` in words. Raises ValueRangeError."""
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.shown(function)}, and must be a function of ({names}).")
+    code = function.__code__ if isinstance(function, FunctionType) else None
+    if (
+        code is not None and code.co_argcount == len(taken) and not code.co_kwonlyargcount
+    ):  # a signature takes longer than many steps
+        return
     try:
         signed = signature(function)
     except (TypeError, ValueError):  # some of C say nothing

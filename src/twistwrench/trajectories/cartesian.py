@@ -95,14 +95,15 @@ def follow_poses(
         if len(q) < len(s) and (n < 1024 and "limit" not in why):
             n *= 4  # closer places may get through
             continue
-        if len(q) < len(s):
-            reached = float(s[len(q) - 1])
-            partial = None if len(q) < 8 else _spline(s[: len(q)] / reached, q, 0.0)
-            raise PathError(f"the path of poses ends at s = {reached:.4g}: {why}.", reached=reached, partial=partial)
-        path = _spline(s, q, 0.0)
-        middle = 0.5 * (s[1:] + s[:-1])
-        off = twist_left(robot.forward_kinematics(path(middle)[0], frame), along(middle), tuple(range(6)))
+        arrived, s = len(q) == len(s), s[: len(q)]
+        if not arrived and len(q) < 8:
+            raise PathError(f"the path of poses ends at s = {s[-1]:.4g}: {why}.", reached=float(s[-1]))
+        path, middle = _spline(s / s[-1], q, 0.0), 0.5 * (s[1:] + s[:-1])
+        off = twist_left(robot.forward_kinematics(path(middle / s[-1])[0], frame), along(middle), tuple(range(6)))
         deviation = float(max(np.linalg.norm(off[:, 3:], axis=1).max(), np.linalg.norm(off[:, :3], axis=1).max()))
+        if not arrived and (deviation <= allowed or n >= 1024):
+            partial, reached = _spline(s / s[-1], q, deviation), float(s[-1])
+            raise PathError(f"the path of poses ends at s = {reached:.4g}: {why}.", reached=reached, partial=partial)
         if deviation <= allowed:
             return _spline(s, q, deviation)
         n *= 2

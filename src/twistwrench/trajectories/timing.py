@@ -14,6 +14,8 @@ from .collocation import Cell
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _GAUSS, _WEIGHTS = 0.5 * (_GAUSS + 1.0), 0.5 * _WEIGHTS
+_AT_ONCE = 2048
+"""Samples whose numbers at the points of Gauss's rule fit into a near cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +60,27 @@ class FastestScaling:
             out = out * z + c[:, None]
         return np.maximum(out, 0.0)
 
+    @cached_property
+    def _whole(self) -> Array:
+        """∫ ds/√x over each piece, counted from where it is slowest."""
+        k = np.arange(len(self.cells))
+        one = np.ones(len(k))
+        return np.where(self._flipped, self._integral(k, one, -1.0), self._integral(k, one, 1.0))
+
     def _since(self, k: Array, z: Array) -> Array:
         """∫ ds/√x over the first share z of piece k; (n), (n) → (n)."""
         flipped = self._flipped[k]
-        end = self._integral(k, np.ones(len(k)), -1.0) - self._integral(k, 1.0 - z, -1.0)
-        return np.where(flipped, end, self._integral(k, z, 1.0))
+        found = self._integral(k, np.where(flipped, 1.0 - z, z), np.where(flipped, -1.0, 1.0)[:, None])
+        return np.where(flipped, self._whole[k] - found, found)
 
-    def _integral(self, k: Array, z: Array, way: float) -> Array:
+    def _integral(self, k: Array, z: Array, way: Array | float) -> Array:
         """∫ ds/√x over the share z from the beginning, or for ``way`` -1 the end; ζ = z w² takes away the root at rest."""
         w = _GAUSS[None, :]
         at = z[:, None] * w * w
         with np.errstate(divide="ignore", invalid="ignore"):
-            f = 2 * w / np.sqrt(self._square(k, at if way > 0 else 1.0 - at))
-        return self._size[k] * z * (np.where(np.isfinite(f), f, 0.0) @ _WEIGHTS)
+            f = 2 * w / np.sqrt(self._square(k, np.where(way > 0, at, 1.0 - at)))
+        # Row by row, so that what is found at one sample does not depend on how many others there are.
+        return self._size[k] * z * np.vecdot(np.where(np.isfinite(f), f, 0.0), _WEIGHTS)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T it rests at the ends."""
@@ -79,7 +89,10 @@ class FastestScaling:
         known = ~np.isnan(flat)
         flat = np.where(known, flat, 0.0)
         k = np.clip(np.searchsorted(self.times, flat, side="right") - 1, 0, len(self.cells) - 1)
-        z = self._inverted(k, flat - self.times[k])
+        since, z = flat - self.times[k], np.empty(len(k))
+        for first in range(0, len(k), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            z[some] = self._inverted(k[some], since[some])
         x = self._square(k, z[:, None])[:, 0]
         u = np.zeros(len(k))
         for n in range(self._x.shape[1] - 1, 0, -1):
@@ -98,15 +111,18 @@ class FastestScaling:
         share = np.clip(since / np.where(whole > 0, whole, 1.0), 0.0, 1.0)
         begins, ends = self._x[k, 0] == 0, k == len(self.cells) - 1
         z = np.where(begins, share**2, np.where(ends, 1.0 - (1.0 - share) ** 2, share))
+        left = np.arange(len(k))  # samples whose share is not known yet
         for _ in range(60):
-            off = self._since(k, z) - since
-            low, high = np.where(off <= 0, z, low), np.where(off >= 0, z, high)
-            rate = np.sqrt(self._square(k, z[:, None])[:, 0])
-            step = z - off * rate / self._size[k]
-            new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
-            new = np.where(off == 0, z, new)
-            done = np.abs(new - z) <= 4e-16 * np.maximum(new, 1e-3)
-            z = new
-            if done.all():
+            mine, at = k[left], z[left]
+            off = self._since(mine, at) - since[left]
+            low[left] = np.where(off <= 0, at, low[left])
+            high[left] = np.where(off >= 0, at, high[left])
+            rate = np.sqrt(self._square(mine, at[:, None])[:, 0])
+            step = at - off * rate / self._size[mine]
+            new = np.where((step > low[left]) & (step < high[left]), step, 0.5 * (low[left] + high[left]))
+            new = np.where(off == 0, at, new)
+            z[left] = new
+            left = left[np.abs(new - at) > 4e-16 * np.maximum(new, 1e-3)]
+            if not len(left):
                 break
         return z

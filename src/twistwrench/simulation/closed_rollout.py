@@ -1,0 +1,117 @@
+"""Rollouts of closed robots: many motions at once, each step of which ends on the constraints, as in simulations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..algorithms.weighted_svd import SAFE
+from ..errors import ValueRangeError
+from ..model.variable_parameters import moves_joints
+from ..robot import closed_robot_checks as checks
+from ..typing import Array
+from .closed_step import FASTEST, GOOD, KEPT, OPEN, PIVOT, WIDEST
+from .closed_system import Loops
+from .rollout import Rollout, rollout
+from .rollout_inputs import Inputs, cleaned
+from .rollout_kernel import computed, room_for
+
+if TYPE_CHECKING:
+    from ..robot.closed_robot import ClosedRobot
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedRollout(Rollout):
+    """Rollout of a closed robot: motions of any batch shape, and how well each kept to the constraints."""
+
+    gap: Array = field(default_factory=lambda: np.zeros(()))
+    """(...) rad or m, by how much the loops were open at most, after any step."""
+    gap_before: Array = field(default_factory=lambda: np.zeros(()))
+    """(...) rad or m, the largest gap that a step left; it was closed at the end of the step."""
+    slip_before: Array = field(default_factory=lambda: np.zeros(()))
+    """(...) rad/s or m/s, the largest rate A dq that a step left; it was taken away likewise."""
+    lost_from: Array = field(default_factory=lambda: np.zeros(()))
+    """(...) s, the first kept time at which the constraints had lost rank or could not be kept, inf where they were: the states
+    from there on are NaN, for the motion may go on in several ways."""
+
+    def __repr__(self) -> str:
+        gaps = (float(np.max(x, initial=0.0)) for x in (self.gap, self.gap_before))
+        return f"{super().__repr__()[:-1]}; gap {next(gaps):.1e}, before projection {next(gaps):.1e}>"
+
+
+def rollout_closed(closed: ClosedRobot, q0: Any, dq0: Any, tau: Any = None, **given: Any) -> ClosedRollout:
+    """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.ClosedRobot.rollout`."""
+    robot = closed.robot
+    if not closed.independent:
+        return _held(rollout(robot, q0, dq0, tau, **given), None)
+    loops = Loops(closed)
+    inputs = cleaned(robot, q0, dq0, tau, **given, step_of=loops.step_of)
+    if moves_joints(robot.model, inputs.plan.parameters):
+        raise ValueRangeError(
+            f"parameters={inputs.plan.parameters!r} move joints, and with them where the loops close. Close a robot of each "
+            "geometry by itself; inertias, payloads and friction may vary."
+        )
+    inputs = _begun(loops, inputs)
+    results = room_for(inputs, None)
+    computed(robot, inputs, results)
+    q, dq, kept, *said = results
+    times = np.arange(inputs.kept + 1) * (inputs.dt * (inputs.steps // inputs.kept))
+    lost = ~(kept[..., GOOD] > 0.5)
+    q[lost], dq[lost] = np.nan, np.nan
+    plain = Rollout(
+        robot.name, robot.coordinate_names, robot.model.velocity_names, times, q, dq, said[0] if said else None, inputs.dt,
+        inputs.steps, inputs.plan.method, inputs.remarks, robot,
+    )  # fmt: skip
+    return _held(plain, (kept, lost))
+
+
+def _begun(loops: Loops, given: Inputs) -> Inputs:
+    """The inputs with their first states on the constraints, and what is passed on from step to step beside them."""
+    closed = loops.closed
+    arrays = [
+        x.astype(float, copy=False) for x in given.arrays
+    ]  # loops close to 1e-12, and float32 knows no such number
+    q, dq = arrays[:2]
+    checks.require_met(closed, q, dq)
+    with np.errstate(all="ignore"):
+        q, dq, pivot = loops.projected(q, dq)
+    if not (pivot >= SAFE).all():
+        row = int(np.argmin(pivot))
+        where = f" (motion {row} of the batch)" if pivot.ndim else ""
+        raise ValueRangeError(
+            f"q0 is a singular configuration{where}: the constraints lose rank there, and no motion goes on from it in one "
+            "way only. Start elsewhere."
+        )
+    passed = np.zeros((*pivot.shape, KEPT))
+    passed[..., PIVOT], passed[..., GOOD] = pivot, 1.0
+    ranks = [1, *given.ranks]
+    return replace(given, arrays=[q, dq, passed, *arrays[2:]], ranks=ranks, dtype=np.float64)
+
+
+def _held(found: Rollout, said: tuple[Array, Array] | None) -> ClosedRollout:
+    """The rollout with what its constraints did; None where no row of them holds anything."""
+    known = {name: getattr(found, name) for name in Rollout.__dataclass_fields__}
+    none = np.zeros(found.batch)
+    if said is None:
+        return ClosedRollout(**known, gap=none, gap_before=none, slip_before=none, lost_from=none + np.inf)
+    kept, lost = said
+    last = np.maximum((~lost).sum(axis=-1) - 1, 0)
+    end = np.take_along_axis(kept, last[..., None, None], axis=-2)[
+        ..., 0, :
+    ]  # the last state that is on the constraints
+    lost_from = np.where(lost.any(axis=-1), found.times[np.argmax(lost, axis=-1)], np.inf)
+    remarks = found.remarks
+    if lost.any():
+        first = np.unravel_index(int(np.argmin(lost_from)), found.batch) if found.batch else ()
+        where = f", first {tuple(map(int, first))}" if found.batch else ""
+        remarks = (
+            *remarks,
+            f"{np.isfinite(lost_from).sum()} of the motions lose rank of their constraints or leave them{where} before "
+            f"{float(lost_from[first]):g} s; their states after that are NaN",
+        )
+    known["remarks"] = remarks
+    return ClosedRollout(
+        **known, gap=end[..., OPEN], gap_before=end[..., WIDEST], slip_before=end[..., FASTEST], lost_from=lost_from
+    )
