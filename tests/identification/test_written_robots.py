@@ -47,6 +47,7 @@ def test_every_body_can_exist(seeds):
         problem, base, _, _ = random_problem(seed)
         for fit in problem.path(STRENGTHS):
             assert fit.steps <= MOST_STEPS
+            assert fit.above <= 0.01 * abs(fit.cost)
             assert min(np.linalg.eigvalsh(G.pseudo_inertia)[0] for G in bodies(base, fit)) > 0
             assert (fit.values[np.isin(base.unknown.kinds, ("viscous", "coulomb", "motor_inertia"))] > 0).all()
 

@@ -69,12 +69,14 @@ class PositiveFit:
     values : (p,) array, of all unknown parameters
     cost : float, f there, the constant of the residuals included
     steps : int, Newton's steps of this strength
+    above : float, how far the cost is above the least, by Newton's last decrement
     """
 
     strength: float
     values: Array
     cost: float
     steps: int
+    above: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,9 +189,9 @@ class PositiveProblem:
         for strength in strengths:
             ways = max(1, math.ceil(_BETWEEN * math.log10(last / strength)))
             for k in range(1, ways):
-                J, x, _, _ = self._minimum(J, x, last * (strength / last) ** (k / ways))
-            J, x, cost, steps = self._minimum(J, x, strength)
-            found.append(PositiveFit(strength, self._values(J, x), cost, steps))
+                J, x, *_ = self._minimum(J, x, last * (strength / last) ** (k / ways))
+            J, x, cost, steps, above = self._minimum(J, x, strength)
+            found.append(PositiveFit(strength, self._values(J, x), cost, steps, above))
             last = strength
         return found
 
@@ -219,8 +221,8 @@ class PositiveProblem:
             + offsets
         )
 
-    def _minimum(self, J: Array, x: Array, strength: float) -> tuple[Array, Array, float, int]:
-        cost = self.cost(J, x, strength)
+    def _minimum(self, J: Array, x: Array, strength: float) -> tuple[Array, Array, float, int, float]:
+        cost, fall = self.cost(J, x, strength), math.inf
         for step in range(MOST_STEPS):
             L = np.linalg.cholesky(J)
             T = self._tangents(L, x)
@@ -239,7 +241,7 @@ class PositiveProblem:
             direction = -_solved(hessian, gradient)
             fall = -float(gradient @ direction)
             if fall <= _DONE * max(abs(cost), strength, 1e-300):
-                return J, x, cost, step
+                return J, x, cost, step, fall / 2
             scale = 1.0
             while True:
                 J_new, x_new = self._moved(L, x, scale * direction)
@@ -248,9 +250,9 @@ class PositiveProblem:
                     break
                 scale *= 0.5
             if not new < cost:
-                return J, x, cost, step
+                return J, x, cost, step, fall / 2
             J, x, cost = J_new, x_new, new
-        return J, x, cost, MOST_STEPS
+        return J, x, cost, MOST_STEPS, fall / 2
 
     def _tangents(self, L: Array, x: Array) -> Array:
         """(p, n) what each coordinate of a step adds to the parameters."""
