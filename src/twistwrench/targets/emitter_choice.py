@@ -1,4 +1,7 @@
-"""Which emitter serves: our own for processors with AVX2, else LLVM's, in sections if the program is long."""
+"""Which emitter serves: our own for processors with AVX2, else LLVM's, in sections if the program is long.
+
+Only those that serve are imported: the first kernel of an arm needs few.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,9 @@ from ..program.forms import Form, program_of
 from ..program.products import Products
 from ..program.program import Program
 from ..program.recurrence import Recurrence
-from ..program.search import Search
-from . import avx2_module
 from .batch_loop import Loop, loop
 from .llvm import LOOP, assembly
 from .processor import Machine, Precision
-from .product_loop import products_over
-from .search_loop import search_over
-from .sections import in_sections
-from .time_loop import loop_over
 
 SHORT, SHORT_WITH_DIVISIONS = 400, 1500
 """Programs below these are LLVM's everywhere: it hides the waiting for a division, and finds registers for few values."""
@@ -29,23 +26,36 @@ LONG = 2000
 def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
     """The texts to compile and to link together."""
     program, around = program_of(given), _around(given, machine)
-    if isinstance(given, ColumnGroups):
-        yield from in_sections(given, precision, machine, around)
-    elif _is_long_enough(program) and avx2_module.serves(program, machine):
-        yield avx2_module.module(program, precision, machine, LOOP, around)
-    elif len(program.instructions) > LONG:
-        yield from in_sections(program, precision, machine, around)
+    cut = given if isinstance(given, ColumnGroups) else program
+    if cut is program and _is_long_enough(program):
+        from . import avx2_module
+
+        if avx2_module.serves(program, machine):
+            yield avx2_module.module(program, precision, machine, LOOP, around)
+            return
+    if cut is not program or len(program.instructions) > LONG:
+        from .sections import in_sections
+
+        yield from in_sections(cut, precision, machine, around)
     else:
         yield assembly(program, precision, machine, around)
 
 
 def _around(given: Form, machine: Machine) -> Loop:
     """The loop around the blocks."""
+    if isinstance(given, Program | ColumnGroups):
+        return loop
     if isinstance(given, Recurrence):
+        from .time_loop import loop_over
+
         return loop_over(given)
     if isinstance(given, Products):
+        from .product_loop import products_over
+
         return products_over(given, fused=machine.fused)
-    return search_over(given) if isinstance(given, Search) else loop
+    from .search_loop import search_over
+
+    return search_over(given)
 
 
 def _is_long_enough(program: Program) -> bool:
