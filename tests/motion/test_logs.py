@@ -268,6 +268,12 @@ def test_columns_are_as_they_are_told(model, write):
     motion, _ = read(write(text), model, columns={**told, "elbow_joint.vel": "b [deg/s]"})
     np.testing.assert_array_equal(motion.time, [3, 4])
     np.testing.assert_allclose(motion.dq, [[2, np.radians(1)], [2, np.radians(2)]])
+    for suffix in (".torque", ".tau", ".effort"):
+        joints = ("shoulder_joint", "elbow_joint")
+        motion, _ = read(
+            write(text), model, columns={**told, "elbow_joint.vel": "b", **{f"{j}{suffix}": "c" for j in joints}}
+        )
+        np.testing.assert_array_equal(motion.tau, [[2, 2], [2, 2]])
     with pytest.raises(TrajectoryError, match=r"no column 'z', which --columns elbow_joint=z names.*found: a, b, c, d"):
         read(write(text), model, columns={"elbow_joint": "z"})
     with pytest.raises(UnknownNameError, match=r"no coordinate .* 'elbow'.*Did you mean 'elbow_joint'"):

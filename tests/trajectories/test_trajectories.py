@@ -211,6 +211,22 @@ def test_the_tip_follows_the_poses(bundled, make):
     assert_allclose(V, poses.body_twist(s), atol=1e-5)
 
 
+def test_a_start_at_a_limit_but_for_rounding_is_within(bundled):
+    """As everywhere: a millionth of the limit is rounding to float32 or to six digits, more is beyond."""
+    robot = bundled("ur5")
+    q0 = HOME.copy()
+    q0[0] = robot.limits.lower[0]
+    outward = np.array([-1.0, 0, 0, 0, 0, 0])
+    for past, fine in ((2e-6, True), (2e-5, False)):
+        T = robot.forward_kinematics(q0 + past * outward)
+        poses = trajectories.straight_path(T, robot.forward_kinematics(q0 - 0.05 * outward))
+        if fine:
+            assert trajectories.follow_poses(robot, poses, q0 + past * outward).deviation <= 1e-8
+        else:
+            with pytest.raises(tw.PathError, match="it begins with shoulder_pan_joint at .* outside its limits"):
+                trajectories.follow_poses(robot, poses, q0 + past * outward)
+
+
 def test_a_redundant_arm_follows_smoothly(bundled):
     robot = bundled("panda")
     q0 = np.array([0, -0.5, 0, -2.0, 0, 1.6, 0.8])

@@ -7,7 +7,7 @@ Exit codes are those of :mod:`twistwrench.verdict`. Everything heavy is imported
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -29,10 +29,6 @@ from .simulate import simulate_options
 from .torques import answer_torques, torques_options
 from .usage import Commands
 from .view import plot_options, view_options
-
-if TYPE_CHECKING:
-    pass
-
 
 _FOUND_A_PROBLEM = ExitCode.NO
 _DEMO = "demo"

@@ -29,7 +29,10 @@ class FileTorques:
     joint: str = ""
     peak: float = math.nan
     limit: float = math.nan
+    unit: str = ""
+    """Of peak and limit."""
     time: float = math.nan
+    """s"""
     rows: int = 0
     reason: str = ""
 
@@ -67,7 +70,7 @@ class TorquesOf:
         if report.worst is None:
             return found
         worst = report.joints[report.worst]
-        return replace(found, joint=worst.joint, peak=worst.peak, limit=worst.limit, time=worst.time)
+        return replace(found, joint=worst.joint, peak=worst.peak, limit=worst.limit, unit=worst.unit, time=worst.time)
 
 
 def answer_many(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..algorithms.regressor import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
-from ..errors import UnknownNameError, ValueRangeError
+from ..errors import ValueRangeError
 from ..model.model import BASE
 from ..robot import Robot
 from ..typing import Array
@@ -90,12 +90,10 @@ def payload_body(robot: Robot, frame: str) -> str:
     ValueRangeError
         It does not move.
     """
-    frames = robot.model.frames
-    if frame not in frames:
-        raise UnknownNameError.of("frame", frame, tuple(frames))
-    if frames[frame].body == BASE:
+    carrier = robot.model.frame(frame).body
+    if carrier == BASE:
         raise ValueRangeError(f"frame {frame!r} does not move, so no torque tells what is fixed to it.")
-    return robot.model.bodies[frames[frame].body].link
+    return robot.model.bodies[carrier].link
 
 
 def known_but_for(robot: Robot, link: str) -> dict[str, float]:

@@ -95,7 +95,7 @@ def _told(
     header: Header, names: Mapping[str, Sequence[str]], columns: Mapping[str, str]
 ) -> dict[tuple[str, int], Choice]:
     """What ``columns`` says, by part and place."""
-    suffixes = {".pos": "q", ".vel": "dq", ".acc": "ddq", ".tau": "tau", "": "q"}
+    suffixes = {".pos": "q", **{suffix: part for part, endings in _EXACT.items() for suffix in endings}}
     known = {f"{name}{suffix}": (part, k) for suffix, part in suffixes.items() for k, name in enumerate(names[part])}
     known["time"] = ("time", 0)
     told: dict[tuple[str, int], Choice] = {}

@@ -153,11 +153,12 @@ def _spline(s: Array, q: Array, deviation: float) -> JointPath:
 def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:
     """q at each place until the first that fails, and why it does."""
     every = tuple(range(6))
-    lower, upper = robot.limits.lower, robot.limits.upper
+    limits = robot.limits
+    lower, upper = limits.lower, limits.upper
     names = robot.joint_names
     found, near = [q0], pose_finder(robot, frame, _ARRIVED)
-    if _outside(q0, lower, upper).any():
-        k = int(_outside(q0, lower, upper).argmax())
+    if limits.exceeded(q0).any():
+        k = int(limits.exceeded(q0).argmax())
         return np.array(
             found
         ), f"it begins with {names[k]} at {q0[k]:.4g}, outside its limits {lower[k]:.4g} to {upper[k]:.4g}"
@@ -186,8 +187,8 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
                         f"singular value of J {least:.2g})",
                     )
                 return np.array(found), "the next pose is out of reach on this branch"
-        if _outside(q, lower, upper).any():
-            k = int(_outside(q, lower, upper).argmax())
+        if limits.exceeded(q).any():
+            k = int(limits.exceeded(q).argmax())
             limit = lower[k] if q[k] < lower[k] else upper[k]
             return np.array(found), f"{names[k]} reaches its limit {limit:.4g}"
         if np.abs(q - last).max() > _JUMP:
@@ -197,7 +198,3 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
             )
         found.append(q)
     return np.array(found), ""
-
-
-def _outside(q: Array, lower: Array, upper: Array) -> Array:
-    return (q < lower - 1e-9) | (q > upper + 1e-9)

@@ -33,7 +33,11 @@ def many_view(found: Sequence[FileTorques]) -> RenderableType:
             Path(one.file).name,
             Text(one.verdict, _STYLES.get(one.verdict, "bold red")),
             one.joint,
-            *(f"{x:.4g}" if math.isfinite(x) else "–" for x in (one.peak, one.limit, one.time)),
+            *(_number(x, unit) for x, unit in ((one.peak, one.unit), (one.limit, one.unit), (one.time, "s"))),
             one.reason,
         )
     return table
+
+
+def _number(x: float, unit: str) -> str:
+    return f"{x:.4g} {unit}" if math.isfinite(x) else "-"
