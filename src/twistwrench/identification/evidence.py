@@ -36,6 +36,16 @@ class LogDoubt:
         return self.sentence
 
 
+_OF_RATES = ("velocity column", "acceleration column", "velocities make")
+"""What contradictions of columns say that identification does not use: it derives from positions."""
+
+
+def contradiction(sentence: str, log: str = "") -> LogDoubt:
+    """The doubt about columns of a log that contradict each other, as reading it found."""
+    refuses = not any(word in sentence for word in _OF_RATES)
+    return LogDoubt("contradiction", f"{log}: {sentence}" if log else sentence, refuses=refuses)
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """What doubts are judged from: rows (m, nv, r), (m, nv) at the settings chosen, and what was fitted to them."""

@@ -16,7 +16,7 @@ from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
 from ..typing import Array
-from .evidence import LogDoubt, percent
+from .evidence import LogDoubt, contradiction, percent
 from .held_out import HeldOut, HeldOutRows
 from .identified_payload import unknown_of
 from .information import Information
@@ -161,7 +161,7 @@ def gather(
     if whole is None:
         raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
     doubts = [LogDoubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
-    doubts += [LogDoubt("contradiction", f"{path}: {sentence}") for path, sentence in said.items()]
+    doubts += [contradiction(sentence, path) for path, sentence in said.items()]
     usual = [fit_of(like).predicted(x, "test")] if like is not None else list(left.values())
     return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
 

@@ -10,7 +10,7 @@ from ..bodies.inertia import SpatialInertia
 from ..model.model import BASE
 from ..typing import Array
 from .column_doubts import column_doubts, drive_places, least
-from .evidence import Evidence, LogDoubt, percent
+from .evidence import Evidence, LogDoubt, contradiction, percent
 from .normal_equations import NormalEquations
 from .parameter_groups import BaseParameters
 
@@ -24,8 +24,6 @@ _OTHERS = 2.5, 0.12
 _NEGATIVE = 4.0
 _NOTABLE = 0.1
 """Share of the torques, that is worth a word where rigid bodies with friction leave it unexplained."""
-_OF_RATES = ("velocity column", "acceleration column", "velocities make")
-"""What contradictions of columns say that identification does not use: it derives from positions."""
 _SAID = "LOOK AGAIN: "
 
 
@@ -53,7 +51,7 @@ def _contradictions(seen: Evidence) -> list[LogDoubt]:
     for motion in seen.motions:
         if not motion.notes:  # those of files were looked at when they were read
             said += motion.contradictions
-    return [LogDoubt("contradiction", x, refuses=not any(word in x for word in _OF_RATES)) for x in said]
+    return [contradiction(sentence) for sentence in said]
 
 
 def _late(seen: Evidence) -> list[LogDoubt]:
