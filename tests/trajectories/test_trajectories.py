@@ -223,7 +223,7 @@ def test_a_start_at_a_limit_but_for_rounding_is_within(bundled):
         if fine:
             assert trajectories.follow_poses(robot, poses, q0 + past * outward).deviation <= 1e-8
         else:
-            with pytest.raises(tw.PathError, match="it begins with shoulder_pan_joint at .* outside its limits"):
+            with pytest.raises(tw.PathError, match=r"it begins with shoulder_pan_joint at .* outside its limits"):
                 trajectories.follow_poses(robot, poses, q0 + past * outward)
 
 
