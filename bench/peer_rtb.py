@@ -5,6 +5,7 @@ Python has no other packages of the benchmark.
 """
 
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +31,13 @@ def main() -> None:
         q0 = starts if which == "near" else [None] * len(targets)
         for _ in range(int(count)):
             pairs = zip(targets, q0, strict=True)
-            reached = [chain.ik_LM(T, q0=start, tol=TOLERANCE, joint_limits=True)[1] for T, start in pairs]
-        print(float(np.mean(reached)), flush=True)
+            found = [chain.ik_LM(T, q0=start, tol=TOLERANCE, joint_limits=True) for T, start in pairs]
+        print(float(np.mean([success_of(one) for one in found])), flush=True)
+
+
+def success_of(answer: Any) -> bool:
+    """Whether the pose was reached: of an object since version 1.5, of a tuple before."""
+    return bool(answer.success if hasattr(answer, "success") else answer[1])
 
 
 if __name__ == "__main__":
