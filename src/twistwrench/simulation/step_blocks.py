@@ -36,8 +36,7 @@ def take_blocks(run: Run, steps: CompiledSteps) -> None:
 def use_block(run: Run, steps: CompiledSteps, Y: Array, ddq: Array) -> bool:
     """Keep the next m steps of a run, to states Y (m, size), up to one that is unstable or ends it; whether none is."""
     system, (t, y) = run.system, run.last
-    sound = np.isfinite(Y).all(axis=1) & (np.abs(Y[:, system.moving]).max(axis=1) < FASTEST)
-    m = len(Y) if sound.all() else int(sound.argmin())
+    m = _stable_steps(Y, Y[:, system.moving])
     states = np.concatenate([y[None], Y[:m]])
     k = None if run.watch is None or not m else run.watch.first_passed(states)
     k = 0 if m and t == 0.0 and run.leaves_at_once(y, Y[0], run.h) else k
@@ -50,6 +49,13 @@ def use_block(run: Run, steps: CompiledSteps, Y: Array, ddq: Array) -> bool:
     elif run.tick is not None and m:
         run.tick(run.last[0])
     return k is None and m == len(Y)
+
+
+def _stable_steps(Y: Array, dq: Array) -> int:
+    """How many states (m, size) there are up to the first with an entry that is no number, or velocities dq out of reach."""
+    if np.isfinite(Y).all() and np.abs(dq).max() < FASTEST:  # row by row takes ten times as long
+        return len(Y)
+    return int((np.isfinite(Y).all(axis=1) & (np.abs(dq).max(axis=1) < FASTEST)).argmin())
 
 
 def look_in_step(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:

@@ -1,6 +1,7 @@
 """The columns of results in a frame, one after the other: a function for each group, and the loop that calls it.
 
-A column's entries are as far apart as a row of its matrix is long. Its solution takes their places.
+A column's entries are as far apart as a row of its matrix is long. Its solution takes their places. What a function reads of
+the frame beside its column is not in the matrices, so the two pointers it takes share nothing.
 """
 
 from __future__ import annotations
