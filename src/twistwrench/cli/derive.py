@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..core.printed_numbers import number
 from ..errors import ValueRangeError
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
     from ..symbolic.notation import Text
 
     notation, width = Text(), max(get_terminal_size((_PIPED, 24)).columns, _NARROWEST)
-    legend = [*derivation.meanings, *((p.name, f"{p.meaning}: {p.value:.6g}") for p in derivation.parameters)]
+    legend = [*derivation.meanings, *((p.name, f"{p.meaning}: {number(p.value, 6)}") for p in derivation.parameters)]
     parts = [click.style(f"Equations of motion of {derivation.name}", bold=True)]
     parts += _columns([(notation.symbol(name), wrap(meaning, width - 12) or [""]) for name, meaning in legend], "  ")
     for step in derivation.steps:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..typing import Array
 
@@ -112,7 +113,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         show(f"CANNOT: {problem}")
         return False
     over = moving.violations(bounds, friction=friction)
-    words = " and ".join(f"{p.mass:g} kg" for p in carried)
+    words = " and ".join(f"{number(p.mass)} kg" for p in carried)
     show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words))
     if robot.model.friction.any and not friction:
         show("! Joint friction is left out, and 'twistwrench torques' counts it: add --friction.")

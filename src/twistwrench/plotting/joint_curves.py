@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..motion.bounds import Bounds, bounds_or_own
 from ..typing import Array
 from .style import BLUE, GREEN, GREY, ORANGE, OVER, PURPLE, QUIET, SKY, SMALL, VERMILION, YELLOW, figure, save
@@ -52,7 +53,7 @@ def plot_motion(motion: Motion, path: str | Path, bounds: Bounds | None = None, 
     """
     bounds, names = bounds_or_own(motion.robot, bounds), motion.robot.model.velocity_names
     tau = motion.torques(friction=friction)
-    with figure(7.5, 5.6, f"{motion.robot.name} · {len(motion)} states, {motion.duration:.4g} s") as drawn:
+    with figure(7.5, 5.6, f"{motion.robot.name} · {len(motion)} states, {number(motion.duration)} s") as drawn:
         above, below = drawn.subplots(2, 1, sharex=True)
         curves(above, motion.time, motion.dq, bounds.velocity, names, "velocity")
         curves(below, motion.time, tau, bounds.effort, names, "torque")

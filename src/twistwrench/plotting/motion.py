@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core.printed_numbers import number, percent, quantity
 from ..errors import UnknownNameError
+from ..joints.units import torque_word, unit_of
+from ..model.limits import over_limit
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from ..viz.colours import share_colours
@@ -159,8 +162,8 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=INK, linewidth=1.2)
         axis.axhline(0, color=AXIS, linewidth=0.7)
         axis.set_title(names[k], loc="left", fontweight="bold")
-        axis.set_title(f"peak {motion.peaks[k]:.3g} {units[k]}", loc="right", color=QUIET, fontsize=SMALL)
-        axis.set_ylabel("torque [N m]" if units[k] == "N m" else "force [N]", fontsize=SMALL)
+        axis.set_title(f"peak {quantity(motion.peaks[k], units[k])}", loc="right", color=QUIET, fontsize=SMALL)
+        axis.set_ylabel(torque_word(units[k]), fontsize=SMALL)
         axis.margins(x=0)
 
     return _panels(motion, path, joints, "what each torque is made of", draw, seen, "time [s]")
@@ -209,7 +212,7 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
         upper.set_ylabel("power [W]")
         highest = float(power.sum(axis=1).max(initial=0.0))
         upper.set_title("Power of the joints, τ dq", loc="left", fontweight="bold")
-        upper.set_title(f"most together {highest:.3g} W", loc="right", color=QUIET, fontsize=SMALL)
+        upper.set_title(f"most together {quantity(highest, 'W')}", loc="right", color=QUIET, fontsize=SMALL)
         lower.fill_between(t, e.kinetic, color=SKY, alpha=0.5, linewidth=0, label="kinetic energy")
         lower.plot(t, e.potential - e.potential[0], color=ORANGE, label="potential energy gained")
         lower.plot(
@@ -308,10 +311,10 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         angular = bool(coordinates.angular_velocity[k])
         axis.set_title(robot.model.velocity_names[k], loc="left", fontweight="bold")
         most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
-        used = f"torque {most:.0%}" if some[k] else "no torque limit"
-        axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if most > 1 else QUIET)
-        axis.set_ylabel("rad/s" if angular else "m/s", fontsize=SMALL)
-        axis.set_xlabel("rad" if angular else "m", fontsize=SMALL)
+        used = f"torque {percent(most)}" if some[k] else "no torque limit"
+        axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if over_limit(most) else QUIET)
+        axis.set_ylabel(unit_of("dq", angular), fontsize=SMALL)
+        axis.set_xlabel(unit_of("q", angular), fontsize=SMALL)
 
     return _panels(motion, path, joints, "velocity over position", draw, seen, "")
 
@@ -369,7 +372,7 @@ def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
 
 
 def _title(motion: DrawnMotion) -> str:
-    carried = " + ".join(f"{p.mass:g} kg" for p in motion.load.payloads)
+    carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads)
     return f"{motion.load.bare.name}{f' · payload {carried}' if carried else ''}"
 
 

@@ -22,9 +22,19 @@ if TYPE_CHECKING:
 
 TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
 """The causes of a torque: M ddq, c, g, springs, all of the payload's, wrenches' -J' F_on, joint friction and damping."""
+_LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 
 STEADY = ("gravity", "spring", "wrench", "friction")
 """Those that follow from positions and velocities, and so hardly from noise."""
+
+
+def cause_label(term: str) -> str:
+    """How a term of the torque is called in print.
+
+    >>> cause_label("coriolis")
+    'Coriolis'
+    """
+    return _LABELS.get(term, term)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import vector
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie.adjoint import Ad, ad
 from ..typing import Array
-from .vector_text import tuple_of
 
 
 def frame_name(name: object, role: str) -> str:
@@ -100,7 +100,7 @@ class Labelled(ABC):
     def __repr__(self) -> str:
         parts = zip(self._halves, (self.values[..., :3], self.values[..., 3:]), strict=True)
         if not self.shape:
-            said = [f"{name} = {tuple_of(x)} {unit}" for (name, unit), x in parts]
+            said = [f"{name} = {vector(x)} {unit}" for (name, unit), x in parts]
             return f"{type(self).__name__} in {self.frame!r}: {', '.join(said)}"
         what = f"{type(self).__name__} in {self.frame!r}, batch {self.shape}"
         if self.values.dtype == object or not self.values.size:

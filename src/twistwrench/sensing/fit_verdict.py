@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import percent, plus_minus
 from ..errors import ValueRangeError
 from ..typing import Array
 from ..verdict import Verdict
@@ -75,8 +76,8 @@ def judged(found: Diagnosis, confidence: float, problem: Problem, log: ReadingLo
     again, remarks = [], []
     if not told:
         again.append(
-            f"The mass, {found.mass:.4g} ± {(high - low) / 2:.2g} kg ({100 * confidence:g} %), cannot be told from zero, so "
-            "neither can its place."
+            f"The mass, {plus_minus(found.mass, (high - low) / 2, 'kg')} ({percent(confidence, 3)}), cannot be told from "
+            "zero, so neither can its place."
         )
     elif defects := sensor.load.defects():
         again.append(
@@ -216,7 +217,7 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
     if free_bias(found, problem) is not None:
         return _slip(found, problem, found), []
     if share > _UNEXPLAINED:
-        left = f"what is left is {_noise(found)}, {100 * share:.2g} % of how forces change"
+        left = f"what is left is {_noise(found)}, {percent(share, 2)} of how forces change"
         tried = others(found.sign, problem) if turns_may_help(rows, found.fit, found.kept) else []
         better = [e for e in tried if e.improves(found.fit)]
         if slip := _slip(found, problem, better[0] if better else found):
