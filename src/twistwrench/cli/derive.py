@@ -11,6 +11,7 @@ import click
 
 from ..core.printed_numbers import number
 from ..errors import ValueRangeError
+from .shared_options import option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -29,32 +30,29 @@ _SHORT = ("mass_matrix", "centripetal", "coriolis", "gravity_forces", "equations
 _PIPED, _NARROWEST = 100, 40
 
 
-def derive_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command, all but the robot's own."""
-    for name, text in reversed(_FILES.items()):
-        function = click.option(f"--{name}", f"{name}_path", metavar="OUT|-", help=f"{text} - is the terminal.")(
-            function
-        )
-    for option in (
-        click.option("--steps", metavar="STEP,…|all", help="Which steps to print and write, by name."),
-        click.option(
-            "--form",
-            type=click.Choice(["auto", "expanded", "named"]),
-            default="auto",
-            show_default=True,
-            help="Terms written out, or names for intermediate results.",
-        ),
-        click.option(
-            "--symbols",
-            default="all",
-            show_default=True,
-            metavar="KIND|NAME,…",
-            help="What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
-            "the rest are numbers.",
-        ),
-    ):
-        function = option(function)
-    return function
+derive_options = option_group(
+    *(
+        click.option(f"--{name}", f"{name}_path", metavar="OUT|-", help=f"{text} - is the terminal.")
+        for name, text in reversed(_FILES.items())
+    ),
+    click.option("--steps", metavar="STEP,…|all", help="Which steps to print and write, by name."),
+    click.option(
+        "--form",
+        type=click.Choice(["auto", "expanded", "named"]),
+        default="auto",
+        show_default=True,
+        help="Terms written out, or names for intermediate results.",
+    ),
+    click.option(
+        "--symbols",
+        default="all",
+        show_default=True,
+        metavar="KIND|NAME,…",
+        help="What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
+        "the rest are numbers.",
+    ),
+)
+"""The options of the command, all but the robot's own."""
 
 
 def derive_answer(

@@ -16,6 +16,7 @@ from ..core.printed_numbers import number, percent
 from ..joints.units import units_of
 from ..motion.coordinates import Coordinates
 from .identified_drawings import draw_bodies, draw_friction, draw_residual_bars, draw_residuals, frictional
+from .panels import panel_grid, panels
 from .style import (
     AXIS,
     BLUE,
@@ -34,7 +35,6 @@ from .style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from ..identification import IdentifiedRobot
 
@@ -79,7 +79,7 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
     with figure(11.0, height, title, _PURPOSE) as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[1.5 * len(names), 4.4]))
-        _torques(upper.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0], found)
+        _torques(panels(upper, len(names), 1, sharex=True), found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _groups(left, found)
         _pull(right, found)
@@ -133,15 +133,20 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     )
     yield "<h2>Torques of rows held out</h2>"
     names = found.held_out.names
-    yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(_rows(drawn, len(names)), found))
+    yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(panels(drawn, len(names), 1, sharex=True), found))
     yield "<h2>Residuals</h2>"
     yield _svg(10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found))
     yield "<h3>In time</h3>"
-    yield _svg(10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, len(names)), found))
+    yield _svg(
+        10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(panels(drawn, len(names), 1, sharex=True), found)
+    )
     if count := len(frictional(found)):
         yield "<h2>Friction</h2>"
-        rows_of = -(-count // _ABREAST)
-        yield _svg(10.0, 2.3 * rows_of, lambda drawn: draw_friction(_abreast(drawn, count), found))
+        yield _svg(
+            10.0,
+            2.3 * panel_grid(count, _ABREAST)[0],
+            lambda drawn: draw_friction(panels(drawn, count, _ABREAST), found),
+        )
     yield "<h2>Groups of parameters</h2>"
     yield _svg(10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found))
     rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
@@ -161,18 +166,6 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(number(x) for x in G.com)) for b, G in bodies)
     yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
     yield "</html>"
-
-
-def _abreast(drawn: Figure, count: int) -> Any:
-    """Axes for some curves, a few in a row."""
-    grid = drawn.subplots(-(-count // _ABREAST), min(count, _ABREAST), squeeze=False).ravel()
-    for axes in grid[count:]:
-        axes.remove()
-    return grid[:count]
-
-
-def _rows(drawn: Figure, count: int) -> Any:
-    return drawn.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
 
 
 def _svg(width: float, height: float, draw: Any) -> str:

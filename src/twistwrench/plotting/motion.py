@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,12 +16,14 @@ from ..motion.coordinates import Coordinates
 from ..typing import Array
 from ..viz.colours import share_colours
 from ..viz.drawn_motion import DrawnMotion
+from .panels import panel_grid, panels
 from .style import (
     AXIS,
     BLUE,
     GREEN,
     GREY,
     INK,
+    LIMIT,
     LINE,
     ORANGE,
     OVER,
@@ -296,14 +297,13 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         (seen["end"],) = axis.plot(*points[-1], "s", color=INK, markersize=4, markerfacecolor="white", linestyle="none")
         low, high = points.min(axis=0), points.max(axis=0)
         pad = np.maximum(0.12 * (high - low), 0.02)
-        dashed: dict[str, Any] = {"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))}
         for bound in (limits.lower[k], limits.upper[k]) if place >= 0 else ():
             if low[0] - 6 * pad[0] <= bound <= high[0] + 6 * pad[0]:
-                seen["limit"] = axis.axvline(bound, **dashed)
+                seen["limit"] = axis.axvline(bound, **LIMIT)
                 low[0], high[0] = min(low[0], bound), max(high[0], bound)
         for bound in (-limits.velocity[k], limits.velocity[k]):
             if low[1] - 6 * pad[1] <= bound <= high[1] + 6 * pad[1]:
-                seen["limit"] = axis.axhline(bound, **dashed)
+                seen["limit"] = axis.axhline(bound, **LIMIT)
                 low[1], high[1] = min(low[1], bound), max(high[1], bound)
         axis.set_xlim(low[0] - pad[0], high[0] + pad[0])
         axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
@@ -334,17 +334,12 @@ def _panels(
 ) -> Path:
     """A panel for each joint, and one legend of what was ``seen`` in any."""
     chosen = _chosen(motion, joints)
-    columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(len(chosen), 4)
-    rows = math.ceil(len(chosen) / columns)
+    rows, columns = panel_grid(len(chosen))
     size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
     with figure(*size, f"{_title(motion)} · {what}", "Drawing (plot)") as drawn:
-        axes = drawn.subplots(rows, columns, squeeze=False, sharex=bool(below)).ravel()
-        for k, axis in enumerate(axes):
-            if k < len(chosen):
-                draw(axis, chosen[k])
-            else:
-                axis.set_visible(False)
-            if below and k < len(chosen) <= k + columns:
+        for k, axis in enumerate(panels(drawn, len(chosen), sharex=bool(below))):
+            draw(axis, chosen[k])
+            if below and len(chosen) <= k + columns:
                 axis.tick_params(labelbottom=True)
                 axis.set_xlabel(below, fontsize=SMALL)
         drawn.legend(

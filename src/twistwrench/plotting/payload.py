@@ -18,7 +18,7 @@ from ..statics.payload_map import PayloadMap
 from ..statics.polytope import WrenchPolytope, wrench_polytope
 from ..typing import Array
 from .payload_map import draw_map
-from .style import AXIS, INK, LINE, ORANGE, OVER, QUIET, SKY, SMALL, figure, save
+from .style import AXIS, INK, LIMIT, LINE, ORANGE, OVER, QUIET, SKY, SMALL, figure, save
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -267,7 +267,7 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     axis.axvline(0, color=AXIS, linewidth=0.7)
     reach = 1.15 * max(1.0, float(np.abs(full).max(initial=0)))
     for side in (-1, 1):
-        axis.axvline(side, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.axvline(side, **LIMIT)
         axis.axvspan(side, 2 * side * reach, color=OVER, alpha=0.08, linewidth=0)
     axis.set_xlim(-reach, reach)
     axis.set_yticks(rows, [n.removesuffix("_joint") for n in found.joint_names])

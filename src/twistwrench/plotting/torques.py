@@ -15,7 +15,25 @@ from ..report.estimates import INTERVAL
 from ..report.loaded_robot import cause_label
 from ..report.torque_findings import ZERO, JointTorque, TorqueReport
 from ..typing import Array
-from .style import AXIS, BLUE, GREEN, GREY, LINE, ORANGE, OVER, PALE, PURPLE, QUIET, SKY, SMALL, VERMILION, figure, save
+from .panels import panel_grid, panels
+from .style import (
+    AXIS,
+    BLUE,
+    GREEN,
+    GREY,
+    LIMIT,
+    LINE,
+    ORANGE,
+    OVER,
+    PALE,
+    PURPLE,
+    QUIET,
+    SKY,
+    SMALL,
+    VERMILION,
+    figure,
+    save,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,20 +68,15 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
         The file cannot be written.
     """
     count = len(report.joints)
-    columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(count, 4)
-    rows = max(1, math.ceil(count / columns))
+    rows, columns = panel_grid(count)
     height = 1.95 * rows + 0.3
     width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
     with figure(width, height + 3.4, report_title(report), "Drawing the report (--plot)") as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
         if report.noisy:
             _draw_key(upper, report)
-        axes = upper.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-        for k, axis in enumerate(axes):
-            if k < count:
-                _draw_joint(axis, report, k, last=k + columns >= count)
-            else:
-                axis.set_visible(False)
+        for k, axis in enumerate(panels(upper, count, sharex=True)):
+            _draw_joint(axis, report, k, last=k + columns >= count)
         if report.worst is not None:
             _draw_split(lower.subplots(), report, report.worst)
         save(drawn, path)
@@ -181,7 +194,7 @@ def _frame_limits(axis: Axes, joint: JointTorque, low: float, high: float) -> No
         if not math.isfinite(joint.limit) or extreme < _SHOWN_FROM * joint.limit:
             continue
         bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
-        axis.axhline(side * joint.limit, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.axhline(side * joint.limit, **LIMIT)
         axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=OVER, alpha=0.08, linewidth=0)
     axis.set_ylim(bottom, top)
 

@@ -11,10 +11,8 @@ from ...core.printed_numbers import estimate, number, percent, plus_minus
 from ...identification import IdentifiedRobot
 from ...joints.units import heading_unit
 from ...motion.coordinates import Coordinates
-from ...verdict import Word
-from .plain_table import PlainTable
+from .plain_table import PlainTable, verdict_word
 
-_COLOURS = {Word.OK: "bold green", Word.LOOK_AGAIN: "bold red"}
 _KINDS = {"test": "in the logs of --test", "five-fold": "in fifths of the time, each predicted from the others"}
 _VAGUE = 5
 
@@ -27,7 +25,7 @@ def identification_view(found: IdentifiedRobot, *, essential: bool = False) -> R
 def _parts(found: IdentifiedRobot) -> Iterator[RenderableType]:
     verdict = found.verdict
     yield Text.assemble(
-        (str(verdict.word), _COLOURS.get(verdict.word, "bold yellow")),
+        verdict_word(verdict.word),
         f"  {found.original.name}: {percent(found.held_out.all, 3)} of the torques left {_KINDS[found.held_out.kind]}",
     )
     for doubt in found.doubts:

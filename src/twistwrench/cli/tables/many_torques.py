@@ -7,16 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.text import Text
 
 from ...core.printed_numbers import quantity
-from ...verdict import Word
-from .plain_table import PlainTable
+from .plain_table import PlainTable, verdict_word
 
 if TYPE_CHECKING:
     from ..many_torques import FileTorques
-
-_STYLES: dict[str, str] = {Word.OK: "bold green", Word.UNSURE: "bold yellow"}
 
 
 def many_view(found: Sequence[FileTorques]) -> RenderableType:
@@ -28,7 +24,7 @@ def many_view(found: Sequence[FileTorques]) -> RenderableType:
     for one in found:
         table.row(
             Path(one.file).name,
-            Text(one.verdict, _STYLES.get(one.verdict, "bold red")),
+            verdict_word(one.verdict),
             one.joint,
             *(quantity(x, unit) for x, unit in ((one.peak, one.unit), (one.limit, one.unit), (one.time, "s"))),
             one.reason,

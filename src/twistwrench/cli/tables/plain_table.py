@@ -12,6 +12,7 @@ from rich.text import Text
 
 from ...core.printed_numbers import MISSING, number, percent
 from ...model.limits import over_limit
+from ...verdict import Word
 
 _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""
@@ -49,6 +50,12 @@ def _cell(value: Any) -> RenderableType:
     if isinstance(value, Text):
         return value
     return Text(value if isinstance(value, str) else str(value) if isinstance(value, int) else number(value))
+
+
+def verdict_word(word: str) -> Text:
+    """The word of a verdict in its colour."""
+    colours: dict[str, str] = {Word.OK: "bold green", Word.UNSURE: "bold yellow"}
+    return Text(word, colours.get(word, "bold red"))
 
 
 def limit_style(share: float) -> str:

@@ -18,9 +18,8 @@ from ...sensing.identified import Identification
 from ...sensing.log import AXES, ReadingLog
 from ...sensing.outliers import runs
 from ...sensing.poses import PoseProposal
-from ...verdict import Word
 from ..usage import in_shell_words
-from .plain_table import PlainTable, remarks
+from .plain_table import PlainTable, remarks, verdict_word
 
 _WIDE = 0.1  # m; a centre of mass known no better is not told
 
@@ -72,9 +71,7 @@ def _verdict(found: Identification) -> Text:
     place = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
     mass = found.mass_text
     text = f": {mass} at ({place}) mm." if found.mass_interval[0] > 0 else f": {mass}, which may be nothing."
-    word = found.verdict.word
-    colour = {Word.OK: "bold green", Word.UNSURE: "bold yellow"}.get(word, "bold red")
-    return Text.assemble((str(word), colour), text)
+    return Text.assemble(verdict_word(found.verdict.word), text)
 
 
 def compensation_view(found: Compensation) -> RenderableType:
@@ -102,8 +99,7 @@ def compensation_view(found: Compensation) -> RenderableType:
 
 def _outcome(found: Compensation) -> Text:
     log, hits = found.log, found.hits
-    verdict = found.verdict
-    word = (str(verdict.word), "bold green" if verdict.ok else "bold red")
+    word = verdict_word(found.verdict.word)
     if found.doubts:
         return Text.assemble(word, ": this sensor file does not explain this log.")
     moment, force = left_over(found.rest[~found.off])

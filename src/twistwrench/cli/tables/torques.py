@@ -15,15 +15,13 @@ from ...joints.units import unit_of
 from ...report.loaded_robot import TERMS, cause_label
 from ...report.torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 from ...report.torque_verdict import because
-from ...verdict import Word
 from .motors import motors_table, motors_verdict
-from .plain_table import PlainTable, limit_style, remarks, share_bar
+from .plain_table import PlainTable, limit_style, remarks, share_bar, verdict_word
 from .torque_notes import notes
 
 _BAR = 12
 _BAR_FROM = 104
 """Columns of the console from which there is room for bars."""
-_STYLES = {Word.OK: "bold green", Word.UNSURE: "bold yellow", Word.OVER_LIMIT: "bold red", Word.LOOK_AGAIN: "bold red"}
 
 
 def report_view(report: TorqueReport, *, degrees: bool = False, why: bool = False) -> RenderableType:
@@ -180,8 +178,7 @@ def verdict_view(report: TorqueReport) -> Text:
     """The verdict with its reasons, the first beside it and each other on a line of its own."""
     verdict = report.verdict
     reasons = verdict.reasons or (_nearest(report),)
-    style = _STYLES[verdict.word]
-    text = Text.assemble((str(verdict.word), style), f": {reasons[0]}.")
+    text = Text.assemble(verdict_word(verdict.word), f": {reasons[0]}.")
     for reason in reasons[1:]:
         text.append(f"\n  - {reason}.")
     for hint in report.hints:
