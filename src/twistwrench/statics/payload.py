@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError
+from ..model.limits import margin
 from ..typing import Array
 from .pose_arguments import one_configuration, same_batch
 from .torque_limits import effort_limits, growth, require_fixed_base, span
@@ -159,7 +160,7 @@ def largest_payload(
     per_kilogram = torques_per_kilogram(robot, q, com, frame)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
     s = growth(unloaded, per_kilogram, L)
-    holds = np.all(np.abs(unloaded) <= L, axis=-1)
+    holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
     unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
     mass = np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0))
     return LargestPayload(

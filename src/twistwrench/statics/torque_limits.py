@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
+from ..model.limits import margin
 from ..typing import Array
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     size = np.abs(step)
     felt = size > _NO_LEVER * np.maximum(1.0, size.max(axis=-1, initial=0.0, keepdims=True))
     lever = np.where(felt, size, 1.0)
-    within = np.abs(start) <= limits
+    within = np.abs(start) <= limits + margin(limits)
     most = np.where(felt, (limits - np.sign(step) * start) / lever, np.where(within, np.inf, -np.inf))
     least = np.where(felt, (-limits - np.sign(step) * start) / lever, np.where(within, -np.inf, np.inf))
     joint = np.argmin(most, axis=-1)

@@ -30,7 +30,6 @@ from .plain_table import PlainTable, share_bar
 if TYPE_CHECKING:
     from ...robot import Robot
 
-_BAR = 12
 _ROUNDING = 12
 """Decimals below which a coordinate is zero."""
 
@@ -68,7 +67,7 @@ def payload_view(
             found.limits[k],
             torque(max(found.per_joint[k], 0.0)),
             percent(share if limited else None),
-            share_bar(share if limited else 0.0, _BAR, "red" if worst or over else "cyan"),
+            share_bar(share if limited else 0.0),
             style="bold red" if over else "bold" if worst else "",
         )
     besides = f"  ·  carrying {carried} already" if carried else ""

@@ -63,10 +63,10 @@ def limit_style(share: float) -> str:
     return "red" if over_limit(share) else "yellow" if share > _NEAR else "green"
 
 
-def share_bar(share: float, length: int, style: str) -> Text:
-    """A share of a limit as a bar of that many characters."""
+def share_bar(share: float, length: int = 12) -> Text:
+    """A share of a limit as a bar of that many characters, in its colour."""
     filled = min(length, round(share * length))
-    return Text.assemble(("━" * filled, style), ("─" * (length - filled), "dim"))
+    return Text.assemble(("━" * filled, limit_style(share)), ("─" * (length - filled), "dim"))
 
 
 def share_cell(share: float) -> Text:

@@ -113,8 +113,8 @@ def _peaks(report: TorqueReport, *, bars: bool) -> PlainTable:
 def _share(joint: JointTorque, length: int) -> Text:
     if not math.isfinite(joint.limit):
         return Text(MISSING, style="dim")
-    style = limit_style(joint.share)
-    return share_bar(joint.share, length, style).append(percent(joint.share).rjust(7 if length else 0), style)
+    said = percent(joint.share).rjust(7 if length else 0)
+    return share_bar(joint.share, length).append(said, limit_style(joint.share))
 
 
 def _split(report: TorqueReport) -> PlainTable:

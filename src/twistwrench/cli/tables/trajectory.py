@@ -11,14 +11,13 @@ from rich.text import Text
 
 from ...core.printed_numbers import number, percent, seconds, torque
 from ...joints.units import heading_unit
-from ...model.limits import TOLERANCE, over_limit
+from ...model.limits import over_limit
 from ...motion.coordinates import Coordinates
 from ...trajectories.fastest import Fastest
 from ...trajectories.limit_checks import Bounds, Violation
 from ...trajectories.trajectory import Trajectory
 from .plain_table import PlainTable, remarks, share_bar
 
-_BAR = 12
 _SAMPLES = 2001
 _LISTED = 12
 
@@ -86,7 +85,7 @@ def move_view(
             torque(use.torque),
             percent(use.torque_share),
             *([percent(use.limiting)] * fast),
-            share_bar(most, _BAR, "red" if most > 1 - TOLERANCE else "cyan"),
+            share_bar(most),
             style="bold red" if over_limit(most) else "",
         )
     s = trajectory.path.name

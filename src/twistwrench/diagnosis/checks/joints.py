@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...model.limits import margin
 from ..described import DescribedJoint, DescribedRobot
 from ..findings import Edit, FileRepair, Finding, Severity
 from .options import Options
@@ -71,7 +72,7 @@ def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
             yield from _of_several(robot, "effort", large, f"the limit of {what} stands for none")
     limits, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
     names = robot.model.velocity_names
-    weak = [names[k] for k in range(robot.model.nv) if np.isfinite(limits[k]) and torques[k] > limits[k]]
+    weak = [names[k] for k in range(robot.model.nv) if torques[k] > limits[k] + margin(limits[k])]
     yield from _of_several(robot, "effort", weak, "the robot's own weight takes more than the effort at some pose")
 
 
