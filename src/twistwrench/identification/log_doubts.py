@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..core.printed_numbers import percent, plus_minus
+from ..core.printed_numbers import number, percent, plus_minus
 from ..model.model import BASE
 from ..typing import Array
 from .column_doubts import column_doubts, drive_places, least
@@ -62,8 +62,8 @@ def _late(seen: Evidence) -> list[LogDoubt]:
     return [
         LogDoubt(
             "late",
-            f"torques fit best {abs(shift) * 1e3:.3g} ms {when} the positions of their rows: the two were stamped by different "
-            "clocks, or filtered differently. The offset is taken off.",
+            f"torques fit best {number(abs(shift) * 1e3, 3)} ms {when} the positions of their rows: the two were stamped by "
+            "different clocks, or filtered differently. The offset is taken off.",
         )
     ]
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..joints.units import unit_of
 from ..model.model import Model
 from ..robot import Robot
@@ -48,7 +49,7 @@ def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, obje
     content["actuators"] = entries
     head = f"# {SIGNATURE}: friction and motor inertias as the joints feel them\n"
     if offset:
-        head += "".join(f"# offset of the torque of {name}: {value:.6g}\n" for name, value in offset.items())
+        head += "".join(f"# offset of the torque of {name}: {number(value, 6)}\n" for name, value in offset.items())
     head += "".join(
         f"# of several joints, not read: {name} {value!r}\n" for name, value in found.of_several_joints.items()
     )

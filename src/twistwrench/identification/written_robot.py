@@ -94,7 +94,7 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
     difference = _difference(_again(text, subject, found), found)
     if not difference <= _SAME:
         raise RobotFileError(
-            f"what was written does not come back: torques differ by {difference:.2g} of the largest. Please report it."
+            f"what was written does not come back: torques differ by {number(difference, 2)} of the largest. Please report it."
         )
     folder = subject.path.resolve().parent if subject.path is not None and _names_files(subject.text) else None
     return WrittenRobot(text, encoded(text, subject.data), difference, tuple(folded), missing, folder)

@@ -280,7 +280,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     some = np.isfinite(effort)
     shares = np.where(some, motion.torques / np.where(some, effort, 1.0), np.nan)
     seen: dict[str, Any] = {
-        f"torque at {share:.0%} of its limit": Line2D([], [], color=tuple(share_colours(share)))
+        f"torque at {percent(share)} of its limit": Line2D([], [], color=tuple(share_colours(share)))
         for share in (0.1, 0.5, 0.8, 1.0)
     }
 

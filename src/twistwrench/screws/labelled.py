@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import vector
+from ..core.printed_numbers import number, vector
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie.adjoint import Ad, ad
 from ..typing import Array
@@ -105,7 +105,7 @@ class Labelled(ABC):
         what = f"{type(self).__name__} in {self.frame!r}, batch {self.shape}"
         if self.values.dtype == object or not self.values.size:
             return what
-        said = [f"|{name}| up to {np.linalg.norm(x, axis=-1).max():.6g} {unit}" for (name, unit), x in parts]
+        said = [f"|{name}| up to {number(np.linalg.norm(x, axis=-1).max(), 6)} {unit}" for (name, unit), x in parts]
         return f"{what}: {', '.join(said)}"
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import vector
+from ..core.printed_numbers import number, vector
 from ..errors import FrameError
 from ..lie import se3, so3
 from ..lie.adjoint import Ad
@@ -104,7 +104,7 @@ class Pose:
         turn = so3.log(so3.project(self.rotation, within=np.inf))  # what adds up in products is no reason not to print
         angle = float(np.linalg.norm(turn))
         return f"{place}, " + (
-            f"turned {angle:.6g} rad about {vector(turn / angle)}" if angle > 1e-12 else "not turned"
+            f"turned {number(angle, 6)} rad about {vector(turn / angle)}" if angle > 1e-12 else "not turned"
         )
 
     def __rmatmul__(self, other: Any) -> Any:

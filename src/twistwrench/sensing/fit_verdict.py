@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..core.printed_numbers import percent, plus_minus
+from ..core.printed_numbers import number, percent, plus_minus
 from ..errors import ValueRangeError
 from ..typing import Array
 from ..verdict import Verdict
@@ -122,9 +122,10 @@ def _witness_doubts(found: Diagnosis, problem: Problem, use: Use) -> list[str]:
     white = use.whiteness
     if white is not None and not white.white:
         doubts.append(
-            f"What is left is not white in the order of the log: {white.axis} has a lag-1 autocorrelation of {white.lag1:.2g} "
-            f"({white.test}; white noise has as much in one log of {1 / max(white.chance, 1e-12):.2g}). The intervals count "
-            f"{white.length} rows in a row as one witness, and may still be too narrow."
+            f"What is left is not white in the order of the log: {white.axis} has a lag-1 autocorrelation of "
+            f"{number(white.lag1, 2)} "
+            f"({white.test}; white noise has as much in one log of {number(1 / max(white.chance, 1e-12), 2)}). The intervals "
+            f"count {white.length} rows in a row as one witness, and may still be too narrow."
         )
     return doubts
 
@@ -145,7 +146,7 @@ def _load(found: Diagnosis, *, told: bool) -> SpatialInertia:
 
 
 def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
-    said = f"{log.name}: mass comes out as {found.mass:.4g} kg"
+    said = f"{log.name}: mass comes out as {number(found.mass)} kg"
     if slip := _slip(found, problem, found):
         return f"{said}. {slip}"
     better = others(found.sign, problem)
@@ -162,7 +163,8 @@ def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
 
 def _poses(found: Diagnosis, own: float) -> str:
     return (
-        f"the poses do not explain the readings. Forces are left with {_noise(found)}, but their size alone has {own:.2g} N. "
+        f"the poses do not explain the readings. Forces are left with {_noise(found)}, but their size alone has "
+        f"{number(own, 2)} N. "
         "Are the orientations those of the sensor in the world, R_wf (not of the world in the sensor), the scalar of "
         "quaternions first, and read when the tool was still?"
     )
@@ -203,7 +205,7 @@ def _noise_doubts(found: Diagnosis) -> list[str]:
         times = float(np.sqrt(np.mean(scaled[:, part] ** 2)))
         if np.isinf(found.fit.freedom).all() and times > _MISFIT:
             doubts.append(
-                f"What is left of the {what} is {times:.2g} times the noise given: the intervals are too narrow. "
+                f"What is left of the {what} is {number(times, 2)} times the noise given: the intervals are too narrow. "
                 "Let the noise be estimated, or check poses and sign."
             )
     return doubts
@@ -249,4 +251,4 @@ def _noise(found: Diagnosis) -> str:
     left = found.fit.residuals[found.kept].reshape(-1, 2, 3)
     freedom = max(3 * len(left) - len(found.fit.unknowns.names) / 2, 1.0)
     moment, force = np.sqrt((left**2).sum(axis=(0, 2)) / freedom)
-    return f"noise of {force:.2g} N and {moment:.2g} N m"
+    return f"noise of {number(force, 2)} N and {number(moment, 2)} N m"

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.gravity import KGF
+from ..core.printed_numbers import number
 from ..typing import Array
 from .identified import com_deviation
 from .log import ReadingLog
@@ -74,8 +75,8 @@ def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) ->
         return None
     load, noise = sensor.load, result.fit.noise
     tool = (
-        f"a mass of {load.mass:.3g} kg, {_length(float(np.linalg.norm(load.com)))} out, on a sensor with noise of "
-        f"{noise[1]:.2g} N and {noise[0]:.2g} N m"
+        f"a mass of {number(load.mass, 3)} kg, {_length(float(np.linalg.norm(load.com)))} out, on a sensor with noise of "
+        f"{number(noise[1], 2)} N and {number(noise[0], 2)} N m"
     )
     if not ways:
         return f"Units look wrong: {tool}, is no tool. Are the readings counts? Multiply them by the sensor's scale."
@@ -115,4 +116,4 @@ def _rounding(values: Array) -> float:
 
 
 def _length(metres: float) -> str:
-    return f"{metres:.3g} m" if metres >= 1 else f"{1e3 * metres:.3g} mm"
+    return f"{number(metres, 3)} m" if metres >= 1 else f"{number(1e3 * metres, 3)} mm"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.printed_numbers import vector
+from ..core.printed_numbers import number, vector
 from ..errors import UnknownNameError, ValueRangeError
 from ..typing import Array
 from .holding_torques import RANK_TOLERANCE
@@ -46,7 +46,7 @@ class WrenchEllipsoid:
         if self.semi_axes.ndim > 1:
             return f"{what}, of poses {self.semi_axes.shape[:-1]}"
         said = [
-            f"{size:.4g} along {vector(np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4))}"
+            f"{number(size)} along {vector(np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4))}"
             for size, axis in zip(self.semi_axes, self.axes.T, strict=True)
             if not np.isinf(size)
         ]

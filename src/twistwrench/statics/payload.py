@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import ShapeError
 from ..model.limits import margin
 from ..typing import Array
@@ -65,13 +66,13 @@ class LargestPayload:
         if not self.holds:
             k = int(np.argmax(np.abs(self.unloaded) - self.limits))
             return (
-                f"no payload: {self.joint_names[k]} needs {abs(self.unloaded[k]):.4g} of {self.limits[k]:.4g} "
+                f"no payload: {self.joint_names[k]} needs {number(abs(self.unloaded[k]))} of {number(self.limits[k])} "
                 "to hold the robot alone"
             )
         if self.joint < 0:
             return "any payload: no joint with a limit feels it"
         k = int(self.joint)
-        return f"{self.mass:.4g} kg, then {self.joint_names[k]} is at {self.side * self.limits[k]:+.4g}"
+        return f"{number(self.mass)} kg, then {self.joint_names[k]} is at {self.side * self.limits[k]:+.4g}"
 
 
 def torques_per_kilogram(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import ShapeError, ValueRangeError
 from ..model.limits import margin
 from ..typing import Array
@@ -71,7 +72,7 @@ def floating_entries(robot: Robot) -> Array:
 def span(values: Array) -> str:
     """The least and the greatest of many numbers, and how many are unknown."""
     known = values[~np.isnan(values)]
-    some = f"{known.min():.4g} to {known.max():.4g}" if known.size else "none known"
+    some = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
     unknown = values.size - known.size
     return some + (f"; {unknown} unknown, as q is not a number there" if unknown else "")
 

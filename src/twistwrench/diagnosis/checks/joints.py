@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...core.printed_numbers import number
 from ...model.limits import margin
 from ..described import DescribedJoint, DescribedRobot
 from ..findings import Edit, FileRepair, Finding, Severity
@@ -84,7 +85,7 @@ def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         text = " ".join(f"{x:.10g}" for x in joint.axis / length)
         repair = FileRepair("number", "the axis with unit length", edits=(Edit(joint.places["axis"], text),))
         yield _finding(
-            joint, "axis", Severity.NOTE, f"its axis has the length {length:.4g}, not 1", {"length": length}, repair
+            joint, "axis", Severity.NOTE, f"its axis has the length {number(length)}, not 1", {"length": length}, repair
         )
 
 
