@@ -44,7 +44,7 @@ def prepare(
     duration: float,
     dt: float,
     *,
-    method: str,
+    method: str | None,
     tau: ArrayLike | Function | None,
     controller: Function | None,
     wrench_on_robot: Mapping[str, Any] | None,
@@ -60,7 +60,8 @@ def prepare(
     progress: Callable[[float], None] | None,
     loops: Loops | None,
 ) -> Run:
-    """A run that is ready to go, by the arguments of :func:`.simulate.simulate`."""
+    """A run that is ready to go, by the arguments of :meth:`twistwrench.Robot.simulate`."""
+    method = ADAPTIVE if method is None else method
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
     n, end = _steps(duration, dt, whole(every, "every"))

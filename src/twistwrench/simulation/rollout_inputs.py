@@ -55,6 +55,11 @@ class Inputs:
     """Shapes of what the caller gave, by name; None of torques that are not given."""
 
     @property
+    def times(self) -> Array:
+        """Of the states that are kept, (kept + 1,) s."""
+        return np.arange(self.kept + 1) * (self.dt * (self.steps // self.kept))
+
+    @property
     def shapes(self) -> list[tuple[int, ...]]:
         """Of the results: q, dq, what else is passed on, and the torques if they are asked for."""
         rows, begun = (*self.batch, self.kept + 1), (*self.batch, self.kept)
