@@ -70,7 +70,7 @@ class BatchPD:
     """PD law of the motions of a rollout: τ = kp (q_des - q) + kd (dq_des - dq) + g(q).
 
     Gains and references may differ from motion to motion, which those of :class:`twistwrench.control.PD` do not. At
-    every joint of one degree of freedom: planar and floating joints get no torque, and their entries count for nothing.
+    every joint of one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored.
     Values hold for all steps and samples; with axes (..., steps, n) they are said step by step, with (..., 1, n) sample
     by sample. g is that of the robot without ``parameters``.
 
@@ -163,8 +163,8 @@ class BatchComputedTorque:
     """Computed-torque law of the motions of a rollout: τ = M (ddq_des + kp (q_des - q) + kd (dq_des - dq)) + h.
 
     The error obeys ë + kd ė + kp e = 0. Shapes are those of :class:`BatchPD`. M and h are those of the robot without
-    ``parameters``, gravity and springs included, friction not. Robots with planar or floating joints are refused: their
-    law has no torque for every velocity.
+    ``parameters``, gravity and springs included, friction not. Robots with ball, planar or floating joints are refused:
+    q_des - q is no error of such a joint.
 
     Notes
     -----
@@ -189,7 +189,7 @@ class BatchComputedTorque:
         return ("computed torque",)
 
     def check(self, model: Model) -> None:
-        """Refuse planar and floating joints.
+        """Refuse joints of several degrees of freedom: ball, planar and floating ones.
 
         Parameters
         ----------
