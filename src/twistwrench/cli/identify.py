@@ -22,6 +22,7 @@ from .work import bytes_of, files_in, worker_options
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from ..motion.motion import Motion
     from ..robot import Robot
 
 _AUTO = "auto"
@@ -199,15 +200,11 @@ def answer_identify(
             found = robot_from_portions(robot, logs, tests, {**same, **given}, **files)
         else:
             motions = {
-                path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+                path: _with_torques(
+                    path, read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+                )
                 for path in dict.fromkeys((*logs, *tests))
             }
-            for path, motion in motions.items():
-                if motion.tau is None:
-                    raise ValueRangeError(
-                        f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
-                        f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
-                    )
             train, test = [motions[path] for path in logs], [motions[path] for path in tests]
             found = identify(robot, train, test=test, **same, progress=progress)
     show(identification_view(found, essential=essential))
@@ -215,6 +212,16 @@ def answer_identify(
     names = ["+".join(Path(part).name for part in x.split("+")) for x in logs]
     asked.write(found, names, _given(options), essential=essential, force=force)
     return found.verdict.exit_code
+
+
+def _with_torques(path: str, motion: Motion) -> Motion:
+    """The motion, if it has torques; else ValueRangeError says what to name."""
+    if motion.tau is None:
+        raise ValueRangeError(
+            f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+            f"'{motion.robot.model.velocity_names[0]}.tau=COLUMN'."
+        )
+    return motion
 
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
