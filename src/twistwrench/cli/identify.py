@@ -15,14 +15,13 @@ from .common import RobotOptions, check_extra, parse_friction
 from .gathered_logs import LARGE, robot_from_portions
 from .identified_files import AskedFiles
 from .known_values import check_payload, parse_known
-from .motion_options import parse_columns
+from .motion_options import parse_columns, with_torques
 from .progress import share_done
 from .work import bytes_of, files_in, worker_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..motion.motion import Motion
     from ..robot import Robot
 
 _AUTO = "auto"
@@ -200,7 +199,7 @@ def answer_identify(
             found = robot_from_portions(robot, logs, tests, {**same, **given}, **files)
         else:
             motions = {
-                path: _with_torques(
+                path: with_torques(
                     path, read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
                 )
                 for path in dict.fromkeys((*logs, *tests))
@@ -212,16 +211,6 @@ def answer_identify(
     names = ["+".join(Path(part).name for part in x.split("+")) for x in logs]
     asked.write(found, names, _given(options), essential=essential, force=force)
     return found.verdict.exit_code
-
-
-def _with_torques(path: str, motion: Motion) -> Motion:
-    """The motion, if it has torques; else ValueRangeError says what to name."""
-    if motion.tau is None:
-        raise ValueRangeError(
-            f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
-            f"'{motion.robot.model.velocity_names[0]}.tau=COLUMN'."
-        )
-    return motion
 
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:

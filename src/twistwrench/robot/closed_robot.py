@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.constrained import ConstrainedMotion, ConstrainedTorques, MotionForceSplit
 from ..algorithms.constraints import Closure, Constraint, kept, row_names, with_gaps
 from ..algorithms.loop_closure import closure_gaps, settled
 from ..algorithms.operational_space import ROWS
@@ -37,8 +36,6 @@ from .state_arguments import finite_states
 
 if TYPE_CHECKING:
     pass
-
-__all__ = ["ClosedRobot", "ConstrainedMotion", "ConstrainedTorques", "MotionForceSplit"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.arguments import positive, whole
 from ..core.probe_rule import probe_spacing
 from ..errors import ShapeError, ValueRangeError
 from ..model.friction import NONE_GIVEN
@@ -29,7 +30,7 @@ from .forces import System, torque_law, wrench_laws
 from .position_limits import PositionLimits
 from .run import Run
 from .schemes import ADAPTIVE, SemiImplicit, scheme_of
-from .user_functions import Function, Law, positive, require_arguments, whole
+from .user_functions import Function, Law, require_arguments
 
 if TYPE_CHECKING:
     from ..robot import Robot

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core import arguments
+from ..core.arguments import positive, whole
 from ..errors import ShapeError, ValueRangeError
 from ..model.friction import NONE_GIVEN
 from ..typing import Array
@@ -25,7 +26,6 @@ from .rollout_arguments import (
 )
 from .step_program import Plan, method_named
 from .torque_laws import GivenTorque
-from .user_functions import positive, whole
 
 if TYPE_CHECKING:
     from ..robot import Robot

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..typing import Array
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
     from ..robot import Robot
 
 
