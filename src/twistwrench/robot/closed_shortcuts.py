@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .common_methods import CommonMethods
-from .simulation_methods import ClosedRobotSimulation
+from .simulation_methods import ClosedMethod, SimulationMethods
 
 if TYPE_CHECKING:
     from ..algorithms.constrained import ConstrainedTorques
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .wrench_arguments import Wrenches
 
 
-class ClosedShortcuts(CommonMethods, ClosedRobotSimulation):
+class ClosedShortcuts(CommonMethods, SimulationMethods[ClosedMethod, "ClosedSimulation", "ClosedRollout"]):
     """Methods of a closed robot that open what is built on it."""
 
     # ── what the methods that open robots have, too, ask ──

@@ -13,7 +13,7 @@ from ..errors import ShapeError
 from ..typing import Array
 from .common_methods import CommonMethods
 from .quantity_types import Rows
-from .simulation_methods import OpenSimulation
+from .simulation_methods import Method, SimulationMethods
 from .state_arguments import names_of, states
 from .wrench_arguments import Wrenches, check_mapping, wrench_at
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .robot import Robot
 
 
-class Shortcuts(CommonMethods, OpenSimulation):
+class Shortcuts(CommonMethods, SimulationMethods[Method, "SimulationResult", "Rollout"]):
     """Methods of a robot that open what is built on it: simulation, closed loops, and what only open robots have."""
 
     # ── what the methods that closed robots have, too, ask ──
@@ -109,7 +109,7 @@ class Shortcuts(CommonMethods, OpenSimulation):
 
         return branches(self, T, frame, rows, starts, rng, angle, distance)
 
-    @taking_the_arguments_of(OpenSimulation.simulate)
+    @taking_the_arguments_of(SimulationMethods.simulate)
     def simulate_batch(self: Any, *start: Any, **options: Any) -> SimulationBatch:
         """Simulations from many states, each as :meth:`simulate` gives it, to the last bit.
 

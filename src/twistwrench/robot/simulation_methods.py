@@ -11,10 +11,7 @@ from ..screws.wrench import Wrench
 from ..typing import Array
 
 if TYPE_CHECKING:
-    from ..simulation import Event, JointStops, Plane, SimulationResult
-    from ..simulation.closed_rollout import ClosedRollout
-    from ..simulation.closed_simulation import ClosedSimulation
-    from ..simulation.rollout import Rollout
+    from ..simulation import Event, JointStops, Plane
     from ..simulation.torque_laws import TorqueLaw
 
 Law = Callable[[float, Array, Array], Any]
@@ -206,10 +203,3 @@ class SimulationMethods(Generic[MethodName, Simulated, RolledOut]):
             wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits,
             torques=torques, gradients=gradients, out=out,
         )  # fmt: skip
-
-
-if TYPE_CHECKING:
-    OpenSimulation = SimulationMethods[Method, SimulationResult, Rollout]
-    ClosedRobotSimulation = SimulationMethods[ClosedMethod, ClosedSimulation, ClosedRollout]
-else:
-    OpenSimulation = ClosedRobotSimulation = SimulationMethods
