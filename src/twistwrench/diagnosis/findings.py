@@ -9,8 +9,6 @@ from typing import Literal
 
 from ..bodies.inertia import SpatialInertia
 
-__all__ = ["Edit", "Effect", "FileRepair", "Finding", "Place", "Severity"]
-
 
 class Severity(StrEnum):
     """How much a finding matters."""

@@ -11,9 +11,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ...motion.bounds import Bounds
 from ...motion.coordinates import Coordinates
+from ...motion.violations import Violation
 from ...trajectories.fastest import Fastest
-from ...trajectories.limit_checks import Bounds, Violation
 from ...trajectories.trajectory import Trajectory
 
 _BAR = 12
