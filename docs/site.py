@@ -134,6 +134,7 @@ def _book() -> dict[str, str]:
     from twistwrench.viz.page import page_text
 
     robots = {"8.1.3": tw.robots.planar_2r(), "8.5": tw.robots.planar_2r()}
+    robots |= dict.fromkeys(("5.3", "5.4", "8.9"), tw.robots.ur5())
     found, rows = {}, []
     for number, section in SECTIONS.items():
         robot = robots.get(number, tw.robots.panda())

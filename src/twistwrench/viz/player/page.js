@@ -88,7 +88,7 @@ class Viewer {
   letGo() {
     this.setCoordinates(this.q);
     if (this.book) this.mechanics.tau = this.book.state.tau.slice();
-    this.fall = new Fall(this.mechanics, this.q, this.book ? this.book.state.dq : []);
+    this.fall = new Fall(this.mechanics, this.q, this.book ? this.book.velocities : []);
     this.refresh();
   }
 
