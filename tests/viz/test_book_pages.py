@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from chains import chain
+from click.testing import CliRunner
 from page_under_node import under_node
 
 import twistwrench as tw
