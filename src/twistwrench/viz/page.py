@@ -44,6 +44,7 @@ _SCRIPTS = (
     "fall.js",
     "solids.js",
     "orbit.js",
+    "sharpness.js",
     "stage.js",
     "sticks.js",
     "grasp.js",

@@ -25,6 +25,12 @@ class Orbit {
     return { camera: mul(lens, view), eye, right, up };
   }
 
+  // All that the view depends on.
+  get signs() {
+    const { azimuth, elevation, distance, target, covered, canvas } = this;
+    return [azimuth, elevation, distance, ...target, covered.right, covered.bottom, canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio].join();
+  }
+
   // Where on the canvas a point is, in its own pixels.
   project(point) {
     const M = this.camera().camera, [x, y, , w] = [0, 1, 2, 3].map((i) => dot(M.slice(4 * i, 4 * i + 3), point) + M[4 * i + 3]);
