@@ -44,7 +44,7 @@ class BookSection:
         """Raise ValueRangeError unless the page can show this robot."""
         why = None
         if robot.model.tip is None:
-            why = "has no single tip"
+            why = "has no single tip: name one, by --tip FRAME or tw.load(…, tip=…)"
         elif any(body.joint.nv != 1 or not body.joint.driven for body in robot.model.leaders):
             why = "has joints that neither turn nor slide, or a base that moves"
         elif not 1 <= robot.nv <= MOST_JOINTS:
