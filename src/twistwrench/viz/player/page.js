@@ -267,11 +267,13 @@ function grid(size, floor) { // lines a round length apart, under the robot and 
   return new Float32Array(found);
 }
 
+function fail(words) { // instead of the robot
+  Object.assign(document.getElementById("failure"), { hidden: false, textContent: words });
+}
+
 unpack(document.getElementById("data").textContent)
   .then(({ robot, array }) => { window.viewer = new Viewer(robot, array); })
   .catch((problem) => {
-    const place = document.getElementById("failure");
-    place.hidden = false;
-    place.textContent = String(problem.message || problem);
+    fail(String(problem.message || problem));
     console.error(problem);
   });

@@ -13,7 +13,7 @@ const FINENESS = [ // finest first: most pixels for one of the page's, samples o
 const JUDGED = 10; // frames
 
 class Sharpness {
-  constructor() { Object.assign(this, { coarse: 0, drawn: 0, gaps: [], last: -Infinity, changed: -Infinity, signs: "" }); }
+  constructor() { Object.assign(this, { coarse: 0, drawn: 0, gaps: [], last: -Infinity, changed: NaN, signs: "" }); }
 
   // What to draw with at a time [ms], or null. Signs tell all that is seen: others are a change.
   at(now, signs) {
