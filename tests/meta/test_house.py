@@ -14,8 +14,10 @@ from places import ROOT
 
 import twistwrench as tw
 from twistwrench.joints import JOINT_TYPES
+from twistwrench.robot.closed_robot import ClosedRobot
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import METHODS
+from twistwrench.simulation.preparation import prepare
 
 SOURCE = Path(tw.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))
@@ -144,6 +146,17 @@ def test_no_two_modules_have_one_name():
         if not name.startswith(MIRRORS):
             places[Path(name).name].append(name)
     assert not {k: v for k, v in places.items() if len(v) > 1 and k not in OF_ONE_NAME | {"__init__.py"}}
+
+
+def test_options_of_simulations_stand_once():
+    """One signature serves robots, closed robots and batches; what prepares a run takes the same names, without defaults."""
+    assert tw.Robot.simulate is ClosedRobot.simulate is tw.simulation.simulate
+    assert tw.Robot.rollout is ClosedRobot.rollout
+    asked = inspect.signature(tw.Robot.simulate).parameters
+    assert inspect.signature(tw.Robot.simulate_batch).parameters == asked
+    taken = inspect.signature(prepare).parameters
+    assert [*taken] == ["robot", *[*asked][1:], "loops"]
+    assert all(p.default is p.empty for p in taken.values())
 
 
 # ── the table of quantities ──

@@ -15,7 +15,7 @@ from .common import RobotOptions, check_extra, parse_friction
 from .gathered_logs import LARGE, robot_from_portions
 from .identified_files import AskedFiles
 from .known_values import check_payload, parse_known
-from .motion_options import parse_columns
+from .motion_options import parse_columns, with_torques
 from .progress import share_done
 from .shared_options import COLUMNS, FRICTION_LAWS, LOCK_MISSING, NO_MOTOR_INERTIA, RATE, option_group
 from .work import bytes_of, files_in, worker_options
@@ -174,15 +174,11 @@ def answer_identify(
             found = robot_from_portions(robot, logs, tests, {**same, **given}, **files)
         else:
             motions = {
-                path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+                path: with_torques(
+                    path, read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+                )
                 for path in dict.fromkeys((*logs, *tests))
             }
-            for path, motion in motions.items():
-                if motion.tau is None:
-                    raise ValueRangeError(
-                        f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
-                        f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
-                    )
             train, test = [motions[path] for path in logs], [motions[path] for path in tests]
             found = identify(robot, train, test=test, **same, progress=progress)
     show(identification_view(found, essential=essential))

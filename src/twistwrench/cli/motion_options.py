@@ -14,6 +14,7 @@ from .common import RobotOptions, bundled
 from .shared_options import COLUMNS, LOCK_MISSING, NO_FRICTION, PAYLOADS, RATE, WRENCHES, Decorator, option_group
 
 if TYPE_CHECKING:
+    from ..motion.motion import Motion
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
 
@@ -90,3 +91,13 @@ def parse_columns(texts: Iterable[str]) -> dict[str, str]:
             raise ValueRangeError(f"--columns says twice what {name!r} is. Keep one of them.")
         found[name] = column
     return found
+
+
+def with_torques(path: str, motion: Motion) -> Motion:
+    """The motion, if it has torques; else ValueRangeError says what to name."""
+    if motion.tau is None:
+        raise ValueRangeError(
+            f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+            f"'{motion.robot.model.velocity_names[0]}.tau=COLUMN'."
+        )
+    return motion

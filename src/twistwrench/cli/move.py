@@ -62,10 +62,10 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     """
     from dataclasses import replace
 
+    from ..motion.bounds import bounds_of
     from ..report.joint_values import degrees_hint
     from ..report.loaded_robot import LoadedRobot, parse_payload
     from ..trajectories.fastest import fastest
-    from ..trajectories.limit_checks import bounds_of
     from ..trajectories.trajectory import Trajectory
     from .tables.trajectory import move_view
 

@@ -18,6 +18,8 @@ from .work import files_in, worker_options
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from ..report.torque_findings import TorqueReport
+
 _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
 """How long it takes to see how noisy a motion is, and to fit the smoothing, beside all that follows."""
 
@@ -103,6 +105,14 @@ def answer_torques(
     if smooth and not differentiation.derives:
         click.echo("note: --smooth changes nothing: the file gives velocities and accelerations.", err=True)
     show(report_view(report, degrees=options.degrees, why=why))
+    _draw(report, plot_path, motor_plot, options.actuators)
+    for written in filter(None, (csv_path, plot_path, motor_plot)):
+        click.echo(f"wrote {written}")
+    return report.verdict.exit_code
+
+
+def _draw(report: TorqueReport, plot_path: str | None, motor_plot: str | None, actuators: object) -> None:
+    """The pictures asked for."""
     if plot_path is not None:
         from ..plotting.torques import plot_report
 
@@ -111,10 +121,5 @@ def answer_torques(
         from ..plotting.motors import plot_motors
 
         if not report.motors:
-            raise ValueRangeError(
-                f"{options.actuators} describes no motor, so there is nothing to draw for --motor-plot."
-            )
+            raise ValueRangeError(f"{actuators} describes no motor, so there is nothing to draw for --motor-plot.")
         plot_motors(report, motor_plot)
-    for written in filter(None, (csv_path, plot_path, motor_plot)):
-        click.echo(f"wrote {written}")
-    return report.verdict.exit_code

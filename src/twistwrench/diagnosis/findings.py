@@ -10,8 +10,6 @@ from typing import Literal
 from ..bodies.inertia import SpatialInertia
 from ..core.printed_numbers import number
 
-__all__ = ["Edit", "Effect", "FileRepair", "Finding", "Place", "Severity"]
-
 
 class Severity(StrEnum):
     """How much a finding matters."""

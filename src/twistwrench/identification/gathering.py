@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -138,33 +140,44 @@ def gather(
     tell(0.2)
     pieces = _pieces(start.frame, sources, clocks)
     made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
+    x = _reference(start, like)
     whole: Information | None = None
     left, said = dict[str, HeldOut](), dict[str, str]()
-    x = _reference(start, like)
-    for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
-        path, results = sources[k].path, [result for _, result in of_log]
-        if broken := [result.reason for result in results if isinstance(result, Failure)]:
-            failed[path] = broken[0]
-            continue
-        fine = [result for result in results if not isinstance(result, Failure)]
-        moments = fine[0][0]
-        for more, _ in fine[1:]:
-            moments = moments + more
-        if not moments.counts.any():
-            failed[path] = "it is too short for its cut-off"
-            continue
-        if contradictions := [sentence for _, sentences in fine for sentence in sentences]:
-            said[path] = contradictions[0]
-        about: dict[str, Any] = {"seconds": clocks[k].seconds, "samples": clocks[k].rows, "logs": (path,)}
-        part = replace(start, moments=moments, doubts=(), **about)
-        left[path] = fit_of(part).predicted(x, "test")
+    for part, sentences in _parts(start, sources, clocks, pieces, made, failed):
+        left[part.logs[0]] = fit_of(part).predicted(x, "test")
         whole = part if whole is None else whole + part
+        if sentences:
+            said[part.logs[0]] = sentences[0]
     if whole is None:
         raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
     doubts = [LogDoubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
     doubts += [contradiction(sentence, path) for path, sentence in said.items()]
     usual = [fit_of(like).predicted(x, "test")] if like is not None else list(left.values())
     return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
+
+
+def _parts(
+    start: Information,
+    sources: Sequence[LogSource],
+    clocks: Mapping[int, LogClock],
+    pieces: Sequence[tuple[int, Piece]],
+    made: Iterable[tuple[JointMoments, list[str]] | Failure],
+    failed: dict[str, str],
+) -> Iterator[tuple[Information, list[str]]]:
+    """What each log tells, with sentences on what contradicts itself in it; ``failed`` is told why there is none of a log."""
+    for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
+        path, results = sources[k].path, [result for _, result in of_log]
+        if broken := [result.reason for result in results if isinstance(result, Failure)]:
+            failed[path] = broken[0]
+            continue
+        fine = [result for result in results if not isinstance(result, Failure)]
+        moments = reduce(operator.add, (one for one, _ in fine))
+        if not moments.counts.any():
+            failed[path] = "it is too short for its cut-off"
+            continue
+        about: dict[str, Any] = {"seconds": clocks[k].seconds, "samples": clocks[k].rows, "logs": (path,)}
+        part = replace(start, moments=moments, doubts=(), **about)
+        yield part, [sentence for _, sentences in fine for sentence in sentences]
 
 
 def _reference(start: Information, like: Information | None) -> Array:

@@ -19,6 +19,7 @@ from ..diagnosis.editing import encoded
 from ..diagnosis.reading import Subject, read_subject
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..formats.xml_parser import parse
+from ..lie import se3
 from ..model.model import BASE, Model
 from ..robot import Robot, load
 from .consistent_robot import ConsistentRobot
@@ -71,7 +72,7 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
             f"robot {original.name!r} was not read from a file, so there is none to write into. tw.save(found.robot, path) "
             "writes a new one."
         )
-    inertias, folded = _link_inertias(found)
+    inertias, folded = _link_inertias(found, _TEXTS[subject.robot.format].share_left)
     drives = _drives(found)
     wanted = drives
     again = _again(_text(subject, found, said, inertias, wanted), subject, found)
@@ -135,8 +136,11 @@ def _text(
     return changes.made(subject.text)
 
 
-def _link_inertias(found: ConsistentRobot) -> tuple[dict[str, SpatialInertia], list[str]]:
-    """The inertia that each moving link is to have, in its own frame; and fixed links that are part of another now."""
+def _link_inertias(found: ConsistentRobot, share: float) -> tuple[dict[str, SpatialInertia], list[str]]:
+    """The inertia that each moving link is to have, in its own frame; and fixed links that are part of another now.
+
+    Such a link keeps a ``share`` of the whole body, which is one that can exist as the whole is.
+    """
     model = found.base.unknown.model
     wanted, folded = dict[str, SpatialInertia](), list[str]()
     for i, (body, whole) in enumerate(zip(model.bodies, found.inertias, strict=True)):
@@ -150,8 +154,13 @@ def _link_inertias(found: ConsistentRobot) -> tuple[dict[str, SpatialInertia], l
         for link, G in others.items():
             left = left - G.in_frame(mine[link])
         if others and (left.mass <= 0 or left.defects()):
-            folded += [link for link, G in others.items() if G.parameters.any()]
-            others, left = dict.fromkeys(others, SpatialInertia.zero()), whole
+            heavy = [link for link, G in others.items() if G.parameters.any()]
+            part = SpatialInertia(share * whole.parameters)
+            others = {
+                link: part.in_frame(se3.inverse(mine[link])) if share else SpatialInertia.zero() for link in heavy
+            }
+            left = SpatialInertia((1.0 - share * len(heavy)) * whole.parameters)
+            folded += heavy
         wanted |= {**others, body.link: left}
     return wanted, folded
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ..core.printed_numbers import number
+from ..motion.bounds import Bounds, bounds_or_own
 from ..trajectories.fastest import Fastest
-from ..trajectories.limit_checks import Bounds, bounds_or_own
 from .joint_curves import COLOURS, curves, legend
 from .style import GREEN, LINE, OVER, QUIET, SMALL, figure, save
 

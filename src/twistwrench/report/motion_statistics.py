@@ -24,7 +24,7 @@ from .running_statistics import Gaps, Rms
 from .torque_findings import Excess
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
 
 _AROUND, _KEPT = 2048, 1 << 23
 """Rows kept on either side of each joint's peak, and numbers of all these together: 64 MiB."""

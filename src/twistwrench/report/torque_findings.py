@@ -23,7 +23,7 @@ from .motors import MotorUse
 from .running_statistics import Gaps
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
     from ..verdict import Verdict
 
 

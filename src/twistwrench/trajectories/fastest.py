@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.printed_numbers import number
 from ..errors import ConstraintWarning, PathError, ValueRangeError
+from ..motion.bounds import Bounds, bounds_of
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .collocation import AT_REST
-from .limit_checks import Bounds, bounds_of, positions_passed
+from .limit_checks import positions_passed
 from .limit_rows import PathRows
 from .paths import JointPath, require_path
 from .timing import FastestScaling

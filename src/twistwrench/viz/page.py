@@ -21,7 +21,8 @@ from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..typing import Array
 from .book_data import book_data, telling_pose
-from .book_sections import BookSection, book_section
+from .book_section import BookSection
+from .book_sections import book_section
 from .colours import force_scale, mass_scale
 from .page_programs import PagePrograms
 from .page_robot import robot_data, wrench_data
@@ -38,17 +39,20 @@ _SCRIPTS = (
     "matrices.js",
     "coordinates.js",
     "forces.js",
+    "factors.js",
     "effective_mass.js",
     "mechanics.js",
     "fall.js",
     "solids.js",
     "orbit.js",
+    "sharpness.js",
     "stage.js",
     "sticks.js",
     "grasp.js",
     "panel.js",
     "load.js",
     "readouts.js",
+    "tip_readouts.js",
     "book.js",
     "page.js",
 )
@@ -82,7 +86,7 @@ def write_page(
         A motion brings its own. [N m, N]
     scene : Scene, optional, the robot's looks
     section : str, optional, a section of Modern Robotics that the page shows with this robot
-        "3.4", "5.1", "5.2", "8.1.2", "8.1.3", "8.2", "8.3", "8.5" or "8.6"; for arms of at most nine joints.
+        One of those in the user guide, as "3.4", "5.4", "8.3"; for arms of at most nine joints.
 
     Returns
     -------

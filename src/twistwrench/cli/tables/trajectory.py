@@ -12,9 +12,10 @@ from rich.text import Text
 from ...core.printed_numbers import number, percent, seconds, torque
 from ...joints.units import heading_unit
 from ...model.limits import over_limit
+from ...motion.bounds import Bounds
 from ...motion.coordinates import Coordinates
+from ...motion.violations import Violation
 from ...trajectories.fastest import Fastest
-from ...trajectories.limit_checks import Bounds, Violation
 from ...trajectories.trajectory import Trajectory
 from .plain_table import PlainTable, remarks, share_bar
 
