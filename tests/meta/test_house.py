@@ -262,3 +262,54 @@ def test_every_extra_that_an_error_advises_exists():
         for extra in re.findall(r'MissingExtraError\.of\(\s*"[^"]+",\s*"([^"]+)"', path.read_text("utf-8"))
     }
     assert named and not [(file, extra) for file, extra in named if extra not in extras]
+
+
+# ── one place for each thing that is printed ──
+
+
+def lines_with(pattern, *rooms, but=()):
+    """Lines of the source that a pattern is found in, of some rooms or of all."""
+    found = re.compile(pattern)
+    return [
+        f"{named(path)}:{k}: {line.strip()}"
+        for path in FILES
+        if named(path).startswith(rooms or "") and named(path) not in but
+        for k, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if found.search(line)
+    ]
+
+
+def test_numbers_are_printed_by_one_module():
+    """Digits, missing values, percentages: ``core/printed_numbers.py``. ``{x:g}`` says again what a person has written."""
+    assert not lines_with(r"\{[^{}]*:[+,]?\.\d+[gfe%]\}", "cli/", "report/", "plotting/")
+    assert not lines_with(r"\{[^{}]*:[+,]?g\}", "cli/tables/", "plotting/")
+
+
+def test_tables_are_written_by_one_module():
+    assert not lines_with(r"rich\.(table|box)", but=("cli/tables/plain_table.py",))
+
+
+def test_units_of_joints_are_derived_in_one_module():
+    assert not lines_with(
+        r"""(N m|rad/s)["'] if |else ["']N["']|\(["']N m["'], ["']N["']\)""", but=("joints/units.py",)
+    )
+
+
+def test_limits_have_one_tolerance():
+    assert not lines_with(r"\b(share|most) > 1\b|1 \+ 1e-6|1 \+ TOLERANCE", but=("model/limits.py",))
+
+
+def test_gravity_is_a_number_in_one_module():
+    """In code; docstrings show it as users see it."""
+    numbers = [
+        f"{name}:{node.lineno}"
+        for name, tree in trees()
+        if name != "core/gravity.py"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and node.value in (9.81, 9.80665)
+    ]
+    assert not numbers
+
+
+def test_endings_of_columns_stand_in_one_table():
+    assert not lines_with(r'"\.(vel|acc|tau|torque|effort)"', but=("motion/column_suffixes.py",))

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..core.cluster import Failure, Workers
+from ..core.printed_numbers import percent
 from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
 from ..typing import Array
-from .evidence import LogDoubt, contradiction, percent
+from .evidence import NOTABLE_IN_OTHERS, OTHERS, LogDoubt, contradiction
 from .held_out import HeldOut, HeldOutRows
 from .identified_payload import unknown_of
 from .information import Information
@@ -35,8 +36,8 @@ from .weights import Method
 
 _WINDOWS, WINDOW = 16, 4096
 """Runs of rows that settings are chosen on."""
-_OTHERS, _LEAST_LEFT, _OF_JOINT = 2.5, 0.12, 0.35
-"""Times what is left of the torques of all logs, and shares of its own and of a joint's, from which a log is another's."""
+_OF_JOINT = 0.35
+"""Share of a joint's torques left from which a log is another's."""
 _MOST_ROWS = 3000
 """Of equations of an excerpt."""
 
@@ -193,15 +194,16 @@ def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[LogDo
     names = usual[0].names
     of_joints = np.quantile([[one.joints[name] for name in names] for one in usual], 0.5, axis=0, method="lower")
     for path, one in left.items():
-        worse = [n for n, u in zip(names, of_joints, strict=True) if one.joints[n] > max(_OTHERS * float(u), _OF_JOINT)]
-        if worse or one.all > max(_OTHERS * half, _LEAST_LEFT):
+        worse = [n for n, u in zip(names, of_joints, strict=True) if one.joints[n] > max(OTHERS * float(u), _OF_JOINT)]
+        if worse or one.all > max(OTHERS * half, NOTABLE_IN_OTHERS):
             worst = max(worse, key=lambda name: one.joints[name], default="")
-            most = f", at {worst} to {percent(one.joints[worst])}" if worst else ""
+            most = f", at {worst} to {percent(one.joints[worst], 3)}" if worst else ""
             found.append(
                 LogDoubt(
                     "other-torques",
-                    f"{path} is explained to {percent(one.all)}{most} by what explains others to {percent(half)}: its torques "
-                    "are not those of the same rigid bodies. Was friction compensated, or something carried, in one of them?",
+                    f"{path} is explained to {percent(one.all, 3)}{most} by what explains others to {percent(half, 3)}: its "
+                    "torques are not those of the same rigid bodies. Was friction compensated, or something carried, in one of "
+                    "them?",
                     tuple(worse),
                 )
             )

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import number, percent
 from ..diagnosis.editing import encoded
 from ..diagnosis.reading import Subject, read_subject
 from ..errors import ModelError, RobotFileError, ValueRangeError
@@ -87,12 +88,14 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
         }
         again = _again(_text(subject, found, said, inertias, wanted), subject, found)
     missing = {kind: {joint: drives[kind][joint] for joint in of_kind} for kind, of_kind in _off(again, drives).items()}
-    lacking = [f"{kind} {joint} {value:.4g}" for kind, of_kind in missing.items() for joint, value in of_kind.items()]
+    lacking = [
+        f"{kind} {joint} {number(value)}" for kind, of_kind in missing.items() for joint, value in of_kind.items()
+    ]
     text = _text(subject, found, f"{said}; not in it: {', '.join(lacking)}" if lacking else said, inertias, wanted)
     difference = _difference(_again(text, subject, found), found)
     if not difference <= _SAME:
         raise RobotFileError(
-            f"what was written does not come back: torques differ by {difference:.2g} of the largest. Please report it."
+            f"what was written does not come back: torques differ by {number(difference, 2)} of the largest. Please report it."
         )
     folder = subject.path.resolve().parent if subject.path is not None and _names_files(subject.text) else None
     return WrittenRobot(text, encoded(text, subject.data), difference, tuple(folded), missing, folder)
@@ -227,7 +230,7 @@ def check_written(found: ConsistentRobot) -> list[str]:
         raise ValueRangeError("the mass matrix is not positive at some configuration. Nothing is written.")
     if found.held_out > found.of_file:
         raise ValueRangeError(
-            f"rows held out are explained to {100 * found.held_out:.3g} %, and to {100 * found.of_file:.3g} % by the file's "
+            f"rows held out are explained to {percent(found.held_out, 3)}, and to {percent(found.of_file, 3)} by the file's "
             "own bodies with friction. Nothing is written."
         )
     said = []
@@ -235,7 +238,7 @@ def check_written(found: ConsistentRobot) -> list[str]:
         sum(float(b.mass) for b in bodies) for bodies in (found.inertias, [b.inertia for b in model.bodies])
     )
     if before > 0 and abs(mass / before - 1.0) > 0.2:
-        said.append(f"the moving bodies weigh {mass:.4g} kg, in the file {before:.4g} kg")
+        said.append(f"the moving bodies weigh {number(mass)} kg, in the file {number(before)} kg")
     if found.repaired:
         said.append(
             f"the file's inertia of {', '.join(found.repaired)} was thickened first, as no body of volume has it"

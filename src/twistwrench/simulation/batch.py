@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import residual
 from ..errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
 from ..typing import Array
 from .compiled_steps import CompiledSteps
@@ -66,7 +67,7 @@ class SimulationBatch:
             k = int(np.argmin(self.completed.ravel()))
             where = ", ".join(map(str, np.unravel_index(k, self.shape))) if self.shape else ""
             said.append(f"the first of the others, [{where}]: {self.results[k].stopped}")
-        said.append(f"drift of energy at most {np.max([found.relative_drift for found in self.results]):.1e}")
+        said.append(f"drift of energy at most {residual(np.max([found.relative_drift for found in self.results]))}")
         remarks = dict.fromkeys(remark for found in self.results for remark in found.remarks)
         said += [f"note: {remark}" for remark in list(remarks)[:3]]
         return f"<SimulationBatch of {first.robot!r}, {first.method}: {'; '.join(said)}>"

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..algorithms.weighted_svd import SAFE
 from ..core import arguments
+from ..core.printed_numbers import residual
 from ..errors import ValueRangeError
 from ..model.variable_parameters import moves_joints
 from ..robot import closed_robot_checks as checks
@@ -39,7 +40,7 @@ class ClosedRollout(Rollout):
 
     def __repr__(self) -> str:
         gaps = (float(np.max(x, initial=0.0)) for x in (self.gap, self.gap_before))
-        return f"{super().__repr__()[:-1]}; gap {next(gaps):.1e}, before projection {next(gaps):.1e}>"
+        return f"{super().__repr__()[:-1]}; gap {residual(next(gaps))}, before projection {residual(next(gaps))}>"
 
 
 def rollout_closed(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import residual
 from ..errors import SimulationError, UnknownNameError
 from ..robot import closed_robot_checks as checks
 from ..typing import Array
@@ -34,7 +35,7 @@ class ClosedSimulation(SimulationResult):
     """rad/s or m/s, the largest rate A dq that a step left; it was taken away likewise."""
 
     def __repr__(self) -> str:
-        held = f"gap {self.gap.max(initial=0.0):.1e}, before projection {self.gap_before:.1e}"
+        held = f"gap {residual(self.gap.max(initial=0.0))}, before projection {residual(self.gap_before)}"
         return f"{super().__repr__()[:-1]}; {held}>"
 
 
