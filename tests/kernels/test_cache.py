@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels import cache
+from twistwrench.core import cache
 from twistwrench.kernels.jit import compiled
 from twistwrench.kernels.ufunc import make_ufunc
 from twistwrench.program.trace import trace

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import os
 import threading
@@ -10,12 +9,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..core import cache
 from ..errors import KernelError
 from ..program.forms import Form
+from ..targets.compiler import compiler
 from ..targets.emitter_choice import modules
 from ..targets.llvm import LOOP
 from ..targets.processor import Machine, Precision, chosen
-from . import cache
+from .placed_code import Unplaced, placed
 
 
 @dataclass(frozen=True)
@@ -105,17 +106,20 @@ def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -
 def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
     """The cache's key of a module, its object code, and whether that was in the cache."""
     import llvmlite
-    import llvmlite.binding as llvm
 
-    versions = f"{llvmlite.__version__} {llvm.llvm_version_info} {machine}"
-    key = hashlib.sha256(f"{versions}\n{text}".encode()).hexdigest()
+    key = cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()
     code = None if afresh else cache.load(key)
     if code is not None:
         return key, code, True
+    import llvmlite.binding as llvm
+
     module = llvm.parse_assembly(text, llvm.create_context())  # in the global context its constants would live for ever
     return key, _JIT.target(machine).emit_object(module), False
 
 
 def _loaded(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
-    library = _JIT.link(objects, symbol, machine)
+    try:
+        library: Any = placed(objects)
+    except Unplaced:
+        library = _JIT.link(objects, symbol, machine)
     return Code(library[symbol], library, sum(map(len, objects)), cached)

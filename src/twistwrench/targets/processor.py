@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from ..errors import ValueRangeError
+from .compiler import compiler
 
 VARIABLE = "TWISTWRENCH_CPU"
 
@@ -75,11 +76,8 @@ X86_LEVELS = {
 @cache
 def host() -> Machine:
     """The processor this process runs on."""
-    import llvmlite.binding as llvm
-
-    features = llvm.get_host_cpu_features()
-    present = frozenset(name for name, there in features.items() if there)
-    return _machine(llvm.get_process_triple(), llvm.get_host_cpu_name(), features.flatten(), present)
+    about = compiler()
+    return _machine(about.triple, about.cpu, about.features, about.present)
 
 
 def choices() -> dict[str, Machine]:
@@ -131,9 +129,6 @@ def _is_x86(triple: str) -> bool:
 
 def _lacking(level: str) -> list[str]:
     """The features of an x86-64 level, and of those below it, that the host has not."""
-    import llvmlite.binding as llvm
-
-    features = llvm.get_host_cpu_features()
-    names = list(X86_LEVELS)
+    present, names = compiler().present, list(X86_LEVELS)
     wanted = [f for name in names[: names.index(level) + 1] for f in X86_LEVELS[name]]
-    return [f for f in wanted if not features.get(f)]
+    return [f for f in wanted if f not in present]
