@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import KernelError
-from ..program.program import Port
+from ..program.port import Port
 from ..targets.c import PRECISIONS
 from ..typing import Array
 from .document import comment

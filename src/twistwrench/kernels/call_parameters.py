@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..program.forms import Form
-from ..program.program import Port
+from ..program.port import Port
 from ..targets.call_way import Way
 from ..targets.processor import DOUBLE, SINGLE
 from .call_form import CallForm

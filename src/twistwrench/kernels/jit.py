@@ -6,21 +6,19 @@ import itertools
 import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core import cache
 from ..errors import KernelError
-from ..program.forms import Form
-from ..targets.compiler import compiler
-from ..targets.emitter_choice import modules
-from ..targets.llvm import LOOP
+from ..targets.compiler import LOOP, compiler
 from ..targets.processor import Machine, Precision, chosen
 from .placed_code import Unplaced, placed
 
+if TYPE_CHECKING:
+    from ..program.forms import Form
 
-@dataclass(frozen=True)
-class Code:
+
+class Code(NamedTuple):
     """A function in memory; the code is freed with this object."""
 
     address: int
@@ -29,6 +27,8 @@ class Code:
     """Bytes of object code."""
     cached: bool
     """Whether it came from the disk."""
+    keys: tuple[str, ...] = ()
+    """Those of its entries in the cache."""
 
 
 class _Jit:
@@ -71,9 +71,23 @@ LOCK = _JIT.lock
 
 def compiled(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
     """Code for ``program`` on the machine, or the chosen one, from the cache if it is there."""
+    from ..targets.emitter_choice import modules
+
     machine = machine or chosen()
     with _JIT.lock:
         return _linked(lambda: modules(program, precision, machine), LOOP, machine)
+
+
+def found(keys: Sequence[str], machine: Machine) -> Code | None:
+    """The code of a kernel by the keys of its entries in the cache; None where one is lost, or they do not link."""
+    objects = [code for key in keys if (code := cache.load(key)) is not None]
+    if len(objects) < len(keys):
+        return None
+    with _JIT.lock:
+        try:
+            return _loaded(objects, LOOP, machine, cached=True)._replace(keys=tuple(keys))
+        except RuntimeError:
+            return None
 
 
 def assembled(text: str, symbol: str, machine: Machine) -> Code:
@@ -100,7 +114,7 @@ def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -
         for key, code, cached in objects:
             if not cached:
                 cache.store(key, code)
-        return loaded
+        return loaded._replace(keys=tuple(key for key, *_ in objects))
 
 
 def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:

@@ -25,7 +25,7 @@ class XlaHandler:
 def is_compiled(kernel: Any) -> bool:
     """Whether there is machine code behind a kernel, with something to compute."""
     owner = owner_of(kernel)
-    return owner is not None and any(port.size for port in owner.program.outputs)
+    return owner is not None and any(port.size for port in owner.given.outputs)
 
 
 def make_handler(kernel: Any, char: str, version: tuple[int, int], *, alone: bool) -> XlaHandler:

@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.motor_side import MotorLoads, motor_loads
-from ..algorithms.power import PowerBalance, power_balance
 from ..core import lazy
 from ..errors import ModelError
 from ..typing import Array
 from .state_arguments import states
-from .wrench_arguments import Wrenches
+
+if TYPE_CHECKING:
+    from ..algorithms.motor_side import MotorLoads
+    from ..algorithms.power import PowerBalance
+    from .wrench_arguments import Wrenches
+
+
+def _loads(*found: Array) -> MotorLoads:
+    from ..algorithms.motor_side import MotorLoads
+
+    return MotorLoads(*found)
+
+
+def _powers(*found: Array) -> PowerBalance:
+    from ..algorithms.power import PowerBalance
+
+    return PowerBalance(*found)
 
 
 class ActuationMethods:
     """The methods of a robot about its motors and its power."""
 
-    @lazy.by_blocks(lambda robot, _: [(len(robot.actuators),)] * 6, MotorLoads)
+    @lazy.by_blocks(lambda robot, _: [(len(robot.actuators),)] * 6, _loads)
     def motor_loads(
         self: Any,
         q: ArrayLike,
@@ -73,10 +87,12 @@ class ActuationMethods:
         carried, rotor = self.drive_torques(q, dq, ddq, **given)
         if friction:
             carried = carried + self.friction_forces(dq, load=carried + rotor)
+        from ..algorithms.motor_side import motor_loads
+
         (dq,) = states(self.model, "motor_loads", dq=dq)
         return motor_loads(self.model, dq.astype(float), carried, rotor)
 
-    @lazy.by_blocks(lambda *_: [()] * 4, PowerBalance)
+    @lazy.by_blocks(lambda *_: [()] * 4, _powers)
     def power_balance(
         self: Any,
         q: ArrayLike,
@@ -129,6 +145,8 @@ def balanced(
     *, friction: bool = False,
 ) -> PowerBalance:  # fmt: skip
     """Where the power goes of a motion under torques τ; ``left`` is what friction leaves of them, where that is known."""
+    from ..algorithms.power import power_balance
+
     dq, tau = states(robot.model, "power_balance", dq=dq, tau=tau)
     moving = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: dq times it is d/dt of the energy
     pushing = robot.holding_torques(q, **wrenches) - robot.holding_torques(q)

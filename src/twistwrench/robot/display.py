@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..core.html_table import html_table
-
 _SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
 
 
@@ -32,6 +30,7 @@ class DisplayMethods:
         return summary(self)
 
     def _repr_html_(self: Any) -> str:
+        from ..core.html_table import html_table
         from ..report.robot_summary import joint_rows
 
         rows = joint_rows(self.model)

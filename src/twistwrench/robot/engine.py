@@ -7,32 +7,30 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core import lazy
+from ..core import arguments, lazy
 from ..errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..kernels import threads
-from ..kernels.call_form import CallForm
 from ..kernels.interpreter import compiles
-from ..model.configuration import random_configuration
-from ..model.model import Model
-from ..program.forms import Form, program_of
-from ..program.program import Program
 from ..typing import Array
-from . import column_loops, large_derivatives, long_robots
-from .derivative_options import is_symbolic
+from . import kept_robots
 from .out_argument import refuse_lazy, refuse_overlap, refuse_text, unfit
-from .quantities import QUANTITIES
-from .quantity_options import checked_options, wanted
-from .quantity_programs import evaluated, inputs_of, program_of_several
-from .state_arguments import brought, misfit, numbers
-from .wrench_arguments import Wrenches, by_frame
+from .state_arguments import brought, is_symbolic, misfit, numbers
+from .wrench_arguments import by_frame
+
+if TYPE_CHECKING:
+    from ..kernels.call_form import CallForm
+    from ..model.model import Model
+    from ..program.forms import Form
+    from ..program.program import Program
+    from .wrench_arguments import Wrenches
 
 Options = Mapping[str, Any]
-CalledAgain = Callable[[str, Any, CallForm, int], bool]
+CalledAgain = Callable[[str, Any, "CallForm", int], bool]
 """Takes the name and the kernel of a quantity, what was asked for, and how often; says whether it knows enough."""
 
 ENOUGH = -1
@@ -45,8 +43,15 @@ two minutes at most; the regressor of a chain of 100 links has 800,000."""
 class Engine:
     """The programs and kernels of one model. It pickles as the model: machine code is made again where it arrives."""
 
-    def __init__(self, model: Model, called_again: Callable[[], CalledAgain | None] | None = None) -> None:
-        self.model = model
+    def __init__(
+        self,
+        model: Model | Callable[[], Model],
+        called_again: Callable[[], CalledAgain | None] | None = None,
+        origin: str = "",
+    ) -> None:
+        self._model = model
+        self._origin = origin
+        """The key of what was kept of the robot's file; empty where nothing is."""
         self._called_again = called_again
         """Gives whom to tell of calls with one state."""
         self._kernels: dict[Any, Any] = {}
@@ -62,14 +67,39 @@ class Engine:
     def __setstate__(self, model: Model) -> None:
         self.__init__(model)  # type: ignore[misc]
 
+    @cached_property
+    def model(self) -> Model:
+        """The model; of a robot that was kept, read from its file when first asked for."""
+        return self._model() if callable(self._model) else self._model
+
     # ── programs and kernels ──
 
     def program(self, names: Sequence[str], options: Options) -> Program:
         """One straight-line program of the quantities named."""
+        from .quantity_options import wanted
+        from .quantity_programs import program_of_several
+
         return program_of_several(self.model, wanted(self.model, names, options))
 
     def kernel(self, names: Sequence[str], options: Options) -> Any:
         """One compiled function of the quantities named; raises UnknownNameError, KernelError, SingularMassMatrixError."""
+        key = kept_robots.kernel_key(self._origin, names, options) if compiles() else ""
+        if not key:
+            return self._made(names, options)
+        if key not in self._kernels:
+            found = kept_robots.kernel(key, lambda: self._form(names, options))
+            if found is None:
+                found = self._made(names, options)
+                kept_robots.keep_kernel(key, found)
+            self._kernels[key] = found
+        return self._kernels[key]
+
+    def _made(self, names: Sequence[str], options: Options) -> Any:
+        """The same, traced and compiled here."""
+        from . import large_derivatives
+        from .quantities import QUANTITIES
+        from .quantity_options import wanted
+
         asked = wanted(self.model, names, options)
         key = tuple((name, *full.items()) for name, full in asked.items())
         if key in self._kernels:
@@ -79,13 +109,22 @@ class Engine:
         if large_derivatives.applies(self.model, asked):
             found: Any = large_derivatives.LargeDerivatives(self, options)
         else:
-            form: Form | None = long_robots.products_of(self.model, asked) or column_loops.columns_of(self.model, asked)
-            program, title = form or program_of_several(self.model, asked), ", ".join(asked)
+            program, title = self._form(names, options), ", ".join(asked)
             inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
             doc = f"{title} of {self.model.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
             found = compiled(program, title, doc)
         self._kernels[key] = found
         return found
+
+    def _form(self, names: Sequence[str], options: Options) -> Form:
+        """The program of the quantities named, with the loop that serves it best."""
+        from . import column_loops, long_robots
+        from .quantity_options import wanted
+        from .quantity_programs import program_of_several
+
+        asked = wanted(self.model, names, options)
+        looped: Form | None = long_robots.products_of(self.model, asked) or column_loops.columns_of(self.model, asked)
+        return looped or program_of_several(self.model, asked)
 
     def kept(self, key: Any, make: Callable[[], Any]) -> Any:
         """What ``make`` gives, made once for each ``key``: kernels of programs that are no quantity, such as rollouts."""
@@ -95,6 +134,8 @@ class Engine:
 
     def require_invertible(self) -> None:
         """Raise SingularMassMatrixError if M has no inverse at a generic configuration, naming the joints involved."""
+        from ..model.configuration import random_configuration
+
         if self.model.nv == 0:
             return
         M = self.reference("mass_matrix", (random_configuration(self.model, np.random.default_rng(0), ()),), {})
@@ -119,7 +160,7 @@ class Engine:
         """A quantity of arrays of any batch shape, by its kernel; of symbols, by its algorithm; of Dask arrays, later."""
         for array in arrays:
             if type(array) is not np.ndarray:
-                arrays = brought(self.model, name, arrays, options)
+                arrays = arguments.of_plain(arrays) or brought(self.model, name, arrays, options)
                 if any(map(lazy.is_lazy, arrays)):
                     return self._later(name, arrays, out, options)
                 break
@@ -177,6 +218,8 @@ class Engine:
 
         ``wrenches``: the argument they were given as.
         """
+        from ..kernels.call_form import CallForm
+
         first = arrays[0]
         kind = batch, char = first.shape[:-1], first.dtype.char
         key = name, *options.values()
@@ -192,6 +235,10 @@ class Engine:
 
     def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
         """A quantity by its algorithm on floats or symbols, at one state."""
+        from .quantities import QUANTITIES
+        from .quantity_options import checked_options
+        from .quantity_programs import evaluated, inputs_of
+
         full = checked_options(self.model, name, options)
         if "derivative" in full:
             raise KernelError(f"reference {name}: algorithms know no by=; kernel({name!r}, by=…) does.")
@@ -246,6 +293,8 @@ def compiled(given: Form, name: str, doc: str, *, lone: bool = False) -> Any:
 
     What is ``lone`` is for one sample at a time.
     """
+    from ..program.forms import program_of
+
     program = program_of(given)
     # NumPy's ufuncs cannot have an axis of no elements, as those of a robot with every joint locked; compiled loops copy
     # samples of three axes at most, and second derivatives of matrices have four.

@@ -6,23 +6,15 @@ Every method takes any leading batch shape and broadcasts, as NumPy does. Shapes
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
-from typing import Any, Unpack
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Unpack
 from weakref import WeakMethod
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.regressor import PARAMETER_NAMES
 from ..errors import ValueRangeError
-from ..kernels.call_form import CallForm
-from ..model import configuration
-from ..model.actuator import Actuator
-from ..model.closure import OfferedClosure
-from ..model.limits import Limits
-from ..model.model import Model
-from ..model.variable_parameters import matching, nominal
-from ..program.program import Program
 from ..typing import Array
 from .actuation_methods import ActuationMethods
 from .bridge_methods import BridgeMethods
@@ -32,9 +24,17 @@ from .engine import Engine
 from .file_methods import FileMethods
 from .linearization import LinearizationMethods
 from .quantity_methods import QuantityMethods
-from .quantity_options import KernelOptions
 from .shortcuts import Shortcuts
 from .task_space_methods import TaskSpaceMethods
+
+if TYPE_CHECKING:
+    from ..kernels.call_form import CallForm
+    from ..model.actuator import Actuator
+    from ..model.closure import OfferedClosure
+    from ..model.limits import Limits
+    from ..model.model import Model
+    from ..program.program import Program
+    from .quantity_options import KernelOptions
 
 
 class Robot(
@@ -67,9 +67,24 @@ class Robot(
     """
 
     def __init__(self, model: Model) -> None:
-        self.model = model
-        self.engine = Engine(model, WeakMethod(self._put_in_front))  # a robot that nobody holds is freed at once
+        self._begin(model)
+
+    @classmethod
+    def _of_file(cls, origin: str, model: Model | Callable[[], Model]) -> Robot:
+        """A robot of a file that is known by a key; its model, or what makes it when it is needed."""
+        robot = cls.__new__(cls)
+        robot._begin(model, origin)
+        return robot
+
+    def _begin(self, model: Model | Callable[[], Model], origin: str = "") -> None:
+        # A robot that nobody holds is freed at once.
+        self.engine = Engine(model, WeakMethod(self._put_in_front), origin)
         self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
+
+    @cached_property
+    def model(self) -> Model:
+        """The robot as data: its bodies, joints, frames and limits."""
+        return self.engine.model
 
     def __repr__(self) -> str:
         tip = "no single tip" if self.tip is None else f"tip {self.tip!r}"
@@ -94,6 +109,8 @@ class Robot(
         before = vars(self).get(name)
         if method is None or getattr(type(self), name) is not method:
             return True
+        if calls == 1:  # nothing pays before a second call
+            return False
         from ..kernels.fast_call import calls_before, is_made_here, make_call, stand_behind
 
         if before is not None and not is_made_here(before):
@@ -202,6 +219,8 @@ class Robot(
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
+        from ..algorithms.regressor import PARAMETER_NAMES
+
         return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
 
     @property
@@ -265,6 +284,8 @@ class Robot(
         >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
         [0.0, 0.5]
         """
+        from ..model import configuration
+
         return configuration.from_names(self.model, joints)
 
     def random_configuration(
@@ -292,6 +313,8 @@ class Robot(
         >>> tw.robots.ur5().random_configuration(rng=0, size=(2, 3)).shape
         (2, 3, 6)
         """
+        from ..model import configuration
+
         try:
             shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
             generator = np.random.default_rng(rng)
@@ -383,6 +406,8 @@ class Robot(
         >>> holding([0, -1, 1, 0, 0, 0], payloads)[:, 1].round(2).tolist()
         [-39.18, -69.68]
         """
+        from ..model.variable_parameters import matching, nominal
+
         known = nominal(self.model)
         return {name: known[name] for name in matching(self.model, patterns or ("*",))}
 

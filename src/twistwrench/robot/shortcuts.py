@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError
-from ..screws.wrench import Wrench
 from ..typing import Array
 from .quantity_types import Kind, Rows
 from .state_arguments import names_of, states
-from .wrench_arguments import Wrenches, check_mapping, wrench_at
+from .wrench_arguments import check_mapping, wrench_at
 
 if TYPE_CHECKING:
     from ..algorithms.closed_form import ClosedForm
     from ..export.request import Quantities
+    from ..screws.wrench import Wrench
     from ..simulation import Event, JointStops, Plane, SimulationBatch, SimulationOptions, SimulationResult
     from ..simulation.rollout import Rollout
     from ..simulation.torque_laws import TorqueLaw
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .cuda_robot import CudaRobot
     from .explanation import Explanation
     from .reached_poses import InverseKinematics
+    from .wrench_arguments import Wrenches
 
 Law = Callable[[float, Array, Array], Any]
 """A function of (t, q, dq)."""

@@ -14,6 +14,9 @@ from typing import NamedTuple
 
 from ..core import cache as disk
 
+LOOP = "loop"
+"""Name of the function that has the shape of a ufunc's inner loop."""
+
 
 class Compiler(NamedTuple):
     """LLVM and the processor it runs on, in LLVM's words."""

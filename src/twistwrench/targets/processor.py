@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 from ..errors import ValueRangeError
@@ -58,6 +58,10 @@ class Machine:
     vector_bits: int
     fused: bool = True
     """Whether it multiplies and adds with one rounding. Where not, code rounds twice: emulating it takes hundreds of cycles."""
+
+    def narrowed(self, bits: int) -> Machine:
+        """The same with vectors of so many bits."""
+        return replace(self, vector_bits=bits)
 
     def lanes(self, precision: Precision) -> int:
         """Samples computed side by side."""

@@ -16,8 +16,9 @@ from ..program.program import Program
 from .batch_loop import SHORTEST_PIECE, Loop
 from .buffers import LINE
 from .column_loop import column_loop, column_programs
+from .compiler import LOOP
 from .lanes import RowStorer
-from .llvm import CUT_OUTPUTS, LOOP, Emitter, declarations
+from .llvm import CUT_OUTPUTS, Emitter, declarations
 from .llvm_text import LlvmWriter
 from .processor import Machine, Precision
 from .sincos import wrapper
