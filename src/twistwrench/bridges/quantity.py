@@ -12,7 +12,7 @@ from ..errors import KernelError, ShapeError
 from ..program.port import Port
 from ..program.program import Program
 from ..program.trace import trace
-from ..robot.state_arguments import CONFIGURATIONS
+from ..robot.quantity_types import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..robot import Robot

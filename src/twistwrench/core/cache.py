@@ -79,9 +79,9 @@ def digest(*parts: bytes | str) -> bytes:
 
 
 def _usual() -> Path:
-    if sys.platform.startswith("linux"):  # what platformdirs says, whose import takes longer than all of a hit
-        home = os.environ.get("XDG_CACHE_HOME", "").strip() or os.path.expanduser("~/.cache")
-        return Path(home) / "twistwrench" / "kernels"
+    if str(sys.platform) == "linux":  # what platformdirs says, whose import takes longer than all of a hit
+        given = os.environ.get("XDG_CACHE_HOME", "").strip()
+        return (Path(given) if given else Path("~/.cache").expanduser()) / "twistwrench" / "kernels"
     import platformdirs
 
     return Path(platformdirs.user_cache_dir("twistwrench", appauthor=False)) / "kernels"

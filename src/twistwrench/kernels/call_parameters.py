@@ -10,6 +10,7 @@ from ..program.port import Port
 from ..targets.call_way import Way
 from ..targets.processor import DOUBLE, SINGLE
 from .call_form import CallForm
+from .kept_kernels import KernelOutline
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class CallParameters:
         return f"{name}({', '.join(shown)})\n--\n\n{method.__func__.__doc__ or ''}"
 
 
-def way_of(program: Form, parameters: CallParameters, asked: CallForm) -> Way | None:
+def way_of(program: Form | KernelOutline, parameters: CallParameters, asked: CallForm) -> Way | None:
     """How the builtin is called; None where none can be."""
     ports = (*program.inputs, *program.outputs)
     count = len(program.inputs) - len(asked.keys)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..program.forms import Form
 
 
-class Outline(NamedTuple):
+class KernelOutline(NamedTuple):
     """What is known of a kernel without its program."""
 
     inputs: tuple[Port, ...]
@@ -37,25 +37,20 @@ class Outline(NamedTuple):
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
 
 
-def outline(key: str, form: Callable[[], Form]) -> tuple[Outline, str, str] | None:
+def outline(key: str, form: Callable[[], Form]) -> tuple[KernelOutline, str, str] | None:
     """What was kept of a kernel, its name and its description; None where there is nothing."""
     kept = cache.load(key)
     if kept is None:
         return None
-    name, doc, inputs, outputs, *rest = literal_eval(kept.decode())
-    ports = (tuple(Port(*port) for port in several) for several in (inputs, outputs))
-    return Outline(*ports, *rest, form), name, doc
+    name, doc, inputs, outputs, length, effort, code = literal_eval(kept.decode())
+    ins, outs = (tuple(Port(*port) for port in several) for several in (inputs, outputs))
+    return KernelOutline(ins, outs, length, effort, code, form), name, doc
 
 
-def keep(key: str, kernel: Any) -> None:
-    """Keep what is known of a kernel made here; nothing where it is none, or its code is not kept."""
-    from .ufunc import owner_of
-
-    owner = owner_of(kernel)
-    if owner is None:
-        return
+def keep(key: str, name: str, owner: Any) -> None:
+    """Keep what is known of a kernel, by what is behind its ufunc; nothing where its code is not kept."""
     code = owner.code["d"]
     if code.keys:
         ports = [tuple((p.name, p.shape) for p in several) for several in (owner.given.inputs, owner.given.outputs)]
-        about = (kernel.__name__, owner.description, *ports, owner.length, owner.effort, code.keys)
+        about = (name, owner.description, *ports, owner.length, owner.effort, code.keys)
         cache.store(key, repr(about).encode())

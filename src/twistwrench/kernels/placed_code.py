@@ -24,15 +24,23 @@ class Unplaced(Exception):
 
 _HEADER = b"\x7fELF\x02\x01"
 _RELOCATABLE, _X86_64 = 1, 62
-_FILE = np.dtype(
-    [("magic", "V16"), ("type", "<u2"), ("machine", "<u2"), ("", "V20"), ("sections", "<u8"), ("", "V12"), ("count", "<u2"), ("", "V2")]
-)  # fmt: skip
+_FILE = np.dtype("V16, <u2, <u2, V20, <u8, V12, <u2, V2")
+"""The file's header: magic, type, machine, and where the table of sections is and how many they are."""
 _SECTION = np.dtype(
-    [("name", "<u4"), ("type", "<u4"), ("flags", "<u8"), ("address", "<u8"), ("offset", "<u8"), ("size", "<u8")]
-    + [("link", "<u4"), ("info", "<u4"), ("align", "<u8"), ("each", "<u8")]
+    {
+        "names": ["type", "flags", "offset", "size", "link", "info", "align"],
+        "formats": ["<u4", "<u8", "<u8", "<u8", "<u4", "<u4", "<u8"],
+        "offsets": [4, 8, 24, 32, 40, 44, 48],
+        "itemsize": 64,
+    }
 )
 _SYMBOL = np.dtype(
-    [("name", "<u4"), ("kind", "u1"), ("other", "u1"), ("section", "<u2"), ("value", "<u8"), ("size", "<u8")]
+    {
+        "names": ["name", "kind", "section", "value"],
+        "formats": ["<u4", "u1", "<u2", "<u8"],
+        "offsets": [0, 4, 6, 8],
+        "itemsize": 24,
+    }
 )
 _RELOCATION = np.dtype([("place", "<u8"), ("type", "<u4"), ("symbol", "<u4"), ("addend", "<i8")])
 _PROGRAM, _SYMBOLS, _RELOCATIONS, _UNWINDING = 1, 2, 4, 0x70000001
@@ -94,13 +102,12 @@ def _read(raw: bytes, start: int) -> tuple[_Object, int]:
     """What a file has, its sections laid out from a place on; and the place behind them."""
     if not raw.startswith(_HEADER) or len(raw) < _FILE.itemsize:
         raise Unplaced
-    head = np.frombuffer(raw, _FILE, 1)[0]
-    if head["type"] != _RELOCATABLE or head["machine"] != _X86_64:
+    _, kind, machine, _, first, _, count, _ = np.frombuffer(raw, _FILE, 1).item()
+    if kind != _RELOCATABLE or machine != _X86_64:
         raise Unplaced
-    sections = _table(raw, _SECTION, int(head["sections"]), int(head["count"]))
+    sections = _table(raw, _SECTION, first, count)
     places, end = {}, start
-    for number, section in enumerate(sections.tolist()):
-        _, kind, flags, _, offset, size, *_, align, _ = section
+    for number, (kind, flags, offset, size, _, _, align) in enumerate(sections.tolist()):
         if not flags & _LOADED or kind == _UNWINDING:
             continue
         if kind != _PROGRAM or flags & _WRITTEN or offset + size > len(raw) or align > mmap.PAGESIZE:

@@ -18,7 +18,7 @@ from ..program.port import axes_of
 from ..targets.processor import DOUBLE, SINGLE, Precision, chosen
 from . import interpreter
 from .jit import LOCK, Code, compiled, found
-from .kept_kernels import Outline
+from .kept_kernels import KernelOutline
 
 if TYPE_CHECKING:
     from ..program.forms import Form
@@ -63,15 +63,15 @@ class _UFuncObject(ctypes.Structure):
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Form | Outline, name: str, doc: str, *, lone: bool) -> None:
+    def __init__(self, program: Form | KernelOutline, name: str, doc: str, *, lone: bool) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
         self.machine = chosen().narrowed(DOUBLE.bits) if lone else chosen()
-        known = found(program.code, self.machine) if isinstance(program, Outline) else None
-        self.given = program.form() if isinstance(program, Outline) and known is None else program
+        known = found(program.code, self.machine) if isinstance(program, KernelOutline) else None
+        self.given = program.form() if isinstance(program, KernelOutline) and known is None else program
         self.description = doc
         self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
         self.lone: dict[str, Code] = {}
@@ -90,7 +90,7 @@ class _Owner:
     @cached_property
     def form(self) -> Form:
         """The program, with its loop if it has one."""
-        return self.given.form() if isinstance(self.given, Outline) else self.given
+        return self.given.form() if isinstance(self.given, KernelOutline) else self.given
 
     @cached_property
     def program(self) -> Program:
@@ -102,14 +102,14 @@ class _Owner:
     @cached_property
     def length(self) -> int:
         """Instructions of the program."""
-        return self.given.length if isinstance(self.given, Outline) else len(self.program.instructions)
+        return self.given.length if isinstance(self.given, KernelOutline) else len(self.program.instructions)
 
     @cached_property
     def effort(self) -> int:
         """Operations that a sample takes, in one step if there are several."""
         from .batch_split import effort
 
-        return self.given.effort if isinstance(self.given, Outline) else effort(self.given)
+        return self.given.effort if isinstance(self.given, KernelOutline) else effort(self.given)
 
     @cached_property
     def row(self) -> int:
@@ -163,7 +163,7 @@ class _Owner:
             return self.lone[precision.char]
 
 
-def make_ufunc(program: Form | Outline, name: str, doc: str, *, lone: bool = False) -> np.ufunc:
+def make_ufunc(program: Form | KernelOutline, name: str, doc: str, *, lone: bool = False) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
     That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is

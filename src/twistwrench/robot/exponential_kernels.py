@@ -67,7 +67,7 @@ class ExponentialKernel:
 
     def _compiled(self, text: Callable[[Array], Any], outputs: list[str]) -> Any:
         from ..program.trace import trace
-        from .engine import compiled
+        from .model_kernels import compiled
 
         return compiled(trace(text, [("x", self.given)], outputs), self.name, f"{self.name}, compiled.")
 

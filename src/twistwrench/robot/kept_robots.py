@@ -8,7 +8,6 @@ is made, from the bytes that were read, when somebody asks for more than the ker
 from __future__ import annotations
 
 import os
-import stat
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -19,6 +18,7 @@ from ..core import cache as disk
 from ..core.files import read_bytes
 
 if TYPE_CHECKING:
+    from ..model.model import Model
     from ..program.forms import Form
 
 _PLAIN = (str, int, float, bool, type(None))
@@ -53,13 +53,21 @@ class KnownFile(NamedTuple):
     """Whether it was loaded before, and nothing was to be remarked."""
 
 
+class KeptModel(NamedTuple):
+    """The model of a robot of which something is kept."""
+
+    key: str
+    """Of its file."""
+    make: Callable[[], Model]
+
+
 def known_file(source: object, options: Mapping[str, Any]) -> KnownFile | None:
     """What is known of a robot's file; None of all that is no plain URDF file, and where nothing is kept."""
     if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf") or not _serves():
         return None
     written = _written(options)
     try:
-        if written is None or not stat.S_ISREG(os.stat(source).st_mode) or disk.folder() is None:
+        if written is None or not Path(source).is_file() or disk.folder() is None:
             return None
         data = read_bytes(Path(source))
     except (OSError, ValueError):  # which loading explains
@@ -98,8 +106,10 @@ def kernel(key: str, form: Callable[[], Form]) -> Any:
 def keep_kernel(key: str, made: Any) -> None:
     """Keep what is known of a kernel."""
     from ..kernels.kept_kernels import keep
+    from ..kernels.ufunc import owner_of
 
-    keep(key, made)
+    if (owner := owner_of(made)) is not None:
+        keep(key, made.__name__, owner)
 
 
 @cache

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core.gravity import GRAVITY
 from ..model.rounding import DEFAULT_SNAP
-from .kept_robots import keep_file, known_file
+from .kept_robots import KeptModel, keep_file, known_file
 from .robot import Robot
 
 if TYPE_CHECKING:
@@ -123,12 +123,12 @@ def load(
         return Robot(_read(source, None, options))
     if known.sound:
         mine = deepcopy(options)  # as they are now
-        return Robot._of_file(known.key, lambda: _read(source, known.data, mine))
+        return Robot(KeptModel(known.key, lambda: _read(source, known.data, mine)))
     found = _read(source, known.data, options)
     if found.defects:
         return Robot(found)
     keep_file(known)
-    return Robot._of_file(known.key, found)
+    return Robot(KeptModel(known.key, lambda: found))
 
 
 def _read(source: str | Path, data: bytes | None, options: LoadOptions) -> Model:

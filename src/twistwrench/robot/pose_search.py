@@ -18,7 +18,7 @@ from ..program.port import Port
 from ..program.search import PLACES, Search
 from ..program.trace import trace
 from ..typing import Array
-from .engine import compiled
+from .model_kernels import compiled
 
 if TYPE_CHECKING:
     from .searched_loops import SearchedLoops

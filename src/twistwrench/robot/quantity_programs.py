@@ -17,7 +17,7 @@ from .derivative_options import Chart
 from .quantities import QUANTITIES
 from .quantity_options import input_shapes
 from .quantity_row import Quantity
-from .state_arguments import CONFIGURATIONS
+from .quantity_types import CONFIGURATIONS
 
 
 def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..model.model import Model
-from .state_arguments import CONFIGURATIONS
+from .quantity_types import CONFIGURATIONS
 
 Shape = tuple[int, ...]
 

@@ -1,12 +1,9 @@
-"""Robot: a model with an engine of compiled kernels. What it is, its configurations, its edits, its kernels.
-
-Every method takes any leading batch shape and broadcasts, as NumPy does. Shapes in docstrings are those of one state.
-"""
+"""Robot: a model with an engine of compiled kernels. What it is, its configurations, its edits, its kernels."""
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 from weakref import WeakMethod
@@ -34,6 +31,7 @@ if TYPE_CHECKING:
     from ..model.limits import Limits
     from ..model.model import Model
     from ..program.program import Program
+    from .kept_robots import KeptModel
     from .quantity_options import KernelOptions
 
 
@@ -66,19 +64,8 @@ class Robot(
     [[3.0, 1.0], [1.0, 1.0]]
     """
 
-    def __init__(self, model: Model) -> None:
-        self._begin(model)
-
-    @classmethod
-    def _of_file(cls, origin: str, model: Model | Callable[[], Model]) -> Robot:
-        """A robot of a file that is known by a key; its model, or what makes it when it is needed."""
-        robot = cls.__new__(cls)
-        robot._begin(model, origin)
-        return robot
-
-    def _begin(self, model: Model | Callable[[], Model], origin: str = "") -> None:
-        # A robot that nobody holds is freed at once.
-        self.engine = Engine(model, WeakMethod(self._put_in_front), origin)
+    def __init__(self, model: Model | KeptModel) -> None:
+        self.engine = Engine(model, WeakMethod(self._put_in_front))  # a robot that nobody holds is freed at once
         self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
 
     @cached_property
@@ -109,8 +96,6 @@ class Robot(
         before = vars(self).get(name)
         if method is None or getattr(type(self), name) is not method:
             return True
-        if calls == 1:  # nothing pays before a second call
-            return False
         from ..kernels.fast_call import calls_before, is_made_here, make_call, stand_behind
 
         if before is not None and not is_made_here(before):

@@ -12,12 +12,10 @@ from ..core import arguments
 from ..core.labelled_arrays import is_table
 from ..errors import ShapeError
 from ..typing import Array
+from .quantity_types import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..model.model import Model
-
-CONFIGURATIONS = ("q", "q0", "q1")
-"""Inputs that are configurations, by which derivatives are along :meth:`twistwrench.Robot.add`."""
 
 
 def is_symbolic(arrays: Sequence[Any]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..screws.wrench import Wrench
 
-    Wrenches = Mapping[str, ArrayLike | Wrench]
+Wrenches: TypeAlias = "Mapping[str, ArrayLike | Wrench]"
 
 
 def check_mapping(wrenches: Any) -> None:

@@ -6,10 +6,10 @@ four lines. Where it is loaded, it is asked itself.
 
 from __future__ import annotations
 
-import os
 import platform
 import sys
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 from ..core import cache as disk
@@ -18,7 +18,7 @@ LOOP = "loop"
 """Name of the function that has the shape of a ufunc's inner loop."""
 
 
-class Compiler(NamedTuple):
+class CompilerFacts(NamedTuple):
     """LLVM and the processor it runs on, in LLVM's words."""
 
     version: str
@@ -34,27 +34,27 @@ class Compiler(NamedTuple):
         return frozenset(name[1:] for name in self.features.split(",") if name.startswith("+"))
 
 
-def compiler() -> Compiler:
+def compiler() -> CompilerFacts:
     """LLVM's own words where it is loaded; else those it said before, with this processor, if they were kept."""
     return _asked() if "llvmlite.binding" in sys.modules else _kept()
 
 
-def _asked() -> Compiler:
+def _asked() -> CompilerFacts:
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()
-    return Compiler(str(llvm.llvm_version_info), llvm.get_process_triple(), llvm.get_host_cpu_name(), features)
+    return CompilerFacts(str(llvm.llvm_version_info), llvm.get_process_triple(), llvm.get_host_cpu_name(), features)
 
 
 @cache
-def _kept() -> Compiler:
+def _kept() -> CompilerFacts:
     about = _processor()
     if about is None:
         return _asked()
     key = disk.digest("compiler", *_llvmlite(), about).hex()
     words = (disk.load(key) or b"").decode().split("\n")
-    if len(words) == len(Compiler._fields):
-        return Compiler(*words)
+    if len(words) == len(CompilerFacts._fields):
+        return CompilerFacts(*words)
     found = _asked()
     disk.store(key, "\n".join(found).encode())
     return found
@@ -64,13 +64,12 @@ def _llvmlite() -> list[str]:
     """Which llvmlite there is: its version, and size and time of its libraries."""
     import llvmlite
 
-    folder = os.path.join(os.path.dirname(str(llvmlite.__file__)), "binding")
-    libraries = sorted(entry.path for entry in os.scandir(folder) if "llvmlite" in entry.name)
-    stats = [os.stat(path) for path in libraries]
+    folder = Path(str(llvmlite.__file__)).parent / "binding"
+    stats = [path.stat() for path in sorted(folder.glob("*llvmlite*"))]
     return [llvmlite.__version__, *(f"{s.st_size} {s.st_mtime_ns}" for s in stats)]
 
 
-_CPUINFO = "/proc/cpuinfo"
+_CPUINFO = Path("/proc/cpuinfo")
 _OF_A_CORE = ("processor", "cpu MHz", "core id", "apicid", "initial apicid", "physical id", "bogomips", "BogoMIPS")
 """What the system says of one core, or of one moment."""
 
@@ -84,7 +83,7 @@ def _processor() -> str | None:
 
     seen: dict[str, bool] = getattr(_multiarray_umath, "__cpu_features__", {})
     try:
-        with open(_CPUINFO, "rb", buffering=0) as file:
+        with _CPUINFO.open("rb", buffering=0) as file:
             text = (file.read(8192) or b"").decode("utf-8", "replace")
     except OSError:
         return None
