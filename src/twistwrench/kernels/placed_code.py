@@ -77,6 +77,13 @@ class Placed:
 
 def placed(objects: Sequence[bytes]) -> Placed:
     """The functions of several object files together. Raises :class:`Unplaced`."""
+    try:
+        return _placed(objects)
+    except (IndexError, KeyError, OverflowError, ValueError):  # a file that is none, or is cut
+        raise Unplaced from None
+
+
+def _placed(objects: Sequence[bytes]) -> Placed:
     found, size = [], 0
     for raw in objects:
         part, size = _read(raw, size)
