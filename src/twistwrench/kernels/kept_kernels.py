@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core import cache
 from ..program.port import Port, signature_of
+from .jit import Code, compiled, found
 
 if TYPE_CHECKING:
     from ..program.forms import Form
+    from ..targets.processor import Machine, Precision
 
 
 class KernelOutline(NamedTuple):
@@ -30,6 +32,8 @@ class KernelOutline(NamedTuple):
     """Keys of its code for float64."""
     form: Callable[[], Form]
     """Makes the program."""
+    key: str
+    """What it is kept under."""
 
     @property
     def signature(self) -> str:
@@ -44,11 +48,25 @@ def outline(key: str, form: Callable[[], Form]) -> tuple[KernelOutline, str, str
         return None
     name, doc, inputs, outputs, length, effort, code = literal_eval(kept.decode())
     ins, outs = (tuple(Port(*port) for port in several) for several in (inputs, outputs))
-    return KernelOutline(ins, outs, length, effort, code, form), name, doc
+    return KernelOutline(ins, outs, length, effort, code, form, key), name, doc
+
+
+def code_of(key: str, precision: Precision, machine: Machine, form: Callable[[], Form]) -> Code:
+    """Further code of a kernel that is kept under a key, if one is: for another type or other vectors."""
+    if not key:
+        return compiled(form(), precision, machine)
+    mine = cache.digest("code", key, precision.char, str(machine)).hex()
+    if (kept := cache.load(mine)) is not None and (code := found(kept.decode().split(), machine)) is not None:
+        return code
+    code = compiled(form(), precision, machine)
+    if code.keys:
+        cache.store(mine, " ".join(code.keys).encode())
+    return code
 
 
 def keep(key: str, name: str, owner: Any) -> None:
     """Keep what is known of a kernel, by what is behind its ufunc; nothing where its code is not kept."""
+    owner.kept = key
     code = owner.code["d"]
     if code.keys:
         ports = [tuple((p.name, p.shape) for p in several) for several in (owner.given.inputs, owner.given.outputs)]

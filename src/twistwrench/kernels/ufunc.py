@@ -15,10 +15,10 @@ import numpy as np
 
 from ..errors import KernelError
 from ..program.port import axes_of
-from ..targets.processor import DOUBLE, SINGLE, Precision, chosen
+from ..targets.processor import DOUBLE, SINGLE, Machine, Precision, chosen
 from . import interpreter
 from .jit import LOCK, Code, compiled, found
-from .kept_kernels import KernelOutline
+from .kept_kernels import KernelOutline, code_of
 
 if TYPE_CHECKING:
     from ..program.forms import Form
@@ -73,6 +73,8 @@ class _Owner:
         known = found(program.code, self.machine) if isinstance(program, KernelOutline) else None
         self.given = program.form() if isinstance(program, KernelOutline) and known is None else program
         self.description = doc
+        self.kept = program.key if isinstance(program, KernelOutline) else ""
+        """The key of what is kept of the kernel; empty where nothing is."""
         self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
         self.lone: dict[str, Code] = {}
         self.stand_in = _LOOP(self._single)
@@ -147,7 +149,7 @@ class _Owner:
         with LOCK:
             code = self.code.get(precision.char)
             if code is None:
-                code = self.code[precision.char] = compiled(self.form, precision, self.machine)
+                code = self.code[precision.char] = self._further(precision, self.machine)
                 self.functions[0] = code.address
         return code.address
 
@@ -159,8 +161,11 @@ class _Owner:
                 return self.code[precision.char]
             if precision.char not in self.lone:
                 one_lane = self.machine.narrowed(precision.bits)
-                self.lone[precision.char] = compiled(self.form, precision, one_lane)
+                self.lone[precision.char] = self._further(precision, one_lane)
             return self.lone[precision.char]
+
+    def _further(self, precision: Precision, machine: Machine) -> Code:
+        return code_of(self.kept, precision, machine, lambda: self.form)
 
 
 def make_ufunc(program: Form | KernelOutline, name: str, doc: str, *, lone: bool = False) -> np.ufunc:

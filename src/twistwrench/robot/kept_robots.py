@@ -89,9 +89,12 @@ def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) ->
     written = _written({**options, "names": tuple(names)}) if origin else None
     if written is None:
         return ""
+    import llvmlite
+
+    from ..targets.compiler import compiler
     from ..targets.processor import chosen
 
-    return disk.digest("kernel", origin, written, str(chosen())).hex()
+    return disk.digest("kernel", origin, written, llvmlite.__version__, compiler().version, str(chosen())).hex()
 
 
 def kernel(key: str, form: Callable[[], Form]) -> Any:
