@@ -36,7 +36,7 @@ def make_handler(kernel: Any, char: str, version: tuple[int, int], *, alone: boo
     precision = SINGLE if char == SINGLE.char else DOUBLE
     loop = owner.alone(precision).address if alone else owner.address(precision)
     code = assembled(
-        handler_assembly(owner.program.inputs, owner.program.outputs, precision, version), INSTALL, owner.machine
+        handler_assembly(owner.given.inputs, owner.given.outputs, precision, version), INSTALL, owner.machine
     )
     address = _INSTALLED(code.address)(loop)
     return XlaHandler(address, (code, kernel))

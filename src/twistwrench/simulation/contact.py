@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.arguments import positive
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..lie import so3
 from ..typing import Array
-from .user_functions import positive
 
 if TYPE_CHECKING:
     from ..robot import Robot
