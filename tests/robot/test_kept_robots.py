@@ -228,6 +228,15 @@ def test_all_else_of_a_kept_robot_is_as_of_a_fresh_one(file, place):
     assert said[0][1:] == said[1][1:] == said[2][1:]
 
 
+def test_a_kept_robot_that_nobody_holds_is_freed_at_once(file, place):
+    code = TORQUE.format(path=str(file), options="", nv=2) + (
+        "import gc, weakref\n"
+        "gc.collect(); gc.disable(); seen = weakref.ref(robot), weakref.ref(robot.engine)\n"
+        "del robot; print(*(ref() is None for ref in seen))"
+    )
+    assert [python(code, place).splitlines()[1] for _ in range(2)] == ["True True"] * 2
+
+
 def test_kernels_with_options_are_told_apart(file, place):
     code = (
         f"import twistwrench as tw, sys; robot = tw.load({str(file)!r}); q = [0.1, 0.2]\n"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -53,12 +53,16 @@ class KnownFile(NamedTuple):
     """Whether it was loaded before, and nothing was to be remarked."""
 
 
-class KeptModel(NamedTuple):
-    """The model of a robot of which something is kept."""
+class KeptModel:
+    """The model of a robot of which something is kept under the key of its file; made when first asked for."""
 
-    key: str
-    """Of its file."""
-    make: Callable[[], Model]
+    def __init__(self, key: str, make: Callable[[], Model]) -> None:
+        self.key, self._make = key, make
+
+    @cached_property
+    def model(self) -> Model:
+        """The model."""
+        return self._make()
 
 
 def known_file(source: object, options: Mapping[str, Any]) -> KnownFile | None:

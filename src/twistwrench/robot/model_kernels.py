@@ -36,7 +36,7 @@ class ModelKernels:
     @cached_property
     def model(self) -> Model:
         """The model; of a robot that was kept, read from its file when first asked for."""
-        return self._given.make() if isinstance(self._given, kept_robots.KeptModel) else self._given
+        return _model_of(self._given)
 
     def program(self, names: Sequence[str], options: Options) -> Program:
         """One straight-line program of the quantities named."""
@@ -47,13 +47,14 @@ class ModelKernels:
 
     def kernel(self, names: Sequence[str], options: Options) -> Any:
         """One compiled function of the quantities named; raises UnknownNameError, KernelError, SingularMassMatrixError."""
-        key = ""
-        if isinstance(self._given, kept_robots.KeptModel) and compiles():
-            key = kept_robots.kernel_key(self._given.key, names, options)
+        key, kept = "", self._given
+        if isinstance(kept, kept_robots.KeptModel) and compiles():
+            key = kept_robots.kernel_key(kept.key, names, options)
         if not key:
             return self._made(names, options)
         if key not in self._kernels:
-            found = kept_robots.kernel(key, lambda: self._form(names, options))
+            # What makes the program is held by the kernel, and must not hold what holds the kernel.
+            found = kept_robots.kernel(key, lambda: form_of(_model_of(kept), names, options))
             if found is None:
                 found = self._made(names, options)
                 kept_robots.keep_kernel(key, found)
@@ -75,22 +76,12 @@ class ModelKernels:
         if large_derivatives.applies(self.model, asked):
             found: Any = large_derivatives.LargeDerivatives(self, options)
         else:
-            program, title = self._form(names, options), ", ".join(asked)
+            program, title = form_of(self.model, names, options), ", ".join(asked)
             inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
             doc = f"{title} of {self.model.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
             found = compiled(program, title, doc)
         self._kernels[key] = found
         return found
-
-    def _form(self, names: Sequence[str], options: Options) -> Form:
-        """The program of the quantities named, with the loop that serves it best."""
-        from . import column_loops, long_robots
-        from .quantity_options import wanted
-        from .quantity_programs import program_of_several
-
-        asked = wanted(self.model, names, options)
-        looped: Form | None = long_robots.products_of(self.model, asked) or column_loops.columns_of(self.model, asked)
-        return looped or program_of_several(self.model, asked)
 
     def kept(self, key: Any, make: Callable[[], Any]) -> Any:
         """What ``make`` gives, made once for each ``key``: kernels of programs that are no quantity, such as rollouts."""
@@ -151,6 +142,21 @@ class ModelKernels:
                 f"reference {name}: a matrix to be inverted is singular at this state. The method of that name goes on."
             ) from None
         return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
+
+
+def _model_of(given: Model | KeptModel) -> Model:
+    return given.model if isinstance(given, kept_robots.KeptModel) else given
+
+
+def form_of(model: Model, names: Sequence[str], options: Options) -> Form:
+    """The program of the quantities named, with the loop that serves it best."""
+    from . import column_loops, long_robots
+    from .quantity_options import wanted
+    from .quantity_programs import program_of_several
+
+    asked = wanted(model, names, options)
+    looped: Form | None = long_robots.products_of(model, asked) or column_loops.columns_of(model, asked)
+    return looped or program_of_several(model, asked)
 
 
 def compiled(given: Form, name: str, doc: str, *, lone: bool = False) -> Any:
