@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..kernels.ufunc import owner_of
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .attempt_program import STAGES, AttemptedStep, judgement
 from .compiled_steps import acts_by_itself, constants, rubs
