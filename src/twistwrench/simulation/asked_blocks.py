@@ -11,17 +11,14 @@ from .step_blocks import FASTEST, end_in_step, keep_steps, look_in_step
 if TYPE_CHECKING:
     from .run import Run
 
-BLOCK = 128
-"""Steps whose states are kept and looked at together: more are prepared for longer, fewer are kept in more parts."""
-
 
 def take_asked(run: Run, steps: CompiledSteps) -> None:
     """Take all steps of a run, to its end or to an event that ends it. Raises SimulationError where a function fails."""
     system = run.system
-    rows = AskedRows(steps, run.controller, run.constant, min(BLOCK, run.n))
-    while run.steps < run.n:
-        if _take_block(run, steps, rows):
-            return
+    with AskedRows.lent(steps, run.controller, run.constant, run.n) as rows:
+        while run.steps < run.n:
+            if _take_block(run, steps, rows):
+                return
     t, y = run.last
     system.rates(t, y, run.rate)
     run.keep(t, y)

@@ -96,7 +96,10 @@ class CompiledSteps:
         return plan.recurrence()
 
     def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
-        """States after each step, (..., steps, size), and accelerations as each begins, (..., steps, nv); y (..., size)."""
+        """States before and after each step, (..., steps + 1, size), and accelerations as each begins, (..., steps, nv).
+
+        ``y`` (..., size) is the first of these states.
+        """
         return self.taken(y, steps, self.h if h is None else h, self.told())
 
     def told(self) -> list[Array]:
@@ -107,18 +110,27 @@ class CompiledSteps:
     def taken(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array]:
         """The same, where ``given`` (..., n) are told for all of the steps but their length."""
         s = self.system
-        Y, ddq = np.empty((*y.shape[:-1], steps, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
+        Y, ddq = np.empty((*y.shape[:-1], steps + 1, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
+        Y[..., 0, :] = y
+        after = Y[..., 1:, :]
         rows = [x[..., None, :] for x in given]
         if steps > 1:
             rows = [np.broadcast_to(x, (*x.shape[:-2], steps, x.shape[-1])) for x in rows]
-        states, after = ([x[..., cut] for cut in self.cuts] for x in (y, Y))
-        self.kernel(*states, 0.0, np.full(steps, h), *rows, out=(*after, np.empty(Y.shape[:-1]), ddq))
+        before, ends = ([x[..., cut] for cut in self.cuts] for x in (y, after))
+        self.kernel(*before, 0.0, np.full(steps, h), *rows, out=(*ends, np.empty(ddq.shape[:-1]), ddq))
         s.evaluations += self.stages * steps
         return Y, ddq
 
     def after(self, _t: Any, y: Array, h: float) -> Array:
         """The states a time h after states (..., size)."""
-        return self.take(y, 1, h)[0][..., 0, :]
+        return self.take(y, 1, h)[0][..., 1, :]
+
+    def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
+        """The same, and the accelerations (..., nv) at these states."""
+        if self.system.braked is not None:  # whose accelerations are those of a step of the usual length
+            return self.after(t, y, h), self.accelerations(t, y)
+        Y, ddq = self.take(y, 1, h)
+        return Y[..., 1, :], ddq[..., 0, :]
 
     def accelerations(self, _t: Any, y: Array) -> Array:
         """Of states (..., size), (..., nv), those that a step begins with."""

@@ -118,9 +118,10 @@ def prepare(
     def go() -> None:
         if adapts:
             asked = (*tolerances, longest, probe_spacing(h, end), end)
-            stepper = Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked)
-            stepper.attempts = CompiledAttempts.of(system, tolerances) if loops is None else None
-            take_adaptively(run, stepper)
+            if loops is None:
+                take_adaptively(run, Stepper(system, *asked, attempts=CompiledAttempts.of(system, tolerances)))
+            else:
+                take_adaptively(run, ClosedStepper(loops, *asked))
         elif loops is None:
             run.compiled = (AskedSteps if system.functions else CompiledSteps).of(system, method, scheme.order, h)
             run.fixed()

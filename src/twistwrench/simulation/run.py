@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,8 @@ from .contact_steps import Touches
 from .events import Watch
 from .force_probes import ForceProbes, UnseenForces
 from .forces import WORKS, System
-from .result import Record, SimulationResult
+from .record import Record
+from .result import SimulationResult
 from .schemes import ADAPTIVE, OneByOne, Scheme
 from .step_blocks import FASTEST, take_blocks
 from .step_doubling import Flow, StepDoubling
@@ -48,7 +50,7 @@ class Run:
         self.robot, self.system, self.scheme, self.end, self.n, self.every = robot, system, scheme, end, n, every
         self.h = end / n
         self.remarks, self.method = remarks, method
-        self.record = Record()
+        self.record = Record(n // every + 2, system.size, system.nv)
         self.watch: Watch | None = None
         self.controller: Law | None = None
         self.constant = system.held
@@ -105,12 +107,15 @@ class Run:
             self._keep_rough(*self.last)
         said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
-        found = self.record.result(self.robot, WORKS, **said, **counts, remarks=tuple(self.remarks))
-        return self.accuracy.told(found, self.touches.remark(self.h))
+        errors = {"error_estimate": self.accuracy.error, "relative_error": self.accuracy.relative}
+        remarks = (*self.remarks, *filter(None, [self.touches.remark(self.h)]))
+        found = self.record.result(self.robot, WORKS, **said, **counts, **errors, remarks=remarks)
+        more = self.accuracy.remarks(self.method, found.relative_drift)
+        return replace(found, remarks=(*remarks, *more)) if more else found
 
     def judge(self) -> None:
         """Find what the steps so far are off by."""
-        if not self.record.blocks:
+        if not self.record.count:
             return
         extent = Extent.of(self.robot, self.record.states)
         if self.stepper is not None:

@@ -25,21 +25,22 @@ def take_blocks(run: Run, steps: CompiledSteps) -> None:
     most = steps.most if run.tick is None else min(steps.most, max(1, run.n // _LOOKS))
     while run.steps < run.n:
         counted = system.evaluations
-        Y, ddq = steps.take(run.last[1], min(most, run.n - run.steps))
+        states, ddq = steps.take(run.last[1], min(most, run.n - run.steps))
         system.evaluations = counted
-        if not use_block(run, steps, Y, ddq):
+        if not use_block(run, steps, states, ddq):
             return
     t, y = run.last
-    run.record.keep_block(np.array([t]), y[None], steps.accelerations(t, y)[None], system.held)
+    run.record.keep(t, y, steps.accelerations(t, y), system.held)
 
 
-def use_block(run: Run, steps: CompiledSteps, Y: Array, ddq: Array) -> bool:
-    """Keep the next m steps of a run, to states Y (m, size), up to one that is unstable or ends it; whether none is."""
-    system, (t, y) = run.system, run.last
-    m = _stable_steps(Y, Y[:, system.moving])
-    states = np.concatenate([y[None], Y[:m]])
+def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array) -> bool:
+    """Keep the next m steps of a run, by states (m + 1, size), up to one that is unstable or ends it; whether none is."""
+    system, y = run.system, run.last[1]
+    m = _stable_steps(states[1:], system.moving)
+    all_stable = m == len(ddq)
+    states = states[: m + 1]
     k = None if run.watch is None or not m else run.watch.first_passed(states)
-    k = 0 if m and t == 0.0 and run.leaves_at_once(y, Y[0], run.h) else k
+    k = 0 if m and run.last[0] == 0.0 and run.leaves_at_once(y, states[1], run.h) else k
     used = m if k is None else k
     system.evaluations += steps.stages * (m if k is None else k + 1)
     keep_steps(run, states[: used + 1], ddq[:used], system.held, system.held)
@@ -48,14 +49,14 @@ def use_block(run: Run, steps: CompiledSteps, Y: Array, ddq: Array) -> bool:
         end_in_step(run, steps, end or 0.0, ddq[k], system.held)
     elif run.tick is not None and m:
         run.tick(run.last[0])
-    return k is None and m == len(Y)
+    return k is None and all_stable
 
 
-def _stable_steps(Y: Array, dq: Array) -> int:
-    """How many states (m, size) there are up to the first with an entry that is no number, or velocities dq out of reach."""
-    if np.isfinite(Y).all() and np.abs(dq).max() < FASTEST:  # row by row takes ten times as long
-        return len(Y)
-    return int((np.isfinite(Y).all(axis=1) & (np.abs(dq).max(axis=1) < FASTEST)).argmin())
+def _stable_steps(Y: Array, moving: slice) -> int:
+    """How many states (m, size) there are up to the first with an entry that is no number, or velocities out of reach."""
+    if abs(float(Y[:, moving].max())) < FASTEST and float(Y[:, moving].min()) > -FASTEST and np.isfinite(Y).all():
+        return len(Y)  # row by row takes ten times as long
+    return int((np.isfinite(Y).all(axis=1) & (np.abs(Y[:, moving]).max(axis=1) < FASTEST)).argmin())
 
 
 def look_in_step(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
@@ -69,7 +70,7 @@ def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Arr
     """End a run in its next step, which begins with ``ddq`` and ``tau``, a time ``end`` after that."""
     t, y = run.last
     if run.steps % run.every == 0:
-        run.record.keep_block(np.array([t]), y[None], ddq[None], tau)
+        run.record.keep(t, y, ddq, tau)
     if not run.stopped:
         run.finish(t, end, partial(steps.after, t, y))
 
