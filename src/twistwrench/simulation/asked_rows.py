@@ -59,7 +59,10 @@ class AskedRows:
             after += [(sums[:, cut], own + 1) for cut in steps.cuts]
             states += [*self._parts(steps, step * n), (steps.table, own % n)]
         named = [given[name] for name in steps.names]
-        operands = [*states, (self._h, one), *named, *after, (self.ddq, own)]
+        self.gaps = np.zeros((m * n, len(s.contacts)))
+        """Of the contacts as each call begins."""
+        said = [(self.ddq, own), (self.gaps, own)][: 1 + bool(s.contacts)]
+        operands = [*states, (self._h, one), *named, *after, *said]
         first = len(states) + 1
         self.call = row_calls(
             steps.kernel, operands, first + steps.names.index("tau"), first + len(named) + len(steps.cuts)

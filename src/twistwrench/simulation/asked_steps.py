@@ -58,7 +58,7 @@ class AskedSteps(CompiledSteps):
     def _stepped(self, t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
         """States after so many stages of a step, and the accelerations that it begins with."""
         if self.stages == 1:
-            states, ddq = self.taken(y, 1, h, self._given(t, y))
+            states, ddq, _ = self.taken(y, 1, h, self._given(t, y))
             return states[..., 1, :], ddq[..., 0, :]
         s, x, sums, begun = self.system, y, np.zeros_like(y), None
         start = [y[..., None, cut] for cut in self.cuts]
@@ -67,7 +67,8 @@ class AskedSteps(CompiledSteps):
             after, summed = np.empty((2, *y.shape[:-1], 1, s.size))
             ddq = np.empty((*y.shape[:-1], 1, s.nv))
             state, added, end, total = ([part[..., cut] for cut in self.cuts] for part in (x, sums, after, summed))
-            out = (*end, np.empty(after.shape[:-1]), *total, ddq)
+            said = (ddq, np.empty((*ddq.shape[:-1], len(s.contacts)))) if s.contacts else (ddq,)
+            out = (*end, np.empty(after.shape[:-1]), *total, *said)
             self.kernel(*state, 0.0, *added, *start, row[None], np.array([h]), *given, out=out)
             x, sums = after[..., 0, :], summed[..., 0, :]
             begun = ddq[..., 0, :] if begun is None else begun

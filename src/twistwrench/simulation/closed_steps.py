@@ -30,7 +30,7 @@ class ClosedSteps(CompiledSteps):
         """The steps in machine code; None where something is a function, a contact, or a step is too long to be compiled."""
         if not isinstance(system, ClosedSystem) or method not in SIMULATED:
             return None
-        if system.functions or not acts_by_itself(system):
+        if system.functions or system.contacts or not acts_by_itself(system):
             return None
         loops, robot = system.loops, system.robot
         acting = Plan(
@@ -45,7 +45,7 @@ class ClosedSteps(CompiledSteps):
         found.most, found.loops = BLOCK, loops
         return found
 
-    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
+    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
         """As :meth:`.CompiledSteps.take`; states are no numbers from a step on that ends off the constraints."""
         s, loops = self.system, self.loops
         lengths = np.full(steps, self.h if h is None else h)
@@ -72,4 +72,4 @@ class ClosedSteps(CompiledSteps):
             last = kept[int(good.sum()) - 1]
             loops.note(last[WIDEST], last[FASTEST])
         s.evaluations += self.stages * steps
-        return states, ddq
+        return states, ddq, np.empty((*batch, 0))

@@ -52,8 +52,12 @@ class CompiledAttempts:
         if system.functions or not acts_by_itself(system):
             return None
         robot = system.robot
-        frames = tuple(system.wrenches)
-        plan = AttemptedStep(robot.model, GivenTorque(), "dopri5", frames=frames, friction=rubs(system))
+        acting: dict[str, Any] = {
+            "frames": tuple(system.wrenches),
+            "friction": rubs(system),
+            "contacts": system.contacts,
+        }
+        plan = AttemptedStep(robot.model, GivenTorque(), "dopri5", **acting)
 
         def made() -> Any:
             robot.engine.require_invertible()

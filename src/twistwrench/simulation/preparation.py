@@ -22,11 +22,12 @@ from .closed_steps import ClosedSteps
 from .closed_system import ClosedScheme, ClosedStepper, ClosedSystem, Loops
 from .compiled_attempts import CompiledAttempts
 from .compiled_steps import CompiledSteps
-from .contact import JointStops, Plane, PlaneContact, StopContact
+from .contact import JointStops, Plane
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
 from .events import Event, Watch
 from .forces import System, torque_law, wrench_laws
 from .position_limits import PositionLimits
+from .robot_contact import PlaneContact, StopContact
 from .run import Run
 from .schemes import ADAPTIVE, SemiImplicit, scheme_of
 from .user_functions import Function, Law, positive, require_arguments, whole

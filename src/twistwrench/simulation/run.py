@@ -133,8 +133,8 @@ class Run:
 
     @property
     def asks_nobody(self) -> bool:
-        """Whether no function in Python gives torques or looks at steps; limits of position may be looked at."""
-        looks = self.watch is not None and not self.watch.limits_alone
+        """Whether no function in Python gives torques or looks at steps; contacts and limits of position may be looked at."""
+        looks = self.watch is not None and not self.watch.asks_nobody
         return not looks and self.controller is None and not self.system.functions
 
     @property
