@@ -70,11 +70,11 @@ def runs():
         robot,
         {**fall, "contacts": [floor, tilted], "wrench_on_robot": {"box": [0, 0, 0.1, 1, 0, 0]}},
     )
-    near = PANDA.limits.upper - 0.2
+    near = PANDA.limits.upper - 0.05
     stops = JointStops(stiffness=1e4, dissipation=0.2)
-    swing = {"q0": near, "dq0": [2, -2, 1, 1.5, -1, 1, 2.0], "duration": 0.3, "dt": 2e-3}
+    swing = {"q0": near, "dq0": [2, -2, 1, 1.5, -1, 1, 2.0], "duration": 0.06, "dt": 2e-3}
     wall = Plane(
-        PANDA.frame_names[-1], [[0, 0, 0], [0, 0.05, 0]], height=0.3, stiffness=1e4, dissipation=0.1, friction=0.3
+        PANDA.frame_names[-1], [[0, 0, 0], [0, 0.05, 0]], height=0.57, stiffness=1e4, dissipation=0.1, friction=0.3
     )
     yield (
         "an arm with friction between its stops and a wall",
@@ -136,6 +136,31 @@ def test_a_batch_bounces_as_each_of_it_alone():
         assert one.remarks == alone.remarks
         times += [e.time for e in one.events[:1]]
     assert len(set(times)) == 3  # the third does not come down, the last begins inside
+
+
+@pytest.mark.parametrize("limits", [None, "stop"])
+def test_steps_of_any_length_end_at_a_limit_as_steps_of_one_length_do(limits):
+    """dopri5 looks at many of its steps at once: what came after the limit is forgotten, a touch before it is told."""
+    near = PANDA.limits.upper - 0.3
+    z = float(PANDA.forward_kinematics(near, PANDA.frame_names[-1])[2, 3])
+    wall = Plane(PANDA.frame_names[-1], height=z - 0.01, stiffness=2e3, dissipation=0.2)
+    given = {
+        "q0": near,
+        "dq0": [1.0, -1, 0.5, 0.5, -1, 1, 0.3],
+        "duration": 0.6,
+        "dt": 2e-3,
+        "contacts": wall,
+        "limits": limits,
+    }
+    one, other = PANDA.simulate(**given), PANDA.simulate(**given, method="rk4")
+    asked = PANDA.simulate(**given, events=lambda t, q, dq: 1.0)
+    assert [e.name for e in one.events] == [e.name for e in other.events]
+    np.testing.assert_allclose([e.time for e in one.events], [e.time for e in other.events], rtol=0.0, atol=1e-6)
+    assert one.completed == other.completed == (limits is None)
+    assert (one.steps, one.rejected, one.stopped) == (asked.steps, asked.rejected, asked.stopped)
+    np.testing.assert_allclose(one.times, asked.times, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(one.q, asked.q, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(one.error_estimate, asked.error_estimate, rtol=1e-3)
 
 
 def test_a_contact_shorter_than_three_steps_is_told_of():

@@ -22,7 +22,7 @@ def take_adaptively(run: Run, stepper: Stepper) -> None:
     run.sample(t, y)
     run.system.rates(t, y, run.rate)
     run.keep(t, y)
-    if stepper.attempts is not None and run.asks_nobody and run.watch is None:
+    if stepper.attempts is not None and run.asks_nobody:
         take_freely(run, stepper, stepper.attempts)
         return
     kept = 1

@@ -69,6 +69,8 @@ class CompiledAttempts:
 
     def take(self, y: Array, rate: Array, h: float) -> list[float]:
         """Try a step from a state and its rates (size,); its judgement (4)."""
+        if self.count == ROWS:
+            self.restart()
         s, k = self.system, self.count
         if self._held is not s.held:
             self._held = s.held
@@ -80,11 +82,13 @@ class CompiledAttempts:
         return found
 
     def accept(self) -> None:
-        """Keep the step that was tried last; after the last row comes the first one again."""
+        """Keep the step that was tried last."""
         self.count += 1
-        if self.count == ROWS:
-            self._total = self.total
-            self.count = 0
+
+    def restart(self) -> None:
+        """Give the rows of the steps accepted to the next ones."""
+        self._total = self.total
+        self.count = 0
 
     @property
     def total(self) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import arguments
 from ..typing import Array
@@ -82,6 +83,7 @@ class Watch:
     ) -> None:
         self.asked = len(events)
         self.events, self.split, self.limits = (*events, *contact_events(contacts)), split, limits
+        self.contacts = contacts
         self.laws = [Law(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
         """g of each event, when last looked at."""
@@ -109,16 +111,39 @@ class Watch:
 
         ``gaps`` (m + 1, contacts) are those of the states. Where nothing else is looked for.
         """
-        m, passed = len(states) - 1, ((gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)).any(axis=1)
-        margins = np.zeros((m + 1, 0))
-        if self.limits is not None:
-            margins = self.limits.margins(self.split(states.T)[0].T)
-            passed |= self.limits.passed(margins[:-1], margins[1:]).any(axis=1)
+        margins = self._margins(states)
+        passed, m = self._passing(gaps, margins), len(states) - 1
         for k in (*np.flatnonzero(passed).tolist(), None):
             last = m if k is None else k
-            self.before, self.margins = gaps[last].tolist(), margins[last].copy()
+            self.stand(gaps[last], margins[last])
             if k is not None:
                 yield k
+
+    def passed(self, states: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+        """Whether a contact begins or a joint passes a limit before each of m states after what was looked at last, (m,).
+
+        And the gaps and margins (m + 1, ...) from then on, for :meth:`stand`. Where nothing else is looked for.
+        """
+        q = self.split(states.T)[0].T
+        after = np.array([contact.gaps(q) for contact in self.contacts]).reshape(-1, len(states)).T
+        gaps = np.concatenate([np.array([self.before]), after])
+        margins = np.concatenate([self.margins[None], self._margins(states)])
+        return self._passing(gaps, margins), gaps, margins
+
+    def stand(self, gaps: Array, margins: Array) -> None:
+        """Take note of gaps and margins of a state that was looked at."""
+        self.before, self.margins = gaps.tolist(), margins.copy()
+
+    def _margins(self, states: Array) -> Array:
+        """Of the limits of position, (m, limits)."""
+        return np.zeros((len(states), 0)) if self.limits is None else self.limits.margins(self.split(states.T)[0].T)
+
+    def _passing(self, gaps: Array, margins: Array) -> NDArray[np.bool_]:
+        """Whether a contact begins or a joint passes a limit between states (m + 1), (m,)."""
+        found = ((gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)).any(axis=1)
+        if self.limits is not None:
+            found |= self.limits.passed(margins[:-1], margins[1:]).any(axis=1)
+        return np.asarray(found)
 
     def begin(self, t: float, y: Array) -> None:
         """Take the values of the first state."""

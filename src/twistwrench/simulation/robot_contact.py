@@ -52,22 +52,29 @@ class RobotContact(ABC):
     def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
         """On symbols, what it does to the joints, (nv,), and how deep each of its points or joints is inside, (m,)."""
 
-    @property
+    @cached_property
     def parts(self) -> dict[str, Array]:
         """The same in parts (m, ...) that are looked at side by side, and whose torques add up."""
         return self.numbers
 
     def touched(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """What it does to the joints, (nv,), and how deep each of its points or joints is inside, (m,), of one state."""
-        tau, depths = self._kernel(q, dq, *self.parts.values())
-        return (tau, depths) if tau.ndim == 1 else (tau.sum(axis=0), depths.ravel())
+        """What it does to the joints, (..., nv), and how deep each of its points or joints is inside, (..., m)."""
+        if all(x.ndim == 1 for x in self.parts.values()):
+            tau, depths = self._kernel(q, dq, *self.parts.values())
+            return tau, depths
+        tau, depths = self._kernel(q[..., None, :], dq[..., None, :], *self.parts.values())
+        return tau.sum(axis=-2), depths[..., 0]
 
     def gap(self, q: Array) -> float:
         """How far the nearest point or joint is from touching, negative inside [m or rad]."""
-        return -float(self.touched(q, np.zeros(self.robot.nv))[1].max())
+        return float(self.gaps(q))
+
+    def gaps(self, q: Array) -> Array:
+        """The same of configurations (..., nq), (...)."""
+        return np.asarray(-self.touched(q, np.zeros(self.robot.nv))[1].max(axis=-1))
 
     def torques(self, q: Array, dq: Array) -> Array | None:
-        """What it does to the joints, (nv); None where nothing touches."""
+        """What it does to the joints, (..., nv); None where nothing touches."""
         tau, depths = self.touched(q, dq)
         return tau if (depths > 0.0).any() else None
 
@@ -116,7 +123,7 @@ class PlaneContact(RobotContact):
         law = (plane.height, plane.stiffness, plane.dissipation, plane.friction, plane.slip)
         return {"points": np.ravel(plane.points), "normal": np.asarray(plane.normal), "law": np.array(law, float)}
 
-    @property
+    @cached_property
     def parts(self) -> dict[str, Array]:
         """A part for each point."""
         return {**self.numbers, "points": np.asarray(self.plane.points)}

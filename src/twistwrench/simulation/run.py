@@ -232,13 +232,7 @@ class Run:
         self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
     ) -> bool:
         """Look for events in a step from t; one that ends all has its state kept, and those before it."""
-        rate = self.rate.copy()
-
-        def at(s: float) -> Array:
-            found = self.scheme.step(t, y, s, rate)
-            self.system.manifold.normalise(found[: self.system.nq])
-            return found
-
+        at = self.along(t, y)
         end = self.looked(t, points, at)
         if end is None:
             return False
@@ -247,6 +241,17 @@ class Run:
                 self.keep_at(t + s, between)
         self.finish(t, end, at)
         return True
+
+    def along(self, t: float, y: Array) -> Callable[[float], Array]:
+        """A step from y at t, whose rates were computed last: from a time after t to the state then."""
+        rate = self.rate.copy()
+
+        def at(s: float) -> Array:
+            found = self.scheme.step(t, y, s, rate)
+            self.system.manifold.normalise(found[: self.system.nq])
+            return found
+
+        return at
 
     def looked(self, t: float, points: Sequence[tuple[float, Array]], at: Callable[[float], Array]) -> float | None:
         """Look for events in a step from t; how long after t one ends all, if one does. ``at``: the state a time after t."""
