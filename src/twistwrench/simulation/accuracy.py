@@ -45,10 +45,8 @@ class Extent:
         rows: Any = slice(None)
         if len(states) > _ROWS:
             rows = np.linspace(0, len(states) - 1, _ROWS).round().astype(int)
-        ways = np.ascontiguousarray(
-            robot.subtract(states[rows, : robot.nq], states[0, : robot.nq]).T
-        )  # rows are faster
-        rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)
+        ways = np.ascontiguousarray(robot.subtract(states[rows, : robot.nq], states[0, : robot.nq]).T)
+        rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # rows are faster
         each, speeds = ways.max(axis=1) - ways.min(axis=1), np.maximum(rates.max(axis=1), -rates.min(axis=1))
         travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
         angular = Coordinates.of(robot.model).angular_velocity

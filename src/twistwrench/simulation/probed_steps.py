@@ -28,23 +28,27 @@ class ProbedSteps:
     after: Array
     held: Array
     """(nv,) of all of them, or (m, nv)."""
+    begun: Array
+    """(m, nv), the accelerations that they begin with."""
 
     def __getitem__(self, which: Any) -> ProbedSteps:
         held = self.held if self.held.ndim == 1 else self.held[which]
-        return ProbedSteps(self.numbers[which], self.t[which], self.y[which], self.after[which], held)
+        return ProbedSteps(
+            self.numbers[which], self.t[which], self.y[which], self.after[which], held, self.begun[which]
+        )
 
     @classmethod
     def of_all(cls, parts: list[ProbedSteps]) -> ProbedSteps:
         """All steps of several."""
         if len(parts) == 1:
             return parts[0]
-        numbers, times, before, after = (
-            np.concatenate(x) for x in zip(*((p.numbers, p.t, p.y, p.after) for p in parts), strict=True)
+        numbers, times, before, after, begun = (
+            np.concatenate(x) for x in zip(*((p.numbers, p.t, p.y, p.after, p.begun) for p in parts), strict=True)
         )
         held = parts[0].held
         if any(p.held is not held for p in parts) or held.ndim > 1:
             held = np.concatenate([np.broadcast_to(p.held, (len(p.t), p.held.shape[-1])) for p in parts])
-        return cls(numbers, times, before, after, held)
+        return cls(numbers, times, before, after, held, begun)
 
 
 @lru_cache(maxsize=16)

@@ -94,7 +94,7 @@ class Run:
             if (k == 0 and self.leaves_at_once(y, y1, self.h)) or self.ended(t, y, [(self.h, y1)]):
                 return
             changed = self._touched(t1, y, y1) or self._stuck_or_slid(y, y1)
-            self.doubling.note(t, y, y1, self.system.held, changed=changed)
+            self.doubling.note(t, y, y1, self.system.held, self.rate[self.system.moving], changed=changed)
             self.unseen.note(t, y, y1)
             y = y1
             self.advance(t1, y)

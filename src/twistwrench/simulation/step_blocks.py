@@ -110,6 +110,6 @@ def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gap
     if system.braked is not None:
         signs = np.sign(states[:, system.moving])
         changed |= (signs[1:] != signs[:-1])[:, system.braked.dry].any(axis=1)
-    run.doubling.note_block(times[:-1], states, held, changed)
+    run.doubling.note_block(times[:-1], states, held, ddq, changed)
     run.unseen.note_block(times[:-1], states, held)
     run.steps, run.last = first + m, (float(times[-1]), states[-1].copy())

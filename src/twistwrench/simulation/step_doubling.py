@@ -62,27 +62,30 @@ class StepDoubling:
         self._spread: list[ProbedSteps] = []
         self._changed: list[ProbedSteps] = []
         self.steps = self._changes = 0
-        self._last: tuple[float, Array, Array, Array] | None = None
-        """The last step, unless it is among those that changed: time, state before and after, torques held."""
+        self._last: tuple[float, Array, Array, Array, Array] | None = None
+        """The last step, unless it is among those that changed: time, state before and after, torques, accelerations."""
 
-    def note(self, t: float, y: Array, after: Array, held: Array, *, changed: bool) -> None:
+    def note(self, t: float, y: Array, after: Array, held: Array, begun: Array, *, changed: bool) -> None:
         """Take note of a step, the next one; ``changed``: a contact begins or ends in it, or dry friction changes sides."""
         if changed or self.steps in self._due:
-            self.note_block(np.array([t]), np.array([y, after]), held, np.array([changed]))
+            self.note_block(np.array([t]), np.array([y, after]), held, begun[None], np.array([changed]))
         else:
-            self._last = t, y, after, held
+            self._last = t, y, after, held, begun.copy()
             self.steps += 1
 
-    def note_block(self, times: Array, states: Array, held: Array, changed: NDArray[np.bool_]) -> None:
+    def note_block(
+        self, times: Array, states: Array, held: Array, begun: Array, changed: NDArray[np.bool_]
+    ) -> None:  # fmt: skip
         """Take note of the next m steps, from times (m,) through states (m + 1, size); ``changed`` (m,) as of one step.
 
-        A step before one that changes counts as such a one.
+        ``held`` is (nv,) or (m, nv), ``begun`` (m, nv) are the accelerations as they begin. A step before one that changes
+        counts as such a one.
         """
         first, m = self.steps, len(times)
 
         def those(which: Any) -> ProbedSteps:
             mine = held if held.ndim == 1 else held[which]
-            return ProbedSteps(which + first, times[which], states[which], states[which + 1], mine)
+            return ProbedSteps(which + first, times[which], states[which], states[which + 1], mine, begun[which])
 
         k = bisect_left(self._ordered, first)
         due = self._ordered[k : bisect_left(self._ordered, first + m, k)]
@@ -91,14 +94,15 @@ class StepDoubling:
         marked = False
         if changed.any():
             if changed[0] and self._last is not None:
-                t, y, after, mine = self._last
-                self._mark(ProbedSteps(np.array([first - 1]), np.array([t]), y[None], after[None], mine))
+                t, y, after, mine, ddq = self._last
+                self._mark(ProbedSteps(np.array([first - 1]), np.array([t]), y[None], after[None], mine, ddq[None]))
             both = changed.copy()
             both[:-1] |= changed[1:]
             marked = bool(both[-1])
             self._mark(those(np.flatnonzero(both)))
         mine = held if held.ndim == 1 else held[-1].copy()
-        self._last = None if marked else (float(times[-1]), states[-2].copy(), states[-1].copy(), mine)
+        last = float(times[-1]), states[-2].copy(), states[-1].copy(), mine, begun[-1].copy()
+        self._last = None if marked else last
         self.steps = first + m
 
     def _mark(self, steps: ProbedSteps) -> None:
@@ -172,9 +176,8 @@ class StepDoubling:
             return np.zeros(system.nv)
         first, v = self._spread[0][0], system.moving
         system.held = first.held
-        after, begun = flow.begun(first.t, first.y, 0.5 * self.h)
-        late = after[v] - first.y[v]
-        return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late, begun)) * np.abs(late))
+        late = 0.5 * self.h * first.begun
+        return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late, first.begun)) * np.abs(late))
 
     def _halves(self, _system: System, flow: Flow, step: ProbedSteps) -> tuple[Array, Array | None]:
         """The state after two steps of half the length; the accelerations after the whole step are not known."""
@@ -189,7 +192,7 @@ class StepDoubling:
         whole step are known then.
         """
         v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
-        start[v] += 0.5 * (flow.after(step.t, step.y, half)[v] - step.y[v])
+        start[v] += 0.5 * half * step.begun
         halves, _ = self._halves(system, flow, replace(step, y=start))
         later, begun = flow.begun(step.t + self.h, end, half)
         halves[v] -= 0.5 * (later[v] - end[v])
