@@ -124,7 +124,10 @@ def jax():
 
 
 @pytest.mark.parametrize(
-    ("name", "quantity"), asked(["ur5", "gripper"]) + asked(["quadruped"], ["mass_matrix", "regressor"])
+    ("name", "quantity"),
+    asked(["ur5", "gripper"])
+    + asked(["quadruped"], ["mass_matrix", "regressor"])
+    + asked(["panda"], ["forward_dynamics_derivatives"]),  # its kernel makes more than it returns
 )
 def test_jax_runs_the_kernel_to_the_bit(jax, name, quantity):
     run_the_kernel(name, quantity)

@@ -29,7 +29,7 @@ _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
 _NONE_IDENTITY = -1
 _MOST_OPERANDS = 32
 
-LONGEST_ALONE = 20_000
+LONGEST_ALONE = 40_000
 """Instructions of the longest program that is compiled once more for single samples."""
 
 

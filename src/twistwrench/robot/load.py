@@ -16,7 +16,18 @@ Mimic = Literal["follow", "independent"]
 Inertia = Literal["error", "accept", "repair"]
 
 
-class LoadOptions(TypedDict, total=False):
+class BuildOptions(TypedDict, total=False):
+    """Those options of :func:`load` that are about the robot, not its file."""
+
+    lock: Mapping[str, ArrayLike] | None
+    tip: str | None
+    mimic: Mimic
+    inertia: Inertia
+    snap: float
+    gravity: ArrayLike | None
+
+
+class LoadOptions(BuildOptions, total=False):
     """Options of :func:`load`, as a dictionary with the same names and meanings."""
 
     format: str | None
@@ -25,12 +36,6 @@ class LoadOptions(TypedDict, total=False):
     model: str | None
     include_paths: Sequence[str | Path]
     max_bodies: int
-    lock: Mapping[str, ArrayLike] | None
-    tip: str | None
-    mimic: Mimic
-    inertia: Inertia
-    snap: float
-    gravity: ArrayLike | None
 
 
 def load(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 from weakref import WeakMethod
 
 import numpy as np
@@ -35,6 +35,9 @@ from .quantity_methods import QuantityMethods
 from .quantity_options import KernelOptions
 from .shortcuts import Shortcuts
 from .task_space_methods import TaskSpaceMethods
+
+if TYPE_CHECKING:
+    pass
 
 
 class Robot(

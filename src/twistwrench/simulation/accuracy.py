@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import percent
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .schemes import ADAPTIVE
@@ -95,10 +96,4 @@ class Accuracy:
 
 
 def _percent(share: float) -> str:
-    return (
-        f"{100 * share:.2g} %"
-        if share < 1.0
-        else f"{100 * share:.0f} %"
-        if share < _MANY
-        else f"more than {_MANY:,.0f} times"
-    )
+    return percent(share, 2 if share < 1.0 else None) if share < _MANY else f"more than {_MANY:,.0f} times"

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.arguments import positive
 from ..errors import ShapeError, ValueRangeError
-from .user_functions import positive
 
 
 @dataclass(frozen=True)

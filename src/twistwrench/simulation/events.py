@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..typing import Array
 from .position_limits import PositionLimits
 from .user_functions import Function, Law, require_three
@@ -64,7 +65,7 @@ class Happening:
     """(nv,)."""
 
     def __str__(self) -> str:
-        return f"{self.name} at {self.time:.6g} s"
+        return f"{self.name} at {number(self.time, 6)} s"
 
 
 Step = Callable[[float], Array]

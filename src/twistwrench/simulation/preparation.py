@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.arguments import positive, whole
 from ..core.probe_rule import probe_spacing
 from ..errors import ShapeError, ValueRangeError
 from ..model.friction import NONE_GIVEN
@@ -30,7 +31,7 @@ from .position_limits import PositionLimits
 from .robot_contact import PlaneContact, StopContact
 from .run import Run
 from .schemes import ADAPTIVE, SemiImplicit, scheme_of
-from .user_functions import Function, Law, positive, require_arguments, whole
+from .user_functions import Function, Law, require_arguments
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -45,7 +46,7 @@ def prepare(
     duration: float,
     dt: float,
     *,
-    method: str,
+    method: str | None,
     tau: ArrayLike | Function | None,
     controller: Function | None,
     wrench_on_robot: Mapping[str, Any] | None,
@@ -61,7 +62,8 @@ def prepare(
     progress: Callable[[float], None] | None,
     loops: Loops | None,
 ) -> Run:
-    """A run that is ready to go, by the arguments of :func:`.simulate.simulate`."""
+    """A run that is ready to go, by the arguments of :meth:`twistwrench.Robot.simulate`."""
+    method = ADAPTIVE if method is None else method
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
     n, end = _steps(duration, dt, whole(every, "every"))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import number, residual
 from ..errors import ValueRangeError
 from ..robot.robot_argument import require_robot
 from ..typing import Array
@@ -108,11 +109,13 @@ class SimulationResult:
 
     def __repr__(self) -> str:
         said = [
-            f"{len(self)} state{'s' * (len(self) != 1)} to {self.times[-1]:g} s",
+            f"{len(self)} state{'s' * (len(self) != 1)} to {number(self.times[-1], 6)} s",
             self.stopped,
-            f"drift of energy {self.relative_drift:.1e}",
+            f"drift of energy {residual(self.relative_drift)}",
         ]
-        said += [f"error of the motion about {self.relative_error:.1e}"] if np.isfinite(self.relative_error) else []
+        said += (
+            [f"error of the motion about {residual(self.relative_error)}"] if np.isfinite(self.relative_error) else []
+        )
         said += [f"note: {r}" for r in self.remarks]
         return f"<SimulationResult of {self.robot!r}, {self.method}: {'; '.join(said)}>"
 
