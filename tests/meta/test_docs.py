@@ -82,6 +82,28 @@ def test_the_page_of_quantities_is_the_table():
         assert abs(int(old.replace(",", "")) - int(new.replace(",", ""))) <= 0.02 * int(new.replace(",", "")) + 2
 
 
+SAID = [
+    pytest.param(command, text, id=command)
+    for page in PAGES
+    for command, text in re.findall(
+        r"^```console[^\n]*\n\$ ([^\n]+)\n```\n\n```text\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+]
+
+
+@pytest.mark.parametrize(("command", "text"), SAID)
+def test_commands_say_what_is_shown(command, text, tmp_path, monkeypatch):
+    """Every line that the page shows below a command is in its output, but for … and for how large rounding is."""
+
+    def plain(words):
+        return re.sub(r"[0-9.]+e-1[0-9]", "0", " ".join(words.split()))
+
+    monkeypatch.chdir(tmp_path)
+    said = plain(CliRunner().invoke(main, shlex.split(command)[1:]).output)
+    for line in text.splitlines():
+        assert line == "…" or plain(line) in said, line
+
+
 def kept(name: str) -> dict:
     """Results that bench/ measured."""
     return json.loads((ROOT / "bench" / f"{name}.json").read_text("utf-8"))

@@ -122,6 +122,8 @@ def _advance(runs: list[Run]) -> None:
     first = runs[0]
     made = [CompiledSteps.of(run.system, run.method, run.scheme.order, run.h) for run in runs]
     going = [(run, steps) for run, steps in zip(runs, made, strict=True) if steps is not None]
+    for run, _ in going:
+        run.begin()
     wide = going[0][1].side_by_side() if going else None
     while wide is not None and going and (left := first.n - going[0][0].steps):
         counted = first.system.evaluations
@@ -129,4 +131,4 @@ def _advance(runs: list[Run]) -> None:
         states = np.array([run.last[1] for run, _ in going])
         found = wide.taken(states, min(max(1, wide.most // len(going)), left), first.h, given)
         first.system.evaluations = counted
-        going = [both for both, Y, ddq in zip(going, *found, strict=True) if use_block(*both, Y, ddq)]
+        going = [both for both, *mine in zip(going, *found, strict=True) if use_block(*both, *mine)]

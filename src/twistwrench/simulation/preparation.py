@@ -23,11 +23,12 @@ from .closed_steps import ClosedSteps
 from .closed_system import ClosedScheme, ClosedStepper, ClosedSystem, Loops
 from .compiled_attempts import CompiledAttempts
 from .compiled_steps import CompiledSteps
-from .contact import JointStops, Plane, PlaneContact, StopContact
+from .contact import JointStops, Plane
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
 from .events import Event, Watch
 from .forces import System, torque_law, wrench_laws
 from .position_limits import PositionLimits
+from .robot_contact import PlaneContact, StopContact
 from .run import Run
 from .schemes import ADAPTIVE, SemiImplicit, scheme_of
 from .user_functions import Function, Law, require_arguments
@@ -120,9 +121,10 @@ def prepare(
     def go() -> None:
         if adapts:
             asked = (*tolerances, longest, probe_spacing(h, end), end)
-            stepper = Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked)
-            stepper.attempts = CompiledAttempts.of(system, tolerances) if loops is None else None
-            take_adaptively(run, stepper)
+            if loops is None:
+                take_adaptively(run, Stepper(system, *asked, attempts=CompiledAttempts.of(system, tolerances)))
+            else:
+                take_adaptively(run, ClosedStepper(loops, *asked))
         elif loops is None:
             run.compiled = (AskedSteps if system.functions else CompiledSteps).of(system, method, scheme.order, h)
             run.fixed()
