@@ -65,7 +65,7 @@ test-all: lint
 $(VENV)-lowest/.made: pyproject.toml
 	$(PYTHON) -m venv --clear $(VENV)-lowest
 	$(VENV)-lowest/bin/python -m pip install --quiet uv
-	$(VENV)-lowest/bin/uv pip install --quiet --python $(VENV)-lowest/bin/python --resolution lowest-direct -e ".[all,test]"
+	$(VENV)-lowest/bin/uv pip install --quiet --python $(VENV)-lowest/bin/python --resolution lowest-direct -e ".[all,usd,jax,casadi,gymnasium,test]"
 	touch $@
 
 lowest: $(VENV)-lowest/.made

@@ -12,6 +12,10 @@ import pytest
 
 import twistwrench as tw
 
+collect_ignore = ["support"]
+"""Helpers without tests or examples. In old versions of pytest, a module of fixtures that the search for examples has seen
+is no plugin for others any more."""
+
 CACHE = "TWISTWRENCH_CACHE_DIR"
 
 

@@ -18,6 +18,8 @@ import llvmlite.binding as llvm
 import numpy as np
 
 import twistwrench as tw
+from twistwrench.kernels.ufunc import owner_of
+from twistwrench.program.forms import Form
 from twistwrench.robot.quantity_row import CONFIGURATIONS
 from twistwrench.targets.call_way import loop_steps
 from twistwrench.targets.emitter_choice import modules
@@ -63,11 +65,12 @@ def main() -> None:
 
 def compare(robot: tw.Robot, quantity: str, options: dict[str, Any], precision: Precision, folder: Path) -> str:
     """Whether ARM's results are this machine's, and else by how much they are off."""
-    program, kernel = robot.program(quantity, **options), robot.kernel(quantity, **options)
-    binary = built(program, precision, folder)
+    kernel = robot.kernel(quantity, **options)
+    form = owner_of(kernel).given  # what was compiled here: the program, with its loop if it has one
+    binary = built(form, precision, folder)
     worst = 0.0
     for rows in ROWS:
-        given = states(robot, program, precision, rows)
+        given = states(robot, form, precision, rows)
         done = subprocess.run(
             [EMULATOR, binary, str(rows)], input=b"".join(map(bytes, given)), capture_output=True, check=True
         )
@@ -79,20 +82,20 @@ def compare(robot: tw.Robot, quantity: str, options: dict[str, Any], precision: 
     return f"off by {worst:.1e} of the largest entry" if worst else "to the bit"
 
 
-def built(program: Any, precision: Precision, folder: Path) -> Path:
+def built(form: Form, precision: Precision, folder: Path) -> Path:
     """The kernel and its driver as one program for ARM."""
     target = llvm.Target.from_triple(ARM.triple).create_target_machine(
         cpu=ARM.cpu, features=ARM.features, opt=2, reloc="pic", codemodel="small"
     )
     objects = []
-    for k, text in enumerate(modules(program, precision, ARM)):
+    for k, text in enumerate(modules(form, precision, ARM)):
         objects.append(folder / f"kernel{k}.o")
         objects[-1].write_bytes(target.emit_object(llvm.parse_assembly(text, llvm.create_context())))
-    ports = (*program.inputs, *program.outputs)
+    ports = (*form.inputs, *form.outputs)
     defined = {
         "KERNEL": LOOP,
         "REAL": precision.llvm,
-        "INPUTS": len(program.inputs),
+        "INPUTS": len(form.inputs),
         "ARRAYS": len(ports),
         "SIZES": ",".join(str(port.size) for port in ports),
         "STEPS": ",".join(map(str, loop_steps(ports, precision))),
@@ -103,8 +106,8 @@ def built(program: Any, precision: Precision, folder: Path) -> Path:
     return binary
 
 
-def states(robot: tw.Robot, program: Any, precision: Precision, rows: int) -> list[np.ndarray]:
-    """Random inputs of a program."""
+def states(robot: tw.Robot, form: Form, precision: Precision, rows: int) -> list[np.ndarray]:
+    """Random inputs of a kernel."""
     rng = np.random.default_rng(rows)
     return [
         np.ascontiguousarray(
@@ -113,7 +116,7 @@ def states(robot: tw.Robot, program: Any, precision: Precision, rows: int) -> li
             else rng.normal(size=(rows, *p.shape)),
             precision.char,
         )
-        for k, p in enumerate(program.inputs)
+        for k, p in enumerate(form.inputs)
     ]
 
 

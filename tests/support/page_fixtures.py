@@ -1,7 +1,4 @@
-"""Fixtures of the tests of pages in a browser.
-
-PYTEST_DONT_REWRITE: the search for doctests imports it before it is a plugin.
-"""
+"""Fixtures of the tests of pages in a browser."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Fixtures over the random trees: a pytest plugin of the tests of laws.
-
-PYTEST_DONT_REWRITE: there are no assertions here, and the search for doctests imports it before it is a plugin.
-"""
+"""Fixtures over the random trees: a pytest plugin of the tests of laws."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Random trees of few joints, every kind among them, for tests whose programs grow with the square of the velocities.
 
-PYTEST_DONT_REWRITE: the fixtures are a plugin, and the search for doctests imports it before it is one.
+PYTEST_DONT_REWRITE: other tests import it before it is a plugin.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Fixtures of the tests of calls on several threads.
-
-PYTEST_DONT_REWRITE: the search for doctests imports it before it is a plugin.
-"""
+"""Fixtures of the tests of calls on several threads."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Fixtures of the tests of the torques command: a robot, a motion and its file, and the shell.
-
-PYTEST_DONT_REWRITE: the search for doctests imports it before it is a plugin, and its assertion says enough.
-"""
+"""Fixtures of the tests of the torques command: a robot, a motion and its file, and the shell."""
 
 from __future__ import annotations
 

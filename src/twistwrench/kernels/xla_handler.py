@@ -25,7 +25,7 @@ class XlaHandler:
 def is_compiled(kernel: Any) -> bool:
     """Whether there is machine code behind a kernel, with something to compute."""
     owner = owner_of(kernel)
-    return owner is not None and any(port.size for port in owner.program.outputs)
+    return owner is not None and any(port.size for port in owner.given.outputs)
 
 
 def make_handler(kernel: Any, char: str, version: tuple[int, int], *, alone: bool) -> XlaHandler:
@@ -36,7 +36,7 @@ def make_handler(kernel: Any, char: str, version: tuple[int, int], *, alone: boo
     precision = SINGLE if char == SINGLE.char else DOUBLE
     loop = owner.alone(precision).address if alone else owner.address(precision)
     code = assembled(
-        handler_assembly(owner.program.inputs, owner.program.outputs, precision, version), INSTALL, owner.machine
+        handler_assembly(owner.given.inputs, owner.given.outputs, precision, version), INSTALL, owner.machine
     )
     address = _INSTALLED(code.address)(loop)
     return XlaHandler(address, (code, kernel))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..joints.units import unit_of
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .formula import formula_html
@@ -122,7 +123,7 @@ def _sliders(robot: Robot, start: Array, section: BookSection) -> dict[str, list
             for name, unit, least, most, start in _MOTOR
         ],
         "wrench": [
-            {"name": name, "unit": "N m" if k < 3 else "N", "most": most[k], "start": begin[k]}
+            {"name": name, "unit": unit_of("tau", k < 3), "most": most[k], "start": begin[k]}
             for k, name in enumerate(_COMPONENTS)
         ],
     }

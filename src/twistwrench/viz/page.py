@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..typing import Array
@@ -256,12 +257,12 @@ def _motion_data(robot: Robot, motion: DrawnMotion, box: _Box) -> dict[str, Any]
 
 def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
     mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
-    text = f"{robot.nv} degree{'s' if robot.nv != 1 else ''} of freedom, {mass:.4g} kg moving"
+    text = f"{robot.nv} degree{'s' if robot.nv != 1 else ''} of freedom, {number(mass)} kg moving"
     if motion is None:
         return text
-    carried = " + ".join(f"{p.mass:g} kg" for p in motion.load.payloads)
+    carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads)
     span = float(motion.time[-1] - motion.time[0])
-    return f"{text}{f', payload {carried}' if carried else ''} · {motion.rows} samples in {span:.4g} s"
+    return f"{text}{f', payload {carried}' if carried else ''} · {motion.rows} samples in {number(span)} s"
 
 
 def _switches(
