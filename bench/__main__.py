@@ -1,11 +1,13 @@
 """Run everything and write the report: `python -m bench [--rounds N] [--robots ur5,panda,talos]`.
 
 `--only SECTION` times one section alone and leaves the rest of the results as it is; `--render` times nothing; `--out FOLDER`
-writes both files there, and leaves those kept here alone.
+writes both files there, and leaves those kept here alone. Both files are written after each section, so that a section which
+fails takes none of the others with it.
 """
 
 import argparse
 import json
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,8 @@ ALONE = (
     "inverse_kinematics",
     "long_chain",
     "closed",
+    "kernels",
+    "start",
 )
 SECTIONS = (*sorted(ALONE), "rollout", "simulate", "threads")
 ALL_CORES = ("threads",)  # the others keep to one
@@ -39,14 +43,19 @@ def main() -> None:
     kept = folder / "results.json"
     if options.only or options.render:
         results = json.loads((kept if kept.exists() else HERE / "results.json").read_text())
-    if options.only:
-        results = {**results, options.only: _part(options.only, options)}
-    elif not options.render:
-        results = _measure(options)
-    results = json.loads(json.dumps(results))  # as it is read again
-    kept.write_text(json.dumps(results, indent=1) + "\n")
-    (folder / "RESULTS.md").write_text(report.write(results))
+        if options.only:
+            results[options.only] = _part(options.only, options)
+        _write(results, folder)
+    else:
+        for results in _measured(options):
+            _write(results, folder)
     print(f"wrote {folder / 'RESULTS.md'}")
+
+
+def _write(results: dict[str, Any], folder: Path) -> None:
+    results = json.loads(json.dumps(results))  # as it is read again
+    (folder / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+    (folder / "RESULTS.md").write_text(report.write(results))
 
 
 def _options() -> argparse.Namespace:
@@ -98,11 +107,13 @@ def _part(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "float32": lambda: float32.times(rounds, cases),
         "fresh": lambda: fresh.times(tuple(case.name for case in cases)),
         "inverse_kinematics": lambda: inverse_kinematics.times(rounds),
+        "kernels": lambda: {case.name: footprint.kernel_times(case) for case in cases},
         "long_chain": lambda: long_chain.times(rounds),
         "one_body": lambda: one_body.times(rounds),
         "one_call": lambda: one_call.times(rounds, cases),
         "rollout": rollout,
         "simulate": simulate,
+        "start": lambda: footprint.start_times(next(c for c in CASES if c.name == "panda"), max(rounds // 2, 3)),
         "threads": lambda: threads.times(rounds),
     }[name]()
 
@@ -111,7 +122,8 @@ def _cases(options: argparse.Namespace) -> tuple[Case, ...]:
     return tuple(c for c in CASES if c.name in options.robots.split(","))
 
 
-def _measure(options: argparse.Namespace) -> dict[str, Any]:
+def _measured(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """All results so far, after each section."""
     builds, missing = peer_pinocchio_cpp.builds()
     results: dict[str, Any] = {
         "machine": machine.describe(),
@@ -119,6 +131,7 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
         "missing": missing,
         "rounds": options.rounds,
         "robots": {},
+        "installed": footprint.installed_bytes(),
     }
     with suppress(ImportError):  # the robots say below what is missing
         results["threads"] = _part("threads", options)  # before all is kept on one core
@@ -126,17 +139,17 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
     for case in _cases(options):
         print(f"{case.name}: loading", flush=True)
         results["robots"][case.name] = measured(case, all_peers(case, builds, missing), options.rounds)
-    if "twistwrench" not in missing:
-        for section in ALONE:
-            results[section] = _part(section, options)
+        yield results
+    if "twistwrench" in missing:
+        return
+    for section in ALONE:
+        print(section.replace("_", " "), flush=True)
+        results[section] = _part(section, options)
+        yield results
+    for section in ("rollout", "simulate"):
         with suppress(ImportError):  # the robots say what is missing
-            results["rollout"] = _part("rollout", options)
-            results["simulate"] = _part("simulate", options)
-        results["kernels"] = {case.name: footprint.kernel_times(case) for case in _cases(options)}
-        panda = next(c for c in CASES if c.name == "panda")
-        results["start"] = footprint.start_times(panda, max(options.rounds // 2, 3))
-    results["installed"] = footprint.installed_bytes()
-    return results
+            results[section] = _part(section, options)
+            yield results
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """One call with one state in every way a loop writes it: `out=`, a frame, a wrench, lists; and Pinocchio's Python call."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -59,30 +59,31 @@ def _ways(case: Case) -> Iterator[tuple[str, Calls, Calls]]:
     ours, peer, states = Ours(case), Pinocchio(case), States.random(case, STATES)
     robot, tip = ours.robot, case.tip
     for quantity in QUANTITIES[case.name]:
-        mine, theirs = list(zip(*_inputs(ours, quantity, states), strict=True)), _theirs(peer, quantity, states)
+        mine, theirs = _inputs(ours, quantity, states), _theirs(peer, quantity, states)
         count = MATRICES.get(quantity, 0)
         room = [np.empty((robot.nv,) * (2 if count else 1)) for _ in range(max(count, 1))]
         out: Any = room[0] if len(room) == 1 else tuple(room)
-        yield quantity, _each(robot, quantity, mine, {}), theirs
-        yield f"{quantity}, out=", _each(robot, quantity, mine, {"out": out}), theirs
-    q = list(zip(*ours.inputs("jacobian", states), strict=True))
-    yield "jacobian, frame=", _each(robot, "jacobian", q, {"frame": tip}), _theirs(peer, "jacobian", states)
-    yield "forward kinematics, frame=", _each(robot, "forward_kinematics", q, {"frame": tip}), _poses(peer, tip, states)
-    mine = list(zip(*ours.inputs("inverse_dynamics", states), strict=True))
-    F = np.arange(1.0, 7.0)
+        yield quantity, _calls(f"robot.{quantity}", "{x}", mine, robot=robot), theirs
+        yield f"{quantity}, out=", _calls(f"robot.{quantity}", "{x}, out=out", mine, robot=robot, out=out), theirs
+    q, known = ours.inputs("jacobian", states), {"robot": robot, "tip": tip}
+    yield "jacobian, frame=", _calls("robot.jacobian", "{x}, frame=tip", q, **known), _theirs(peer, "jacobian", states)
+    poses = _calls("robot.forward_kinematics", "{x}, frame=tip", q, **known)
+    yield "forward kinematics, frame=", poses, _poses(peer, tip, states)
+    mine, method, F = ours.inputs("inverse_dynamics", states), "robot.inverse_dynamics", np.arange(1.0, 7.0)
+    pushed = _calls(method, "{x}, wrench_on_robot={{tip: F}}", mine, F=F, **known)
+    yield "inverse dynamics with a wrench", pushed, _theirs_with_wrench(peer, tip, states, F)
+    lists = _calls(method, "{x}", [x.tolist() for x in mine], **known)
+    yield "inverse dynamics of lists", lists, _theirs(peer, "inverse_dynamics", states)
 
-    def with_wrench() -> None:
-        method = robot.inverse_dynamics
-        for q, dq, ddq in mine:
-            method(q, dq, ddq, wrench_on_robot={tip: F})
 
-    yield "inverse dynamics with a wrench", with_wrench, _theirs_with_wrench(peer, tip, states, F)
-    lists = [[x.tolist() for x in row] for row in mine]
-    yield (
-        "inverse dynamics of lists",
-        _each(robot, "inverse_dynamics", lists, {}),
-        _theirs(peer, "inverse_dynamics", states),
-    )
+def _calls(function: str, arguments: str, given: Sequence[Any], **known: Any) -> Calls:
+    """A call for each state, written out as a loop in a program has it; ``{x}`` are the arrays of a state."""
+    names = ", ".join(f"x{k}" for k in range(len(given)))
+    call = f"        function({arguments.format(x=names)})"
+    lines = ["def calls():", f"    function = {function}", f"    for {names}, in rows:", call, ""]
+    found: dict[str, Any] = {**known, "rows": list(zip(*given, strict=True))}
+    exec("\n".join(lines), found)
+    return found["calls"]  # type: ignore[no-any-return]
 
 
 def _inputs(ours: Ours, quantity: str, states: States) -> tuple[np.ndarray, ...]:
@@ -90,38 +91,25 @@ def _inputs(ours: Ours, quantity: str, states: States) -> tuple[np.ndarray, ...]
     return given[: len(INPUTS[quantity])] if quantity in INPUTS else given
 
 
-def _each(robot: Any, quantity: str, rows: list[Any], options: dict[str, Any]) -> Calls:
-    def calls() -> None:
-        method = getattr(robot, quantity)
-        for row in rows:
-            method(*row, **options)
-
-    return calls
-
-
 def _theirs(peer: Pinocchio, quantity: str, states: States) -> Calls:
+    known = {"model": peer.model, "data": peer.data}
     if quantity in INPUTS:
-        function: Any = pin.nonLinearEffects
-        more: tuple[Any, ...] = ()
         given = tuple(getattr(states, name) for name in INPUTS[quantity])
-    else:
-        (function, more), given = peer.functions[quantity], states.inputs(quantity)
-    rows = [(*row, *more) for row in zip(*given, strict=True)]
-
-    def calls() -> None:
-        for row in rows:
-            function(peer.model, peer.data, *row)
-
-    return calls
+        return _calls("compute", "model, data, {x}", given, compute=pin.nonLinearEffects, **known)
+    (function, more), given = peer.functions[quantity], states.inputs(quantity)
+    further = {f"further{k}": value for k, value in enumerate(more)}
+    arguments = ", ".join(["model, data, {x}", *further])
+    return _calls("compute", arguments, given, compute=function, **known, **further)
 
 
 def _poses(peer: Pinocchio, tip: str, states: States) -> Calls:
-    frame, rows = peer.model.getFrameId(tip, pin.BODY), list(states.q)
+    frame, model, data = peer.model.getFrameId(tip, pin.BODY), peer.model, peer.data
+    forward, place, rows = pin.forwardKinematics, pin.updateFramePlacement, list(states.q)
 
     def calls() -> None:
         for q in rows:
-            pin.forwardKinematics(peer.model, peer.data, q)
-            pin.updateFramePlacement(peer.model, peer.data, frame)
+            forward(model, data, q)
+            place(model, data, frame)
 
     return calls
 
@@ -131,10 +119,6 @@ def _theirs_with_wrench(peer: Pinocchio, tip: str, states: States, F: np.ndarray
     for _ in range(peer.model.njoints):
         forces.append(pin.Force.Zero())
     forces[peer.model.frames[peer.model.getFrameId(tip, pin.BODY)].parentJoint] = pin.Force(F)
-    rows = list(zip(*states.inputs("inverse_dynamics"), strict=True))
-
-    def calls() -> None:
-        for row in rows:
-            pin.rnea(peer.model, peer.data, *row, forces)
-
-    return calls
+    given = states.inputs("inverse_dynamics")
+    known = {"model": peer.model, "data": peer.data, "forces": forces}
+    return _calls("compute", "model, data, {x}, forces", given, compute=pin.rnea, **known)

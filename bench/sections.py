@@ -167,6 +167,11 @@ def simulations(results: dict[str, Any]) -> str:
     )
     if any("controller" in name for name in found["times"]):
         text += " With a controller both ask one function in Python every step, and hold its torques for the step."
+    if any("plane" in name for name in found["times"]):
+        text += (
+            " With stops of all joints and a plane, ours looks for the beginning of each contact as well; `mj_step` has no"
+            " contact on. Of a batch (`robot.simulate_batch`) one motion is timed, in the time of all over their number."
+        )
     return section("Simulations", text, ("", "one motion of a second, times real time", "of `mj_step`'s time"), rows)
 
 

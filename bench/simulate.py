@@ -2,7 +2,8 @@
 
 Ours gives energies, works, momentum, an estimate of the error and every state; the loop steps, and keeps nothing. Nothing but
 mechanics is on in either. Then the same with a controller in Python, which both ask every step. The states after a tenth of a
-second are compared before anything is timed.
+second are compared before anything is timed. Ours alone: with stops of the joints and a plane that the hand runs into, and
+batches of motions.
 """
 
 from collections.abc import Callable
@@ -16,12 +17,15 @@ from bench import machine, peer_mujoco
 from bench.cases import CASES, Case, States
 from bench.ours import Ours
 from bench.timing import ROUNDS, Contender, interleave
+from twistwrench.simulation import JointStops, Plane
 
 STEPS, DT = 1000, 1e-3
 METHODS = ("rk4", "semi_implicit", "dopri5")
 LOOP, LOOP_RK4 = "mj_step", "mj_step, RK4"
 STEERED = (("semi_implicit", LOOP), ("rk4", LOOP_RK4))
 AND, ITSELF = ", controller", "mj_step's controller itself"
+TOUCHING = ("rk4", "semi_implicit", "dopri5")
+STOPS, BATCH = ", stops and a plane", 64
 KP, KD = 100.0, 5.0
 TOLERANCE = 1e-8  # a hundred steps of two programs that round differently
 
@@ -40,6 +44,10 @@ def times(rounds: int = ROUNDS) -> dict[str, Any]:
     contenders += [Contender(method + AND, ours.sweep(method, steered=True), STEPS) for method, _ in STEERED]
     contenders += [Contender(name + AND, loop.sweep(steered=True), STEPS) for name, loop in loops.items()]
     contenders.append(Contender(ITSELF, ours.asked, STEPS))
+    contenders += [Contender(method + STOPS, ours.sweep(method, touching=True), STEPS) for method in TOUCHING]
+    for touching in (False, True):
+        name = f"rk4{STOPS * touching}, one of a batch of {BATCH}"
+        contenders.append(Contender(name, ours.batch(touching=touching), STEPS * BATCH))
     return {
         **{name: where[name] for name in ("date", "cpu")},
         "rounds": rounds,
@@ -69,16 +77,31 @@ class _Ours:
         self.robot = ours.robot
         self.q, self.dq = (np.ascontiguousarray(x[0, ours.q_index]) for x in (states.q, states.dq))
         self.hold = _controller(np.zeros_like(self.q))
+        hand = self.robot.frame_names[-1]
+        height = float(self.robot.forward_kinematics(self.q, hand)[2, 3]) - 0.05
+        self.contacts = [
+            JointStops(stiffness=1e4, dissipation=0.2),
+            Plane(hand, height=height, stiffness=1e4, dissipation=0.2, friction=0.3),
+        ]
 
-    def after(self, steps: int, method: str, *, steered: bool) -> np.ndarray:
-        controller = self.hold if steered else None
-        found = self.robot.simulate(self.q, self.dq, steps * DT, DT, method=method, controller=controller)
+    def after(self, steps: int, method: str, *, steered: bool = False, touching: bool = False) -> np.ndarray:
+        given = {"controller": self.hold if steered else None, "contacts": self.contacts if touching else ()}
+        found = self.robot.simulate(self.q, self.dq, steps * DT, DT, method=method, **given)
         return np.concatenate([found.q[-1], found.dq[-1]])
 
-    def sweep(self, method: str, *, steered: bool = False) -> Callable[[int], None]:
+    def sweep(self, method: str, *, steered: bool = False, touching: bool = False) -> Callable[[int], None]:
         def sweep(times: int) -> None:
             for _ in range(times):
-                self.after(STEPS, method, steered=steered)
+                self.after(STEPS, method, steered=steered, touching=touching)
+
+        return sweep
+
+    def batch(self, *, touching: bool) -> Callable[[int], None]:
+        q, contacts = np.tile(self.q, (BATCH, 1)), self.contacts if touching else ()
+
+        def sweep(times: int) -> None:
+            for _ in range(times):
+                self.robot.simulate_batch(q, self.dq, STEPS * DT, DT, method="rk4", contacts=contacts)
 
         return sweep
 

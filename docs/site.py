@@ -17,6 +17,7 @@ _FENCE = re.compile(r"^```(\w+) [^\n]+$", re.MULTILINE)
 """What the tests read behind a block's language: no-run, exit=1."""
 _ROLE = re.compile(r":(?:func|class|meth|data|attr|mod|exc):\s*<code>(?:([^<&]+) &lt;)?(~?)([\w.]+)(?:&gt;)?</code>")
 _LANGUAGES = {".py": "python", ".toml": "toml", ".md": "markdown", ".cpp": "cpp", ".ipynb": "json"}
+_SHIM = "https://unpkg.com/iframe-worker/shim"
 _MODULES = (
     "control",
     "statics",
@@ -67,6 +68,16 @@ def on_page_content(html: str, **_: Any) -> str:
         return f"<code>{text or (name.rpartition('.')[2] if tilde else name)}</code>"
 
     return _ROLE.sub(shown, html)
+
+
+def on_post_page(output: str, page: Any, **_: Any) -> str:
+    """The script that search needs where the site is read from files is the site's own, and not fetched."""
+    return output.replace(_SHIM, "../" * page.file.dest_uri.count("/") + "search_frame.js")
+
+
+def on_post_template(output: str, **_: Any) -> str:
+    """Likewise for the page of what is not found."""
+    return output.replace(_SHIM, "search_frame.js")
 
 
 def _relinked(found: re.Match[str], folder: Path) -> str:
@@ -134,6 +145,7 @@ def _book() -> dict[str, str]:
     from twistwrench.viz.page import page_text
 
     robots = {"8.1.3": tw.robots.planar_2r(), "8.5": tw.robots.planar_2r()}
+    robots |= dict.fromkeys(("5.3", "5.4", "8.9"), tw.robots.ur5())
     found, rows = {}, []
     for number, section in SECTIONS.items():
         robot = robots.get(number, tw.robots.panda())

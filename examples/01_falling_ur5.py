@@ -1,9 +1,9 @@
-"""A UR5 is let go, and only energy is asked afterwards.
+"""A UR5 falls from rest: energy error of five integrators.
 
-Five integrators follow the same fall for three seconds. Nothing but gravity acts, so the energy of the exact motion is a
-constant: what each of them gains or loses is its own mistake, and the variational one keeps coming back to zero.
+Five integrators simulate the same fall for three seconds. Gravity is the only force, so the exact motion conserves energy, and
+any change of the energy is an error of the integrator. The error of the variational one stays bounded and returns to zero.
 
-To change: the step ``dt`` of all of them, or where the arm is let go.
+To change: the step ``dt`` of all integrators, or the configuration at the start.
 """
 
 from argparse import ArgumentParser

@@ -1,10 +1,11 @@
-"""A box thrown about its middle axis turns over, again and again.
+"""Rotation about the middle principal axis is unstable: a free box turns over again and again.
 
-Seen from the box, the tip of the angular momentum moves where a sphere (its size stays) meets an ellipsoid (so does the
-energy). Around the first and the last axis those curves are small loops; through the middle one they cross, and a slight push
-carries it to the other side and back, in a time that an elliptic integral says.
+Seen from the box, the angular momentum L moves on a sphere (its magnitude is constant) and on an ellipsoid (the energy is
+constant); its path is where the two intersect. Around the axes of least and greatest inertia these paths are small closed
+curves. The paths through the middle axis lead from one side to the other, so a small disturbance turns the box over. The
+period is an elliptic integral.
 
-To change: ``sides``, where two equal ones end the flip, and ``push``, which sets how long it waits.
+To change: ``sides`` (with two equal sides the box no longer turns over), and ``push``, the disturbance, which sets the period.
 """
 
 from argparse import ArgumentParser

@@ -1,9 +1,9 @@
-"""An arm carries more and more along one path, until a joint gives in.
+"""Largest payload of an arm along a path, and the joint that limits it.
 
-Torques are linear in what is carried, τ = τ₀ + m τ₁, so the largest mass at each moment is known at once, and which joint is
-the first at its limit. The path is what the robot would do anyway, a move between two configurations.
+The torques are linear in the mass of the payload, τ = τ₀ + m τ₁, so the largest mass at each moment follows at once, and with
+it the joint that reaches its torque limit first. The path is a move between two configurations.
 
-To change: ``start`` and ``goal``, the duration (a slower move carries more), or where the load sits in the hand.
+To change: ``start`` and ``goal``, the duration (a slower move allows more mass), or the position of the payload in the hand.
 """
 
 from argparse import ArgumentParser

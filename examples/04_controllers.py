@@ -1,10 +1,10 @@
-"""Three controllers follow one line, with a load that none of them knows.
+"""Three controllers follow a straight line with a payload that their model may not include.
 
-PD with gravity, computed torque and impedance lead the hand of a UR5 along a straight line, each first with a model that has
-the load and then with one that has not. What a model leaves out becomes an error, of a kind of its own in each law: under
-impedance the hand rests by the weight over the stiffness too low.
+PD with gravity compensation, computed torque and impedance control move the hand of a UR5 along a straight line, each once
+with a model that includes the payload and once without it. The error that the missing mass causes differs by controller: under
+impedance control the hand rests too low by the payload's weight divided by the stiffness.
 
-To change: the load, the gains, the stiffness, or how fast the line is gone along.
+To change: the payload, the gains, the stiffness, or the speed along the line.
 """
 
 from argparse import ArgumentParser

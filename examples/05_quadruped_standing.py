@@ -1,10 +1,10 @@
-"""A quadruped stands on four feet, and leans forward until it tips.
+"""Contact forces of a standing quadruped as its trunk moves forward, until no forces balance it.
 
-A linear programme finds contact forces inside the friction cones that hold it with the least torques, as shares of their
-limits. As the trunk moves, load goes from the rear feet to the front ones; past the front feet no forces hold it, and the
-answer is the motion that none of them resists.
+A linear program finds contact forces inside the friction cones that balance the robot with the smallest joint torques, each as
+a share of its limit. As the trunk moves forward, the load shifts from the rear feet to the front feet. Beyond the front feet no
+forces inside the cones balance the robot, and the result is the motion that none of them resists.
 
-To change: the friction, the height of the trunk, or a wrench that pushes it (``wrench_on_robot``).
+To change: the friction coefficient, the height of the trunk, or a wrench on the trunk (``wrench_on_robot``).
 """
 
 from argparse import ArgumentParser

@@ -1,9 +1,10 @@
-"""Ten thousand Pandas reach for the same place, each with another load, gain and start.
+"""Ten thousand rollouts of a Panda under computed torque, each with its own payload, gains and start.
 
-Computed torque knows nothing of the load, so each joint ends a little off: by M⁻¹ times the unknown weight, over the square
-of the frequency ω its gains are set for. Stiffer gains help, and answer an unlucky start with torques the motors may not have.
+The controller does not know the payload, so each joint ends with an error: M⁻¹ times the unknown gravity torque, divided by
+the square of the frequency ω that the gains are chosen for. Higher gains reduce this error, and can ask for more torque at the
+start than the motors have.
 
-To change: the controller (``PD`` in its place), the ranges that are drawn, or what else is unknown (``robot.varying()``).
+To change: the controller (``PD`` instead), the ranges of the random values, or what is unknown (``robot.varying()``).
 """
 
 from argparse import ArgumentParser

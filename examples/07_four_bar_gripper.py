@@ -1,11 +1,11 @@
-"""A gripper of two four-bar fingers: what its one nut must push for the same grip at every opening.
+"""Drive force of a gripper with two four-bar fingers, for the same grip force at every opening.
 
-Each finger is a parallelogram, so its pad never turns; a rod from the sliding nut of the spindle turns its crank. Cut at four
-pins, closed there again: nine joints, one degree of freedom, one motor. Inverse kinematics finds all joints for an opening of
-the pads, inside limits that keep the fingers from folding over, and the torques of the closed robot say what the nut pushes
-and what the pins carry while the pads hold a thing.
+Each finger is a parallelogram, so its pad does not turn; a rod from the nut of the spindle drives its crank. The mechanism is
+modelled as a tree of nine joints that is closed at four pins: one degree of freedom, one motor. Inverse kinematics finds all
+joint positions for an opening of the pads, inside limits that keep the fingers from folding over. Inverse dynamics of the
+closed robot gives the force on the nut, and the forces in the pins, while the pads hold an object.
 
-To change: the ``grip``, or where the rods sit (``arm`` and ``rod``), which moves the opening at which the nut pushes most.
+To change: the force ``grip``, or where the rods are attached (``arm`` and ``rod``), which moves the opening of largest force.
 """
 
 from argparse import ArgumentParser

@@ -1,11 +1,11 @@
-"""A hexapod tilts a load around in a circle, and each of its six legs carries another part of it.
+"""Motor forces of a hexapod that moves a load around a circle of tilts.
 
-Six legs on universal joints end in ball joints on a platform that floats: closed six times, it has six degrees of freedom,
-and six motors that push along the legs. Inverse kinematics finds all coordinates of each pose with the loops closed, inverse
-dynamics of the closed robot what the motors push. The load sits high and off the middle, so one leg is pulled where the
-others press.
+Six legs on universal joints end in ball joints on a floating platform. Closed at six points, the mechanism has six degrees of
+freedom and six motors that act along the legs. Inverse kinematics finds all coordinates of each pose with the loops closed;
+inverse dynamics of the closed robot gives the motor forces. The load is high and off centre, so one leg is pulled while the
+others are pressed.
 
-To change: the load and where it is, the tilt, or how long a round takes (dotted: the same at rest).
+To change: the load and its position, the tilt, or the period of a round (dotted: the same poses at rest).
 """
 
 from argparse import ArgumentParser

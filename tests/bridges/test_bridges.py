@@ -18,7 +18,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_row import CONFIGURATIONS
+from twistwrench.robot.quantity_types import CONFIGURATIONS
 
 PLAIN = [name for name, row in QUANTITIES.items() if "constraints" not in row.options]
 GRIPPER = """<robot name="gripper"><link name="palm"/>

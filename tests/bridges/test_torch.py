@@ -9,7 +9,7 @@ from fake_gpu import NEEDS_COMPILERS, Bare
 import twistwrench as tw
 from twistwrench.bridges.quantity import BridgedQuantity
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_row import CONFIGURATIONS
+from twistwrench.robot.quantity_types import CONFIGURATIONS
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")
 pytest_plugins = ("cuda_fixtures",)

@@ -259,6 +259,29 @@ def test_the_model_meant_is_written_and_no_other(tmp_path):
     assert np.array_equal(left.parameters, before.parameters)
 
 
+def test_every_link_of_an_sdf_file_keeps_mass(tmp_path):
+    """A fixed link heavier than what is found for its body cannot stay: libsdformat refuses a mass that is not positive."""
+    tool = (
+        '<link name="tool"><pose relative_to="lower">0.1 0 0.1 0 0.4 0</pose><inertial><mass>4</mass><inertia><ixx>0.1</ixx>'
+        '<iyy>0.1</iyy><izz>0.1</izz></inertia></inertial></link><link name="mark"/>'
+        '<joint name="mount" type="fixed"><parent>lower</parent><child>tool</child></joint>'
+        '<joint name="label" type="fixed"><parent>lower</parent><child>mark</child></joint></model>'
+    )
+    path, out = tmp_path / "arm.sdf", tmp_path / "new.sdf"
+    light = sdf_model("turned")
+    path.write_text(f'<sdf version="1.9">{light}</sdf>')
+    motion = known_log(tw.load(path), 0, seconds=8.0).motion
+    path.write_text(f'<sdf version="1.9">{light.replace("</model>", tool)}</sdf>')
+    found = identify(tw.load(path), motion, **GIVEN)
+    notes = found.write(out, force=True)
+    assert any("'tool'" in note or "tool is part of" in note for note in notes)
+    again = tw.load(out)
+    assert difference(found, again, drives=False) <= SAME
+    for name in ("upper", "lower", "tool"):
+        G = again.model.link_inertias[name]
+        assert G.mass > 0 and not G.defects()
+
+
 # ── URDF ──
 
 

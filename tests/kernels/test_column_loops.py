@@ -55,6 +55,33 @@ def test_trees_of_all_joints_have_the_derivatives_they_have_unrolled(seed, float
         assert all(((a == 0) == (b == 0)).all() for a, b in zip(found, wanted, strict=True))
 
 
+@pytest.mark.parametrize(
+    ("seed", "floating", "more", "precision"),
+    [(*TREES[2], np.float64), (*TREES[3], np.float64), (*TREES[0], np.float32)],
+)
+def test_columns_of_one_state_side_by_side_have_the_bits_they_have_one_by_one(
+    seed, floating, more, precision, monkeypatch
+):
+    """In rows that held other numbers before, and in arrays of the caller's."""
+    monkeypatch.setattr(column_loops, "FROM", 0)
+    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
+    robot = tree(seed, floating, more)
+    alone_as_in_a_batch(robot, [x.astype(precision) for x in states(robot)])
+
+
+def alone_as_in_a_batch(robot: Robot, arrays) -> None:
+    """The calls after the first few go by code for one state."""
+    whole = robot.forward_dynamics_derivatives(*arrays)
+    out = tuple(np.full_like(x[0], np.nan) for x in whole)
+    for _ in range(200):
+        robot.forward_dynamics_derivatives(*(x[0] for x in arrays), out=out)
+    for k in range(COUNT):
+        row = [x[k] for x in arrays]
+        for found in (robot.forward_dynamics_derivatives(*row), robot.forward_dynamics_derivatives(*row, out=out)):
+            assert all(np.array_equal(a, b[k]) for a, b in zip(found, whole, strict=True))
+    assert type(robot.forward_dynamics_derivatives) is type(len)
+
+
 def test_constants_are_there_in_every_block(monkeypatch):
     """Springs are constants, which come where the solutions of the block before were left."""
     joint = '<joint name="{0}" type="{1}" axis="{2}" stiffness="{3}"/>'
@@ -67,6 +94,7 @@ def test_constants_are_there_in_every_block(monkeypatch):
     robot = tw.load(text)
     plain, loop = (kernel_of(robot, monkeypatch, least) for least in (10**9, 0))
     assert off(loop(*states(robot)), plain(*states(robot))) <= 1e-13
+    alone_as_in_a_batch(tw.Robot(robot.model), states(robot))
 
 
 def test_a_state_has_its_bits_wherever_it_stands(monkeypatch):

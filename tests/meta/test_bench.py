@@ -430,8 +430,10 @@ def test_rollouts_agree_with_mujoco_and_make_tables(bench, capsys):
 def test_simulations_agree_with_a_loop_of_mujoco_and_make_a_table(bench, monkeypatch):
     simulate = bench("simulate")
     monkeypatch.setattr(simulate, "STEPS", 20)
+    monkeypatch.setattr(simulate, "BATCH", 3)
     found = simulate.times(1)
     assert found["agreement"] < 1e-8
+    assert {"dopri5, stops and a plane", "rk4, one of a batch of 3"} <= {*found["times"]}
     text = bench("report").write({**kept(), "simulate": found})
     assert "## Simulations" in text and "| **twistwrench, semi_implicit** |" in text
     assert "| **twistwrench, rk4, controller** |" in text and "| mj_step, controller |" in text
@@ -456,7 +458,7 @@ def test_closed_loops_stay_closed_and_make_a_table(bench, monkeypatch):
 
 def test_simulations_that_disagree_are_not_timed(bench, monkeypatch):
     simulate = bench("simulate")
-    monkeypatch.setattr(simulate._Loop, "after", lambda self, steps, *, steered: np.ones(14))
+    monkeypatch.setattr(simulate._Loop, "after", lambda self, steps, *, steered=False: np.ones(14))
     with pytest.raises(SystemExit, match="nothing is timed"):
         simulate.times(1)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 import shlex
@@ -84,3 +85,71 @@ def test_the_page_of_quantities_is_the_table():
     assert counts.sub("", committed) == counts.sub("", written), "run `python docs/quantities.py`"
     for old, new in zip(counts.findall(committed), counts.findall(written), strict=True):
         assert abs(int(old.replace(",", "")) - int(new.replace(",", ""))) <= 0.02 * int(new.replace(",", "")) + 2
+
+
+SAID = [
+    pytest.param(command, text, id=command)
+    for page in PAGES
+    for command, text in re.findall(
+        r"^```console[^\n]*\n\$ ([^\n]+)\n```\n\n```text\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+]
+
+
+@pytest.mark.parametrize(("command", "text"), SAID)
+def test_commands_say_what_is_shown(command, text, tmp_path, monkeypatch):
+    """Every line that the page shows below a command is in its output, but for … and for how large rounding is."""
+
+    def plain(words):
+        return re.sub(r"[0-9.]+e-1[0-9]", "0", " ".join(words.split()))
+
+    monkeypatch.chdir(tmp_path)
+    said = plain(CliRunner().invoke(main, shlex.split(command)[1:]).output)
+    for line in text.splitlines():
+        assert line == "…" or plain(line) in said, line
+
+
+def kept(name: str) -> dict:
+    """Results that bench/ measured."""
+    return json.loads((ROOT / "bench" / f"{name}.json").read_text("utf-8"))
+
+
+def page(name: str) -> str:
+    return (ROOT / "docs" / f"{name}.md").read_text("utf-8")
+
+
+def test_the_drift_of_each_method_is_the_one_measured():
+    text, (first, *shown) = page("simulation"), kept("drift")["relative drift"].values()
+    assert f"at most {first['variational']:.1e} of the energy that moved".replace("e-0", "e-") in text
+    for method in first:
+        row = next(line for line in text.splitlines() if line.startswith(f'| `"{method}"`')).split("|")
+        assert [float(x) for x in row[4:6]] == [case[method] for case in shown], method
+
+
+def test_shares_of_intervals_are_those_measured():
+    text, found = page("torques"), kept("intervals")
+    for name, kinds in found["peaks"]["rows"].items():
+        shares = " | ".join(f"{100 * kind['held']:.0f} % ({kind['peaks']})" for kind in kinds.values())
+        assert f"| {name} | {shares} |" in text
+    every = found["peaks"]["all"]
+    assert f"they held {100 * every['held']:.0f} % of {every['peaks']} peaks" in text
+    for row in found["sensor"]:
+        ends = [dict.fromkeys(f"{100 * x:.1f}" for x in row[key]) for key in ("bias", "mass", "first moment")]
+        assert f"| {' | '.join('–'.join(x) for x in ends)} |" in page("sensor")
+
+
+def test_what_real_logs_leave_unexplained_is_what_was_measured():
+    text, found = page("identification"), kept("real_logs")
+    robot, one, other, simple = (
+        found[name]["held out"]
+        for name in (
+            "TX40",
+            "double pendulum, second from first",
+            "double pendulum, first from second",
+            "simple pendulum",
+        )
+    )
+    assert f"fifths of the time: {100 * robot['all']:.1f} %" in text
+    shoulder, elbow = ([100 * x["joints"][joint] for x in (one, other)] for joint in ("shoulder", "elbow"))
+    assert f"shoulder {shoulder[0]:.1f} and {shoulder[1]:.1f} %, elbow {elbow[0]:.0f} and {elbow[1]:.0f} %" in text
+    assert f"refused: {100 * simple['all']:.0f} % of the torques unexplained" in text

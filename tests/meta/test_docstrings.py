@@ -25,7 +25,7 @@ from twistwrench.robot.quantity_methods import METHODS
 
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
-    "export", "formats.dh", "joints", "laws", "model.actuator", "model.builder", "model.edit", "model.limits", "motion",
+    "export", "joints", "laws", "model.actuator", "model.builder", "model.edit", "model.limits", "motion",
     "plotting.explanation", "plotting.joint_curves", "plotting.motion", "plotting.motors", "plotting.payload", "plotting.robot", "plotting.sensor",
     "plotting.simulation", "plotting.style", "plotting.torques", "plotting.trajectory", "report", "screws.axis", "screws.wrench",
     "verdict", "verify",
@@ -143,10 +143,14 @@ def documented(lines):
 
 
 def parameters(function):
-    """The names of a signature, as documented: the first of a method left out, stars before those that take many."""
+    """The names of a signature, as documented: the first of a method left out, stars before those that take many.
+
+    A function that takes the arguments of another documents its own.
+    """
+    wrapped = getattr(function, "__wrapped__", function)
     names = [
         "*" * (p.kind is p.VAR_POSITIONAL) + "**" * (p.kind is p.VAR_KEYWORD) + p.name
-        for p in inspect.signature(function).parameters.values()
+        for p in inspect.signature(function, follow_wrapped=wrapped.__name__ == function.__name__).parameters.values()
     ]
     return names[1:] if names[:1] in (["self"], ["cls"]) else names
 
@@ -270,7 +274,7 @@ def test_the_walk_reaches_what_users_call():
     found = {name.partition(".")[0] + "." + value.__qualname__ for name, value in FUNCTIONS.items()}
     assert {
         "bodies.box", "export.export_c", "lie.exp", "motion.Motion.at", "robot.QuantityMethods.inverse_dynamics", "robot.load",
-        "robot.Explanation.table", "robot.Shortcuts.simulate", "robot.TaskSpaceMethods.task_inertia",
+        "robot.Explanation.table", "robot.SimulationMethods.simulate", "robot.TaskSpaceMethods.task_inertia",
         "simulation.SimulationResult.to_csv", "statics.WrenchPolytope.contains", "verify.verify",
     } <= found  # fmt: skip
 

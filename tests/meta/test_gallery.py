@@ -250,4 +250,4 @@ def test_examples_say_what_they_do(monkeypatch, capsys):
     with pytest.raises(SystemExit) as left:
         runpy.run_path(str(SCRIPTS[1]), run_name="__main__")
     assert left.value.code == 0
-    assert "turns over, again and again" in capsys.readouterr().out
+    assert "about the middle principal axis" in capsys.readouterr().out

@@ -14,8 +14,10 @@ from places import ROOT
 
 import twistwrench as tw
 from twistwrench.joints import JOINT_TYPES
+from twistwrench.robot.closed_robot import ClosedRobot
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import METHODS
+from twistwrench.simulation.preparation import prepare
 
 SOURCE = Path(tw.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))
@@ -146,6 +148,17 @@ def test_no_two_modules_have_one_name():
     assert not {k: v for k, v in places.items() if len(v) > 1 and k not in OF_ONE_NAME | {"__init__.py"}}
 
 
+def test_options_of_simulations_stand_once():
+    """One signature serves robots, closed robots and batches; what prepares a run takes the same names, without defaults."""
+    assert tw.Robot.simulate is ClosedRobot.simulate is tw.simulation.simulate
+    assert tw.Robot.rollout is ClosedRobot.rollout
+    asked = inspect.signature(tw.Robot.simulate).parameters
+    assert inspect.signature(tw.Robot.simulate_batch).parameters == asked
+    taken = inspect.signature(prepare).parameters
+    assert [*taken] == ["robot", *[*asked][1:], "loops"]
+    assert all(p.default is p.empty for p in taken.values())
+
+
 # ── the table of quantities ──
 
 
@@ -249,3 +262,54 @@ def test_every_extra_that_an_error_advises_exists():
         for extra in re.findall(r'MissingExtraError\.of\(\s*"[^"]+",\s*"([^"]+)"', path.read_text("utf-8"))
     }
     assert named and not [(file, extra) for file, extra in named if extra not in extras]
+
+
+# ── one place for each thing that is printed ──
+
+
+def lines_with(pattern, *rooms, but=()):
+    """Lines of the source that a pattern is found in, of some rooms or of all."""
+    found = re.compile(pattern)
+    return [
+        f"{named(path)}:{k}: {line.strip()}"
+        for path in FILES
+        if named(path).startswith(rooms or "") and named(path) not in but
+        for k, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if found.search(line)
+    ]
+
+
+def test_numbers_are_printed_by_one_module():
+    """Digits, missing values, percentages: ``core/printed_numbers.py``. ``{x:g}`` says again what a person has written."""
+    assert not lines_with(r"\{[^{}]*:[+,]?\.\d+[gfe%]\}", "cli/", "report/", "plotting/")
+    assert not lines_with(r"\{[^{}]*:[+,]?g\}", "cli/tables/", "plotting/")
+
+
+def test_tables_are_written_by_one_module():
+    assert not lines_with(r"rich\.(table|box)", but=("cli/tables/plain_table.py",))
+
+
+def test_units_of_joints_are_derived_in_one_module():
+    assert not lines_with(
+        r"""(N m|rad/s)["'] if |else ["']N["']|\(["']N m["'], ["']N["']\)""", but=("joints/units.py",)
+    )
+
+
+def test_limits_have_one_tolerance():
+    assert not lines_with(r"\b(share|most) > 1\b|1 \+ 1e-6|1 \+ TOLERANCE", but=("model/limits.py",))
+
+
+def test_gravity_is_a_number_in_one_module():
+    """In code; docstrings show it as users see it."""
+    numbers = [
+        f"{name}:{node.lineno}"
+        for name, tree in trees()
+        if name != "core/gravity.py"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and node.value in (9.81, 9.80665)
+    ]
+    assert not numbers
+
+
+def test_endings_of_columns_stand_in_one_table():
+    assert not lines_with(r'"\.(vel|acc|tau|torque|effort)"', but=("motion/column_suffixes.py",))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import html
 import os
 import re
 import subprocess
 import sys
 
 import pytest
+from chromium import browser
 from places import ROOT
 
 
@@ -39,7 +41,7 @@ def test_every_page_is_there_and_none_fetches_anything(site):
     }
     assert pages <= {p.stem for p in site.glob("*.html")}
     for page in site.glob("*.html"):
-        for tag in re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=.https?://[^>]+>", page.read_text("utf-8")):
+        for tag in re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=[\"']?https?://[^>]+>", page.read_text("utf-8")):
             assert "canonical" in tag, (page.name, tag)
 
 
@@ -47,6 +49,36 @@ def test_links_between_pages_lead_somewhere(site):
     for page in {*site.glob("*.html")} - {site / "404.html"}:
         for target in re.findall(r'href="([^"#:]+\.html)(?:#[^"]*)?"', page.read_text("utf-8")):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_every_question_is_two_clicks_from_its_answer(site):
+    """One click from any page to the questions, and one to the heading that answers."""
+    for page in site.glob("*.html"):
+        assert 'href="questions.html"' in page.read_text("utf-8") or page.stem in ("questions", "404"), page.name
+    rows = re.findall(
+        r"^\| (.+\?.*?) \| (\[.+?\)) \| .+ \|$", (ROOT / "docs" / "questions.md").read_text("utf-8"), re.MULTILINE
+    )
+    assert len(rows) >= 10
+    text = (site / "questions.html").read_text("utf-8")
+    for question, targets in rows:
+        assert question in html.unescape(re.sub("<[^>]+>", "", text))
+        for name, anchor in re.findall(r"\]\((\S+)\.md#?(\S*)\)", targets):
+            assert f'href="{name}.html' in text, question
+            assert f'id="{anchor}"' in (site / f"{name}.html").read_text("utf-8") or not anchor, (question, anchor)
+
+
+def test_search_works_without_a_server(site):
+    """In a browser that has no network, from files."""
+    with browser() as page:
+        page.offline()
+        page.open((site / "index.html").as_uri())
+        page.click(".md-header label[for=__search]")
+        page.run("document.querySelector('.md-search__input').focus()")
+        page.call("Input.insertText", text="largest payload")
+        found = "Array.from(document.querySelectorAll('.md-search-result__item'), (e) => e.textContent).join()"
+        assert "payload" in page.wait(found).lower()
+        assert page.complaints == []
+        assert all(url.startswith(("file:", "data:", "about:")) for url in page.requests)
 
 
 def test_sections_of_the_book_are_pages_to_drag(site):

@@ -8,7 +8,9 @@ import numpy as np
 
 import twistwrench as tw
 from twistwrench import trajectories
-from twistwrench.simulation import SimulationResult
+from twistwrench.simulation import SimulationBatch, SimulationResult
+from twistwrench.simulation.closed_rollout import ClosedRollout
+from twistwrench.simulation.closed_simulation import ClosedSimulation
 from twistwrench.simulation.rollout import Rollout
 
 if TYPE_CHECKING:  # mypy reads what stands below; nobody runs it
@@ -26,6 +28,11 @@ if TYPE_CHECKING:  # mypy reads what stands below; nobody runs it
 
     found = bundled.simulate(q, duration=1.0, method="rk4", friction=True, limits="stop")
     assert_type(found, SimulationResult)
+    assert_type(bundled.simulate_batch([q, q], friction=True, method="rk4"), SimulationBatch)
+    held = bundled.close("ground", "tool0").constrain("forearm_link", "vx")
+    assert_type(held.simulate(q, method="rk4"), ClosedSimulation)
+    assert_type(held.rollout(q, q, steps=10), ClosedRollout)
+    wrong_method = held.simulate(q, method="variational")  # type: ignore[arg-type]
     many = bundled.rollout([q, q], q, steps=10, method="rk4", torque_limits=True)
     assert_type(many, Rollout)
     motion: tw.Motion = found.motion
@@ -44,5 +51,6 @@ if TYPE_CHECKING:  # mypy reads what stands below; nobody runs it
     power = F @ V
     wrong_kind = bundled.jacobian(q, kind="bodily")  # type: ignore[arg-type]
     wrong_option = bundled.simulate(q, timestep=1e-3)  # type: ignore[call-arg]
+    wrong_batch_option = bundled.simulate_batch([q, q], timestep=1e-3)  # type: ignore[call-arg]
     wrong_kernel = bundled.kernel("jacobian", framee="tool0")  # type: ignore[call-arg]
     wrong_load = tw.robots.panda(floating=True)  # type: ignore[call-arg]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.formats.units import UNITS, in_si
+from twistwrench.formats.data_sheet_units import UNITS, in_si
 from twistwrench.model.actuator import Motor
 from twistwrench.testing import assert_close
 

@@ -15,7 +15,8 @@ from twistwrench.errors import ModelWarning, NotFoundError, TrajectoryError
 from twistwrench.formats import load_model
 from twistwrench.motion import csv_file as csv_module
 from twistwrench.motion.coordinates import Coordinates
-from twistwrench.motion.csv_numbers import parse_table
+from twistwrench.motion.csv_dialect import Dialect
+from twistwrench.motion.csv_numbers import parse_block
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 
@@ -59,7 +60,7 @@ def test_numbers_are_those_of_python(form):
     table = rng.normal(size=(500, 3)) * 10.0 ** rng.integers(-3, 4, size=(500, 3))
     text = table_text(table, form)
     expected = np.array([[float(x) for x in line.split(b",")] for line in text.splitlines()])
-    found = parse_table(text, 3)
+    found = parse_block(text, Dialect(","), 3, range(3))
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(np.signbit(found), np.signbit(expected))
 
@@ -68,13 +69,13 @@ def test_numbers_are_those_of_python(form):
 @settings(deadline=None)
 def test_every_decimal_is_rounded_correctly(values):
     text = "".join(f"{x}\n" for x in values).encode()
-    np.testing.assert_array_equal(parse_table(text, 1)[:, 0], [float(x) for x in values])
+    np.testing.assert_array_equal(parse_block(text, Dialect(","), 1, [0])[:, 0], [float(x) for x in values])
 
 
 @pytest.mark.parametrize("wrong", ["-", ".", "-.", "1.2.3", "", "--1", "1-2", "0x10", "1 2", "a", "1.5a", "½", "1_0.5"])
 def test_what_is_no_number_is_never_read_as_one(wrong):
     good = b"1.5,-2.25\n" * 50
-    assert parse_table(good + f"{wrong},0.5\n".encode() + good, 2) is None
+    assert parse_block(good + f"{wrong},0.5\n".encode() + good, Dialect(","), 2, range(2)) is None
 
 
 # ── headers ──

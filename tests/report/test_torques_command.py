@@ -237,7 +237,7 @@ def test_rounding_is_printed_as_no_torque_and_raises_no_alarm(run, ur5, tmp_path
     path = write_positions(tmp_path / "m.csv", ur5, t, q + 1e-14 * np.random.default_rng(2).normal(size=q.shape))
     said = run("torques", "ur5", "--trajectory", path)[1]
     assert "Try --smooth" not in said
-    assert re.search(r"shoulder_pan_joint .* -", said.split("made of")[1])
+    assert re.search(r"shoulder_pan_joint .* –", said.split("made of")[1])
 
 
 # ── logs as they are ──

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from twistwrench.formats.units import UNITS, in_si
+from twistwrench.formats.data_sheet_units import UNITS, in_si
 from twistwrench.motion.column_units import unit_factor
 from twistwrench.motion.log_outliers import residual_spread
 from twistwrench.sensing.diagnosis import MIXUPS

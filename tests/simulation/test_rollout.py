@@ -676,11 +676,6 @@ def test_tensors_that_a_body_absorbs_and_numbers_that_are_unknown_are_not_refuse
     assert unknown.unstable.tolist() == [False, True]
 
 
-def test_the_former_name_of_the_method_is_understood():
-    old, new = (tw.robots.planar_2r().rollout([0, 0], [0, 0], steps=2, **{x: "rk4"}) for x in ("integrator", "method"))
-    assert old.method == new.method == "rk4" and np.array_equal(old.q, new.q)
-
-
 def test_friction_of_a_robot_without_any_is_remarked():
     robot, rusty = tw.robots.planar_2r(), {"joint1.viscous": [0.1, 0.2]}
     found = robot.rollout([0, 0], [0, 0], steps=2, friction=True)

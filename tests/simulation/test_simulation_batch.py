@@ -108,7 +108,7 @@ def test_batches_of_any_shape_broadcast_and_are_indexed_so():
         ({"q0": [[0, 0], [np.nan, 0]]}, tw.ValueRangeError, r"q0 has the entry nan at \(1, 0\)"),
         ({"q0": [[0, 0, 0]]}, tw.ShapeError, "q0"),
         ({"q0": np.zeros((3, 2)), "dq0": np.zeros((2, 2))}, tw.ShapeError, "do not go together"),
-        ({"q0": [[0, 0]], "loops": None}, tw.ValueRangeError, "unknown loops"),
+        ({"q0": [[0, 0]], "loops": None}, TypeError, "loops"),
         ({"q0": [[0, 0]], "method": "rk5"}, tw.UnknownNameError, "rk4"),
     ],
 )

@@ -44,7 +44,6 @@ BAD = [
     ({"every": 0}, tw.ValueRangeError, "every is 0"),
     ({"every": 1.5}, tw.ValueRangeError, "every is 1.5"),
     ({"method": "rk5"}, tw.UnknownNameError, "rk4"),
-    ({"method": None}, tw.UnknownNameError, "dopri5"),
     ({"tau": [1.0]}, tw.ShapeError, "tau has shape (1,)"),
     ({"tau": [1.0, np.nan]}, tw.ValueRangeError, "tau has the entry nan"),
     ({"tau": lambda t: [0, 0]}, tw.ValueRangeError, "tau is a function of (t)"),
@@ -524,7 +523,7 @@ def test_tables_fold_names_and_cut_no_number(width):
     assert max(map(len, said.splitlines())) <= width
     numbers = set(re.findall(r"(?<![\w.])-?\d[\d.]*(?:e[-+]\d+)?(?![\w.])", said))
     for x in (found.q[-1], found.dq[-1], found.q.min(axis=0)):
-        assert {f"{v:.5g}" if abs(v) > 1e-12 else "0" for v in x} <= numbers
+        assert {f"{v:.4g}" if abs(v) > 1e-12 else "0" for v in x} <= numbers
     assert "…" not in said.split("Energies")[0]
     names = "".join(line.split()[0] for line in said.splitlines() if line.split())  # folded names, put together again
     assert f"{long}FL_thigh_joint" in names

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import twistwrench as tw
 from twistwrench.simulation import METHODS, JointStops, Plane
-from twistwrench.simulation.step_doubling import probed_steps
+from twistwrench.simulation.probed_steps import probed_steps
 from twistwrench.testing import random_robot, random_state
 
 FIXED = [m for m in METHODS if m != "dopri5"]

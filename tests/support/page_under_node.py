@@ -12,7 +12,17 @@ import pytest
 
 from twistwrench.viz.page import read_page, read_programs
 
-_SCRIPTS = ("matrices.js", "coordinates.js", "forces.js", "effective_mass.js", "mechanics.js", "fall.js", "readouts.js")
+_SCRIPTS = (
+    "matrices.js",
+    "coordinates.js",
+    "forces.js",
+    "factors.js",
+    "effective_mass.js",
+    "mechanics.js",
+    "fall.js",
+    "readouts.js",
+    "tip_readouts.js",
+)
 _MAIN = """
 import { readFileSync } from "node:fs";
 const { header, given } = JSON.parse(readFileSync(0, "utf8"));

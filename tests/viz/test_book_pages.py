@@ -6,12 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from chains import chain
 from click.testing import CliRunner
 from page_under_node import under_node
 
 import twistwrench as tw
+from twistwrench import statics
 from twistwrench.cli.main import main
-from twistwrench.viz import write_page
+from twistwrench.viz import scene_of, write_page
 from twistwrench.viz.book_sections import SECTIONS
 from twistwrench.viz.page import read_page
 
@@ -41,6 +43,7 @@ class State:
         self.dq, self.ddq, self.tau = rng.normal(size=n), rng.normal(size=n), 10 * rng.normal(size=n)
         self.dV = rng.normal(size=2 if n == 2 else 3)
         self.wrench = np.concatenate([rng.normal(size=3), 10 * rng.normal(size=3)])
+        self.motor = np.array([50.0, 2.0, 3.0, 4.0])  # ratio, kg cm^2, N m s/rad, N m
         self.chosen = k % n
         self.mass, self.push = (1.5 if load else 0.0), (np.array([7.0, -8.0, 9.0]) if load == "all" else np.zeros(3))
 
@@ -48,7 +51,7 @@ class State:
     def sent(self):
         return {
             name: np.asarray(getattr(self, name)).tolist()
-            for name in ("q", "dq", "ddq", "tau", "wrench", "dV", "chosen")
+            for name in ("q", "dq", "ddq", "tau", "wrench", "dV", "motor", "chosen")
         }
 
     @property
@@ -78,6 +81,32 @@ def of_5_2(s):
     return [np.column_stack([(J * s.wrench[:, None]).T, tau])], [], tau
 
 
+def forward(axes):
+    """Axes, one a row, turned so that the first entry of each is positive."""
+    return [x * np.sign(x[np.flatnonzero(np.abs(x) > 1e-9)[0]]) for x in np.asarray(axes)]
+
+
+def of_5_3(s):
+    """The twist that is hardest to reach, and the joint velocities that give it; lengths in sizes of the robot."""
+    size = scene_of(s.bare).size
+    lengths = np.array([1, 1, 1, size, size, size])
+    J, rank = s.bare.jacobian(s.q) / lengths[:, None], min(6, s.bare.nv)
+    U, values, _ = np.linalg.svd(J)
+    (twist,) = forward([U[:, rank - 1]])
+    rates = J.T @ twist / values[rank - 1]
+    return [[values[:rank]], [twist * lengths], [rates]], [rank, 1 / values[rank - 1]], None
+
+
+def of_5_4(s):
+    tables = []
+    for part, rank in zip(("force", "moment"), (2, 1) if s.bare.nv == 2 else (3, 3), strict=True):
+        forces = statics.wrench_ellipsoid(s.bare, s.q, part=part)
+        lengths, axes = forces.semi_axes[-rank:][::-1], forward(forces.axes.T[-rank:][::-1])
+        tables.append(np.column_stack([1 / lengths, lengths, axes]))
+    a = tables[0][:, 0]
+    return tables, [a[0] / a[-1], (a[0] / a[-1]) ** 2, a.prod()], None
+
+
 def of_8_1_2(s):
     terms = s.robot.christoffel(s.q) * s.dq[:, None] * s.dq
     c, squares = s.robot.coriolis_forces(s.q, s.dq), np.einsum("ijj->ij", terms).sum(axis=1)
@@ -105,6 +134,15 @@ def of_8_3(s):
     return [[V], [dV], [G @ dV, rest, F - G @ dV - rest, F]], [tau[s.chosen]], tau
 
 
+def of_8_4(s):
+    """From the stacked matrices of the whole robot."""
+    at, k = s.bare.closed_form(s.q, s.dq), s.chosen
+    mine = slice(6 * k, 6 * k + 6)
+    J, G = (at.L @ at.A)[mine], at.G[mine, mine]
+    link_gravity = J.T @ G @ (at.L @ at.dV_base)[mine]
+    return [J, [at.V[mine]], J.T @ G @ J, at.M, [link_gravity, at.g]], [], at.g
+
+
 def of_8_5(s):
     R = s.robot.forward_kinematics(s.q)[:3, :3]
     on = {s.robot.tip: [0, 0, 0, *(R.T @ s.push)]}
@@ -123,16 +161,53 @@ def of_8_6(s):
     return [Lambda, [Lambda @ s.dV, eta, F], [s.dV, s.dV]], [pivots.min()], J.T @ F
 
 
+def of_8_7(s):
+    """From the closed robot, with velocities projected."""
+    R = s.robot.forward_kinematics(s.q)[:3, :3]
+    on = {s.robot.tip: [0, 0, 0, *(R.T @ s.push)]}
+    wall = s.robot.constrain(s.robot.tip, "vx", kind="world_aligned")
+    free = wall.project_velocity(s.q, s.dq)
+    A, P = wall.constraint_jacobian(s.q)[0], wall.projector(s.q)
+    ddq, lam = wall.forward_dynamics(s.q, free, s.tau, wrench_on_robot=on)
+    rest = s.tau - s.robot.inverse_dynamics(s.q, free, np.zeros(s.robot.nv), wrench_on_robot=on)
+    place = s.bare.forward_kinematics(s.q)[0, 3]
+    return [[A, free, rest, P @ rest, A * lam[0], ddq], P], [lam[0], place, 0.0, 0.0], s.tau
+
+
+def of_8_9(s):
+    """A robot with armature, and the two laws of friction."""
+    ratio, inertia, viscous, coulomb = s.motor
+    reflected = ratio**2 * inertia * 1e-4
+    driven = s.robot.with_armature(dict.fromkeys(s.robot.joint_names, reflected))
+    links, friction = s.robot.inverse_dynamics(s.q, s.dq, s.ddq), viscous * s.dq + coulomb * np.sign(s.dq)
+    tau = driven.inverse_dynamics(s.q, s.dq, s.ddq) + friction
+    at_joint = [
+        s.robot.mass_matrix(s.q).diagonal(),
+        np.full(s.robot.nv, reflected),
+        links,
+        reflected * s.ddq,
+        friction,
+        tau,
+    ]
+    at_motor = [tau / ratio, ratio * s.dq, tau * s.dq]
+    return [np.transpose(at_joint), np.transpose(at_motor)], [], tau
+
+
 EXPECTED = {
     "3.4": of_3_4,
     "5.1": of_5_1,
     "5.2": of_5_2,
+    "5.3": of_5_3,
+    "5.4": of_5_4,
     "8.1.2": of_8_1_2,
     "8.1.3": of_8_1_3,
     "8.2": of_8_2,
     "8.3": of_8_3,
+    "8.4": of_8_4,
     "8.5": of_8_5,
     "8.6": of_8_6,
+    "8.7": of_8_7,
+    "8.9": of_8_9,
 }
 
 
@@ -175,7 +250,7 @@ def test_what_a_section_shows_is_what_the_kernels_compute(tmp_path, number, name
     }
     for s, found in zip(states, under_node(page, READ, given), strict=True):
         tables, values, tau = EXPECTED[number](s)
-        tolerance = 1e-12 * (np.linalg.cond(s.robot.mass_matrix(s.q)) if number in ("8.5", "8.6") else 1.0)
+        tolerance = 1e-12 * (np.linalg.cond(s.robot.mass_matrix(s.q)) if number in ("8.5", "8.6", "8.7") else 1.0)
         if number == "8.6":
             tolerance *= np.linalg.cond(tables[0])
         for k, expected in enumerate(tables):
@@ -251,6 +326,41 @@ def test_forward_dynamics_of_the_page_keeps_its_account(tmp_path):
     assert K + P - done == pytest.approx(float(robot.kinetic_energy(q, dq) + robot.potential_energy(q)), abs=1e-6)
 
 
+def test_a_robot_let_go_slides_along_the_wall(tmp_path):
+    """By the torques that are set: as the closed robot's own integrator says, its energy kept, its tip on the wall."""
+    robot = arm("ur5")
+    page = write_page(robot, tmp_path / "page.html", section="8.7")
+    slide = """(m, given) => { m.tau = given.tau; const { dq } = READOUTS["8.7"](m, given), fall = new Fall(m, given.q, dq);
+        for (let k = 1; k <= 4000; k++) { fall.step(); if (k % 80 === 0) fall.advance(0); }
+        return [fall.q, fall.dq, fall.drift, fall.work]; }"""
+    q = robot.random_configuration(3)
+    tau = robot.holding_torques(q) + np.array([5.0, -3.0, 2.0, 0.1, 0.1, 0.0])
+    wall = robot.constrain(robot.tip, "vx", kind="world_aligned")
+    dq = wall.project_velocity(q, [0.5, -0.5, 0.5, 0.0, 1.0, 0.0])
+    sent = {"q": q.tolist(), "dq": dq.tolist(), "tau": tau.tolist()}
+    q1, dq1, drift, work = under_node(page, slide, sent)
+    assert abs(work) > 0.1
+    assert drift < 1e-6
+    assert abs(robot.forward_kinematics(q1)[0, 3] - robot.forward_kinematics(q)[0, 3]) < 1e-9
+    assert np.abs(np.subtract(q1, q)).max() > 0.5
+    end = wall.simulate(q, dq, duration=0.5, dt=1 / 8000, tau=tau)  # the same method and step, and projected after each
+    np.testing.assert_allclose(q1, end.q[-1], atol=1e-8)
+    np.testing.assert_allclose(dq1, end.dq[-1], atol=1e-7)
+
+
+def test_the_wall_is_pressed_at_first(tmp_path):
+    """The torques hold the robot, which stands still, and press with what they are given for it."""
+    robot = arm("panda")
+    header, _ = read_page(page := write_page(robot, tmp_path / "page.html", section="8.7"))
+    tau = [row["start"] for row in header["book"]["inputs"][0]["rows"]]
+    q = np.array(header["start"])
+    sent = {"q": header["start"], "dq": [0.0] * 7, "tau": tau}
+    force = under_node(page, '(m, given) => READOUTS["8.7"](m, given).values[0][1]', sent)
+    J = robot.jacobian(q, kind="world_aligned")[3]
+    np.testing.assert_allclose(tau, robot.holding_torques(q) + force * J, atol=1e-9)
+    assert force > 5.0
+
+
 def test_at_first_the_torques_hold_the_robot(tmp_path):
     robot = arm("panda")
     header, _ = read_page(write_page(robot, tmp_path / "page.html", section="8.5"))
@@ -262,7 +372,7 @@ def test_at_first_the_torques_hold_the_robot(tmp_path):
 @pytest.mark.parametrize(
     ("robot", "section", "message"),
     [
-        (tw.robots.ur5(), "8.7", "section '8.7' is not known. Choose one of: 3.4"),
+        (tw.robots.ur5(), "8.8", "section '8.8' is not known. Choose one of: 3.4"),
         (tw.robots.quadruped(), "8.3", "section 8.3: robot 'quadruped' has no single tip"),
         (tw.robots.floating_box(), "8.2", "neither turn nor slide, or a base that moves"),
     ],
@@ -273,6 +383,17 @@ def test_what_has_no_page_is_refused(tmp_path, robot, section, message):
     with pytest.raises(tw.ValueRangeError, match="leave them out"):
         write_page(tw.robots.ur5(), tmp_path / "page.html", section="5.2", wrench_on_robot={"tool0": np.ones(6)})
     assert not any(tmp_path.iterdir())
+
+
+def test_a_tip_that_only_turns(tmp_path):
+    """Its page of manipulability has the turning alone, and those of forces at the tip say that there is nothing to show."""
+    turning = tw.Robot(chain(np.random.default_rng(0), "r").build(tip="l1"))
+    page = write_page(turning, tmp_path / "page.html", section="5.4")
+    found = under_node(page, "(m, q) => READOUTS['5.4'](m, { q })", [0.3])
+    (table,) = found["tables"]
+    np.testing.assert_allclose(table["rows"][0][1][:2], [1.0, 1.0], atol=1e-12)
+    with pytest.raises(tw.ValueRangeError, match="no joint moves the origin of its tip 'l1'"):
+        write_page(turning, tmp_path / "none.html", section="8.7")
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,9 @@ def test_the_tip_is_as_heavy_as_the_task_inertia_says(tmp_path, name, rows):
     Q = robot.random_configuration(5, 6)
     work = f"""(m, given) => {{ {LOAD} return given.q.map((q) => {{
         const columns = m.tipColumns(q), masses = effectiveMasses(m.massMatrix(q), columns);
-        return [masses.map((x) => x.mass), masses.map((x) => x.axis).flat(), mobility(m.massMatrix(q), columns)]; }}); }}"""
+        return [masses.map((x) => x.mass), masses.map((x) => x.axis).flat()]; }}); }}"""
     heavy = robot.with_payload(tw.SpatialInertia.from_com(1.5))
-    for q, (masses, axes, mobility) in zip(Q, under_node(page, work, given(Q, 1.5)), strict=True):
+    for q, (masses, axes) in zip(Q, under_node(page, work, given(Q, 1.5)), strict=True):
         Lambda = np.asarray(heavy.task_inertia(q, kind="world_aligned", rows=rows))
         expected, n = np.linalg.eigvalsh(Lambda), len(Lambda)
         tolerance = 1e-12 * np.linalg.cond(np.asarray(heavy.mass_matrix(q)))
@@ -75,7 +75,6 @@ def test_the_tip_is_as_heavy_as_the_task_inertia_says(tmp_path, name, rows):
         assert masses[n:] == [None] * (3 - n)  # infinite: no JSON number
         J = heavy.jacobian(q, kind="world_aligned")[3:]
         inverse = J @ np.linalg.solve(heavy.mass_matrix(q), J.T)
-        np.testing.assert_allclose(np.reshape(mobility, (3, 3)), inverse, atol=tolerance * np.abs(inverse).max())
         e = np.reshape(axes, (3, 3))
         np.testing.assert_allclose(e @ e.T, np.eye(3), atol=1e-14)
         for axis, mass in zip(e[:n], masses, strict=False):

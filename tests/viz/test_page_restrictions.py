@@ -81,3 +81,43 @@ def test_the_tip_follows_the_mouse_within_the_limits(show):
     assert (q >= robot.limits.lower).all()
     assert (q <= robot.limits.upper).all()
     assert page.complaints == []
+
+
+def test_the_view_turns_by_keys(show):
+    page = show("panda_keys", tw.robots.panda())
+    page.run("document.getElementById('stage').focus()")
+    view = "[viewer.stage.azimuth, viewer.stage.elevation, viewer.stage.distance]"
+    before = page.run(view)
+    for key in ("ArrowRight", "ArrowDown", "+"):
+        page.call("Input.dispatchKeyEvent", type="keyDown", key=key)
+    azimuth, elevation, distance = page.run(view)
+    assert azimuth < before[0]
+    assert elevation > before[1]
+    assert distance < before[2]
+    page.call("Input.dispatchKeyEvent", type="keyDown", key="Home")
+    assert page.run(view) == before
+
+
+def test_what_rests_is_not_drawn_again_and_what_is_slow_is_drawn_coarsely(show):
+    page = show("panda_rest", tw.robots.panda())
+    page.run("new Promise((done) => setTimeout(done, 400))")
+    page.run("var drawn = [], draw = viewer.draw; viewer.draw = (how) => { drawn.push(how); draw.call(viewer, how); }")
+    page.run("new Promise((done) => setTimeout(done, 300))")
+    assert page.run("drawn") == []
+    page.run("document.getElementById('show-frames').click()")
+    page.wait("drawn.length")
+    frames = """(() => { const s = new Sharpness(), found = [];
+        for (let k = 0; k <= 80; k++) found.push(s.at(40 * k, String(k)));
+        return [...found, s.at(3241, "80"), s.at(3400, "80"), s.at(3440, "80")]; })()"""
+    *slow, too_soon, rests, done = page.run(frames)
+    assert [how["most"] for how in slow[::20]] == [2, 0.75, 0.5, 0.5, 0.5]  # at 25 frames a second
+    assert (too_soon, rests["samples"], done) == (None, 4, None)
+    fast = "(() => { const s = new Sharpness(); let how; for (let k = 0; k < 200; k++) how = s.at(16.7 * k, String(k)); return how.most; })()"
+    assert page.run(fast) == 2
+
+
+def test_lost_graphics_are_said(show):
+    page = show("panda_lost", tw.robots.panda())
+    page.run("viewer.stage.gl.getExtension('WEBGL_lose_context').loseContext()")
+    page.wait("!document.getElementById('failure').hidden")
+    assert "Reload" in page.run("document.getElementById('failure').textContent")

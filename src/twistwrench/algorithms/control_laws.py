@@ -13,7 +13,7 @@ from .recursion import zeros
 
 
 def undriven(model: Model) -> tuple[str, ...]:
-    """The joints that no law of one joint drives: planar and floating ones."""
+    """The joints of several degrees of freedom, which no law of one joint drives: ball, planar and floating ones."""
     return tuple(body.joint.name for body in model.leaders if body.joint.nv > 1)
 
 

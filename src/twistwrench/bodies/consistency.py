@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..errors import InertiaError
 from ..typing import Array
 from .second_moments import clipped, rotational_inertia, second_moments
@@ -52,11 +53,13 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
     slack = 1e-6 * abs(A + B + C) + 2e-15 * max(size, abs(float(G.moment_about_origin.trace())))
     found = []
     if -slack > A:
-        found.append(f"negative principal moment {A:.6g} kg m² (moments {A:.6g}, {B:.6g}, {C:.6g})")
+        found.append(
+            f"negative principal moment {number(A, 6)} kg m² (moments {number(A, 6)}, {number(B, 6)}, {number(C, 6)})"
+        )
     if A + B + slack < C:
         found.append(
-            f"triangle inequality: the largest principal moment {C:.6g} kg m² exceeds the sum of the others, "
-            f"{A:.6g} + {B:.6g}, by {C - A - B:.3g}"
+            f"triangle inequality: the largest principal moment {number(C, 6)} kg m² exceeds the sum of the others, "
+            f"{number(A, 6)} + {number(B, 6)}, by {number(C - A - B, 3)}"
         )
     return found
 
@@ -159,12 +162,14 @@ class Repair:
     def __str__(self) -> str:
         if not self.reasons:
             return "nothing to repair"
-        moments = [", ".join(f"{x:.6g}" for x in G.principal()[0] + 0.0) for G in (self.before, self.after)]
+        moments = [", ".join(number(x, 6) for x in G.principal()[0] + 0.0) for G in (self.before, self.after)]
         change = np.abs(np.linalg.eigvalsh(self.moved)).max()
         return "\n".join(
             [
                 *self.reasons,
                 f"  principal moments  {moments[0]}  →  {moments[1]} kg m²",
-                f"  largest change     {change:.6g} kg m², {self.largest:.1%} of the largest moment".replace("%", " %"),
+                f"  largest change     {number(change, 6)} kg m², {self.largest:.1%} of the largest moment".replace(
+                    "%", " %"
+                ),
             ]
         )

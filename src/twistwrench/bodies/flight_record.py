@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..core.printed_numbers import number, percent, residual
 from ..typing import Array
 
 _LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
@@ -31,8 +32,8 @@ class Drift:
     def __str__(self) -> str:
         return "; note: ".join(
             (
-                f"momentum {self.momentum:.1e}, energy {self.energy:.1e} (trend {self.energy_trend:+.1e}), "
-                f"rotation {self.rotation:.1e}",
+                f"momentum {residual(self.momentum)}, energy {residual(self.energy)} (trend {self.energy_trend:+.1e}), "
+                f"rotation {residual(self.rotation)}",
                 *self.remarks,
             )
         )
@@ -73,7 +74,7 @@ class Flight:
         return self.drift.remarks
 
     def __repr__(self) -> str:
-        steps = "" if np.isnan(self.step) else f", steps of {self.step:.6g} s"
+        steps = "" if np.isnan(self.step) else f", steps of {number(self.step, 6)} s"
         return f"Flight of {self.times[-1]:g} s: {len(self.times)} states{steps}; drift: {self.drift}"
 
     def __post_init__(self) -> None:
@@ -94,10 +95,16 @@ class Flight:
 
     def _remarks(self, lost: float) -> Iterator[str]:
         if abs(self.step - self.dt) > 1e-9 * self.dt:
-            yield f"steps of {self.step:.6g} s, not {self.dt:.6g} s, so that a whole number fills {self.times[-1]:g} s"
+            yield (
+                f"steps of {number(self.step, 6)} s, not {number(self.dt, 6)} s, so that a whole number fills "
+                f"{self.times[-1]:g} s"
+            )
         if self.turn > _LARGE_TURN:
-            yield f"dt is too large to trust the motion: the body turns up to {self.turn:.3g} rad in a step; keep it below 1"
+            yield (
+                f"dt is too large to trust the motion: the body turns up to {number(self.turn, 3)} rad in a step; keep it "
+                "below 1"
+            )
         if self.unseen:
             yield self.unseen
         if lost > _LARGE_LOSS:
-            yield f"the energy is off by {100 * lost:.2g} %, so the motion is wrong: take a smaller dt, or a tolerance"
+            yield f"the energy is off by {percent(lost, 2)}, so the motion is wrong: take a smaller dt, or a tolerance"

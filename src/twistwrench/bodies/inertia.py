@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.html_table import html_table
+from ..core.printed_numbers import number, vector, without_noise
 from ..errors import FrameError, InertiaError, ValueRangeError
 from ..lie import so3
 from ..screws.labelled import Labelled
-from ..screws.vector_text import tuple_of, without_noise
 from ..typing import Array
 from . import consistency, solids
 from . import inertial_parameters as forms
@@ -62,16 +62,16 @@ class SpatialInertia:
         I, c = self.moment_about_com, self.com
         products = I[[0, 0, 1], [1, 2, 2]]
         scale = float(np.abs(I).max() + self.mass * c @ c)  # Steiner's terms leave their rounding behind
-        said = f"Ixx, Iyy, Izz = {tuple_of(without_noise(I.diagonal(), scale))}"
+        said = f"Ixx, Iyy, Izz = {vector(without_noise(I.diagonal(), scale))}"
         if without_noise(products, scale).any():
-            said += f", Ixy, Ixz, Iyz = {tuple_of(without_noise(products, scale))}"
-        return f"SpatialInertia: mass {self.mass:.6g} kg, com {tuple_of(c)} m, about the com {said} kg m²"
+            said += f", Ixy, Ixz, Iyz = {vector(without_noise(products, scale))}"
+        return f"SpatialInertia: mass {number(self.mass, 6)} kg, com {vector(c)} m, about the com {said} kg m²"
 
     def _repr_html_(self) -> str | None:
         if self.parameters.dtype == object:
             return None  # notebooks show repr
         I = [[float(x) for x in row] for row in self.moment_about_com]
-        title = f"{self.mass:.6g} kg, com {tuple_of(self.com)} m; moments of inertia about the com, in kg m²"
+        title = f"{number(self.mass, 6)} kg, com {vector(self.com)} m; moments of inertia about the com, in kg m²"
         return html_table(title, ("x", "y", "z"), I)
 
     # ── ways in ──
@@ -128,7 +128,7 @@ class SpatialInertia:
         most = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
         if not gap <= 1e-9 * most and np.isfinite(I).all():
             raise InertiaError(
-                f"moment_about_com is not symmetric: entries that should be equal differ by {gap:.3g} kg m²."
+                f"moment_about_com is not symmetric: entries that should be equal differ by {number(gap, 3)} kg m²."
             )
         x, y, z = c.tolist()
         hx, hy, hz = m * x, m * y, m * z

@@ -15,7 +15,8 @@ from math import prod
 from typing import Any
 
 from ..errors import MissingExtraError, ModelWarning, ValueRangeError
-from ..program.program import Port, Program
+from ..program.port import Port
+from ..program.program import Program
 from ..targets.elementwise import batch_shape, evaluated, functions_of
 from .jax_operation import JaxOperation
 from .quantity import BridgedQuantity

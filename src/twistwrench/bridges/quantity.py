@@ -12,9 +12,10 @@ import numpy as np
 from ..algorithms.coordinate_rates import velocity_map
 from ..core import arguments
 from ..errors import KernelError, ShapeError
-from ..program.program import Port, Program
+from ..program.port import Port
+from ..program.program import Program
 from ..program.trace import trace
-from ..robot.quantity_row import CONFIGURATIONS
+from ..robot.quantity_types import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..robot import Robot

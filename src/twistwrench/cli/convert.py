@@ -8,16 +8,13 @@ from typing import Any
 import click
 
 from .common import RobotOptions
+from .shared_options import option_group
 
-
-def convert_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The arguments and options of the command, all but the robot's own."""
-    for option in (
-        click.option("--force", "overwrite", is_flag=True, help="Replace OUT if it is there."),
-        click.argument("out", metavar="OUT"),
-    ):
-        function = option(function)
-    return function
+convert_options = option_group(
+    click.option("--force", "overwrite", is_flag=True, help="Replace OUT if it is there."),
+    click.argument("out", metavar="OUT"),
+)
+"""The arguments and options of the command, all but the robot's own."""
 
 
 def answer_convert(options: RobotOptions, say: Callable[[str], Any], *, out: str, overwrite: bool) -> bool:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..core.printed_numbers import number
 from ..errors import ValueRangeError
+from .shared_options import option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -28,32 +30,29 @@ _SHORT = ("mass_matrix", "centripetal", "coriolis", "gravity_forces", "equations
 _PIPED, _NARROWEST = 100, 40
 
 
-def derive_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command, all but the robot's own."""
-    for name, text in reversed(_FILES.items()):
-        function = click.option(f"--{name}", f"{name}_path", metavar="OUT|-", help=f"{text} - is the terminal.")(
-            function
-        )
-    for option in (
-        click.option("--steps", metavar="STEP,…|all", help="Which steps to print and write, by name."),
-        click.option(
-            "--form",
-            type=click.Choice(["auto", "expanded", "named"]),
-            default="auto",
-            show_default=True,
-            help="Terms written out, or names for intermediate results.",
-        ),
-        click.option(
-            "--symbols",
-            default="all",
-            show_default=True,
-            metavar="KIND|NAME,…",
-            help="What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
-            "the rest are numbers.",
-        ),
-    ):
-        function = option(function)
-    return function
+derive_options = option_group(
+    *(
+        click.option(f"--{name}", f"{name}_path", metavar="OUT|-", help=f"{text} - is the terminal.")
+        for name, text in reversed(_FILES.items())
+    ),
+    click.option("--steps", metavar="STEP,…|all", help="Which steps to print and write, by name."),
+    click.option(
+        "--form",
+        type=click.Choice(["auto", "expanded", "named"]),
+        default="auto",
+        show_default=True,
+        help="Terms written out, or names for intermediate results.",
+    ),
+    click.option(
+        "--symbols",
+        default="all",
+        show_default=True,
+        metavar="KIND|NAME,…",
+        help="What is a symbol: all, none, lengths, coms, masses, inertias, gravity, springs, gears, or names such as L_1; "
+        "the rest are numbers.",
+    ),
+)
+"""The options of the command, all but the robot's own."""
 
 
 def derive_answer(
@@ -111,7 +110,7 @@ def _view(derivation: Derivation, names: tuple[str, ...]) -> str:
     from ..symbolic.notation import Text
 
     notation, width = Text(), max(get_terminal_size((_PIPED, 24)).columns, _NARROWEST)
-    legend = [*derivation.meanings, *((p.name, f"{p.meaning}: {p.value:.6g}") for p in derivation.parameters)]
+    legend = [*derivation.meanings, *((p.name, f"{p.meaning}: {number(p.value, 6)}") for p in derivation.parameters)]
     parts = [click.style(f"Equations of motion of {derivation.name}", bold=True)]
     parts += _columns([(notation.symbol(name), wrap(meaning, width - 12) or [""]) for name, meaning in legend], "  ")
     for step in derivation.steps:

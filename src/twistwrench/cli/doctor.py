@@ -12,44 +12,42 @@ from ..errors import ValueRangeError
 from ..outputs import check_outputs, refuse_existing
 from ..verdict import ExitCode
 from .robot_argument import robot_source
+from .shared_options import option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-def doctor_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command and its ROBOT."""
-    for option in (
-        click.option("--floating-base", is_flag=True, help="Let the base move freely, so that its own inertia counts."),
-        click.option("--model", metavar="NAME", help="Of an SDF world: this model."),
-        click.option("--strict", is_flag=True, help="Exit code 1 with notes too."),
-        click.option("--json", "as_json", is_flag=True, help="Print everything as JSON, in SI units."),
-        click.option(
-            "--metric",
-            type=click.Choice(["frobenius", "entropic"]),
-            default="frobenius",
-            show_default=True,
-            help="What the nearest tensor is nearest in, where no one slip explains the numbers.",
-        ),
-        click.option(
-            "--mirror-from",
-            type=click.Choice(["left", "right"]),
-            help="The side that is copied, mirrored, where two sides are no mirror images.",
-        ),
-        click.option(
-            "--meshes", "folders", metavar="DIR", multiple=True, help="Look for meshes there too; may be repeated."
-        ),
-        click.option(
-            "--plot", "plot_path", metavar="OUT.png", help="Draw shapes, and ellipsoids of inertia before and after."
-        ),
-        click.option("--page", metavar="OUT.html", help="Write a page: links in the colours of the findings."),
-        click.option("--fix", metavar="OUT", help="Write the file with the repairs, everything else byte for byte."),
-        click.option("--force", "overwrite", is_flag=True, help="Replace the file of --fix if it is there."),
-        click.option("--only", metavar="CHECK", multiple=True, help="Run this check only; may be repeated."),
-        click.argument("source", metavar="ROBOT"),
-    ):
-        function = option(function)
-    return function
+doctor_options = option_group(
+    click.option("--floating-base", is_flag=True, help="Let the base move freely, so that its own inertia counts."),
+    click.option("--model", metavar="NAME", help="Of an SDF world: this model."),
+    click.option("--strict", is_flag=True, help="Exit code 1 with notes too."),
+    click.option("--json", "as_json", is_flag=True, help="Print everything as JSON, in SI units."),
+    click.option(
+        "--metric",
+        type=click.Choice(["frobenius", "entropic"]),
+        default="frobenius",
+        show_default=True,
+        help="What the nearest tensor is nearest in, where no one slip explains the numbers.",
+    ),
+    click.option(
+        "--mirror-from",
+        type=click.Choice(["left", "right"]),
+        help="The side that is copied, mirrored, where two sides are no mirror images.",
+    ),
+    click.option(
+        "--meshes", "folders", metavar="DIR", multiple=True, help="Look for meshes there too; may be repeated."
+    ),
+    click.option(
+        "--plot", "plot_path", metavar="OUT.png", help="Draw shapes, and ellipsoids of inertia before and after."
+    ),
+    click.option("--page", metavar="OUT.html", help="Write a page: links in the colours of the findings."),
+    click.option("--fix", metavar="OUT", help="Write the file with the repairs, everything else byte for byte."),
+    click.option("--force", "overwrite", is_flag=True, help="Replace the file of --fix if it is there."),
+    click.option("--only", metavar="CHECK", multiple=True, help="Run this check only; may be repeated."),
+    click.argument("source", metavar="ROBOT"),
+)
+"""The options of the command and its ROBOT."""
 
 
 def answer_doctor(

@@ -10,55 +10,47 @@ import click
 from ..verdict import ExitCode
 from .common import RobotOptions, parse_friction
 from .progress import share_done
+from .shared_options import FRICTION_LAWS, NO_MOTOR_INERTIA, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-def excite_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command, all but the robot's own."""
-    for option in (
-        click.option(
-            "--out", "out_path", metavar="OUT.csv", help="Write the motion, as 'torques', 'view' and 'plot' read it."
-        ),
-        click.option(
-            "--step", type=float, default=0.01, show_default=True, metavar="SECONDS", help="Between rows of --out."
-        ),
-        click.option(
-            "--noise", type=float, metavar="NM", help="Of the torques [N m, N]; a hundredth of each limit if not given."
-        ),
-        click.option("--restarts", type=int, default=3, show_default=True, help="How often the search begins anew."),
-        click.option("--seed", type=int, default=0, show_default=True, help="Of the motions it begins with."),
-        click.option("--ignore-self", is_flag=True, help="Do not look whether links touch each other."),
-        click.option("--floor", type=float, metavar="Z", help="Height that no link goes below [m]."),
-        click.option(
-            "--criterion",
-            type=click.Choice(["log_det", "deviations"]),
-            default="log_det",
-            show_default=True,
-            help="What is sought: the largest log det of the information, or the least median of the deviations.",
-        ),
-        click.option(
-            "--acceleration", type=float, metavar="A", help="Limit every joint to it, used wholly [rad/s², m/s²]."
-        ),
-        click.option(
-            "--share", type=float, default=0.9, show_default=True, help="Of the robot's limits that the motion uses."
-        ),
-        click.option(
-            "--friction",
-            metavar="LAWS",
-            default="viscous,coulomb,offset",
-            show_default=True,
-            help="What each joint has besides its bodies; 'none' for nothing.",
-        ),
-        click.option("--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."),
-        click.option("--harmonics", type=int, default=5, show_default=True, help="Of the Fourier series."),
-        click.option(
-            "--seconds", "duration", type=float, default=20.0, show_default=True, help="How long, the first harmonic."
-        ),
-    ):
-        function = option(function)
-    return function
+excite_options = option_group(
+    click.option(
+        "--out", "out_path", metavar="OUT.csv", help="Write the motion, as 'torques', 'view' and 'plot' read it."
+    ),
+    click.option(
+        "--step", type=float, default=0.01, show_default=True, metavar="SECONDS", help="Between rows of --out."
+    ),
+    click.option(
+        "--noise", type=float, metavar="NM", help="Of the torques [N m, N]; a hundredth of each limit if not given."
+    ),
+    click.option("--restarts", type=int, default=3, show_default=True, help="How often the search begins anew."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Of the motions it begins with."),
+    click.option("--ignore-self", is_flag=True, help="Do not look whether links touch each other."),
+    click.option("--floor", type=float, metavar="Z", help="Height that no link goes below [m]."),
+    click.option(
+        "--criterion",
+        type=click.Choice(["log_det", "deviations"]),
+        default="log_det",
+        show_default=True,
+        help="What is sought: the largest log det of the information, or the least median of the deviations.",
+    ),
+    click.option(
+        "--acceleration", type=float, metavar="A", help="Limit every joint to it, used wholly [rad/s², m/s²]."
+    ),
+    click.option(
+        "--share", type=float, default=0.9, show_default=True, help="Of the robot's limits that the motion uses."
+    ),
+    FRICTION_LAWS,
+    NO_MOTOR_INERTIA,
+    click.option("--harmonics", type=int, default=5, show_default=True, help="Of the Fourier series."),
+    click.option(
+        "--seconds", "duration", type=float, default=20.0, show_default=True, help="How long, the first harmonic."
+    ),
+)
+"""The options of the command, all but the robot's own."""
 
 
 def answer_excite(

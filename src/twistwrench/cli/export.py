@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from ..errors import ValueRangeError
+from .shared_options import option_group
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -16,34 +17,29 @@ if TYPE_CHECKING:
 _LISTS = ("by", "parameters", "rows", "wrenches")
 
 
-def export_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command, all but the robot's own."""
-    for option in (
-        click.option("--no-test", is_flag=True, help="Leave out the program that checks the functions."),
-        click.option(
-            "--prefix", metavar="NAME", help="What the functions' names begin with; the robot's name otherwise."
-        ),
-        click.option("--float", "precision", flag_value="float", default="double", help="Single precision."),
-        click.option(
-            "--quantity",
-            "quantities",
-            metavar="NAME[:OPTION=VALUE,…]",
-            multiple=True,
-            default=("inverse_dynamics",),
-            show_default=True,
-            help="A function, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Several of "
-            "wrenches=, rows=, by= and parameters= are joined by +.",
-        ),
-        click.option(
-            "--c",
-            "path",
-            metavar="FOLDER|OUT.c",
-            required=True,
-            help="Write C99: a header, a source and its test, into a folder or beside each other.",
-        ),
-    ):
-        function = option(function)
-    return function
+export_options = option_group(
+    click.option("--no-test", is_flag=True, help="Leave out the program that checks the functions."),
+    click.option("--prefix", metavar="NAME", help="What the functions' names begin with; the robot's name otherwise."),
+    click.option("--float", "precision", flag_value="float", default="double", help="Single precision."),
+    click.option(
+        "--quantity",
+        "quantities",
+        metavar="NAME[:OPTION=VALUE,…]",
+        multiple=True,
+        default=("inverse_dynamics",),
+        show_default=True,
+        help="A function, such as mass_matrix or jacobian:frame=tool0,kind=space; may be repeated. Several of "
+        "wrenches=, rows=, by= and parameters= are joined by +.",
+    ),
+    click.option(
+        "--c",
+        "path",
+        metavar="FOLDER|OUT.c",
+        required=True,
+        help="Write C99: a header, a source and its test, into a folder or beside each other.",
+    ),
+)
+"""The options of the command, all but the robot's own."""
 
 
 def export_answer(

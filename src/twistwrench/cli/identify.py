@@ -15,8 +15,9 @@ from .common import RobotOptions, check_extra, parse_friction
 from .gathered_logs import LARGE, robot_from_portions
 from .identified_files import AskedFiles
 from .known_values import check_payload, parse_known
-from .motion_options import parse_columns
+from .motion_options import parse_columns, with_torques
 from .progress import share_done
+from .shared_options import COLUMNS, FRICTION_LAWS, LOCK_MISSING, NO_MOTOR_INERTIA, RATE, option_group
 from .work import bytes_of, files_in, worker_options
 
 if TYPE_CHECKING:
@@ -27,93 +28,67 @@ if TYPE_CHECKING:
 _AUTO = "auto"
 
 
-def identify_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command and its LOGs."""
-    for option in (
-        click.option(
-            "--keep-close",
-            metavar="STRENGTH",
-            default=_AUTO,
-            show_default=True,
-            help="How strongly bodies are held near the file's, 0.01 to 100000.",
-        ),
-        click.option(
-            "--actuators-out", metavar="OUT.yaml", help="Write friction and motor inertias as an actuator file."
-        ),
-        click.option(
-            "--out", "out_path", metavar="OUT.urdf", help="Write the robot's file with the identified numbers."
-        ),
-        click.option(
-            "--information", "information_path", metavar="OUT.npz", help="Save what all rows say, to be added to later."
-        ),
-        click.option("--add", "old_path", metavar="OLD.npz", help="Add the logs to what was saved with --information."),
-        worker_options,
-        click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
-        click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
-        click.option(
-            "--plot", "plot_path", metavar="OUT.png", help="Draw measured and predicted torques, groups, and γ."
-        ),
-        click.option("--report", "report_path", metavar="OUT.html", help="Write all of it as one page."),
-        click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the groups with their intervals as a table."),
-        click.option(
-            "--friction",
-            metavar="LAWS",
-            default="viscous,coulomb,offset",
-            show_default=True,
-            help="What each joint has besides its bodies: viscous, coulomb, stribeck, offset; 'none' for nothing.",
-        ),
-        click.option(
-            "--stribeck-speed",
-            type=float,
-            metavar="SPEED",
-            default=0.1,
-            show_default=True,
-            help="At which static friction has faded, where stribeck is asked for [rad/s, m/s].",
-        ),
-        click.option(
-            "--payload-only",
-            metavar="FRAME",
-            help="Only seek the body fixed to FRAME: all other numbers, friction too, are as the robot's file has them.",
-        ),
-        click.option(
-            "--known",
-            metavar="NAME=VALUE",
-            multiple=True,
-            help="Hold a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2; SI units; may be repeated.",
-        ),
-        click.option("--essential", is_flag=True, help="Print the fewest groups that predict as well as all of them."),
-        click.option("--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."),
-        click.option("--method", type=click.Choice(["irls", "wls", "ols"]), default="irls", show_default=True),
-        click.option(
-            "--shift", metavar="SECONDS", default=_AUTO, show_default=True, help="Torques later than positions."
-        ),
-        click.option(
-            "--cutoff", metavar="HZ", default=_AUTO, show_default=True, help="Of the low-pass, without delay."
-        ),
-        click.option(
-            "--lock-missing", is_flag=True, help="Hold joints still, at neutral, that the logs have no column for."
-        ),
-        click.option("--rate", type=float, metavar="HZ", help="Rows a second, where a log has no column of time."),
-        click.option(
-            "--columns",
-            metavar="JOINT=COLUMN",
-            multiple=True,
-            help="Which column is which: elbow=pos3, elbow.tau=i3, time=stamp; may be repeated.",
-        ),
-        click.option(
-            "--without",
-            "left_out",
-            metavar="LINK",
-            multiple=True,
-            help="The robot of the logs lacks this link; may be repeated.",
-        ),
-        click.option(
-            "--test", "tests", metavar="LOG", multiple=True, help="A log that is only predicted; may be repeated."
-        ),
-        click.argument("logs", metavar="LOG...", nargs=-1, required=True),
-    ):
-        function = option(function)
-    return function
+identify_options = option_group(
+    click.option(
+        "--keep-close",
+        metavar="STRENGTH",
+        default=_AUTO,
+        show_default=True,
+        help="How strongly bodies are held near the file's, 0.01 to 100000.",
+    ),
+    click.option("--actuators-out", metavar="OUT.yaml", help="Write friction and motor inertias as an actuator file."),
+    click.option("--out", "out_path", metavar="OUT.urdf", help="Write the robot's file with the identified numbers."),
+    click.option(
+        "--information", "information_path", metavar="OUT.npz", help="Save what all rows say, to be added to later."
+    ),
+    click.option("--add", "old_path", metavar="OLD.npz", help="Add the logs to what was saved with --information."),
+    worker_options,
+    click.option("--force", is_flag=True, help="Write the files in spite of the verdict LOOK AGAIN."),
+    click.option("--json", "json_path", metavar="OUT.json", help="Write everything found as JSON, in SI units."),
+    click.option("--plot", "plot_path", metavar="OUT.png", help="Draw measured and predicted torques, groups, and γ."),
+    click.option("--report", "report_path", metavar="OUT.html", help="Write all of it as one page."),
+    click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the groups with their intervals as a table."),
+    FRICTION_LAWS,
+    click.option(
+        "--stribeck-speed",
+        type=float,
+        metavar="SPEED",
+        default=0.1,
+        show_default=True,
+        help="At which static friction has faded, where stribeck is asked for [rad/s, m/s].",
+    ),
+    click.option(
+        "--payload-only",
+        metavar="FRAME",
+        help="Only seek the body fixed to FRAME: all other numbers, friction too, are as the robot's file has them.",
+    ),
+    click.option(
+        "--known",
+        metavar="NAME=VALUE",
+        multiple=True,
+        help="Hold a parameter: 'link_3.m=0.73 kg', joint_2.viscous=1.2; SI units; may be repeated.",
+    ),
+    click.option("--essential", is_flag=True, help="Print the fewest groups that predict as well as all of them."),
+    NO_MOTOR_INERTIA,
+    click.option("--method", type=click.Choice(["irls", "wls", "ols"]), default="irls", show_default=True),
+    click.option("--shift", metavar="SECONDS", default=_AUTO, show_default=True, help="Torques later than positions."),
+    click.option("--cutoff", metavar="HZ", default=_AUTO, show_default=True, help="Of the low-pass, without delay."),
+    LOCK_MISSING,
+    RATE,
+    COLUMNS,
+    click.option(
+        "--without",
+        "left_out",
+        metavar="LINK",
+        multiple=True,
+        help="The robot of the logs lacks this link; may be repeated.",
+    ),
+    click.option(
+        "--test", "tests", metavar="LOG", multiple=True, help="A log that is only predicted; may be repeated."
+    ),
+    click.argument("logs", metavar="LOG...", nargs=-1, required=True),
+)
+"""The options of the command and its LOGs."""
 
 
 def answer_identify(
@@ -199,15 +174,11 @@ def answer_identify(
             found = robot_from_portions(robot, logs, tests, {**same, **given}, **files)
         else:
             motions = {
-                path: read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+                path: with_torques(
+                    path, read_motion(path, robot, columns=told, rate=rate, degrees=options.degrees, side=side)
+                )
                 for path in dict.fromkeys((*logs, *tests))
             }
-            for path, motion in motions.items():
-                if motion.tau is None:
-                    raise ValueRangeError(
-                        f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
-                        f"'{robot.model.velocity_names[0]}.tau=COLUMN'."
-                    )
             train, test = [motions[path] for path in logs], [motions[path] for path in tests]
             found = identify(robot, train, test=test, **same, progress=progress)
     show(identification_view(found, essential=essential))

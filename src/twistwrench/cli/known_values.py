@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..errors import ValueRangeError
+from ..joints.units import units_of
 
 _UNITS = {
     "m": ("kg",),
@@ -12,9 +13,7 @@ _UNITS = {
     **dict.fromkeys(("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"), ("kg m^2",)),
     "motor_inertia": ("kg m^2", "kg"),
     "viscous": ("N m s/rad", "N s/m"),
-    "coulomb": ("N m", "N"),
-    "stribeck": ("N m", "N"),
-    "offset": ("N m", "N"),
+    **dict.fromkeys(("coulomb", "stribeck", "offset"), units_of("tau", (True, False))),
 }
 """SI units of each kind of parameter: that of turning joints first."""
 

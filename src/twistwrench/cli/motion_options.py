@@ -11,8 +11,10 @@ import click
 
 from ..errors import ValueRangeError
 from .common import RobotOptions, bundled
+from .shared_options import COLUMNS, LOCK_MISSING, NO_FRICTION, PAYLOADS, RATE, WRENCHES, Decorator, option_group
 
 if TYPE_CHECKING:
+    from ..motion.motion import Motion
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
 
@@ -21,37 +23,27 @@ Load = Callable[..., "tuple[Robot, tuple[str, ...]]"]
 the robot's model that are to be held at neutral besides."""
 
 
-def motion_options(*, required: bool) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def motion_options(*, required: bool) -> Decorator:
     """The options that say which motion is meant, and how its file is read."""
-    options = (
+    return option_group(
         click.option(
             "--smooth", is_flag=True, help="Smooth a noisy log, as much as its noise asks, before deriving from it."
         ),
-        click.option(
-            "--lock-missing", is_flag=True, help="Hold joints still, at neutral, that the motion has no column for."
-        ),
-        click.option("--rate", type=float, metavar="HZ", help="Rows a second, where the motion has no column of time."),
-        click.option(
-            "--columns",
-            metavar="JOINT=COLUMN",
-            multiple=True,
-            help="Which column is which: elbow=pos3, elbow.vel=w3, time=stamp; may be repeated.",
-        ),
+        LOCK_MISSING,
+        RATE,
+        COLUMNS,
         click.option(
             "--trajectory",
-            "trajectory",
             metavar="FILE.csv",
             required=required,
             help="The motion; 'demo' is the one bundled with a robot.",
         ),
     )
 
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        for option in options:
-            function = option(function)
-        return function
 
-    return decorate
+def loaded_motion_options(*, required: bool) -> Decorator:
+    """The motion, what the robot carries in it, and what pushes on it."""
+    return option_group(NO_FRICTION, WRENCHES, PAYLOADS, motion_options(required=required))
 
 
 def open_motion(
@@ -99,3 +91,13 @@ def parse_columns(texts: Iterable[str]) -> dict[str, str]:
             raise ValueRangeError(f"--columns says twice what {name!r} is. Keep one of them.")
         found[name] = column
     return found
+
+
+def with_torques(path: str, motion: Motion) -> Motion:
+    """The motion, if it has torques; else ValueRangeError says what to name."""
+    if motion.tau is None:
+        raise ValueRangeError(
+            f"{path}: no torque for every joint. Name the columns JOINT.torque, or say which they are, --columns "
+            f"'{motion.robot.model.velocity_names[0]}.tau=COLUMN'."
+        )
+    return motion

@@ -10,60 +10,50 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..typing import Array
+from .shared_options import LIMITS, PAYLOADS, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from ..robot import Robot
     from ..trajectories.paths import JointPath
+    from ..trajectories.trajectory import Trajectory
 
 
-def move_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command, all but the robot's own."""
-    for option in (
-        click.option(
-            "--plot", "plot_path", metavar="OUT.png", help="Draw the motion; with --fastest, the phase plane too."
-        ),
-        click.option(
-            "--csv", "csv_path", metavar="OUT.csv", help="Write the motion, as 'twistwrench torques' reads it."
-        ),
-        click.option(
-            "--step", type=float, default=0.002, show_default=True, metavar="SECONDS", help="Between rows of --csv."
-        ),
-        click.option("--friction", is_flag=True, help="Count joint friction among the torques."),
-        click.option("--limits", "limits_path", metavar="FILE.csv", help="Limits: joint,lower,upper,velocity,effort."),
-        click.option("--acceleration", type=float, metavar="A", help="Limit every joint to it [rad/s², m/s²]."),
-        click.option(
-            "--payload", "payloads", metavar="MASS[,x,y,z][@FRAME]", multiple=True, help="A point mass carried."
-        ),
-        click.option(
-            "--duration", type=float, metavar="SECONDS", help="How long it takes; as short as may be if not given."
-        ),
-        click.option(
-            "--scaling",
-            type=click.Choice(["quintic", "cubic", "trapezoid"]),
-            default="quintic",
-            show_default=True,
-            help="How the time goes along the path.",
-        ),
-        click.option("--fastest", is_flag=True, help="The fastest timing: one limit touched at all times."),
-        click.option(
-            "--straight", is_flag=True, help="Move the tip on a straight line between the poses of both ends."
-        ),
-        click.option("--screw", is_flag=True, help="Move the tip on the constant screw between them."),
-        click.option("--by", metavar="x,y,z", help="Move the tip straight by that [m], along the base's axes."),
-        click.option(
-            "--waypoints", metavar="FILE.csv", help="Configurations on the way, a row each, joints as columns."
-        ),
-        click.option("--to", metavar="v,v,…", help="Where it ends: all coordinates."),
-        click.option(
-            "--from", "begin", metavar="v,v,…", help="Where it begins; the neutral configuration if not given."
-        ),
-    ):
-        function = option(function)
-    return function
+move_options = option_group(
+    click.option(
+        "--plot", "plot_path", metavar="OUT.png", help="Draw the motion; with --fastest, the phase plane too."
+    ),
+    click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the motion, as 'twistwrench torques' reads it."),
+    click.option(
+        "--step", type=float, default=0.002, show_default=True, metavar="SECONDS", help="Between rows of --csv."
+    ),
+    click.option("--friction", is_flag=True, help="Count joint friction among the torques."),
+    LIMITS,
+    click.option("--acceleration", type=float, metavar="A", help="Limit every joint to it [rad/s², m/s²]."),
+    PAYLOADS,
+    click.option(
+        "--duration", type=float, metavar="SECONDS", help="How long it takes; as short as may be if not given."
+    ),
+    click.option(
+        "--scaling",
+        type=click.Choice(["quintic", "cubic", "trapezoid"]),
+        default="quintic",
+        show_default=True,
+        help="How the time goes along the path.",
+    ),
+    click.option("--fastest", is_flag=True, help="The fastest timing: one limit touched at all times."),
+    click.option("--straight", is_flag=True, help="Move the tip on a straight line between the poses of both ends."),
+    click.option("--screw", is_flag=True, help="Move the tip on the constant screw between them."),
+    click.option("--by", metavar="x,y,z", help="Move the tip straight by that [m], along the base's axes."),
+    click.option("--waypoints", metavar="FILE.csv", help="Configurations on the way, a row each, joints as columns."),
+    click.option("--to", metavar="v,v,…", help="Where it ends: all coordinates."),
+    click.option("--from", "begin", metavar="v,v,…", help="Where it begins; the neutral configuration if not given."),
+)
+"""The options of the command, all but the robot's own."""
 
 
 def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees: bool, **given: Any) -> bool:
@@ -73,11 +63,9 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     """
     from dataclasses import replace
 
+    from ..motion.bounds import bounds_of
     from ..report.joint_values import degrees_hint
     from ..report.loaded_robot import LoadedRobot, parse_payload
-    from ..trajectories.fastest import fastest
-    from ..trajectories.limit_checks import bounds_of
-    from ..trajectories.trajectory import Trajectory
     from .tables.trajectory import move_view
 
     carried = [parse_payload(text) for text in given["payloads"]]
@@ -101,18 +89,12 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         return False
     friction = given["friction"]
     try:
-        if given["fastest"] and trouble is None:
-            limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
-                moving: Trajectory = fastest(robot, path, friction=friction, **limits)
-        else:
-            moving = Trajectory(robot, path, _scaling(robot, path, bounds, given))
+        moving = _timed(robot, path, bounds, given, whole=trouble is None)
     except PathError as problem:
         show(f"CANNOT: {problem}")
         return False
     over = moving.violations(bounds, friction=friction)
-    words = " and ".join(f"{p.mass:g} kg" for p in carried)
+    words = " and ".join(f"{number(p.mass)} kg" for p in carried)
     show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words))
     if robot.model.friction.any and not friction:
         show("! Joint friction is left out, and 'twistwrench torques' counts it: add --friction.")
@@ -129,6 +111,19 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     if trouble is not None:
         show(f"CANNOT: {trouble} The motion above, and in the files, is the path until there.")
     return not over and trouble is None
+
+
+def _timed(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any], *, whole: bool) -> Trajectory:
+    """The motion along the path: as fast as may be, where that is asked and the path is ``whole``, else by its scaling."""
+    from ..trajectories.fastest import fastest
+    from ..trajectories.trajectory import Trajectory
+
+    if not (given["fastest"] and whole):
+        return Trajectory(robot, path, _scaling(robot, path, bounds, given))
+    limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
+        return fastest(robot, path, friction=given["friction"], **limits)
 
 
 def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any]) -> Any:

@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from ..errors import ValueRangeError
+from .shared_options import CONFIGURATION, LIMITS, PAYLOADS, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -18,43 +19,26 @@ if TYPE_CHECKING:
 _SAMPLES = 200_000
 
 
-def payload_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command, all but the robot's own."""
-    for option in (
-        click.option(
-            "--plot", "plot_path", metavar="OUT.png", help="Draw the force polytope, ellipsoid, shares and map."
-        ),
-        click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the table, a row per joint."),
-        click.option(
-            "--samples", type=int, metavar="N", help=f"Configurations drawn for the map.  [default: {_SAMPLES}]"
-        ),
-        click.option(
-            "--map", "plane", metavar="rz|xz|yz|xy", help="Map the largest payload over a slice of the workspace."
-        ),
-        click.option(
-            "--limits", "limits_path", metavar="FILE.csv", help="Effort limits: joint,lower,upper,velocity,effort."
-        ),
-        click.option(
-            "--com", metavar="x,y,z", default="0,0,0", show_default=True, help="Centre of mass in the frame [m]."
-        ),
-        click.option("--frame", metavar="FRAME", help="What carries the payload; the tip if not given."),
-        click.option(
-            "--payload",
-            "payloads",
-            metavar="MASS[,x,y,z][@FRAME]",
-            multiple=True,
-            help="A point mass carried already, such as the gripper; may be repeated.",
-        ),
-        click.option("--configuration", metavar="v,v,…", help="All coordinates at once."),
-        click.option(
-            "--at",
-            metavar="JOINT=VALUE",
-            multiple=True,
-            help="A joint's place, others at zero or as --configuration says; may be repeated.",
-        ),
-    ):
-        function = option(function)
-    return function
+payload_options = option_group(
+    click.option("--plot", "plot_path", metavar="OUT.png", help="Draw the force polytope, ellipsoid, shares and map."),
+    click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the table, a row per joint."),
+    click.option("--samples", type=int, metavar="N", help=f"Configurations drawn for the map.  [default: {_SAMPLES}]"),
+    click.option(
+        "--map", "plane", metavar="rz|xz|yz|xy", help="Map the largest payload over a slice of the workspace."
+    ),
+    LIMITS,
+    click.option("--com", metavar="x,y,z", default="0,0,0", show_default=True, help="Centre of mass in the frame [m]."),
+    click.option("--frame", metavar="FRAME", help="What carries the payload; the tip if not given."),
+    PAYLOADS,
+    CONFIGURATION,
+    click.option(
+        "--at",
+        metavar="JOINT=VALUE",
+        multiple=True,
+        help="A joint's place, others at zero or as --configuration says; may be repeated.",
+    ),
+)
+"""The options of the command, all but the robot's own."""
 
 
 def answer_payload(

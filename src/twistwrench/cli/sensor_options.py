@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.gravity import GRAVITY
+from ..core.gravity import STRENGTH
 from ..errors import ModelWarning, ValueRangeError
 from .common import picture, plain_errors
 from .console import console
@@ -33,7 +33,7 @@ SIGN = click.option(
 )
 
 GRAVITY_OPTION = click.option(
-    "--gravity", type=float, default=-GRAVITY[2], show_default=True, help="Its size [m/s²]; -z of the world."
+    "--gravity", type=float, default=STRENGTH, show_default=True, help="Its size [m/s²]; -z of the world."
 )
 
 CSV = click.option("--csv", "csv_path", metavar="OUT.csv", help="Write the readings without bias and load.")
@@ -56,7 +56,7 @@ def read_readings(name: str, gravity: float) -> ReadingLog:
     from ..sensing.log_file import read_log
 
     if not (gravity > 0 and math.isfinite(gravity)):
-        raise ValueRangeError(f"--gravity {gravity!r} is no size of gravity. Give it in m/s², such as 9.81.")
+        raise ValueRangeError(f"--gravity {gravity!r} is no size of gravity. Give it in m/s², such as {STRENGTH}.")
     with warnings.catch_warnings():  # the report says what is doubtful, in its place
         warnings.simplefilter("ignore", ModelWarning)
         return read_log(log_path(name), gravity=(0.0, 0.0, -gravity))

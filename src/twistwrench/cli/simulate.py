@@ -11,6 +11,7 @@ import click
 from ..errors import SimulationError, ValueRangeError
 from ..verdict import ExitCode
 from .progress import share_done
+from .shared_options import CONFIGURATION, PAYLOADS, WRENCHES, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -22,62 +23,45 @@ if TYPE_CHECKING:
 _CONTACT = "1e5,0.3,0.5"
 
 
-def simulate_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command, all but the robot's own."""
-    for option in (
-        click.option("--plot", "plot_path", metavar="OUT.png", help="Draw joints, energies and drift."),
-        click.option("--npz", "npz_path", metavar="OUT.npz", help="Write all arrays in NumPy's format."),
-        click.option("--csv", "csv_path", metavar="OUT.csv", help="Write a motion that the torques command reads."),
-        click.option("--every", type=int, default=1, show_default=True, metavar="N", help="Keep one state in N."),
-        click.option(
-            "--rtol", type=float, default=1e-8, show_default=True, help="Of dopri5: relative error of a step."
-        ),
-        click.option(
-            "--contact",
-            metavar="k,c,mu",
-            help=f"The ground's stiffness [N/m^1.5], dissipation [s/m] and friction; needs --ground.  [default: {_CONTACT}]",
-        ),
-        click.option("--ground", metavar="HEIGHT", type=float, help="Where the ground is, along z of the base [m]."),
-        click.option(
-            "--touch",
-            metavar="FRAME[:x,y,z]",
-            multiple=True,
-            help="A point that the ground holds up, with --ground; may be repeated. Without it the tip.",
-        ),
-        click.option(
-            "--stop-at-limits", is_flag=True, help="End where a joint reaches a limit of position, with exit code 1."
-        ),
-        click.option("--friction", is_flag=True, help="Let the joints have their friction and damping."),
-        click.option(
-            "--wrench-on-robot",
-            "wrenches",
-            metavar="FRAME:m,m,m,f,f,f",
-            multiple=True,
-            help="What the world does there.",
-        ),
-        click.option(
-            "--payload", "payloads", metavar="MASS[,x,y,z][@FRAME]", multiple=True, help="A point mass carried."
-        ),
-        click.option("--torque", metavar="JOINT=VALUE", multiple=True, help="A constant torque; may be repeated."),
-        click.option(
-            "--velocity", metavar="JOINT=VALUE", multiple=True, help="A velocity at the start; may be repeated."
-        ),
-        click.option("--configuration", metavar="v,v,…", help="All coordinates at the start."),
-        click.option(
-            "--at", metavar="JOINT=VALUE", multiple=True, help="A joint's place at the start; may be repeated."
-        ),
-        click.option(
-            "--method",
-            default="dopri5",
-            show_default=True,
-            metavar="NAME",
-            help="dopri5, rk4, variational, variational6, midpoint, semi_implicit or euler.",
-        ),
-        click.option("--dt", type=float, default=1e-3, show_default=True, help="Between two states [s]."),
-        click.option("--duration", type=float, default=1.0, show_default=True, help="How long [s]."),
-    ):
-        function = option(function)
-    return function
+simulate_options = option_group(
+    click.option("--plot", "plot_path", metavar="OUT.png", help="Draw joints, energies and drift."),
+    click.option("--npz", "npz_path", metavar="OUT.npz", help="Write all arrays in NumPy's format."),
+    click.option("--csv", "csv_path", metavar="OUT.csv", help="Write a motion that the torques command reads."),
+    click.option("--every", type=int, default=1, show_default=True, metavar="N", help="Keep one state in N."),
+    click.option("--rtol", type=float, default=1e-8, show_default=True, help="Of dopri5: relative error of a step."),
+    click.option(
+        "--contact",
+        metavar="k,c,mu",
+        help=f"The ground's stiffness [N/m^1.5], dissipation [s/m] and friction; needs --ground.  [default: {_CONTACT}]",
+    ),
+    click.option("--ground", metavar="HEIGHT", type=float, help="Where the ground is, along z of the base [m]."),
+    click.option(
+        "--touch",
+        metavar="FRAME[:x,y,z]",
+        multiple=True,
+        help="A point that the ground holds up, with --ground; may be repeated. Without it the tip.",
+    ),
+    click.option(
+        "--stop-at-limits", is_flag=True, help="End where a joint reaches a limit of position, with exit code 1."
+    ),
+    click.option("--friction", is_flag=True, help="Let the joints have their friction and damping."),
+    WRENCHES,
+    PAYLOADS,
+    click.option("--torque", metavar="JOINT=VALUE", multiple=True, help="A constant torque; may be repeated."),
+    click.option("--velocity", metavar="JOINT=VALUE", multiple=True, help="A velocity at the start; may be repeated."),
+    CONFIGURATION,
+    click.option("--at", metavar="JOINT=VALUE", multiple=True, help="A joint's place at the start; may be repeated."),
+    click.option(
+        "--method",
+        default="dopri5",
+        show_default=True,
+        metavar="NAME",
+        help="dopri5, rk4, variational, variational6, midpoint, semi_implicit or euler.",
+    ),
+    click.option("--dt", type=float, default=1e-3, show_default=True, help="Between two states [s]."),
+    click.option("--duration", type=float, default=1.0, show_default=True, help="How long [s]."),
+)
+"""The options of the command, all but the robot's own."""
 
 
 def answer_simulate(

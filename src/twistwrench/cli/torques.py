@@ -10,53 +10,33 @@ import click
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
 from .common import RobotOptions, check_extra, motion_path
-from .motion_options import motion_options, open_motion, refuse_motor_side
+from .motion_options import loaded_motion_options, open_motion, refuse_motor_side
 from .progress import share_done
+from .shared_options import LIMITS, option_group
 from .work import files_in, worker_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from ..report.torque_findings import TorqueReport
+
 _PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
 """How long it takes to see how noisy a motion is, and to fit the smoothing, beside all that follows."""
 
 
-def torques_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of the command, all but the robot's own."""
-    for option in (
-        click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out."),
-        click.option("--why", is_flag=True, help="Split the worst joint's peak by link, payload and rotor too."),
-        click.option("--motor-plot", metavar="OUT.png", help="Draw what each motor does in its speed–torque region."),
-        click.option(
-            "--limits",
-            "limits_path",
-            metavar="FILE.csv",
-            help="Limits in place of the robot's: joint,lower,upper,velocity,effort.",
-        ),
-        click.option(
-            "--plot", "plot_path", metavar="OUT.png", help="Draw torques, limits, and the split of the worst joint."
-        ),
-        click.option("--split", is_flag=True, help="Write the causes of the torques too."),
-        click.option("--csv", "csv_path", metavar="OUT.csv", help="Write time and torques."),
-        click.option(
-            "--wrench-on-robot",
-            "wrenches",
-            metavar="FRAME:m,m,m,f,f,f",
-            multiple=True,
-            help="What the world does to it there.",
-        ),
-        click.option(
-            "--payload",
-            "payloads",
-            metavar="MASS[,x,y,z][@FRAME]",
-            multiple=True,
-            help="A point mass carried; may be repeated.",
-        ),
-        worker_options,
-        motion_options(required=True),
-    ):
-        function = option(function)
-    return function
+torques_options = option_group(
+    click.option("--why", is_flag=True, help="Split the worst joint's peak by link, payload and rotor too."),
+    click.option("--motor-plot", metavar="OUT.png", help="Draw what each motor does in its speed–torque region."),
+    LIMITS,
+    click.option(
+        "--plot", "plot_path", metavar="OUT.png", help="Draw torques, limits, and the split of the worst joint."
+    ),
+    click.option("--split", is_flag=True, help="Write the causes of the torques too."),
+    click.option("--csv", "csv_path", metavar="OUT.csv", help="Write time and torques."),
+    worker_options,
+    loaded_motion_options(required=True),
+)
+"""The options of the command, all but the robot's own."""
 
 
 def answer_torques(
@@ -125,6 +105,14 @@ def answer_torques(
     if smooth and not differentiation.derives:
         click.echo("note: --smooth changes nothing: the file gives velocities and accelerations.", err=True)
     show(report_view(report, degrees=options.degrees, why=why))
+    _draw(report, plot_path, motor_plot, options.actuators)
+    for written in filter(None, (csv_path, plot_path, motor_plot)):
+        click.echo(f"wrote {written}")
+    return report.verdict.exit_code
+
+
+def _draw(report: TorqueReport, plot_path: str | None, motor_plot: str | None, actuators: object) -> None:
+    """The pictures asked for."""
     if plot_path is not None:
         from ..plotting.torques import plot_report
 
@@ -133,10 +121,5 @@ def answer_torques(
         from ..plotting.motors import plot_motors
 
         if not report.motors:
-            raise ValueRangeError(
-                f"{options.actuators} describes no motor, so there is nothing to draw for --motor-plot."
-            )
+            raise ValueRangeError(f"{actuators} describes no motor, so there is nothing to draw for --motor-plot.")
         plot_motors(report, motor_plot)
-    for written in filter(None, (csv_path, plot_path, motor_plot)):
-        click.echo(f"wrote {written}")
-    return report.verdict.exit_code

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +11,9 @@ import click
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
 from .live_page import PORT, require_viser, serve, served_port
-from .motion_options import Load, motion_options, open_motion
+from .motion_options import Load, loaded_motion_options, open_motion
 from .progress import frames_drawn
+from .shared_options import option_group
 
 if TYPE_CHECKING:
     from ..viz.drawn_motion import DrawnMotion
@@ -20,74 +21,40 @@ if TYPE_CHECKING:
 _KINDS = ("split", "power", "phase")
 
 
-def view_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of ``view``, all but the robot's own."""
-    for option in (
-        click.option("--no-browser", is_flag=True, help="Serve the page, and open no browser."),
-        click.option(
-            "--host", default="127.0.0.1", show_default=True, help="Address to serve at; 0.0.0.0 lets others look."
-        ),
-        click.option(
-            "--port", type=int, metavar="N", help=f"Port to serve at, 0 for any that is free.  [default: {PORT}]"
-        ),
-        click.option(
-            "--speed", type=float, default=1.0, show_default=True, help="Of the film: seconds of motion a second."
-        ),
-        click.option("--movie", "movie", metavar="OUT.gif|OUT.mp4", help="Film the motion instead of serving it."),
-        click.option(
-            "--html", "html", metavar="OUT.html", help="Write one file that plays offline instead of serving it."
-        ),
-        click.option(
-            "--section",
-            metavar="N",
-            help="With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3.",
-        ),
-        click.option(
-            "--no-meshes", is_flag=True, help="Draw the robot from its numbers, whatever its file looks like."
-        ),
-        *_motion_options(required=False),
-    ):
-        function = option(function)
-    return function
+view_options = option_group(
+    click.option("--no-browser", is_flag=True, help="Serve the page, and open no browser."),
+    click.option(
+        "--host", default="127.0.0.1", show_default=True, help="Address to serve at; 0.0.0.0 lets others look."
+    ),
+    click.option("--port", type=int, metavar="N", help=f"Port to serve at, 0 for any that is free.  [default: {PORT}]"),
+    click.option(
+        "--speed", type=float, default=1.0, show_default=True, help="Of the film: seconds of motion a second."
+    ),
+    click.option("--movie", "movie", metavar="OUT.gif|OUT.mp4", help="Film the motion instead of serving it."),
+    click.option("--html", "html", metavar="OUT.html", help="Write one file that plays offline instead of serving it."),
+    click.option(
+        "--section",
+        metavar="N",
+        help="With --html: the page of a section of Modern Robotics, as 3.4, 5.2, 8.1.3, 8.3.",
+    ),
+    click.option("--no-meshes", is_flag=True, help="Draw the robot from its numbers, whatever its file looks like."),
+    loaded_motion_options(required=False),
+)
+"""The options of ``view``, all but the robot's own."""
 
 
-def plot_options(function: Callable[..., None]) -> Callable[..., None]:
-    """The options of ``plot``, all but the robot's own."""
-    for option in (
-        click.option("--joint", "joints", metavar="JOINT", multiple=True, help="Of this joint alone; may be repeated."),
-        click.option("--out", "out", metavar="OUT.png", required=True, help="The picture: .png, .pdf or .svg."),
-        click.option(
-            "--what",
-            type=click.Choice(_KINDS),
-            required=True,
-            help="Causes of torques, power and energy, or phase planes.",
-        ),
-        *_motion_options(required=True),
-    ):
-        function = option(function)
-    return function
-
-
-def _motion_options(*, required: bool) -> tuple[Callable[[Any], Any], ...]:
-    """The motion and what the robot carries, as ``torques`` takes them."""
-    return (
-        click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out."),
-        click.option(
-            "--wrench-on-robot",
-            "wrenches",
-            metavar="FRAME:m,m,m,f,f,f",
-            multiple=True,
-            help="What the world does to it there.",
-        ),
-        click.option(
-            "--payload",
-            "payloads",
-            metavar="MASS[,x,y,z][@FRAME]",
-            multiple=True,
-            help="A point mass carried; may be repeated.",
-        ),
-        motion_options(required=required),
-    )
+plot_options = option_group(
+    click.option("--joint", "joints", metavar="JOINT", multiple=True, help="Of this joint alone; may be repeated."),
+    click.option("--out", "out", metavar="OUT.png", required=True, help="The picture: .png, .pdf or .svg."),
+    click.option(
+        "--what",
+        type=click.Choice(_KINDS),
+        required=True,
+        help="Causes of torques, power and energy, or phase planes.",
+    ),
+    loaded_motion_options(required=True),
+)
+"""The options of ``plot``, all but the robot's own."""
 
 
 def answer_view(

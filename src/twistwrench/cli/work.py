@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from ..errors import ValueRangeError
+from .shared_options import option_group
 
-
-def worker_options(function: Callable[..., None]) -> Callable[..., None]:
-    """``--workers`` and ``--scheduler``."""
-    for option in (
-        click.option(
-            "--scheduler", metavar="ADDRESS", help="Work on the Dask cluster of this scheduler: tcp://10.0.0.1:8786."
-        ),
-        click.option("--workers", type=int, metavar="N", help="Work on N processes of this machine (Dask)."),
-    ):
-        function = option(function)
-    return function
+worker_options = option_group(
+    click.option(
+        "--scheduler", metavar="ADDRESS", help="Work on the Dask cluster of this scheduler: tcp://10.0.0.1:8786."
+    ),
+    click.option("--workers", type=int, metavar="N", help="Work on N processes of this machine (Dask)."),
+)
+"""``--workers`` and ``--scheduler``."""
 
 
 def files_in(path: Path, text: str) -> list[str]:

@@ -64,6 +64,37 @@ class JointLaw:
         q_d, dq_d, _ = self._motion(t)
         return self.robot.subtract(q_d, q), dq_d - dq
 
+    def batch_law(self, robot: Robot, times: Array) -> BatchPD | BatchComputedTorque:
+        """The same law for the motions of a rollout.
+
+        Parameters
+        ----------
+        robot : Robot, that of the rollout
+        times : (steps,) array, beginnings of the steps, where a reference that moves is taken [s]
+
+        Returns
+        -------
+        law : BatchPD or BatchComputedTorque
+
+        Raises
+        ------
+        ValueRangeError
+            Gains couple joints, the law was made with another robot, or it adds friction.
+
+        Examples
+        --------
+        >>> import numpy as np, twistwrench as tw
+        >>> arm = tw.robots.planar_2r()
+        >>> PD(arm, [0.5, 0.5], kp=100.0, kd=20.0).batch_law(arm, np.arange(3.0)).kp.tolist()
+        [100.0, 100.0]
+        """
+        self._require_same(robot)
+        return self._law(self._of_all_motions(times))
+
+    def _law(self, given: dict[str, Array]) -> BatchPD | BatchComputedTorque:
+        """The law, of reference and gains as a rollout takes them."""
+        raise NotImplementedError
+
     def _of_all_motions(self, times: Array) -> dict[str, Array]:
         """Reference and gains as the law of a batch has them. Raises ValueRangeError for gains that couple joints."""
         kp, kd = np.diagonal(self._kp), np.diagonal(self._kd)
@@ -119,32 +150,7 @@ class PD(JointLaw):
         own = np.diagonal(self._kd).copy()
         return own if np.array_equal(self._kd, np.diag(own)) else None
 
-    def batch_law(self, robot: Robot, times: Array) -> BatchPD:
-        """The same law for the motions of a rollout.
-
-        Parameters
-        ----------
-        robot : Robot, that of the rollout
-        times : (steps,) array, beginnings of the steps, where a reference that moves is taken [s]
-
-        Returns
-        -------
-        law : BatchPD
-
-        Raises
-        ------
-        ValueRangeError
-            Gains couple joints, or the law was made with another robot.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> PD(arm, [0.5, 0.5], kp=100.0, kd=20.0).batch_law(arm, np.arange(3.0)).kp.tolist()
-        [100.0, 100.0]
-        """
-        self._require_same(robot)
-        given = self._of_all_motions(times)
+    def _law(self, given: dict[str, Array]) -> BatchPD:
         del given["ddq_des"]
         return BatchPD(**given, gravity=self.gravity)
 
@@ -183,36 +189,12 @@ class ComputedTorque(JointLaw):
     friction: bool = False
     """Whether what overcomes the joints' friction is added."""
 
-    def batch_law(self, robot: Robot, times: Array) -> BatchComputedTorque:
-        """The same law for the motions of a rollout.
-
-        Parameters
-        ----------
-        robot : Robot, that of the rollout
-        times : (steps,) array, beginnings of the steps, where a reference that moves is taken [s]
-
-        Returns
-        -------
-        law : BatchComputedTorque
-
-        Raises
-        ------
-        ValueRangeError
-            Gains couple joints, the law was made with another robot, or it adds friction.
-
-        Examples
-        --------
-        >>> import numpy as np, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
-        >>> ComputedTorque(arm, [0.5, 0.5], kp=100.0, kd=20.0).batch_law(arm, np.arange(3.0)).kd.tolist()
-        [20.0, 20.0]
-        """
-        self._require_same(robot)
+    def _law(self, given: dict[str, Array]) -> BatchComputedTorque:
         if self.friction:
             raise ValueRangeError(
                 "ComputedTorque: the law of a rollout leaves friction out. Give friction=False, or take robot.simulate."
             )
-        return BatchComputedTorque(**self._of_all_motions(times))
+        return BatchComputedTorque(**given)
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from ..algorithms.jacobians import KINDS
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..robot import Robot
 from ..robot.quantity_types import Kind, Rows
@@ -52,10 +53,10 @@ class ContactWrench:
     """How many independent wrenches the joints feel."""
 
     def __str__(self) -> str:
-        shown = ", ".join(f"{n} {x:.4g}" for n, x in zip(_NAMES, self.wrench, strict=True))
+        shown = ", ".join(f"{n} {number(x)}" for n, x in zip(_NAMES, self.wrench, strict=True))
         seen = f"rank {self.rank}" + (f", {len(self.blind)} directions are not felt" if len(self.blind) else "")
         left = float(np.linalg.norm(self.unexplained))
-        return f"wrench on the robot at {self.frame}: {shown} ({seen}; {left:.3g} of the torques unexplained)"
+        return f"wrench on the robot at {self.frame}: {shown} ({seen}; {number(left, 3)} of the torques unexplained)"
 
 
 class MomentumObserver:

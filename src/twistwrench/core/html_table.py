@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from .printed_numbers import number
+
 
 def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A table with a title, if it is not empty; numbers in four digits, what is None as a dash, all else escaped.
@@ -21,6 +23,4 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
 
 
 def _said(value: Any) -> str:
-    if value is None:
-        return "–"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return number(value) if value is None or isinstance(value, float) else str(value)

@@ -16,7 +16,6 @@ from .findings import Edit, Place
 from .problems import FileProblem
 from .shapes import LinkShapes
 
-NUMBERS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
@@ -68,15 +67,6 @@ class WrittenInertia:
             found.append(wanted[name])
             written[i, j] = written[j, i] = float(wanted[name].text)
         return tuple(found), written
-
-    def exact_edits(self, inertia: SpatialInertia) -> tuple[Edit, ...]:
-        """The edits that make another inertia of it to the last digit; none where a number has no place."""
-        moments = self.R.T @ inertia.moment_about_com @ self.R
-        wanted = {name: float(0.5 * (moments[i, j] + moments[j, i])) for name, (i, j) in _ENTRIES.items()}
-        wanted |= {"mass": float(inertia.mass), **dict(zip("xyz", inertia.com.tolist(), strict=True))}
-        if any(name not in self.places for name in wanted):
-            return ()
-        return tuple(Edit(self.places[name], repr(value)) for name, value in wanted.items())
 
     def edits_to(self, inertia: SpatialInertia) -> tuple[Edit, ...]:
         """The edits that make another inertia of it, mass and centre of mass too; none where a number has no place."""

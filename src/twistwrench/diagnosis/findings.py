@@ -8,8 +8,7 @@ from enum import StrEnum
 from typing import Literal
 
 from ..bodies.inertia import SpatialInertia
-
-__all__ = ["Edit", "Effect", "FileRepair", "Finding", "Place", "Severity"]
+from ..core.printed_numbers import number
 
 
 class Severity(StrEnum):
@@ -92,7 +91,7 @@ class Effect:
             share = (
                 f", {_percent(self.effort_percent)} of the effort of {self.effort_joint}" if self.effort_joint else ""
             )
-            said.append(f"g of {self.torque_joint} by {self.torque:.3g}{share}")
+            said.append(f"g of {self.torque_joint} by {number(self.torque, 3)}{share}")
         return "; ".join(said) or "none"
 
     def reaches(self, percent: float, effort: float = 1.0) -> bool:
@@ -168,4 +167,4 @@ class Finding:
 
 
 def _percent(value: float) -> str:
-    return f"{value:.3g} %" if value < 1e4 else f"a factor of {value / 100.0:.2g}"
+    return f"{number(value, 3)} %" if value < 1e4 else f"a factor of {number(value / 100.0, 2)}"

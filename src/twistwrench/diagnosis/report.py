@@ -18,8 +18,6 @@ from .editing import edited, encoded
 from .findings import Effect, Finding, Place, Severity
 from .reading import Subject
 
-__all__ = ["DoctorReport"]
-
 ALWAYS = ("impossible", "mirror")
 """Checks whose notes are repaired too: other programs judge links one by one and refuse them; a side was asked for."""
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from ..joints.units import unit_of
 from ..model.variable_parameters import nominal
 from ..program.program import FUSED, Program
 from ..robot.quantities import QUANTITIES
@@ -100,8 +101,8 @@ def _entries(robot: Robot) -> Iterator[str]:
     k = 0
     for b in robot.model.leaders:
         for turns in b.joint.turning:
-            unit = "rad/s, rad/s^2, N m" if turns else "m/s, m/s^2, N"
-            yield f"  {k:3}  {b.joint.name:{wide}}  {unit}"
+            said = ", ".join(unit_of(part, turns) for part in ("dq", "ddq", "tau")).replace("²", "^2")  # ASCII, as C is
+            yield f"  {k:3}  {b.joint.name:{wide}}  {said}"
             k += 1
     if robot.model.quaternions:
         yield "A quaternion (qw, qx, qy, qz) may have any length but zero."

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.gravity import STRENGTH
 from ..errors import KernelError
-from ..program.program import Port
+from ..program.port import Port
 from ..targets.c import PRECISIONS
 from ..typing import Array
 from .document import comment
@@ -124,7 +125,7 @@ def _inputs(robot: Robot, request: Request, dtype: type) -> list[Array]:
     def values(port: Port) -> Array:
         if port.name == "q":
             return robot.random_configuration(rng, STATES)
-        return rng.standard_normal((STATES, *port.shape)) * (9.81 if port.name == "gravity" else 1.0)
+        return rng.standard_normal((STATES, *port.shape)) * (STRENGTH if port.name == "gravity" else 1.0)
 
     return [values(port).astype(dtype) for port in request.function.program.inputs]
 

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
-from ..core.gravity import GRAVITY
 from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ..lie import se3
 from ..model.builder import ModelBuilder
@@ -28,49 +27,19 @@ TURN = 2 * np.pi + 1e-6
 def from_dh(
     table: Mapping[str, ArrayLike] | Sequence[Mapping[str, float]] | ArrayLike,
     *,
-    convention: str = "standard",
-    columns: Sequence[str] | None = None,
-    joint_types: str | Sequence[str] = "revolute",
-    masses: ArrayLike | None = None,
-    coms: ArrayLike | None = None,
-    moments_about_com: ArrayLike | None = None,
-    tool: ArrayLike | None = None,
-    joint_names: Sequence[str] | None = None,
-    name: str = "dh",
-    gravity: ArrayLike = GRAVITY,
-    inertia: str = "error",
+    convention: str,
+    columns: Sequence[str] | None,
+    joint_types: str | Sequence[str],
+    masses: ArrayLike | None,
+    coms: ArrayLike | None,
+    moments_about_com: ArrayLike | None,
+    tool: ArrayLike | None,
+    joint_names: Sequence[str] | None,
+    name: str,
+    gravity: ArrayLike,
+    inertia: str,
 ) -> Model:
-    """Model of a Denavit–Hartenberg table; see :func:`twistwrench.from_dh`.
-
-    Parameters
-    ----------
-    table : {column: (n,)}, n such rows, or (n, 4) array_like with ``columns`` [m, rad]
-    convention : "standard" or "modified"
-    columns : sequence of str, optional, order of the columns of an array
-    joint_types : str or n of them, ``"revolute"`` or ``"prismatic"``
-    masses : (n,) array_like, optional [kg]
-    coms : (n, 3) array_like, optional, in the link frames [m]
-    moments_about_com : (n, 3, 3) array_like, optional, along the axes of the link frames [kg m²]
-    tool : (4, 4) array_like, optional, pose in the last link frame
-    joint_names : sequence of n str, optional
-    name : str, the robot's
-    gravity : (3,) array_like, in the base frame [m/s²]
-    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
-
-    Returns
-    -------
-    model : Model
-
-    Raises
-    ------
-    ShapeError, ValueRangeError, UnknownNameError, InertiaError
-        As :func:`twistwrench.from_dh`.
-
-    Examples
-    --------
-    >>> from_dh({"a": [1.0, 1.0]}, masses=[1, 1]).nv
-    2
-    """
+    """The model of a Denavit–Hartenberg table, by the arguments of :func:`twistwrench.from_dh`."""
     if convention not in CONVENTIONS:
         raise UnknownNameError.of("Denavit–Hartenberg convention", convention, CONVENTIONS)
     theta, d, a, alpha = _columns(table, columns)

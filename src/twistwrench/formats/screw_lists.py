@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
-from ..core.gravity import GRAVITY
 from ..errors import InertiaError, ModelError, ShapeError
 from ..lie import se3
 from ..lie.adjoint import Ad
@@ -77,13 +76,13 @@ def from_screws(
     Mlist: Sequence[ArrayLike] | ArrayLike,
     Glist: Sequence[ArrayLike] | ArrayLike,
     *,
-    joint_names: Sequence[str] | None = None,
-    name: str = "screws",
-    gravity: ArrayLike = GRAVITY,
-    non_unit_screws: bool = False,
-    inertia: str = "error",
+    joint_names: Sequence[str] | None,
+    name: str,
+    gravity: ArrayLike,
+    non_unit_screws: bool,
+    inertia: str,
 ) -> Model:
-    """The model of the book's lists; see :func:`twistwrench.from_screws`."""
+    """The model of the book's lists, by the arguments of :func:`twistwrench.from_screws`."""
     S, steps = np.asarray(Slist, float), np.asarray(Mlist, float)
     G = np.asarray(Glist, float)
     n = S.shape[-1] if S.ndim == 2 else 0

@@ -12,12 +12,12 @@ import numpy as np
 
 from ..core.foreign_errors import foreign_errors
 from ..core.foreign_output import captured_stderr
+from ..core.gravity import STRENGTH
 from ..errors import MissingExtraError, RobotFileError
 from ..lie import quaternion, se3, so3
 from ..lie.identity import IDENTITY, pose_rows
 from ..typing import Array
 
-_EARTH = 9.81
 """m/s², where a scene gives no magnitude."""
 _SINGLE = 1e-5
 """What products of numbers in single precision may be off a rotation."""
@@ -130,10 +130,10 @@ class Stage:
         """(3,) m/s²: of the scene, else of the earth, downward."""
         down = -np.eye(3)[self.up]
         if not self.scenes:
-            return _EARTH * down
+            return STRENGTH * down
         direction = vector_of(self.scenes[0], "physics:gravityDirection", (0.0, 0.0, 0.0))
         magnitude = number_of(self.scenes[0], "physics:gravityMagnitude", -math.inf)
-        size = _EARTH if magnitude < 0 else magnitude * self.metre
+        size = STRENGTH if magnitude < 0 else magnitude * self.metre
         length = float(np.linalg.norm(direction))
         return size * (direction / length if length > 0 else down)
 

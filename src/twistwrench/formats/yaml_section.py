@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ModelError, UnknownNameError
-from .units import in_si
+from .data_sheet_units import in_si
 
 
 def shown(value: object) -> str:

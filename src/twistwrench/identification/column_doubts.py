@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..core.printed_numbers import number, percent
 from ..motion.log_noise import quantum
 from ..typing import Array
-from .evidence import Evidence, LogDoubt, percent
+from .evidence import Evidence, LogDoubt
 from .normal_equations import NormalEquations
 from .parameter_groups import BaseParameters
 from .setting_trial import FOLDS
@@ -72,8 +73,8 @@ def _saturated(seen: Evidence) -> list[LogDoubt]:
                 found.append(
                     LogDoubt(
                         "saturated",
-                        f"the torque of {name} is exactly {extreme:.4g} in {percent(count / len(tau))} of the rows: it is cut "
-                        "off there. Leave these rows out, or log what the motor really gives.",
+                        f"the torque of {name} is exactly {number(extreme)} in {percent(count / len(tau), 3)} of the rows: it "
+                        "is cut off there. Leave these rows out, or log what the motor really gives.",
                         (name,),
                     )
                 )
@@ -92,7 +93,7 @@ def _coarse(seen: Evidence) -> list[LogDoubt]:
             found.append(
                 LogDoubt(
                     "quantised",
-                    f"positions of {name} lie on a grid of {step:.3g}, which makes {percent(noise / size)} of its "
+                    f"positions of {name} lie on a grid of {number(step, 3)}, which makes {percent(noise / size, 3)} of its "
                     f"accelerations below {cutoff:g} Hz noise. Log more digits, move faster, or lower the cut-off.",
                     (name,),
                 )
@@ -159,8 +160,8 @@ def _gains(seen: Evidence) -> list[LogDoubt]:
             found.append(
                 LogDoubt(
                     "sign",
-                    f"the torque of {name} has the wrong sign: {gain:.2g} times the file's rigid bodies with friction "
-                    f"left free explain it, to {percent(np.sqrt(left))}. Turn its sign, or that of its position.",
+                    f"the torque of {name} has the wrong sign: {number(gain, 2)} times the file's rigid bodies with friction "
+                    f"left free explain it, to {percent(np.sqrt(left), 3)}. Turn its sign, or that of its position.",
                     (name,),
                     refuses=True,
                 )
@@ -170,8 +171,8 @@ def _gains(seen: Evidence) -> list[LogDoubt]:
             found.append(
                 LogDoubt(
                     "gain",
-                    f"the torque of {name} is {gain:.3g} times that of the file's rigid bodies, friction left free: it is in "
-                    "another unit, before the gear, or a current; or the file's masses are others.",
+                    f"the torque of {name} is {number(gain, 3)} times that of the file's rigid bodies, friction left free: it "
+                    "is in another unit, before the gear, or a current; or the file's masses are others.",
                     (name,),
                     refuses=sure,
                 )
@@ -206,8 +207,8 @@ def _exchanged(seen: Evidence) -> list[LogDoubt]:
     return [
         LogDoubt(
             "exchanged",
-            f"torque columns seem to be exchanged: {pairs} (residual {percent(np.sqrt(float(best[moved].max())))} in place of "
-            f"{percent(np.sqrt(float(own[moved].min())))} and more).",
+            f"torque columns seem to be exchanged: {pairs} (residual {percent(np.sqrt(float(best[moved].max())), 3)} in place "
+            f"of {percent(np.sqrt(float(own[moved].min())), 3)} and more).",
             tuple(seen.names[j] for j, _ in wrong),
             refuses=True,
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..algorithms.regressor import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import number
 from ..model.actuation import with_friction
 from ..robot import Robot
 from ..typing import Array
@@ -136,7 +137,9 @@ class ConsistentRobot:
         worst = [int(k) for k in np.argsort(-out) if out[k] > 0]
         if not worst:
             return []
-        listed = "; ".join(f"{self.base.names[k]} {values[k]:.4g} ({low[k]:.4g} to {high[k]:.4g})" for k in worst[:3])
+        listed = "; ".join(
+            f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in worst[:3]
+        )
         more = f", and {len(worst) - 3} more" if len(worst) > 3 else ""
         return [
             f"bodies that can exist, pulled to the file's, put {len(worst)} of {len(values)} groups outside their 95 % "

@@ -7,12 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import percent
 from ..motion.motion import Motion
 from ..typing import Array
 from .held_out import HeldOut
 from .normal_equations import Prior
 from .parameter_groups import BaseParameters
 from .setting_trial import FitSettings
+
+_UNEXPLAINED = 0.35
+"""Share of the torques left in rows held out that refuses the logs."""
+OTHERS, NOTABLE_IN_OTHERS = 2.5, 0.12
+"""Times what is left of the training logs that is left of other logs, and the least such share, which say that they differ."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,24 @@ def contradiction(sentence: str, log: str = "") -> LogDoubt:
     return LogDoubt("contradiction", f"{log}: {sentence}" if log else sentence, refuses=refuses)
 
 
+def left_unexplained(held: HeldOut, among: HeldOut) -> list[LogDoubt]:
+    """What is left in rows held out refuses the logs: much, or of other logs far more than of the training logs ``among``."""
+    if held.all > _UNEXPLAINED:
+        said = (
+            f"rigid bodies with friction leave {percent(held.all, 3)} of the torques unexplained in rows held out: these are "
+            "no torques of this robot's joints, or positions are not theirs."
+        )
+        return [LogDoubt("unexplained", said, refuses=True)]
+    if held.kind == "test" and held.all > max(OTHERS * among.all, NOTABLE_IN_OTHERS):
+        said = (
+            f"the logs held out are explained to {percent(held.all, 3)}, and the training logs among themselves to "
+            f"{percent(among.all, 3)}: their torques are not those of the same rigid bodies. Was friction compensated, or "
+            "something carried, in one of them?"
+        )
+        return [LogDoubt("other-torques", said, refuses=True)]
+    return []
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """What doubts are judged from: rows (m, nv, r), (m, nv) at the settings chosen, and what was fitted to them."""
@@ -77,8 +101,3 @@ class Evidence:
     def names(self) -> tuple[str, ...]:
         """Of the joints."""
         return self.base.unknown.model.velocity_names
-
-
-def percent(share: float) -> str:
-    """In words."""
-    return f"{100 * share:.3g} %"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..motion.bounds import Bounds
 from ..motion.motion import Motion
 from ..robot import Robot
@@ -45,8 +46,8 @@ class ExcitingMotion:
 
     def __repr__(self) -> str:
         return (
-            f"<ExcitingMotion of {self.robot.name!r}: {self.duration:g} s, {self.series.harmonics} harmonics, "
-            f"condition {self.condition:.3g}>"
+            f"<ExcitingMotion of {self.robot.name!r}: {number(self.duration)} s, {self.series.harmonics} harmonics, "
+            f"condition {number(self.condition)}>"
         )
 
     @property

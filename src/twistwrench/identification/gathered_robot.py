@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .consistent_robot import sum_of
-from .evidence import LogDoubt, percent
+from .evidence import LogDoubt, left_unexplained
 from .held_out import HeldOut
 from .identified_robot import IdentifiedRobot
 from .information_fit import fit_of
@@ -16,8 +16,6 @@ from .information_fit import fit_of
 if TYPE_CHECKING:
     from .information import Information
 
-_UNEXPLAINED, _OTHERS, _NOTABLE = 0.35, 2.5, 0.12
-"""Shares of the torques left in rows held out: that refuse the logs; of the training logs', that of others'; and at least."""
 _OFF = 0.5
 """Share of a step within which corrections of the settings are linear."""
 
@@ -59,25 +57,7 @@ def _doubts(information: Information, held: HeldOut, among: HeldOut, x: np.ndarr
     """Those of the excerpts, and what all rows say besides."""
     found = list(information.doubts)
     kinds = {d.kind for d in found}
-    if held.all > _UNEXPLAINED and "unexplained" not in kinds:
-        found.append(
-            LogDoubt(
-                "unexplained",
-                f"rigid bodies with friction leave {percent(held.all)} of the torques unexplained in rows held out: these are "
-                "no torques of this robot's joints, or positions are not theirs.",
-                refuses=True,
-            )
-        )
-    elif held.kind == "test" and held.all > max(_OTHERS * among.all, _NOTABLE):
-        found.append(
-            LogDoubt(
-                "other-torques",
-                f"the logs held out are explained to {percent(held.all)}, and the training logs among themselves to "
-                f"{percent(among.all)}: their torques are not those of the same rigid bodies. Was friction compensated, or "
-                "something carried, in one of them?",
-                refuses=True,
-            )
-        )
+    found += [doubt for doubt in left_unexplained(held, among) if doubt.kind not in kinds]
     if far := _settings_off(information, x):
         found.append(
             LogDoubt(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -11,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..core.cluster import Failure, Workers
+from ..core.printed_numbers import percent
 from ..errors import ShapeError, TrajectoryError, UnknownNameError
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
 from ..typing import Array
-from .evidence import LogDoubt, contradiction, percent
+from .evidence import NOTABLE_IN_OTHERS, OTHERS, LogDoubt, contradiction
 from .held_out import HeldOut, HeldOutRows
 from .identified_payload import unknown_of
 from .information import Information
@@ -33,8 +36,8 @@ from .weights import Method
 
 _WINDOWS, WINDOW = 16, 4096
 """Runs of rows that settings are chosen on."""
-_OTHERS, _LEAST_LEFT, _OF_JOINT = 2.5, 0.12, 0.35
-"""Times what is left of the torques of all logs, and shares of its own and of a joint's, from which a log is another's."""
+_OF_JOINT = 0.35
+"""Share of a joint's torques left from which a log is another's."""
 _MOST_ROWS = 3000
 """Of equations of an excerpt."""
 
@@ -137,33 +140,44 @@ def gather(
     tell(0.2)
     pieces = _pieces(start.frame, sources, clocks)
     made = team.results(Piece.moments, [piece for _, piece in pieces], lambda s: tell(0.2 + 0.8 * s))
+    x = _reference(start, like)
     whole: Information | None = None
     left, said = dict[str, HeldOut](), dict[str, str]()
-    x = _reference(start, like)
-    for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
-        path, results = sources[k].path, [result for _, result in of_log]
-        if broken := [result.reason for result in results if isinstance(result, Failure)]:
-            failed[path] = broken[0]
-            continue
-        fine = [result for result in results if not isinstance(result, Failure)]
-        moments = fine[0][0]
-        for more, _ in fine[1:]:
-            moments = moments + more
-        if not moments.counts.any():
-            failed[path] = "it is too short for its cut-off"
-            continue
-        if contradictions := [sentence for _, sentences in fine for sentence in sentences]:
-            said[path] = contradictions[0]
-        about: dict[str, Any] = {"seconds": clocks[k].seconds, "samples": clocks[k].rows, "logs": (path,)}
-        part = replace(start, moments=moments, doubts=(), **about)
-        left[path] = fit_of(part).predicted(x, "test")
+    for part, sentences in _parts(start, sources, clocks, pieces, made, failed):
+        left[part.logs[0]] = fit_of(part).predicted(x, "test")
         whole = part if whole is None else whole + part
+        if sentences:
+            said[part.logs[0]] = sentences[0]
     if whole is None:
         raise TrajectoryError(next(iter(failed.values()), "gather: the logs are too short to identify a robot from."))
     doubts = [LogDoubt("left-out", f"{path} is left out: {reason}") for path, reason in failed.items()]
     doubts += [contradiction(sentence, path) for path, sentence in said.items()]
     usual = [fit_of(like).predicted(x, "test")] if like is not None else list(left.values())
     return replace(whole, doubts=(*start.doubts, *doubts, *_others(left, usual)))
+
+
+def _parts(
+    start: Information,
+    sources: Sequence[LogSource],
+    clocks: Mapping[int, LogClock],
+    pieces: Sequence[tuple[int, Piece]],
+    made: Iterable[tuple[JointMoments, list[str]] | Failure],
+    failed: dict[str, str],
+) -> Iterator[tuple[Information, list[str]]]:
+    """What each log tells, with sentences on what contradicts itself in it; ``failed`` is told why there is none of a log."""
+    for k, of_log in groupby(zip(pieces, made, strict=True), lambda pair: pair[0][0]):
+        path, results = sources[k].path, [result for _, result in of_log]
+        if broken := [result.reason for result in results if isinstance(result, Failure)]:
+            failed[path] = broken[0]
+            continue
+        fine = [result for result in results if not isinstance(result, Failure)]
+        moments = reduce(operator.add, (one for one, _ in fine))
+        if not moments.counts.any():
+            failed[path] = "it is too short for its cut-off"
+            continue
+        about: dict[str, Any] = {"seconds": clocks[k].seconds, "samples": clocks[k].rows, "logs": (path,)}
+        part = replace(start, moments=moments, doubts=(), **about)
+        yield part, [sentence for _, sentences in fine for sentence in sentences]
 
 
 def _reference(start: Information, like: Information | None) -> Array:
@@ -180,15 +194,16 @@ def _others(left: Mapping[str, HeldOut], usual: Sequence[HeldOut]) -> list[LogDo
     names = usual[0].names
     of_joints = np.quantile([[one.joints[name] for name in names] for one in usual], 0.5, axis=0, method="lower")
     for path, one in left.items():
-        worse = [n for n, u in zip(names, of_joints, strict=True) if one.joints[n] > max(_OTHERS * float(u), _OF_JOINT)]
-        if worse or one.all > max(_OTHERS * half, _LEAST_LEFT):
+        worse = [n for n, u in zip(names, of_joints, strict=True) if one.joints[n] > max(OTHERS * float(u), _OF_JOINT)]
+        if worse or one.all > max(OTHERS * half, NOTABLE_IN_OTHERS):
             worst = max(worse, key=lambda name: one.joints[name], default="")
-            most = f", at {worst} to {percent(one.joints[worst])}" if worst else ""
+            most = f", at {worst} to {percent(one.joints[worst], 3)}" if worst else ""
             found.append(
                 LogDoubt(
                     "other-torques",
-                    f"{path} is explained to {percent(one.all)}{most} by what explains others to {percent(half)}: its torques "
-                    "are not those of the same rigid bodies. Was friction compensated, or something carried, in one of them?",
+                    f"{path} is explained to {percent(one.all, 3)}{most} by what explains others to {percent(half, 3)}: its "
+                    "torques are not those of the same rigid bodies. Was friction compensated, or something carried, in one of "
+                    "them?",
                     tuple(worse),
                 )
             )

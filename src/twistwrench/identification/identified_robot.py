@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..core.files import as_path
+from ..core.printed_numbers import percent
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..robot import Robot
@@ -77,7 +78,7 @@ class IdentifiedRobot:
 
     def __repr__(self) -> str:
         return (
-            f"<IdentifiedRobot {self.original.name!r}: {self.base.count} groups, {100 * self.held_out.all:.3g} % held out "
+            f"<IdentifiedRobot {self.original.name!r}: {self.base.count} groups, {percent(self.held_out.all, 3)} held out "
             f"({self.held_out.kind}), {self.verdict.word}>"
         )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..errors import ValueRangeError
 from ..robot import Robot
 from ..typing import Array
@@ -62,7 +63,7 @@ class Information:
     def __repr__(self) -> str:
         return (
             f"<Information of {self.robot.name!r}: {self.frame.base.count} groups, {self.samples} samples, "
-            f"{len(self.logs)} logs, {self.seconds / 3600:.3g} h>"
+            f"{len(self.logs)} logs, {number(self.seconds / 3600)} h>"
         )
 
     def __add__(self, other: Information) -> Information:

@@ -7,10 +7,11 @@ from collections import Counter
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import number, percent, plus_minus
 from ..model.model import BASE
 from ..typing import Array
 from .column_doubts import column_doubts, drive_places, least
-from .evidence import Evidence, LogDoubt, contradiction, percent
+from .evidence import Evidence, LogDoubt, contradiction, left_unexplained
 from .normal_equations import NormalEquations
 from .parameter_groups import BaseParameters
 
@@ -19,8 +20,7 @@ _UNTOLD = 0.2
 _MOTION, _UNSURE = 200, 0.1
 """States of another motion, and the share of its torques that deviations of the groups may make."""
 _WITHOUT = 0.5
-_UNEXPLAINED, _UNEXPLAINED_JOINT = 0.35, 0.6
-_OTHERS = 2.5, 0.12
+_UNEXPLAINED_JOINT = 0.6
 _NEGATIVE = 4.0
 _NOTABLE = 0.1
 """Share of the torques, that is worth a word where rigid bodies with friction leave it unexplained."""
@@ -62,8 +62,8 @@ def _late(seen: Evidence) -> list[LogDoubt]:
     return [
         LogDoubt(
             "late",
-            f"torques fit best {abs(shift) * 1e3:.3g} ms {when} the positions of their rows: the two were stamped by different "
-            "clocks, or filtered differently. The offset is taken off.",
+            f"torques fit best {number(abs(shift) * 1e3, 3)} ms {when} the positions of their rows: the two were stamped by "
+            "different clocks, or filtered differently. The offset is taken off.",
         )
     ]
 
@@ -96,8 +96,8 @@ def _without(seen: Evidence) -> list[LogDoubt]:
         LogDoubt(
             "missing-link",
             f"without {best[1]}, which is fixed to the robot in the file, the file explains the torques to "
-            f"{percent(np.sqrt(best[0] / size))} in place of {percent(np.sqrt(whole / size))}: the robot of the log did not "
-            f"carry it. Say --without {best[1]}.",
+            f"{percent(np.sqrt(best[0] / size), 3)} in place of {percent(np.sqrt(whole / size), 3)}: the robot of the log did "
+            f"not carry it. Say --without {best[1]}.",
         )
     ]
 
@@ -142,7 +142,7 @@ def _untold(seen: Evidence) -> list[LogDoubt]:
     bad = [int(j) for j in np.argsort(-share) if share[j] > _UNSURE]
     if not bad:
         return []
-    told = ", ".join(f"{seen.names[j]} {percent(share[j])}" for j in bad[:4])
+    told = ", ".join(f"{seen.names[j]} {percent(share[j], 3)}" for j in bad[:4])
     worst = np.argsort(-((W[:, bad[0]] ** 2).sum(axis=0) * seen.covariance.diagonal()))[:3]
     least_sure = "; ".join(base.names[k].split(" ")[0] for k in worst)
     return [
@@ -162,7 +162,7 @@ def _negative(seen: Evidence) -> list[LogDoubt]:
     bad = np.flatnonzero(drive & (seen.x < -_NEGATIVE * seen.deviations))
     if not bad.size:
         return []
-    said = ", ".join(f"{seen.base.names[k]} = {seen.x[k]:.3g} ± {seen.deviations[k]:.2g}" for k in bad[:4])
+    said = ", ".join(f"{seen.base.names[k]} = {plus_minus(seen.x[k], seen.deviations[k])}" for k in bad[:4])
     joints = tuple(dict.fromkeys(seen.base.names[k].split(".")[0] for k in bad))
     count = Counter(seen.base.names[k].split(".")[0] for k in bad)
     turned = tuple(name for name, n in count.items() if n > 1)
@@ -187,27 +187,8 @@ def _negative(seen: Evidence) -> list[LogDoubt]:
 
 
 def _unexplained(seen: Evidence) -> list[LogDoubt]:
-    found = []
     held = seen.held_out
-    if held.all > _UNEXPLAINED:
-        found.append(
-            LogDoubt(
-                "unexplained",
-                f"rigid bodies with friction leave {percent(held.all)} of the torques unexplained in rows held out: these are "
-                "no torques of this robot's joints, or positions are not theirs.",
-                refuses=True,
-            )
-        )
-    elif held.kind == "test" and held.all > max(_OTHERS[0] * seen.trained.all, _OTHERS[1]):
-        found.append(
-            LogDoubt(
-                "other-torques",
-                f"the logs held out are explained to {percent(held.all)}, and the training logs among themselves to "
-                f"{percent(seen.trained.all)}: their torques are not those of the same rigid bodies. Was friction "
-                "compensated, or something carried, in one of them?",
-                refuses=True,
-            )
-        )
+    found = left_unexplained(held, seen.trained)
     share = held.sizes / max(float(held.sizes.sum()), 1e-300)
     bad = [
         name
@@ -221,14 +202,14 @@ def _unexplained(seen: Evidence) -> list[LogDoubt]:
         found.append(
             LogDoubt(
                 "partly-unexplained",
-                f"rigid bodies with friction leave {percent(held.all)} of the torques unexplained in rows held out, most at "
-                f"{worst} ({percent(held.joints[worst])}): elasticity, friction of another law, or torques that are not all "
+                f"rigid bodies with friction leave {percent(held.all, 3)} of the torques unexplained in rows held out, most at "
+                f"{worst} ({percent(held.joints[worst], 3)}): elasticity, friction of another law, or torques that are not all "
                 "that acts, as where the controller compensates friction.",
                 (worst,),
             )
         )
     if bad and not any(doubt.refuses for doubt in found):
-        said = ", ".join(f"{name} {percent(held.joints[name])}" for name in bad)
+        said = ", ".join(f"{name} {percent(held.joints[name], 3)}" for name in bad)
         found.append(
             LogDoubt("unexplained-joint", f"torques are left unexplained in rows held out: {said}.", tuple(bad))
         )

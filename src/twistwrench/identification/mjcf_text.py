@@ -45,6 +45,8 @@ class MjcfText:
 
     kinds = tuple(_PLACES)
     """What it has a place for, of a joint."""
+    share_left = 0.0
+    """Of a body, to each link that is folded into it."""
 
     def __init__(self, root: Element, changes: TextChanges, _model: str, path: Path | None) -> None:
         folders = Folders(None if path is None else path.parent)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..typing import Array
 from .unknown_parameters import UnknownParameters
 
@@ -148,7 +149,7 @@ class BaseParameters:
         order = [first, *(k for k in np.flatnonzero(self.grouping[row]).tolist() if k != first)]
         for k in order:
             value = float(self.grouping[row, k])
-            size = "" if abs(abs(value) - 1.0) < 1e-6 else f"{abs(value):.6g} "
+            size = "" if abs(abs(value) - 1.0) < 1e-6 else f"{number(abs(value), 6)} "
             sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
             text += f"{sign}{size}{names[k]}"
         return text

@@ -174,19 +174,9 @@ def identified(
     covariance = group_covariance(trial.W, trial.tau, x, sigma, weights, prior, rows.time, rows.log, trial.changes(x))
     tell(0.5)
     names = unknown.model.velocity_names
-    if tested or not anew:
-        among = _five_fold(source, prior, method, names, lambda _: settings)
-        held_out = _predicted(base, tested, asked, dead, settings, x, names) if tested else among
-    else:
-        chosen: dict[int, FitSettings] = {}
-
-        def nested(block: int) -> FitSettings:
-            if block not in chosen:
-                chosen[block] = source.choose(prior, [b for b in range(FOLDS) if b != block])
-                tell(0.5 + 0.1 * len(chosen))
-            return chosen[block]
-
-        among = held_out = _five_fold(source, prior, method, names, nested)
+    settings_of = _settings_anew(source, prior, tell) if anew and not tested else lambda _: settings
+    among = _five_fold(source, prior, method, names, settings_of)
+    held_out = _predicted(base, tested, asked, dead, settings, x, names) if tested else among
     seen = Evidence(
         base, (*trained, *tested), trial.W, trial.tau, fold, settings, prior, x, covariance.matrix, held_out, among,
         rows.speed, rows.acceleration, min(s.rate for s in samples), dead, payload_only is not None,
@@ -278,6 +268,20 @@ def _five_fold(
     if found is None:
         raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
     return found
+
+
+def _settings_anew(source: SettingRows, prior: Prior, tell: Callable[[float], None]) -> Callable[[int], FitSettings]:
+    """Settings for each fifth that is held out, chosen on the others; ``tell`` is told the share done, from a half to all."""
+    done = 0
+
+    def of(block: int) -> FitSettings:
+        nonlocal done
+        chosen = source.choose(prior, [b for b in range(FOLDS) if b != block])
+        done += 1
+        tell(0.5 + 0.1 * done)
+        return chosen
+
+    return of
 
 
 def _one_fold(

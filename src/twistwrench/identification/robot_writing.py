@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core.files import as_path
+from ..core.printed_numbers import number, percent
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..verdict import Word
@@ -68,8 +69,8 @@ def _headline(found: IdentifiedRobot, logs: Sequence[str]) -> str:
 
     said = (
         f"version {__version__}, {date.today().isoformat()}{' from ' + ', '.join(logs) if logs else ''}: {found.base.count} "
-        f"groups, {100 * found.held_out.all:.3g} % of the torques left in rows held out ({found.held_out.kind}), pull to the "
-        f"file {found.consistent.fit.strength:g}"
+        f"groups, {percent(found.held_out.all, 3)} of the torques left in rows held out ({found.held_out.kind}), pull to the "
+        f"file {number(found.consistent.fit.strength)}"
     )
     together = _numbers(found.consistent.of_several_joints)
     return f"{said}; not in it: {together}" if together else said
@@ -90,4 +91,4 @@ def _notes(made: WrittenRobot, path: Path, *, beside: bool) -> list[str]:
 
 
 def _numbers(values: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {value:.4g}" for name, value in values.items())
+    return ", ".join(f"{name} {number(value)}" for name, value in values.items())

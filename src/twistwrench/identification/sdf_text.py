@@ -30,6 +30,8 @@ class SdfText:
 
     kinds = (*LAWS, "motor_inertia")
     """What it may have a place for, of a joint."""
+    share_left = 1e-3
+    """Of a body, to each link that is folded into it: libsdformat refuses a link whose mass is not positive."""
 
     def __init__(self, root: Element, changes: TextChanges, model: str, _path: Path | None) -> None:
         self._changes = changes

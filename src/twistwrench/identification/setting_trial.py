@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..typing import Array
 from .filtered_rows import FilteredRows
 from .normal_equations import NormalEquations, Prior
@@ -34,6 +35,13 @@ class FitSettings:
     cutoff: float
     friction_speed: Array
     shift: float
+
+    def __str__(self) -> str:
+        speeds = ", ".join(map(number, self.friction_speed))
+        return (
+            f"cut-off {number(self.cutoff)} Hz; torques {number(self.shift * 1e3)} ms after positions; friction turns at "
+            f"{speeds} rad/s or m/s"
+        )
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ class UrdfText:
 
     kinds = tuple(LAWS)
     """What it has a place for, of a joint."""
+    share_left = 0.0
+    """Of a body, to each link that is folded into it."""
 
     def __init__(self, root: Element, changes: TextChanges, _model: str, _path: Path | None) -> None:
         self._changes = changes

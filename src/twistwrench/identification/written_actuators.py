@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..core.printed_numbers import number
+from ..joints.units import unit_of
 from ..model.model import Model
 from ..robot import Robot
 from ..typing import Array
@@ -38,16 +40,16 @@ def actuator_text(model: Model, found: ConsistentRobot, given: Mapping[str, obje
         if name in viscous:
             law["viscous"] = f"{viscous[name]!r} {'N s/m' if slides else 'N m s/rad'}"
         if name in coulomb:
-            law["coulomb"] = f"{coulomb[name]!r} {'N' if slides else 'N m'}"
+            law["coulomb"] = f"{coulomb[name]!r} {unit_of('tau', not slides)}"
         if name in stribeck:
-            law["static"] = f"{coulomb.get(name, 0.0) + stribeck[name]!r} {'N' if slides else 'N m'}"
-            law["stribeck"] = f"{found.base.unknown.stribeck_speed!r} {'m/s' if slides else 'rad/s'}"
+            law["static"] = f"{coulomb.get(name, 0.0) + stribeck[name]!r} {unit_of('tau', not slides)}"
+            law["stribeck"] = f"{found.base.unknown.stribeck_speed!r} {unit_of('dq', not slides)}"
         if law:
             entry["friction"] = law
     content["actuators"] = entries
     head = f"# {SIGNATURE}: friction and motor inertias as the joints feel them\n"
     if offset:
-        head += "".join(f"# offset of the torque of {name}: {value:.6g}\n" for name, value in offset.items())
+        head += "".join(f"# offset of the torque of {name}: {number(value, 6)}\n" for name, value in offset.items())
     head += "".join(
         f"# of several joints, not read: {name} {value!r}\n" for name, value in found.of_several_joints.items()
     )

@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import number, percent
 from ..diagnosis.editing import encoded
 from ..diagnosis.reading import Subject, read_subject
 from ..errors import ModelError, RobotFileError, ValueRangeError
 from ..formats.xml_parser import parse
+from ..lie import se3
 from ..model.model import BASE, Model
 from ..robot import Robot, load
 from .consistent_robot import ConsistentRobot
@@ -70,7 +72,7 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
             f"robot {original.name!r} was not read from a file, so there is none to write into. tw.save(found.robot, path) "
             "writes a new one."
         )
-    inertias, folded = _link_inertias(found)
+    inertias, folded = _link_inertias(found, _TEXTS[subject.robot.format].share_left)
     drives = _drives(found)
     wanted = drives
     again = _again(_text(subject, found, said, inertias, wanted), subject, found)
@@ -86,12 +88,14 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
         }
         again = _again(_text(subject, found, said, inertias, wanted), subject, found)
     missing = {kind: {joint: drives[kind][joint] for joint in of_kind} for kind, of_kind in _off(again, drives).items()}
-    lacking = [f"{kind} {joint} {value:.4g}" for kind, of_kind in missing.items() for joint, value in of_kind.items()]
+    lacking = [
+        f"{kind} {joint} {number(value)}" for kind, of_kind in missing.items() for joint, value in of_kind.items()
+    ]
     text = _text(subject, found, f"{said}; not in it: {', '.join(lacking)}" if lacking else said, inertias, wanted)
     difference = _difference(_again(text, subject, found), found)
     if not difference <= _SAME:
         raise RobotFileError(
-            f"what was written does not come back: torques differ by {difference:.2g} of the largest. Please report it."
+            f"what was written does not come back: torques differ by {number(difference, 2)} of the largest. Please report it."
         )
     folder = subject.path.resolve().parent if subject.path is not None and _names_files(subject.text) else None
     return WrittenRobot(text, encoded(text, subject.data), difference, tuple(folded), missing, folder)
@@ -132,8 +136,11 @@ def _text(
     return changes.made(subject.text)
 
 
-def _link_inertias(found: ConsistentRobot) -> tuple[dict[str, SpatialInertia], list[str]]:
-    """The inertia that each moving link is to have, in its own frame; and fixed links that are part of another now."""
+def _link_inertias(found: ConsistentRobot, share: float) -> tuple[dict[str, SpatialInertia], list[str]]:
+    """The inertia that each moving link is to have, in its own frame; and fixed links that are part of another now.
+
+    Such a link keeps a ``share`` of the whole body, which is one that can exist as the whole is.
+    """
     model = found.base.unknown.model
     wanted, folded = dict[str, SpatialInertia](), list[str]()
     for i, (body, whole) in enumerate(zip(model.bodies, found.inertias, strict=True)):
@@ -147,8 +154,13 @@ def _link_inertias(found: ConsistentRobot) -> tuple[dict[str, SpatialInertia], l
         for link, G in others.items():
             left = left - G.in_frame(mine[link])
         if others and (left.mass <= 0 or left.defects()):
-            folded += [link for link, G in others.items() if G.parameters.any()]
-            others, left = dict.fromkeys(others, SpatialInertia.zero()), whole
+            heavy = [link for link, G in others.items() if G.parameters.any()]
+            part = SpatialInertia(share * whole.parameters)
+            others = {
+                link: part.in_frame(se3.inverse(mine[link])) if share else SpatialInertia.zero() for link in heavy
+            }
+            left = SpatialInertia((1.0 - share * len(heavy)) * whole.parameters)
+            folded += heavy
         wanted |= {**others, body.link: left}
     return wanted, folded
 
@@ -218,7 +230,7 @@ def check_written(found: ConsistentRobot) -> list[str]:
         raise ValueRangeError("the mass matrix is not positive at some configuration. Nothing is written.")
     if found.held_out > found.of_file:
         raise ValueRangeError(
-            f"rows held out are explained to {100 * found.held_out:.3g} %, and to {100 * found.of_file:.3g} % by the file's "
+            f"rows held out are explained to {percent(found.held_out, 3)}, and to {percent(found.of_file, 3)} by the file's "
             "own bodies with friction. Nothing is written."
         )
     said = []
@@ -226,7 +238,7 @@ def check_written(found: ConsistentRobot) -> list[str]:
         sum(float(b.mass) for b in bodies) for bodies in (found.inertias, [b.inertia for b in model.bodies])
     )
     if before > 0 and abs(mass / before - 1.0) > 0.2:
-        said.append(f"the moving bodies weigh {mass:.4g} kg, in the file {before:.4g} kg")
+        said.append(f"the moving bodies weigh {number(mass)} kg, in the file {number(before)} kg")
     if found.repaired:
         said.append(
             f"the file's inertia of {', '.join(found.repaired)} was thickened first, as no body of volume has it"

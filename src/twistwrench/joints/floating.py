@@ -16,8 +16,8 @@ from ..lie.exponentials import slide
 from ..lie.half_angle import cotangent_quotient, half_angle
 from ..typing import Array
 from .ball import Ball, turn_between, unit
-from .chart import euler_axis, euler_rates, euler_rotation, exact
-from .joint import ChartEntry, CosineSine, Joint, Slider
+from .chart import CosineSine, euler_axis, euler_rates, euler_rotation, exact
+from .joint import ChartEntry, Joint, Slider
 
 _TURNING = Ball("", np.eye(6)[:3])
 

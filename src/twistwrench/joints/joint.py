@@ -17,8 +17,6 @@ from ..bodies.inertia import SpatialInertia
 from ..typing import Array
 from .chart import CosineSine
 
-__all__ = ["ChartEntry", "CosineSine", "Joint", "Slider"]
-
 
 @dataclass(frozen=True)
 class ChartEntry:

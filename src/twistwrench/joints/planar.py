@@ -14,8 +14,8 @@ from ..lie import se3
 from ..lie.half_angle import half_angle, half_turn, short_way
 from ..typing import Array
 from .axes import direction_of, no_pitch, plane_of, unit_vector
-from .chart import exact, exact_rodrigues
-from .joint import ChartEntry, CosineSine, Joint, Slider
+from .chart import CosineSine, exact, exact_rodrigues
+from .joint import ChartEntry, Joint, Slider
 from .screw_joint import rodrigues
 
 

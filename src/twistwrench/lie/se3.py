@@ -60,9 +60,9 @@ def pose(R: ArrayLike, p: ArrayLike) -> Array:
     R, p = arguments.array(R, "se3.pose: R", 3, 3), arguments.array(p, "se3.pose: p", 3)
     if R.shape[:-2] != p.shape[:-1]:
         R, p = _broadcast(R, p)
-    top = np.concatenate([R, p[..., None]], axis=-1)
-    bottom = np.array([0.0, 0.0, 0.0, 1.0], np.float32 if top.dtype == np.float32 else float)
-    return np.concatenate([top, np.broadcast_to(bottom, (*top.shape[:-2], 1, 4))], axis=-2)
+    T = np.empty((*p.shape[:-1], 4, 4), np.result_type(R, p))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, :3], T[..., 3, 3] = R, p, 0.0, 1.0
+    return T
 
 
 def hat(V: ArrayLike) -> Array:
@@ -86,8 +86,12 @@ def hat(V: ArrayLike) -> Array:
     [[0.0, -3.0, 2.0, 4.0], [3.0, 0.0, -1.0, 5.0], [-2.0, 1.0, 0.0, 6.0]]
     """
     V = arguments.array(V, "se3.hat: V", 6)
-    top = np.concatenate([so3.hat(V[..., :3]), V[..., 3:, None]], axis=-1)
-    return np.concatenate([top, np.zeros_like(top[..., :1, :])], axis=-2)
+    if V.ndim == 1:  # NumPy takes longer for a few operations on six numbers
+        x, y, z, u, v, w = V.tolist()
+        return np.array([[0.0, -z, y, u], [z, 0.0, -x, v], [-y, x, 0.0, w], [0.0, 0.0, 0.0, 0.0]], V.dtype)
+    X = np.zeros((*V.shape[:-1], 4, 4), V.dtype)
+    X[..., :3, :3], X[..., :3, 3] = so3.hat(V[..., :3]), V[..., 3:]
+    return X
 
 
 def vee(X: ArrayLike) -> Array:
@@ -107,6 +111,8 @@ def vee(X: ArrayLike) -> Array:
     [0.0, 0.0, 1.0, 2.0, 3.0, 4.0]
     """
     X = arguments.array(X, "se3.vee: X", 4, 4)
+    if X.ndim == 2:
+        return np.array([X[2, 1], X[0, 2], X[1, 0], X[0, 3], X[1, 3], X[2, 3]], X.dtype)
     return np.concatenate([so3.vee(X[..., :3, :3]), X[..., :3, 3]], axis=-1)
 
 

@@ -85,6 +85,8 @@ def vee(W: ArrayLike) -> Array:
     [1.0, 2.0, 3.0]
     """
     W = arguments.array(W, "so3.vee: W", 3, 3)
+    if W.ndim == 2:
+        return np.array([W[2, 1], W[0, 2], W[1, 0]], W.dtype)
     return np.stack([W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]], axis=-1)
 
 

@@ -18,7 +18,8 @@ from ..lie import se3
 from ..typing import Array
 from .actuator import Actuator, Rotor
 from .actuator_checks import LARGEST, check_actuator
-from .model import BASE, Body, Limits, Model
+from .limits import Limits
+from .model import BASE, Body, Model
 from .spring import Spring
 
 _LAWS = ("viscous", "coulomb", "static", "stribeck", "load")

@@ -17,8 +17,9 @@ from .configuration import from_names
 from .description import JointEntry, LinkEntry, SiteEntry
 from .fixed_joints import fuse
 from .friction import Friction
+from .limits import Limits
 from .mimic import Drive
-from .model import BASE, Body, Frame, Limits, Model
+from .model import BASE, Body, Frame, Model
 from .rounding import snap_pose
 from .spring import Spring
 from .tree import Tree

@@ -12,6 +12,7 @@ from ..bodies.inertia import SpatialInertia
 from ..core.gravity import GRAVITY
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..joints import Floating
+from ..joints.axes import number, numbers
 from .assembly import ROOT_JOINT, Additions, assemble
 from .closure import OfferedClosure
 from .default_tip import check_tip
@@ -26,8 +27,6 @@ from .description import (
     limits_of,
     link_entry,
     mimic_of,
-    number,
-    numbers,
     placement_of,
 )
 from .edit import gravity_vector, lock

@@ -16,27 +16,11 @@ from ..joints import JOINT_TYPES, Fixed, Joint
 from ..joints.axes import number, numbers
 from ..lie.identity import IDENTITY, UPRIGHT
 from ..typing import Array
-from .model import Limits
+from .limits import Limits
 from .remark import Remark
 
 Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader's + offset."""
-
-__all__ = [
-    "TYPES",
-    "JointEntry",
-    "LinkEntry",
-    "Mimic",
-    "SiteEntry",
-    "armature_of",
-    "label",
-    "limits_of",
-    "link_entry",
-    "mimic_of",
-    "number",
-    "numbers",
-    "placement_of",
-]
 
 _SURE = 1e-15
 """What rows may miss of a rotation to be one beyond doubt, to the 1e-14 that placements are let alone with."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.gravity import GRAVITY
 from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ..joints import Joint
 from ..typing import Array
@@ -173,9 +174,9 @@ def gravity_vector(g: ArrayLike) -> Array:
     try:
         vector = np.array(g, float)
     except (TypeError, ValueError):
-        raise ShapeError(f"gravity is {g!r}, expected three numbers, such as (0, 0, -9.81).") from None
+        raise ShapeError(f"gravity is {g!r}, expected three numbers, such as {GRAVITY}.") from None
     if vector.shape != (3,):
-        raise ShapeError(f"gravity has shape {vector.shape}, expected (3,): an acceleration such as (0, 0, -9.81).")
+        raise ShapeError(f"gravity has shape {vector.shape}, expected (3,): an acceleration such as {GRAVITY}.")
     if not np.isfinite(vector).all():
         raise ValueRangeError(f"gravity is {vector.tolist()}; its components must be finite.")
     vector.setflags(write=False)

@@ -11,7 +11,8 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..lie.identity import IDENTITY, is_identity, product
 from ..typing import Array
-from .model import BASE, Body, Frame, Limits, Model
+from .limits import Limits
+from .model import BASE, Body, Frame, Model
 from .rounding import snap_pose
 
 

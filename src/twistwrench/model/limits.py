@@ -1,4 +1,4 @@
-"""Limits of the joints, and the one answer to whether a joint is beyond its limit of position."""
+"""Limits of the joints, the one tolerance of all of them, and the one answer to whether something is beyond its limit."""
 
 from __future__ import annotations
 
@@ -12,6 +12,45 @@ from ..typing import Array
 TOLERANCE = 1e-6
 """Share of a joint's largest limit by which it may be past one and still counts as at it: rounding to float32, or to six
 digits in a file, is no excess."""
+
+
+def over_limit(share: Any) -> Any:
+    """Whether a magnitude is beyond its limit by more than rounding.
+
+    Parameters
+    ----------
+    share : float or (...) array, the magnitude over its limit
+
+    Returns
+    -------
+    over : bool or (...) array of bool; NaN is beyond no limit
+
+    Examples
+    --------
+    >>> over_limit(1 + 0.5 * TOLERANCE), over_limit(1 + 2 * TOLERANCE)
+    (False, True)
+    """
+    return share > 1 + TOLERANCE
+
+
+def margin(limit: Any) -> Array:
+    """How far a magnitude may be past its limit and still counts as at it.
+
+    Parameters
+    ----------
+    limit : (...) array_like, inf where none is given
+
+    Returns
+    -------
+    margin : (...) array, in the unit of the limit; finite everywhere
+
+    Examples
+    --------
+    >>> margin([150.0, np.inf]).tolist()
+    [0.00015, 1e-06]
+    """
+    limit = np.asarray(limit, float)
+    return np.asarray(TOLERANCE * np.where(np.isfinite(limit), limit, 1.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,6 @@ from .friction import Friction
 from .limits import Limits
 from .spring import Spring
 
-__all__ = ["BASE", "Body", "Frame", "Limits", "Model"]
-
 BASE = -1
 """Index that stands for the base, the one body that does not move."""
 _MAPPINGS = ("actuators", "configurations", "closures", "mounts")

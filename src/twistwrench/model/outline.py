@@ -18,8 +18,6 @@ from .friction import Friction
 from .limits import Limits
 from .model import BASE, Body, Model
 
-__all__ = ["Outline", "outline"]
-
 _ROUNDING = 1e-13
 """Of the inertia of a body and the sum of those of its links, relative to the largest number."""
 

@@ -88,7 +88,7 @@ def so3ToVec(so3mat: ArrayLike) -> Array:
     >>> so3ToVec([[0, -3, 2], [3, 0, -1], [-2, 1, 0]]).tolist()
     [1.0, 2.0, 3.0]
     """
-    return _vee(matrix_arguments.skew(so3mat, "so3ToVec: so3mat"))
+    return so3.vee(matrix_arguments.skew(so3mat, "so3ToVec: so3mat"))
 
 
 def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
@@ -144,7 +144,7 @@ def MatrixExp3(so3mat: ArrayLike) -> Array:
     >>> MatrixExp3([[0, -3, 2], [3, 0, -1], [-2, 1, 0]]).round(8)[0].tolist()
     [-0.69492056, 0.71352099, 0.08929286]
     """
-    return so3.exp(_vee(matrix_arguments.skew(so3mat, "MatrixExp3: so3mat")))
+    return so3.exp(so3.vee(matrix_arguments.skew(so3mat, "MatrixExp3: so3mat")))
 
 
 def MatrixLog3(R: ArrayLike) -> Array:
@@ -263,7 +263,10 @@ def TransInv(T: ArrayLike) -> Array:
     """
     T = matrix_arguments.pose(T, "TransInv: T")
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
-    return _last_row(_lowest(Rt, -(Rt @ T[..., :3, 3, None])[..., 0]))
+    inverse = np.empty_like(T)
+    inverse[..., :3, :3], inverse[..., :3, 3] = Rt, -(Rt @ T[..., :3, 3, None])[..., 0]
+    inverse[..., 3, :] = 0.0, 0.0, 0.0, 1.0
+    return inverse
 
 
 def VecTose3(V: ArrayLike) -> Array:
@@ -286,8 +289,7 @@ def VecTose3(V: ArrayLike) -> Array:
     >>> VecTose3([1, 2, 3, 4, 5, 6])[0].tolist()
     [0.0, -3.0, 2.0, 4.0]
     """
-    V = matrix_arguments.array(V, "V", 6)
-    return _lowest(so3.hat(V[..., :3]), V[..., 3:])
+    return se3.hat(matrix_arguments.array(V, "V", 6))
 
 
 def se3ToVec(se3mat: ArrayLike) -> Array:
@@ -311,7 +313,7 @@ def se3ToVec(se3mat: ArrayLike) -> Array:
     >>> se3ToVec([[0, -3, 2, 4], [3, 0, -1, 5], [-2, 1, 0, 6], [0, 0, 0, 0]]).tolist()
     [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
     """
-    return _twist(matrix_arguments.twist_matrix(se3mat, "se3ToVec: se3mat"))
+    return se3.vee(matrix_arguments.twist_matrix(se3mat, "se3ToVec: se3mat"))
 
 
 def Adjoint(T: ArrayLike) -> Array:
@@ -459,7 +461,7 @@ def MatrixExp6(se3mat: ArrayLike) -> Array:
     >>> MatrixExp6(se3mat).round(7)[2].tolist()
     [0.0, 1.0, 0.0, 3.0]
     """
-    return se3.exp(_twist(matrix_arguments.twist_matrix(se3mat, "MatrixExp6: se3mat")))
+    return se3.exp(se3.vee(matrix_arguments.twist_matrix(se3mat, "MatrixExp6: se3mat")))
 
 
 def MatrixLog6(T: ArrayLike) -> Array:
@@ -487,8 +489,7 @@ def MatrixLog6(T: ArrayLike) -> Array:
     >>> (MatrixLog6([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 3], [0, 0, 0, 1]]).round(8)[2] + 0.0).tolist()
     [0.0, 1.57079633, 0.0, 2.35619449]
     """
-    V = log6(matrix_arguments.pose(T, "MatrixLog6: T"))
-    return _lowest(so3.hat(V[..., :3]), V[..., 3:])
+    return se3.hat(log6(matrix_arguments.pose(T, "MatrixLog6: T")))
 
 
 def log6(T: Array) -> Array:
@@ -498,26 +499,6 @@ def log6(T: Array) -> Array:
     if (w := _signed(T[..., :3, :3], turn)) is not turn:
         V = np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
     return V
-
-
-def _vee(W: Array) -> Array:
-    return so3.vee(W) if W.ndim > 2 else np.array([W[2, 1], W[0, 2], W[1, 0]])
-
-
-def _twist(X: Array) -> Array:
-    return np.concatenate([_vee(X[..., :3, :3]), X[..., :3, 3]], axis=-1)
-
-
-def _lowest(W: Array, v: Array) -> Array:
-    """[W, v; 0, 0]."""
-    out = np.zeros((*v.shape[:-1], 4, 4), v.dtype)
-    out[..., :3, :3], out[..., :3, 3] = W, v
-    return out
-
-
-def _last_row(T: Array) -> Array:
-    T[..., 3, 3] = 1.0
-    return T
 
 
 def _length(v: Array) -> Any:

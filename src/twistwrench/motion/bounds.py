@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
-from ..model.limits import TOLERANCE, Limits
+from ..model.limits import Limits, margin
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 
@@ -77,7 +77,7 @@ class Bounds:
         return np.asarray({"velocity": self.velocity, "acceleration": self.acceleration, "torque": self.effort}[kind])
 
     def tolerance(self, kind: str) -> Array:
-        """How far past a limit still counts as at it: the same share of every limit, :data:`TOLERANCE`.
+        """How far past a limit still counts as at it: the same share of every limit.
 
         Parameters
         ----------
@@ -96,8 +96,7 @@ class Bounds:
         """
         if kind == "position":
             return Limits(self.lower, self.upper, self.velocity, self.effort).tolerance
-        limit = self.limit(kind)
-        return np.asarray(TOLERANCE * np.where(np.isfinite(limit), limit, 1.0))
+        return margin(self.limit(kind))
 
 
 def bounds_or_own(robot: Robot, bounds: Bounds | None) -> Bounds:

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from ..errors import TrajectoryError, UnknownNameError
 from ..typing import Array
 from .column_names import PARTS, ROS_TIME, NamedJoints, numbered, time_meaning
+from .column_suffixes import READ
 from .column_units import ros_nanoseconds, time_factor
 from .coordinates import Coordinates
 from .csv_dialect import is_number
 from .header import Choice, Header, listed
 from .missing_columns import check_complete
-
-_EXACT = {"q": ("",), "dq": (".vel",), "ddq": (".acc",), "tau": (".tau", ".torque", ".effort")}
 
 
 @dataclass
@@ -95,7 +94,7 @@ def _told(
     header: Header, names: Mapping[str, Sequence[str]], columns: Mapping[str, str]
 ) -> dict[tuple[str, int], Choice]:
     """What ``columns`` says, by part and place."""
-    suffixes = {".pos": "q", **{suffix: part for part, endings in _EXACT.items() for suffix in endings}}
+    suffixes = {".pos": "q", **{suffix: part for part, endings in READ.items() for suffix in endings}}
     known = {f"{name}{suffix}": (part, k) for suffix, part in suffixes.items() for k, name in enumerate(names[part])}
     known["time"] = ("time", 0)
     told: dict[tuple[str, int], Choice] = {}
@@ -157,7 +156,7 @@ def _by_exact_name(header: Header, names: Mapping[str, Sequence[str]], given: di
     by_text: dict[str, list[int]] = {}
     for k in header.free:
         by_text.setdefault(header.split[k][0], []).append(k)
-    for part, endings in _EXACT.items():
+    for part, endings in READ.items():
         for k, name in enumerate(names[part]):
             for ending in endings:
                 columns = by_text.get(f"{name}{ending}", [])
@@ -189,7 +188,7 @@ def _by_words(
         if len(columns) > 1:
             name = names[part][place]
             shown = [header.cells[k] for k in columns]
-            key = name + ("" if part == "q" else _EXACT[part][0])
+            key = name + ("" if part == "q" else READ[part][0])
             raise TrajectoryError(
                 f"{header.where}: {listed(shown)} may all be {key}. Say which: --columns '{key}={shown[0]}'."
             )
@@ -198,7 +197,7 @@ def _by_words(
         taken.append((part, place, columns[0]))
     if taken:
         part, place, column = taken[0]
-        key = names[part][place] + ("" if part == "q" else _EXACT[part][0])
+        key = names[part][place] + ("" if part == "q" else READ[part][0])
         others = f", and {len(taken) - 1} more likewise" if len(taken) > 1 else ""
         notes.append(f"Column {header.cells[column]!r} is taken to be {key}{others}.")
 

@@ -15,7 +15,8 @@ _WORDS = {
     "ddq": ("ddq", "qdd", "qddot", "acc", "accel", "acceleration", "accelerations", "jointacceleration"),
     "tau": ("tau", "torque", "torques", "effort", "efforts", "force", "jointtorque"),
 }
-_PART_OF = {word: part for part, words in _WORDS.items() for word in words}
+PART_OF = {word: part for part, words in _WORDS.items() for word in words}
+"""Which part of a motion a word means."""
 _NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured"))
 _NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
 _JOINT = frozenset(("joint", "joints", "axis", "j"))
@@ -145,6 +146,6 @@ def _part_of(words: list[str]) -> tuple[str, str | None] | None:
         units = [f"{units[0]}/s"]
     if not words:
         return "q", None
-    if len(kinds) != 1 or kinds[0] not in _PART_OF or len(units) > 1:
+    if len(kinds) != 1 or kinds[0] not in PART_OF or len(units) > 1:
         return None
-    return _PART_OF[kinds[0]], units[0] if units else None
+    return PART_OF[kinds[0]], units[0] if units else None

@@ -17,7 +17,7 @@ from .rate_gain import RateGain, segments
 from .single_row_glitches import SingleRowGlitches
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
     from .motion_log import LogRows
 
 _ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}

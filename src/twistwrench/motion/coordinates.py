@@ -7,11 +7,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..joints.units import units_of
 from ..model.model import Model
 from ..typing import Array
-
-DEGREES = {"": "deg", ".vel": "deg/s", ".acc": "deg/s^2"}
-"""What columns of coordinates, velocities and accelerations are in where angles are in degrees, by the end of their names."""
+from .column_suffixes import DEGREES, SUFFIX
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +32,12 @@ class Coordinates:
     quaternions: tuple[slice, ...]
     """Where in q the quaternions of floating joints stand."""
 
-    def headers(self, suffix: str = "", *, degrees: bool = False) -> list[str]:
+    def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
         """The names of the columns of a quantity in files of ours; angles in ``degrees`` say so.
 
         Parameters
         ----------
-        suffix : ``""``, ``".vel"``, ``".acc"`` or ``".torque"``
+        part : "q", "dq", "ddq" or "tau"
         degrees : bool, whether angles are in degrees there
 
         Returns
@@ -48,14 +47,13 @@ class Coordinates:
         Examples
         --------
         >>> import twistwrench as tw
-        >>> Coordinates.of(tw.robots.pendulum().model).headers(".vel", degrees=True)
+        >>> Coordinates.of(tw.robots.pendulum().model).headers("dq", degrees=True)
         ['hinge.vel [deg/s]']
         """
-        names, turning = (self.velocity_names, self.angular_velocity) if suffix else (self.names, self.angular)
-        unit = DEGREES.get(suffix) if degrees else None
-        return [
-            f"{n}{suffix}" + f" [{unit}]" * (unit is not None and bool(t)) for n, t in zip(names, turning, strict=True)
-        ]
+        q = part == "q"
+        names, turning = (self.names, self.angular) if q else (self.velocity_names, self.angular_velocity)
+        said = f" [{DEGREES[part]}]" if degrees and part in DEGREES else ""
+        return [f"{n}{SUFFIX[part]}{said if t else ''}" for n, t in zip(names, turning, strict=True)]
 
     @classmethod
     def of(cls, model: Model) -> Coordinates:
@@ -100,7 +98,7 @@ class Coordinates:
     @property
     def torque_units(self) -> tuple[str, ...]:
         """``N m`` or ``N`` for each velocity."""
-        return tuple("N m" if a else "N" for a in self.angular_velocity)
+        return units_of("tau", self.angular_velocity)
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:

@@ -15,17 +15,6 @@ _CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
 _COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
 
 
-def parse_table(text: bytes, columns: int) -> Array | None:
-    r"""Rows of ``columns`` comma-separated numbers, a line each and every line ended → (rows, columns).
-
-    None when the text is anything else: the caller then looks for the line to blame.
-
-    >>> parse_table(b"1,2\n3,4.5\n", 2).tolist()
-    [[1.0, 2.0], [3.0, 4.5]]
-    """
-    return parse_block(text, Dialect(","), columns, range(columns))
-
-
 def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
     """The ``used`` columns of lines that have ``columns`` cells each → (rows, len(used)); the same bits as ``float()``.
 

@@ -1,7 +1,7 @@
 """Several files of one motion, written ``a.csv+b.csv``: joined by their stamps, or row by row where they have none.
 
 Columns that are called alike in several files get the quantity that their file's name says: ``Joint_1`` of ``pos_data.csv`` and
-``curr_data.csv`` are ``Joint_1`` and ``Joint_1.tau``; else the file's name stands before them, ``left:Joint_1``.
+``curr_data.csv`` are ``Joint_1`` and ``Joint_1.torque``; else the file's name stands before them, ``left:Joint_1``.
 """
 
 from __future__ import annotations
@@ -19,18 +19,14 @@ import numpy as np
 from ..errors import TrajectoryError
 from ..typing import Array
 from .array_stream import LARGE
-from .column_names import time_meaning
+from .column_names import PART_OF, time_meaning
+from .column_suffixes import SUFFIX
 from .column_units import split_unit, time_factor
 from .row_block import Block
 
 JOINS = "+"
 _ROWS = 1 << 14
-_SUFFIX = {
-    **dict.fromkeys(("q", "pos", "position", "positions"), ""),
-    **dict.fromkeys(("dq", "vel", "velocity", "velocities"), ".vel"),
-    **dict.fromkeys(("ddq", "acc", "acceleration", "accelerations"), ".acc"),
-    **dict.fromkeys(("tau", "torque", "torques", "effort", "efforts", "curr", "current", "currents"), ".tau"),
-}
+_PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
 """What words of a file's name say of the columns in it."""
 _SAME_STAMPS = 1e-6
 """s."""
@@ -225,7 +221,7 @@ def _seconds(cell: str) -> float:
 
 def _told_apart(cell: str, path: Path) -> str:
     stem = path.name.split(".")[0]
-    said = {_SUFFIX[word] for word in re.findall(r"[^\W\d_]+", stem.casefold()) if word in _SUFFIX}
+    said = {SUFFIX[_PART_OF[word]] for word in re.findall(r"[^\W\d_]+", stem.casefold()) if word in _PART_OF}
     if len(said) != 1:
         return f"{stem}:{cell}"
     name, unit = split_unit(cell)

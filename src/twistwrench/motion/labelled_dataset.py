@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import MissingExtraError
+from ..joints.units import unit_of, units_of
 from ..model.model import Model
 from ..typing import Array
 from .coordinates import Coordinates
-
-_RATES = {"dq": ("rad/s", "m/s"), "ddq": ("rad/s^2", "m/s^2"), "tau": ("N m", "N")}
 
 
 def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) -> Any:
@@ -49,7 +48,7 @@ def _units(name: str, kinds: Coordinates) -> str:
         quaternion = np.zeros(len(kinds.names), bool)
         for part in kinds.quaternions:
             quaternion[part] = True
-        each = ["1" if one else "rad" if turns else "m" for one, turns in zip(quaternion, kinds.angular, strict=True)]
+        each = ["1" if one else unit_of("q", bool(turns)) for one, turns in zip(quaternion, kinds.angular, strict=True)]
     else:
-        each = [_RATES[name][not turns] for turns in kinds.angular_velocity]
+        each = [unit.replace("²", "^2") for unit in units_of(name, kinds.angular_velocity)]
     return each[0] if len(set(each)) == 1 else ", ".join(each)

@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Mapping, Sequence
 
 from ..errors import TrajectoryError
+from .column_suffixes import SUFFIX
 from .header import Choice, Header, listed
 
 _FEW = 4
@@ -37,8 +38,8 @@ def check_complete(
             f"{header.where}: no column for {listed(missing)}.{hint} Expected: {listed(names['q'])}; {header.found()} "
             f"Say which they are: {choices}{more}; or hold joints still that never move: {held}."
         )
-    for part, ending in (("dq", ".vel"), ("ddq", ".acc")):
-        absent = [f"{name}{ending}" for k, name in enumerate(names[part]) if k not in given[part]]
+    for part in ("dq", "ddq"):
+        absent = [f"{name}{SUFFIX[part]}" for k, name in enumerate(names[part]) if k not in given[part]]
         if absent and len(absent) < len(names[part]):
             alike = [c[0] for name in extra if (c := difflib.get_close_matches(name, absent, n=1, cutoff=0.6))]
             hint = f" Did you mean {alike[0]!r}?" if alike else ""

@@ -40,14 +40,14 @@ class MotionFiles:
         unit = np.degrees(1.0) if degrees else 1.0
         q = self.q * np.where(names.angular, unit, 1.0)
         turning = np.where(names.angular_velocity, unit, 1.0)
-        parts: Mapping[str, Array | None] = {".vel": self.dq * turning, ".acc": self.ddq * turning, ".torque": self.tau}
+        parts: Mapping[str, Array | None] = {"dq": self.dq * turning, "ddq": self.ddq * turning, "tau": self.tau}
         found = {
             time_column(names.names): self.time,
             **{name: q[:, k] for k, name in enumerate(names.headers(degrees=degrees))},
         }
-        for suffix, values in parts.items():
+        for part, values in parts.items():
             if values is not None:
-                found |= {name: values[:, k] for k, name in enumerate(names.headers(suffix, degrees=degrees))}
+                found |= {name: values[:, k] for k, name in enumerate(names.headers(part, degrees=degrees))}
         return found
 
     def to_csv(self: Any, path: str | Path, *, degrees: bool = False) -> Path:

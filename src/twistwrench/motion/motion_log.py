@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
-from ..model.model import Limits, Model
+from ..model.limits import Limits
+from ..model.model import Model
 from ..typing import Array
 from .array_stream import LARGE, ArrayStream
 from .columns import Columns

@@ -14,11 +14,10 @@ from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, TrajectoryError
 from ..typing import Array
 from .column_names import time_column
+from .column_suffixes import SUFFIX
 from .row_block import Block
 
 _MARK = "twistwrench simulation"
-_PARTS = {"q": ("coordinate_names", ""), "dq": ("velocity_names", ".vel"), "ddq": ("velocity_names", ".acc")}
-_PARTS["tau"] = ("velocity_names", ".tau")
 _ROWS = 1 << 14
 
 
@@ -88,8 +87,11 @@ def _read(path: Path) -> tuple[list[str], Array]:
             raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")
         said = json.loads(str(archive["said"]))
         columns, header = [np.asarray(archive["times"], float)[:, None]], [time_column(said["coordinate_names"])]
-        for part, (names, ending) in _PARTS.items():
-            values = np.asarray(archive[part], float)
-            header += [f"{name}{ending}" for name in said[names]]
-            columns.append(values.reshape(len(columns[0]), len(said[names])))
+        for part, ending in SUFFIX.items():
+            values, names = (
+                np.asarray(archive[part], float),
+                said["coordinate_names" if part == "q" else "velocity_names"],
+            )
+            header += [f"{name}{ending}" for name in names]
+            columns.append(values.reshape(len(columns[0]), len(names)))
         return header, np.concatenate(columns, axis=1)

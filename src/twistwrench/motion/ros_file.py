@@ -12,10 +12,11 @@ from ..core.foreign_errors import foreign_errors
 from ..errors import MissingExtraError, NotFoundError, TrajectoryError
 from ..typing import Array
 from .array_file import checked
+from .column_suffixes import SUFFIX
 from .npz_file import NpzFile
 
 _TYPE = "JointState"
-_PARTS = (("position", ""), ("velocity", ".vel"), ("effort", ".tau"))
+_PARTS = (("position", "q"), ("velocity", "dq"), ("effort", "tau"))
 
 
 def is_recording(path: Path) -> bool:
@@ -53,11 +54,11 @@ def _table(messages: list[Any], where: str) -> tuple[list[str], Array]:
     time = [_seconds(m.header.stamp, begin) for m in mine]
     order = [[list(m.name).index(n) for n in names] for m in mine]
     header, columns = ["time [s]"], [np.array(time)[:, None]]
-    for part, suffix in _PARTS:
-        values = [np.asarray(getattr(m, part), float) for m in mine]
+    for field, part in _PARTS:
+        values = [np.asarray(getattr(m, field), float) for m in mine]
         if all(len(v) == len(m.name) for v, m in zip(values, mine, strict=True)):
             columns.append(np.array([v[o] for v, o in zip(values, order, strict=True)]))
-            header += [f"{n}{suffix}" for n in names]
+            header += [f"{n}{SUFFIX[part]}" for n in names]
     if len(columns) == 1:
         raise TrajectoryError(f"{where}: its messages have neither positions nor efforts for their joints.")
     return header, np.concatenate(columns, axis=1)

@@ -12,7 +12,7 @@ from .coordinates import Coordinates
 from .gain_text import near
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
 
 _SOME_MOVE = 0.05
 _UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..typing import Array
 from .bounds import Bounds
 from .column_extremes import Extreme
@@ -38,7 +39,9 @@ class Violation:
         return abs(self.value - self.limit)
 
     def __str__(self) -> str:
-        return f"{self.joint}: {self.kind} {self.value:.5g} beyond {self.limit:.5g} at {self.time:.4g} s"
+        return (
+            f"{self.joint}: {self.kind} {number(self.value, 5)} beyond {number(self.limit, 5)} at {number(self.time)} s"
+        )
 
 
 class LimitCheck:

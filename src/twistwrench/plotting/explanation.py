@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..joints.units import torque_word
 from ..robot.explanation import MOTION_TERMS
 from .style import (
     AXIS,
@@ -113,7 +114,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
         axis.plot(places, why.torque, "_", color=INK, markersize=30, markeredgewidth=1.6, label="together")
         axis.axhline(0, color=QUIET, linewidth=0.7)
         axis.set_xticks(places, [j.replace("_", "\n", 1) for j in why.joints], fontsize=SMALL)
-        axis.set_ylabel("torque [N m]" if set(why.units) == {"N m"} else "torque [N m], force [N]")
+        axis.set_ylabel(", ".join(map(torque_word, sorted(set(why.units), reverse=True))))
         axis.grid(visible=False, axis="x")
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
         return save(drawn, path)

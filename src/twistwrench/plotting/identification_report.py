@@ -12,8 +12,11 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ..core.html_table import html_table
+from ..core.printed_numbers import number, percent
+from ..joints.units import units_of
 from ..motion.coordinates import Coordinates
 from .identified_drawings import draw_bodies, draw_friction, draw_residual_bars, draw_residuals, frictional
+from .panels import panel_grid, panels
 from .style import (
     AXIS,
     BLUE,
@@ -32,7 +35,6 @@ from .style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from ..identification import IdentifiedRobot
 
@@ -74,10 +76,10 @@ def plot_identification(found: IdentifiedRobot, path: str | Path) -> Path:
     """
     names = found.held_out.names
     height = 1.5 * len(names) + 4.6
-    title = f"{found.original.name}: {found.verdict.word}, {100 * found.held_out.all:.3g} % left in rows held out"
+    title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
     with figure(11.0, height, title, _PURPOSE) as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[1.5 * len(names), 4.4]))
-        _torques(upper.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0], found)
+        _torques(panels(upper, len(names), 1, sharex=True), found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
         _groups(left, found)
         _pull(right, found)
@@ -122,25 +124,29 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
         "table{border-collapse:collapse}td,th{padding:.15rem .7rem;text-align:right;border-bottom:1px solid #e6e8eb}"
         "td:first-child,th:first-child{text-align:left}svg{max-width:100%;height:auto}.no{color:#c0392b}</style>"
     )
-    yield f"<h1>{verdict}</h1><p>{name}: {100 * found.held_out.all:.3g} % of the torques are left in rows held out.</p><ul>"
+    yield f"<h1>{verdict}</h1><p>{name}: {percent(found.held_out.all, 3)} of the torques are left in rows held out.</p><ul>"
     for doubt in found.doubts:
         yield f"<li{' class=no' if doubt.refuses else ''}>{html.escape(doubt.sentence)}</li>"
-    settings = found.settings
     yield (
-        f"</ul><p>Cut-off {settings.cutoff:g} Hz; torques {settings.shift * 1e3:+.3g} ms after positions; "
-        f"weights {found.method}; deviations from blocks of {found.covariance.block:.3g} s.</p>"
+        f"</ul><p>{found.settings}; weights {found.method}; deviations from blocks of "
+        f"{number(found.covariance.block)} s.</p>"
     )
     yield "<h2>Torques of rows held out</h2>"
     names = found.held_out.names
-    yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(_rows(drawn, len(names)), found))
+    yield _svg(10.0, 1.5 * len(names) + 0.6, lambda drawn: _torques(panels(drawn, len(names), 1, sharex=True), found))
     yield "<h2>Residuals</h2>"
     yield _svg(10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found))
     yield "<h3>In time</h3>"
-    yield _svg(10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, len(names)), found))
+    yield _svg(
+        10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(panels(drawn, len(names), 1, sharex=True), found)
+    )
     if count := len(frictional(found)):
         yield "<h2>Friction</h2>"
-        rows_of = -(-count // _ABREAST)
-        yield _svg(10.0, 2.3 * rows_of, lambda drawn: draw_friction(_abreast(drawn, count), found))
+        yield _svg(
+            10.0,
+            2.3 * panel_grid(count, _ABREAST)[0],
+            lambda drawn: draw_friction(panels(drawn, count, _ABREAST), found),
+        )
     yield "<h2>Groups of parameters</h2>"
     yield _svg(10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found))
     rows = zip(found.groups, found.values, found.standard_deviations, found.interval(), found.prior.mean, strict=True)
@@ -150,28 +156,16 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     yield _svg(7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found))
     consistent = found.consistent
     yield (
-        f"<p>Pull γ = {consistent.fit.strength:g}: {100 * consistent.held_out:.3g} % left in fifths held out, weighted; by "
-        f"the file's own bodies with friction {100 * consistent.of_file:.3g} %.</p>"
+        f"<p>Pull γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} left in fifths held out, weighted; "
+        f"by the file's own bodies with friction {percent(consistent.of_file, 3)}.</p>"
     )
     unknown, inertias = found.base.unknown, consistent.inertias
     count = len(unknown.bodies)
     yield _svg(9.0, 2.5 * count, lambda drawn: draw_bodies(drawn.subplots(count, 3, squeeze=False), found))
     bodies = ((unknown.model.bodies[i], inertias[i]) for i in unknown.bodies)
-    links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(f"{x:.3g}" for x in G.com)) for b, G in bodies)
+    links = ((b.link, float(G.mass), float(b.inertia.mass), ", ".join(number(x) for x in G.com)) for b, G in bodies)
     yield html_table("", ("link", "mass [kg]", "in the file", "centre of mass [m]"), links)
     yield "</html>"
-
-
-def _abreast(drawn: Figure, count: int) -> Any:
-    """Axes for some curves, a few in a row."""
-    grid = drawn.subplots(-(-count // _ABREAST), min(count, _ABREAST), squeeze=False).ravel()
-    for axes in grid[count:]:
-        axes.remove()
-    return grid[:count]
-
-
-def _rows(drawn: Figure, count: int) -> Any:
-    return drawn.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
 
 
 def _svg(width: float, height: float, draw: Any) -> str:
@@ -192,7 +186,7 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
     """Measured, and predicted with a band of 95 % of the residuals; logs behind each other."""
     parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
     turning = Coordinates.of(found.original.model).angular_velocity
-    units = ["N m" if turns else "N" for turns in turning]
+    units = units_of("tau", turning)
     begin, ends = 0.0, dict[float, float]()
     for rows in parts:
         for log in np.unique(rows.log):
@@ -216,7 +210,7 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
             axes.plot(t, rows.predicted[:, j], color=LINE, linewidth=0.9, label="predicted" if first else None)
         share = found.held_out.joints[name]
         axes.set_title(
-            f"{name}: {100 * share:.3g} % left" if math.isfinite(share) else f"{name}: no torque", loc="left"
+            f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque", loc="left"
         )
         axes.set_ylabel(units[j])
     grid[0].legend(fontsize=SMALL, frameon=False, ncols=3, loc="upper right")
@@ -260,7 +254,7 @@ def _pull(axes: Axes, found: IdentifiedRobot) -> None:
     axes.semilogx(strengths, 100 * shares, "o-", color=BLUE, markersize=3, label="bodies that can exist")
     axes.axhline(100 * found.consistent.of_file, color=VERMILION, linewidth=1, label="the file's, with friction")
     axes.axvline(found.consistent.fit.strength, color=AXIS, linewidth=0.8, linestyle=":")
-    axes.set_xticks(strengths, [f"{x:g}" for x in strengths])
+    axes.set_xticks(strengths, [number(x) for x in strengths])
     axes.minorticks_off()
     axes.tick_params(axis="x", labelsize=SMALL)
     axes.set_xlabel("pull to the file γ")

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import percent
+from ..joints.units import unit_of
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .diagnosis import VIEWS, draw_inertias
@@ -59,7 +61,7 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
             dq, friction.viscous[k] * dq + friction.coulomb[k] * eased, "--", color=VERMILION, linewidth=1, label="file"
         )
         axes.axhline(0.0, color=AXIS, linewidth=0.8)
-        axes.set_title(f"{name} [{'N m' if turns else 'N'}]", loc="left")
+        axes.set_title(f"{name} [{unit_of('tau', turns)}]", loc="left")
         axes.set_xlabel("speed [rad/s]" if turns else "speed [m/s]")
         axes.tick_params(labelsize=SMALL)
     grid[0].legend(fontsize=SMALL, frameon=False)
@@ -78,7 +80,7 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
             axes.plot(rows.time[far], left[far], ".", color=VERMILION, markersize=2.5)
         axes.axhline(0.0, color=AXIS, linewidth=0.8)
         axes.set_title(name, loc="left")
-        axes.set_ylabel("N m" if kinds.angular_velocity[j] else "N")
+        axes.set_ylabel(unit_of("tau", bool(kinds.angular_velocity[j])))
     grid[0].legend(fontsize=SMALL, frameon=False, loc="upper right")
     grid[-1].set_xlabel("time in its log [s]")
 
@@ -100,7 +102,7 @@ def draw_residual_bars(axes: Axes, found: IdentifiedRobot) -> None:
         x = at + (k - 1.5) * _BAR
         axes.bar(x, np.minimum(100 * shares, 100.0), _BAR, color=colour, label=label)
         for j in np.flatnonzero(shares > 1.0):
-            axes.text(x[j], 99.0, f"{100 * shares[j]:.3g} %", rotation=90, ha="center", va="top", fontsize=SMALL)
+            axes.text(x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=SMALL)
     axes.set_xticks(at, names, fontsize=SMALL)
     axes.set_ylabel("% left in fifths held out")
     axes.legend(fontsize=SMALL, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))

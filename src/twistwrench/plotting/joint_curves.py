@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..motion.bounds import Bounds, bounds_or_own
 from ..typing import Array
-from .style import BLUE, GREEN, GREY, ORANGE, OVER, PURPLE, QUIET, SKY, SMALL, VERMILION, YELLOW, figure, save
+from .style import BLUE, GREEN, GREY, LIMIT, ORANGE, PURPLE, QUIET, SKY, SMALL, VERMILION, YELLOW, figure, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +53,7 @@ def plot_motion(motion: Motion, path: str | Path, bounds: Bounds | None = None, 
     """
     bounds, names = bounds_or_own(motion.robot, bounds), motion.robot.model.velocity_names
     tau = motion.torques(friction=friction)
-    with figure(7.5, 5.6, f"{motion.robot.name} · {len(motion)} states, {motion.duration:.4g} s") as drawn:
+    with figure(7.5, 5.6, f"{motion.robot.name} · {len(motion)} states, {number(motion.duration)} s") as drawn:
         above, below = drawn.subplots(2, 1, sharex=True)
         curves(above, motion.time, motion.dq, bounds.velocity, names, "velocity")
         curves(below, motion.time, tau, bounds.effort, names, "torque")
@@ -109,7 +110,7 @@ def curves(axis: Axes, t: Array, values: Array, limits: Array, names: tuple[str,
         axis.plot(t, y, color=COLOURS[k % len(COLOURS)], linewidth=1.2, label=name)
     if shares:
         for side in (-1, 1):
-            axis.axhline(side, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+            axis.axhline(side, **LIMIT)
         most = max(1.12, 1.05 * float(np.abs(values / limits).max()))
         axis.set_ylim(-most, most)
     axis.axhline(0, color=QUIET, linewidth=0.6)

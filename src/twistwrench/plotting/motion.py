@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..core.printed_numbers import number, percent, quantity
 from ..errors import UnknownNameError
+from ..joints.units import torque_word, unit_of
+from ..model.limits import over_limit
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from ..viz.colours import share_colours
 from ..viz.drawn_motion import DrawnMotion
+from .panels import panel_grid, panels
 from .style import (
     AXIS,
     BLUE,
     GREEN,
     GREY,
     INK,
+    LIMIT,
     LINE,
     ORANGE,
     OVER,
@@ -159,8 +163,8 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=INK, linewidth=1.2)
         axis.axhline(0, color=AXIS, linewidth=0.7)
         axis.set_title(names[k], loc="left", fontweight="bold")
-        axis.set_title(f"peak {motion.peaks[k]:.3g} {units[k]}", loc="right", color=QUIET, fontsize=SMALL)
-        axis.set_ylabel("torque [N m]" if units[k] == "N m" else "force [N]", fontsize=SMALL)
+        axis.set_title(f"peak {quantity(motion.peaks[k], units[k])}", loc="right", color=QUIET, fontsize=SMALL)
+        axis.set_ylabel(torque_word(units[k]), fontsize=SMALL)
         axis.margins(x=0)
 
     return _panels(motion, path, joints, "what each torque is made of", draw, seen, "time [s]")
@@ -209,7 +213,7 @@ def plot_power(motion: DrawnMotion, path: str | Path) -> Path:
         upper.set_ylabel("power [W]")
         highest = float(power.sum(axis=1).max(initial=0.0))
         upper.set_title("Power of the joints, τ dq", loc="left", fontweight="bold")
-        upper.set_title(f"most together {highest:.3g} W", loc="right", color=QUIET, fontsize=SMALL)
+        upper.set_title(f"most together {quantity(highest, 'W')}", loc="right", color=QUIET, fontsize=SMALL)
         lower.fill_between(t, e.kinetic, color=SKY, alpha=0.5, linewidth=0, label="kinetic energy")
         lower.plot(t, e.potential - e.potential[0], color=ORANGE, label="potential energy gained")
         lower.plot(
@@ -276,13 +280,13 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     some = np.isfinite(effort)
     shares = np.where(some, motion.torques / np.where(some, effort, 1.0), np.nan)
     seen: dict[str, Any] = {
-        f"torque at {share:.0%} of its limit": Line2D([], [], color=tuple(share_colours(share)))
+        f"torque at {percent(share)} of its limit": Line2D([], [], color=tuple(share_colours(share)))
         for share in (0.1, 0.5, 0.8, 1.0)
     }
 
     def draw(axis: Axes, k: int) -> None:
         place = int(coordinates.position_of[k])
-        # Of planar and floating joints a velocity is no coordinate's rate; its own integral stands in.
+        # Of ball, planar and floating joints a velocity is no coordinate's rate; its own integral stands in.
         x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
         points = np.stack([x, motion.dq[:, k]], axis=1)
         colours = share_colours(np.maximum(np.abs(shares[1:, k]), np.abs(shares[:-1, k])))
@@ -293,14 +297,13 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         (seen["end"],) = axis.plot(*points[-1], "s", color=INK, markersize=4, markerfacecolor="white", linestyle="none")
         low, high = points.min(axis=0), points.max(axis=0)
         pad = np.maximum(0.12 * (high - low), 0.02)
-        dashed: dict[str, Any] = {"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))}
         for bound in (limits.lower[k], limits.upper[k]) if place >= 0 else ():
             if low[0] - 6 * pad[0] <= bound <= high[0] + 6 * pad[0]:
-                seen["limit"] = axis.axvline(bound, **dashed)
+                seen["limit"] = axis.axvline(bound, **LIMIT)
                 low[0], high[0] = min(low[0], bound), max(high[0], bound)
         for bound in (-limits.velocity[k], limits.velocity[k]):
             if low[1] - 6 * pad[1] <= bound <= high[1] + 6 * pad[1]:
-                seen["limit"] = axis.axhline(bound, **dashed)
+                seen["limit"] = axis.axhline(bound, **LIMIT)
                 low[1], high[1] = min(low[1], bound), max(high[1], bound)
         axis.set_xlim(low[0] - pad[0], high[0] + pad[0])
         axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
@@ -308,10 +311,10 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         angular = bool(coordinates.angular_velocity[k])
         axis.set_title(robot.model.velocity_names[k], loc="left", fontweight="bold")
         most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
-        used = f"torque {most:.0%}" if some[k] else "no torque limit"
-        axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if most > 1 else QUIET)
-        axis.set_ylabel("rad/s" if angular else "m/s", fontsize=SMALL)
-        axis.set_xlabel("rad" if angular else "m", fontsize=SMALL)
+        used = f"torque {percent(most)}" if some[k] else "no torque limit"
+        axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if over_limit(most) else QUIET)
+        axis.set_ylabel(unit_of("dq", angular), fontsize=SMALL)
+        axis.set_xlabel(unit_of("q", angular), fontsize=SMALL)
 
     return _panels(motion, path, joints, "velocity over position", draw, seen, "")
 
@@ -331,17 +334,12 @@ def _panels(
 ) -> Path:
     """A panel for each joint, and one legend of what was ``seen`` in any."""
     chosen = _chosen(motion, joints)
-    columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(len(chosen), 4)
-    rows = math.ceil(len(chosen) / columns)
+    rows, columns = panel_grid(len(chosen))
     size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
     with figure(*size, f"{_title(motion)} · {what}", "Drawing (plot)") as drawn:
-        axes = drawn.subplots(rows, columns, squeeze=False, sharex=bool(below)).ravel()
-        for k, axis in enumerate(axes):
-            if k < len(chosen):
-                draw(axis, chosen[k])
-            else:
-                axis.set_visible(False)
-            if below and k < len(chosen) <= k + columns:
+        for k, axis in enumerate(panels(drawn, len(chosen), sharex=bool(below))):
+            draw(axis, chosen[k])
+            if below and len(chosen) <= k + columns:
                 axis.tick_params(labelbottom=True)
                 axis.set_xlabel(below, fontsize=SMALL)
         drawn.legend(
@@ -369,7 +367,7 @@ def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
 
 
 def _title(motion: DrawnMotion) -> str:
-    carried = " + ".join(f"{p.mass:g} kg" for p in motion.load.payloads)
+    carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads)
     return f"{motion.load.bare.name}{f' · payload {carried}' if carried else ''}"
 
 

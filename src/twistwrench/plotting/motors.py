@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import percent
+from ..model.limits import margin
 from ..report.motors import MotorUse
 from ..typing import Array
+from .panels import panel_grid, panels
 from .style import INK, LINE, OVER, QUIET, SMALL, figure, save
 from .torques import report_title
 
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
 
     from ..report.torque_findings import TorqueReport
 
+_ABREAST = 3
 _SHORT, _LONG = "#f8e3b5", "#c3e3d3"
 """What a motor can do for a while, and for ever; drawn one over the other, so opaque."""
 
@@ -40,15 +44,11 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
         As :func:`twistwrench.plotting.style.save`.
     """
     motors, title = report.motors, f"{report_title(report)} · motors"
-    columns = min(3, len(motors))
-    rows = math.ceil(len(motors) / columns)
+    rows, columns = panel_grid(len(motors), _ABREAST)
     with figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors (--motor-plot)") as drawn:
-        axes = drawn.subplots(rows, columns, squeeze=False).ravel()
-        for k, axis in enumerate(axes):
-            if k < len(motors):
-                _draw(axis, motors[k])
-            else:
-                axis.set_visible(False)
+        axes = panels(drawn, len(motors), _ABREAST)
+        for axis, motor in zip(axes, motors, strict=True):
+            _draw(axis, motor)
         handles, labels = axes[0].get_legend_handles_labels()
         drawn.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False, fontsize=SMALL)
         drawn.supxlabel("speed [rad/s]", fontsize=SMALL)
@@ -84,7 +84,7 @@ def _draw(axis: Axes, use: MotorUse) -> None:
     axis.locator_params(axis="x", nbins=5)
     axis.set_title(use.joint, loc="left", fontweight="bold")
     d = use.tightest
-    used = f"{d.what} {100 * d.share:.0f} %" if d.share else ""
+    used = f"{d.what} {percent(d.share)}" if d.share else ""
     axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if use.too_small else QUIET)
 
 
@@ -96,4 +96,5 @@ def _top_speed(use: MotorUse) -> float:
 
 def _within(use: MotorUse) -> Array:
     motor, w, torque = use.motor, use.speed, use.torque
-    return (torque <= motor.greatest_torque(w)) & (-torque <= motor.greatest_torque(-w))
+    most, least = motor.greatest_torque(w), motor.greatest_torque(-w)
+    return np.asarray((torque <= most + margin(most)) & (-torque <= least + margin(least)))

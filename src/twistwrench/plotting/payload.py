@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.printed_numbers import number
 from ..errors import ValueRangeError
-from ..model.limits import TOLERANCE
+from ..model.limits import over_limit
 from ..statics.ellipsoid import WrenchEllipsoid, wrench_ellipsoid
 from ..statics.force_directions import weakest_direction
 from ..statics.payload import LargestPayload
@@ -17,7 +18,7 @@ from ..statics.payload_map import PayloadMap
 from ..statics.polytope import WrenchPolytope, wrench_polytope
 from ..typing import Array
 from .payload_map import draw_map
-from .style import AXIS, INK, LINE, ORANGE, OVER, QUIET, SKY, SMALL, figure, save
+from .style import AXIS, INK, LIMIT, LINE, ORANGE, OVER, QUIET, SKY, SMALL, figure, save
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -84,7 +85,7 @@ def plot_payload(
 
 
 def _title(robot: Robot, found: LargestPayload, where: str | None, carried: str) -> str:
-    mass = "any payload" if np.isinf(found.mass) else f"largest payload {found.mass:.4g} kg"
+    mass = "any payload" if np.isinf(found.mass) else f"largest payload {number(found.mass)} kg"
     return f"{robot.name} · {mass if found.holds else 'no payload'} at {where}" + (
         f", beside {carried}" if carried else ""
     )
@@ -116,7 +117,10 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str | None, limits: A
         draw = _draw_weakest_in_space if flat == 0 else _draw_weakest_in_plane
         limited = weakest.joint_names[int(weakest.joint)].removesuffix("_joint")
         draw(
-            axis, polytope, weakest.magnitude * weakest.wrench[3:], f"weakest, {weakest.magnitude:.4g} N, by {limited}"
+            axis,
+            polytope,
+            weakest.magnitude * weakest.wrench[3:],
+            f"weakest, {number(weakest.magnitude)} N, by {limited}",
         )
     axis.set_title("Forces the robot can apply, at zero moment", loc="left", fontweight="bold")
     place = (
@@ -134,7 +138,7 @@ def _flat_words(polytope: WrenchPolytope) -> str:
     reach = polytope.vertices @ along
     return (
         "The structure bears forces in two directions here.\n"
-        f"Along the third, {_words(along)}: {reach.min():.4g} to {reach.max():.4g} N".replace("-", "−")
+        f"Along the third, {_words(along)}: {number(reach.min())} to {number(reach.max())} N"
     )
 
 
@@ -214,7 +218,7 @@ def _words(direction: Array) -> str:
     k = int(np.argmax(np.abs(direction)))
     if abs(direction[k]) > 1 - 1e-9:
         return "xyz"[k]
-    return f"({', '.join(f'{x:.2f}' for x in direction)})"
+    return f"({', '.join(number(x, 2, decimals=3) for x in direction)})"
 
 
 def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
@@ -257,13 +261,13 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     rows = np.arange(len(found.joint_names))
     driven = np.where(found.limits > 0, found.limits, np.inf)  # a joint that can give nothing has no share to draw
     alone, full = found.unloaded / driven, found.torques / driven
-    colours = [OVER if k == int(found.joint) or abs(full[k]) > 1 + TOLERANCE else SKY for k in rows]
+    colours = [OVER if k == int(found.joint) or over_limit(abs(full[k])) else SKY for k in rows]
     axis.barh(rows, full, color=colours, height=0.62)
     axis.barh(rows, alone, color=LINE, height=0.22)
     axis.axvline(0, color=AXIS, linewidth=0.7)
     reach = 1.15 * max(1.0, float(np.abs(full).max(initial=0)))
     for side in (-1, 1):
-        axis.axvline(side, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.axvline(side, **LIMIT)
         axis.axvspan(side, 2 * side * reach, color=OVER, alpha=0.08, linewidth=0)
     axis.set_xlim(-reach, reach)
     axis.set_yticks(rows, [n.removesuffix("_joint") for n in found.joint_names])

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..statics.payload_map import SLICES, PayloadMap
 from ..typing import Array
 from .style import OVER, SMALL
@@ -36,6 +37,6 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
     axes[0].set_ylabel(f"{names[1]} [m]")
     figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=SMALL)
     bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
-    ticks = [x for x in np.unique([float(f"{x:.1g}") for x in np.geomspace(low, high, 6)]) if low <= x <= high]
-    bar.set_ticks(ticks, labels=[f"{x:g}" for x in ticks], minor=False)
+    ticks = [x for x in np.unique([float(number(x, 1)) for x in np.geomspace(low, high, 6)]) if low <= x <= high]
+    bar.set_ticks(ticks, labels=[number(x) for x in ticks], minor=False)
     bar.minorticks_off()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..sensing.log import ReadingLog
 from ..sensing.outliers import runs
 from ..sensing.sensor import ForceTorqueSensor
@@ -59,7 +60,7 @@ def plot_compensation(
     predicted = log.predicted(sensor)
     left = log.readings - predicted
     x = np.arange(len(log)) if log.time is None else log.time
-    title = f"{Path(log.name).stem} · load {sensor.load.mass:.4g} kg, sign {sensor.sign}"
+    title = f"{Path(log.name).stem} · load {number(sensor.load.mass)} kg, sign {sensor.sign}"
     with figure(10.5, 6.2, title) as drawn:
         axes = drawn.subplots(2, 2, sharex=True)
         for row, (part, what, unit, sigma) in enumerate(
@@ -76,7 +77,7 @@ def plot_compensation(
             if not marked.all():
                 rms = float(np.sqrt(np.mean(left[~marked][:, part] ** 2)))
                 where = " in unshaded readings" if marked.any() else ""
-                after.set_title(f"rms {rms:.2g} {unit}{where}", loc="right", color=QUIET, fontsize=SMALL)
+                after.set_title(f"rms {number(rms, 2)} {unit}{where}", loc="right", color=QUIET, fontsize=SMALL)
             for axis in (before, after):
                 axis.set_ylabel(f"{what} [{unit}]")
                 axis.legend(

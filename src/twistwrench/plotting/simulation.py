@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ..core.printed_numbers import number, residual
 from .style import (
     AXIS,
     BLUE,
@@ -64,7 +65,7 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     ...     plot_simulation(swing, f"{folder}/swing.svg").name
     'swing.svg'
     """
-    end = f"{result.times[-1]:.6g} s" if result.completed else result.stopped
+    end = f"{number(result.times[-1], 6)} s" if result.completed else result.stopped
     title = f"{result.robot} · {result.method} · {end if len(end) < 70 else end[:68] + '…'}"
     panels = _panels(result)
     heights = [2.6] * len(panels) + [2.6, 1.6]
@@ -123,7 +124,7 @@ def _draw_drift(axis: Axes, result: SimulationResult) -> None:
     axis.plot(result.times, result.drift, color=OVER)
     axis.axhline(0.0, color=AXIS, linewidth=0.8)
     axis.set_title(
-        f"Drift [J]: gain of energy that no work accounts for; at most {result.relative_drift:.1e} of what moved",
+        f"Drift [J]: gain of energy that no work accounts for; at most {residual(result.relative_drift)} of what moved",
         loc="left",
     )
     axis.set_xlabel("time [s]")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
@@ -19,6 +19,8 @@ LINE, OVER, QUIET, AXIS, INK, PALE = "#1f4e79", "#c0392b", "#8a8f98", "#555b63",
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 """Okabe and Ito's colours, told apart by colour-blind readers too; the rest of them follow."""
 VERMILION, PURPLE, GREY, YELLOW = "#D55E00", "#CC79A7", "#999999", "#F0E442"
+LIMIT: Mapping[str, Any] = MappingProxyType({"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))})
+"""A line at a limit."""
 SMALL = 8
 """Points, of legends and remarks; titles and labels have their sizes from :data:`STYLE`."""
 STYLE = MappingProxyType(

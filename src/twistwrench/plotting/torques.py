@@ -8,11 +8,32 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ..core.text import cause_label, spread
+from ..core.printed_numbers import deviation, number, percent, seconds
+from ..joints.units import torque_word
+from ..model.limits import over_limit
 from ..report.estimates import INTERVAL
+from ..report.loaded_robot import cause_label
 from ..report.torque_findings import ZERO, JointTorque, TorqueReport
 from ..typing import Array
-from .style import AXIS, BLUE, GREEN, GREY, LINE, ORANGE, OVER, PALE, PURPLE, QUIET, SKY, SMALL, VERMILION, figure, save
+from .panels import panel_grid, panels
+from .style import (
+    AXIS,
+    BLUE,
+    GREEN,
+    GREY,
+    LIMIT,
+    LINE,
+    ORANGE,
+    OVER,
+    PALE,
+    PURPLE,
+    QUIET,
+    SKY,
+    SMALL,
+    VERMILION,
+    figure,
+    save,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,20 +68,15 @@ def plot_report(report: TorqueReport, path: str | Path) -> None:
         The file cannot be written.
     """
     count = len(report.joints)
-    columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(count, 4)
-    rows = max(1, math.ceil(count / columns))
+    rows, columns = panel_grid(count)
     height = 1.95 * rows + 0.3
     width = max(7.5, 11.25 if columns == 3 else 3.2 * columns)
     with figure(width, height + 3.4, report_title(report), "Drawing the report (--plot)") as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 3.1]))
         if report.noisy:
             _draw_key(upper, report)
-        axes = upper.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-        for k, axis in enumerate(axes):
-            if k < count:
-                _draw_joint(axis, report, k, last=k + columns >= count)
-            else:
-                axis.set_visible(False)
+        for k, axis in enumerate(panels(upper, count, sharex=True)):
+            _draw_joint(axis, report, k, last=k + columns >= count)
         if report.worst is not None:
             _draw_split(lower.subplots(), report, report.worst)
         save(drawn, path)
@@ -77,7 +93,7 @@ def report_title(report: TorqueReport) -> str:
     -------
     text : str
     """
-    carried = " + ".join(f"{p.mass:g} kg" for p in report.load.payloads)
+    carried = " + ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
     parts = [report.robot, Path(report.trajectory).stem]
     parts += [f"payload {carried}"] if carried else []
     parts += [f"wrench on {', '.join(report.load.wrenches)}"] if report.load.wrenches else []
@@ -97,7 +113,7 @@ def _broken(time: Array, threshold: float, *curves: Array) -> list[Array]:
 
 def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None:
     joint = report.joints[k]
-    colour = OVER if joint.share > 1 else LINE
+    colour = OVER if over_limit(joint.share) else LINE
     axis.axhline(0, color=QUIET, linewidth=0.6)
     if report.derived is not None:  # pale, and cut off where it would flatten the answer
         _draw_band(axis, report, report.derived.envelope, k, PALE, 1)
@@ -132,8 +148,10 @@ def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
     )
     axis.set_title(joint.joint, loc="left", fontweight="bold")
-    limit = f"{100 * joint.share:.0f} % of {joint.limit:.4g} {joint.unit}" if math.isfinite(joint.limit) else joint.unit
-    axis.set_title(limit, loc="right", color=OVER if joint.share > 1 else QUIET, fontsize=SMALL)
+    limit = (
+        f"{percent(joint.share)} of {number(joint.limit)} {joint.unit}" if math.isfinite(joint.limit) else joint.unit
+    )
+    axis.set_title(limit, loc="right", color=OVER if over_limit(joint.share) else QUIET, fontsize=SMALL)
     axis.set_ylabel(joint.unit, color=QUIET, fontsize=SMALL)
     axis.margins(x=0)
     if last:
@@ -176,7 +194,7 @@ def _frame_limits(axis: Axes, joint: JointTorque, low: float, high: float) -> No
         if not math.isfinite(joint.limit) or extreme < _SHOWN_FROM * joint.limit:
             continue
         bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
-        axis.axhline(side * joint.limit, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.axhline(side * joint.limit, **LIMIT)
         axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=OVER, alpha=0.08, linewidth=0)
     axis.set_ylim(bottom, top)
 
@@ -202,17 +220,17 @@ def _draw_split(axis: Axes, report: TorqueReport, k: int) -> None:
     axis.axvline(joint.time, color="black", linewidth=0.8, linestyle=":")
     _frame_limits(axis, joint, lowest, highest)
     whole = len(states) == report.rows
-    part = "" if whole else f" around its peak, t = {time[0]:.4g} to {time[-1]:.4g} s"
+    part = "" if whole else f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
     some = not report.is_zero(joint.largest)
     axis.set_title(
         f"{joint.joint}: {'what its torque is made of' if some else 'no torque to give'}{part}",
         loc="left",
         fontweight="bold",
     )
-    doubt = f" ± {spread(report.reach(joint))}" if report.noisy else ""
-    peak = f"peak {report.label(joint.peak)}{doubt} {joint.unit} at {joint.time:.3f} s"
+    doubt = f" ± {deviation(report.reach(joint))}" if report.noisy else ""
+    peak = f"peak {report.label(joint.peak)}{doubt} {joint.unit} at {seconds(joint.time)} s"
     axis.set_title(peak, loc="right", color=QUIET, fontsize=SMALL)
     axis.set_xlabel("time [s]")
-    axis.set_ylabel("force [N]" if joint.unit == "N" else "torque [N m]")
+    axis.set_ylabel(torque_word(joint.unit))
     axis.margins(x=0)
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)

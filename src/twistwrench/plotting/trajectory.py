@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ..core.printed_numbers import number
+from ..motion.bounds import Bounds, bounds_or_own
 from ..trajectories.fastest import Fastest
-from ..trajectories.limit_checks import Bounds, bounds_or_own
 from .joint_curves import COLOURS, curves, legend
 from .style import GREEN, LINE, OVER, QUIET, SMALL, figure, save
 
@@ -58,7 +59,7 @@ def plot_trajectory(
     t = np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
     tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
-    title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {trajectory.duration:.4g} s"
+    title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {number(trajectory.duration)} s"
     with figure(11.25 if fast else 7.5, 6.3 if fast else 5.6, title) as drawn:
         if fast:
             left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.25, 1]))

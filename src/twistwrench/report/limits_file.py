@@ -9,7 +9,8 @@ import numpy as np
 
 from ..core.files import as_path
 from ..errors import UnknownNameError, ValueRangeError
-from ..model.model import Limits, Model
+from ..model.limits import Limits
+from ..model.model import Model
 from ..motion.coordinates import Coordinates
 from ..motion.csv_dialect import Dialect
 from ..motion.csv_file import CsvFile, table_errors

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..algorithms.motor_side import MotorLoads, motor_loads
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import number
 from ..errors import ValueRangeError
 from ..model.model import BASE
 from ..motion.complete_states import States
@@ -22,9 +23,19 @@ if TYPE_CHECKING:
 
 TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
 """The causes of a torque: M ddq, c, g, springs, all of the payload's, wrenches' -J' F_on, joint friction and damping."""
+_LABELS = {"coriolis": "Coriolis", "wrench": "ext. wrench"}
 
 STEADY = ("gravity", "spring", "wrench", "friction")
 """Those that follow from positions and velocities, and so hardly from noise."""
+
+
+def cause_label(term: str) -> str:
+    """How a term of the torque is called in print.
+
+    >>> cause_label("coriolis")
+    'Coriolis'
+    """
+    return _LABELS.get(term, term)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +78,8 @@ class LoadedRobot:
             distance = float(np.linalg.norm(p.place))
             if distance > reach > 0:
                 found.append(
-                    f"the payload of {p.mass:g} kg lies {distance:.4g} m from {p.frame or model.tip}, and the robot reaches "
-                    f"{reach:.3g} m: offsets are in metres"
+                    f"the payload of {p.mass:g} kg lies {number(distance)} m from {p.frame or model.tip}, and the robot "
+                    f"reaches {number(reach, 3)} m: offsets are in metres"
                 )
         return tuple(found)
 

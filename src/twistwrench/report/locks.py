@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
+from ..core.printed_numbers import number, quantity
 from ..errors import UnknownNameError, ValueRangeError
+from ..joints.units import unit_of
 from ..model.model import BASE
 
 if TYPE_CHECKING:
@@ -85,12 +87,12 @@ def _check(model: Model, body: Body, value: float, told: str, *, degrees: bool) 
     if low - most <= value <= high + most:
         return
     turns = body.joint.turning[0]
-    unit, shown = (math.degrees(1.0), "deg") if degrees and turns else (1.0, "rad" if turns else "m")
+    unit, shown = math.degrees(1.0) if degrees and turns else 1.0, unit_of("q", turns, degrees=degrees)
     joint = "" if body.joint.name in told else f" {body.joint.name}"
     hint = ""
     if turns and not degrees and low <= math.radians(value) <= high:
-        hint = f" If {value:g} are degrees, add --degrees, or write {math.radians(value):.6g}."
+        hint = f" If {value:g} are degrees, add --degrees, or write {number(math.radians(value), 6)}."
     raise ValueRangeError(
-        f"{told} is outside the joint's limits,{joint} {unit * low:.5g} to {unit * high:.5g} {shown}. "
+        f"{told} is outside the joint's limits,{joint} {quantity(unit * low, shown)} to {quantity(unit * high, shown)}. "
         f"Hold it within them.{hint}"
     )

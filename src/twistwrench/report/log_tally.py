@@ -48,7 +48,6 @@ class StampTally:
     def __init__(self) -> None:
         self._first = self._last = np.nan
         self._usual = 0.0
-        self._ahead: list[Array] = []
         self._gaps = self._repeated = self._backward = self._regular = 0
         self._longest = self._sum = self._squares = 0.0
 

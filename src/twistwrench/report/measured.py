@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..motion.column_extremes import Extreme
 from ..typing import Array
 
@@ -74,13 +75,13 @@ class MeasuredTorque:
     @property
     def words(self) -> str:
         """How they differ, and what may be the reason."""
-        figures = f"rms {self.computed:.3g} {self.unit} computed, {self.measured:.3g} measured"
+        figures = f"rms {number(self.computed)} {self.unit} computed, {number(self.measured)} measured"
         if self.correlation < -_ALIKE:
             return f"{self.joint} has the opposite sign of what is computed ({figures})"
         if self.correlation > _ALIKE and not 1 / _FAR < self.gain < _FAR:
             return (
-                f"{self.joint} is {self.gain:.2g} times what is computed ({figures}): a current, another unit, or a torque "
-                "before the gear"
+                f"{self.joint} is {number(self.gain, 2)} times what is computed ({figures}): a current, another unit, or a "
+                "torque before the gear"
             )
         return f"{self.joint} {figures}"
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.limits import TOLERANCE
+from ..joints.units import unit_of
+from ..model.limits import margin
 from ..motion.column_extremes import Extreme
 from ..motion.complete_states import States
 from ..motion.coordinates import Coordinates
@@ -23,7 +24,7 @@ from .running_statistics import Gaps, Rms
 from .torque_findings import Excess
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
 
 _AROUND, _KEPT = 2048, 1 << 23
 """Rows kept on either side of each joint's peak, and numbers of all these together: 64 MiB."""
@@ -140,12 +141,10 @@ class MotionTally:
         for kind, extreme in (("effort", self.peak), *self.passed.items()):
             bound = getattr(limits, kind)
             over = extreme.value - bound if kind == "effort" else extreme.value
-            allowed = (
-                limits.tolerance if kind in ("lower", "upper") else TOLERANCE * np.where(np.isfinite(bound), bound, 1.0)
-            )
+            allowed = limits.tolerance if kind in ("lower", "upper") else margin(bound)
             for k in np.flatnonzero(over > allowed):
                 angular = bool(c.angular_velocity[k])
-                unit = {"effort": ("N", "N m"), "velocity": ("m/s", "rad/s")}.get(kind, ("m", "rad"))[angular]
+                unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
                 value, limit, time = float(self.signed[kind][k]), float(bound[k]), float(extreme.time[k])
                 found.append(Excess(c.velocity_names[k], kind, value, limit, time, unit, angular))
         return tuple(

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.limits import TOLERANCE
+from ..core.printed_numbers import number, percent, quantity, seconds
+from ..model.limits import over_limit
 from ..motion.column_extremes import Extreme
 from ..typing import Array
 from .running_statistics import Rms
@@ -63,14 +64,14 @@ class MotorUse:
     @property
     def too_small(self) -> bool:
         """Whether some limit is passed, by more than round-off."""
-        return self.tightest.share > 1 + TOLERANCE
+        return bool(over_limit(self.tightest.share))
 
     @property
     def words(self) -> str:
         """What of the motor is nearest to its limit, or farthest beyond."""
         d = self.tightest
-        when = "" if math.isnan(d.time) else f" at t = {d.time:.3f} s"
-        return f"{self.joint}, {d.what} {d.value:.4g} {d.unit} of {d.limit:.4g} ({100 * d.share:.0f} %){when}"
+        when = "" if math.isnan(d.time) else f" at t = {seconds(d.time)} s"
+        return f"{self.joint}, {d.what} {quantity(d.value, d.unit)} of {number(d.limit)} ({percent(d.share)}){when}"
 
 
 class MotorTally:

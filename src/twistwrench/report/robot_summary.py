@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..core.csv_writer import CsvWriter
+from ..joints.units import unit_of
 from ..model.model import BASE, Body, Model
 from ..motion.coordinates import Coordinates
 
@@ -85,7 +86,7 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
                 "type": b.joint.kind,
                 "parent_link": link_of(model, b.parent) if b.parent != BASE else _root(model),
                 "child_link": link_of(model, i),
-                "unit": "rad" if angular else "m",
+                "unit": unit_of("q", angular),
                 **{name: float(x) if math.isfinite(x) else None for name, x in known.items()},
                 **(_coupling(b, c.velocity_names[k]) if b.follows else {}),
             }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.text import number
+from ..core.printed_numbers import torque
 from ..motion.complete_states import States
 from ..motion.differentiation import Differentiation
 from ..motion.log_noise import Survey
@@ -23,7 +23,7 @@ from .motors import MotorUse
 from .running_statistics import Gaps
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
     from ..verdict import Verdict
 
 
@@ -187,7 +187,7 @@ class TorqueReport:
 
     def label(self, value: float) -> str:
         """A torque with four digits; 0 for what is but rounding of the others."""
-        return "0" if self.is_zero(value) else number(value)
+        return "0" if self.is_zero(value) else torque(value)
 
     def reference(self, joint: JointTorque) -> float:
         """What noise of that joint's torque is held against: its peak, unless that is next to nothing."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
-from ..core.text import cause_label, number, spread
+from ..core.printed_numbers import deviation, number, percent, seconds, torque
+from ..model.limits import over_limit
 from ..model.massless import massless_links
 from ..verdict import Verdict
 from .estimates import INTERVAL
+from .loaded_robot import cause_label
 from .torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
 _KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
@@ -75,11 +77,11 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
         excess = excesses.get(j.joint)
         if excess is not None and size - reach > j.limit:
             over.append((excess, _torque_in_words(report, j)))
-        elif size + reach > j.limit and (reach > 0 or excess is not None):
+        elif over_limit((size + reach) / j.limit) and (reach > 0 or excess is not None):
             end = " at an end of the log" if report.at_an_end(j) else ""
             unsure.append(
-                f"noise leaves open whether {j.joint} is over its limit{end}: {number(j.peak)} ± "
-                f"{spread(report.reach(j))} {j.unit}, limit {j.limit:.4g}"
+                f"noise leaves open whether {j.joint} is over its limit{end}: {torque(j.peak)} ± "
+                f"{deviation(report.reach(j))} {j.unit}, limit {number(j.limit)}"
             )
         elif j.joint in seemed:
             explained.append(j)
@@ -87,7 +89,7 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
             wide.append(j)
     if explained:
         worst = sorted(explained, key=lambda j: -abs(j.raw or 0.0) / j.limit)
-        shown = [f"{_in_words(report, j)}, limit {j.limit:.4g}" for j in worst]
+        shown = [f"{_in_words(report, j)}, limit {number(j.limit)}" for j in worst]
         what = "samples that are no noise, or noise, explain" if report.strays else "noise explains"
         unsure.append(
             f"{what} why the limit of {len(explained)} joint{'s' if len(explained) > 1 else ''} is passed: "
@@ -113,25 +115,25 @@ def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
 
 def _in_words(report: TorqueReport, j: JointTorque) -> str:
     """The peak as it is known, and as it was derived."""
-    raw = f", {number(j.raw)} as derived" if j.raw is not None else ""
+    raw = f", {torque(j.raw)} as derived" if j.raw is not None else ""
     own = next((m for m in report.measured if m.joint == j.joint and m.differs), None)
-    measured = "" if own is None else f", {number(own.peak)} in the file's own torque column"
-    return f"{j.joint} {number(j.peak)} ± {spread(report.reach(j))} {j.unit}{raw}{measured}"
+    measured = "" if own is None else f", {torque(own.peak)} in the file's own torque column"
+    return f"{j.joint} {torque(j.peak)} ± {deviation(report.reach(j))} {j.unit}{raw}{measured}"
 
 
 def _torque_in_words(report: TorqueReport, j: JointTorque) -> str:
     reach = report.reach(j)
-    doubt = f" ± {spread(reach)}" if reach > NEGLIGIBLE * report.reference(j) else ""
+    doubt = f" ± {deviation(reach)}" if reach > NEGLIGIBLE * report.reference(j) else ""
     return (
-        f"{j.joint} at t = {j.time:.3f} s takes {number(j.peak)}{doubt} {j.unit}, limit {j.limit:.4g} "
-        f"({100 * j.share:.0f} %){because(j)}"
+        f"{j.joint} at t = {seconds(j.time)} s takes {torque(j.peak)}{doubt} {j.unit}, limit {number(j.limit)} "
+        f"({percent(j.share)}){because(j)}"
     )
 
 
 def because(joint: JointTorque) -> str:
     """What the joint's peak is mostly made of."""
     cause, share = joint.main_cause
-    return f", mostly {cause_label(cause)} ({100 * share:.0f} %)"
+    return f", mostly {cause_label(cause)} ({percent(share)})"
 
 
 def _judge_motion(report: TorqueReport, over: list[tuple[Excess, str]], unsure: list[str]) -> None:
@@ -144,7 +146,7 @@ def _judge_motion(report: TorqueReport, over: list[tuple[Excess, str]], unsure: 
         if e in smoothed_away or _is_noise(report, e):
             doubtful.setdefault(_KINDS[e.kind], []).append(e.joint)
         else:
-            over.append((e, f"{e.joint} at t = {e.time:.3f} s passes its {_KINDS[e.kind]} limit"))
+            over.append((e, f"{e.joint} at t = {seconds(e.time)} s passes its {_KINDS[e.kind]} limit"))
     for kind, joints in doubtful.items():
         unsure.append(f"noise explains why the {kind} limit of {_listed(joints)} is passed")
 

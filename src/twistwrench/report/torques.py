@@ -25,7 +25,7 @@ from .progress_share import Steps
 from .torque_findings import NEGLIGIBLE, ZERO, AsDerived, JointTorque, TorqueReport, worst_joint
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
 
 _NUMBERS_PER_CHUNK = 1 << 19
 """Rows times velocities worked on at a time: 4 MiB an array."""

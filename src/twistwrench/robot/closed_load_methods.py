@@ -12,12 +12,7 @@ from numpy.typing import ArrayLike
 from ..algorithms.constrained import ConstrainedDerivatives
 from ..algorithms.constrained_derivatives import Slopes, constrained_derivatives
 from ..algorithms.constraint_forces import balance
-from ..algorithms.motor_side import MotorLoads, motor_loads
-from ..algorithms.power import PowerBalance
-from ..core import lazy
-from ..errors import ModelError
 from . import closed_robot_checks as checks
-from .actuation_methods import balanced
 from .state_arguments import finite_states
 from .wrench_arguments import Wrenches
 
@@ -88,117 +83,16 @@ class ClosedLoadMethods:
         pressed = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
         return replace(why, parts=np.where(driven, why.parts + pressed, 0.0))
 
-    @lazy.by_blocks(lambda closed, _: [(len(closed.robot.actuators),)] * 6, MotorLoads)
-    def motor_loads(
-        self: Any,
-        q: ArrayLike,
-        dq: ArrayLike,
-        ddq: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
-    ) -> MotorLoads:
-        """Motor loads: torque, speed, current, voltage, power and heat of each actuator, which alone drive the robot.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        ddq : (nv,) array_like, joint accelerations [rad/s², m/s²]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        friction : bool, count the friction of all joints, driven or not
-
-        Returns
-        -------
-        loads : MotorLoads, (nactuators,) each, in the order of ``robot.actuators``
-
-        Raises
-        ------
-        ModelError
-            The robot has no actuators; see :meth:`twistwrench.Robot.with_actuators`.
-        ConstraintError
-            q, dq or ddq breaks the constraints, or the actuators cannot make the motion.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-
-        Notes
-        -----
-        MR sections 8.7 and 8.9. With more actuators than degrees of freedom their torques are those of least norm.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> motor = {"torque_constant": "0.1 N m/A", "resistance": "0.5 ohm"}
-        >>> driven = {"actuators": {"joint1": {"ratio": 100, "motor": motor}}}
-        >>> arm = tw.robots.planar_3r().with_actuators(driven)
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> loads, tau = held.motor_loads(q, [0, 0, 0], [0, 0, 0]), held.holding_torques(q, ["joint1"]).tau
-        >>> bool(abs(loads.torque[0] - tau[0] / 100) < 1e-12)
-        True
-        """
+    def _loads(self: Any, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         robot = self.robot
-        if not robot.actuators:
-            raise ModelError(f"robot {robot.name!r} has no actuators. Describe them: robot.with_actuators(file).")
-        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        tau = self.inverse_dynamics(q, dq, ddq, list(robot.actuators), friction=friction, **given).tau
+        tau = self.inverse_dynamics(q, dq, ddq, list(robot.actuators), friction=friction, **wrenches).tau
         _, rotor = robot.drive_torques(q, dq, ddq)
-        (dq,) = finite_states(robot.model, "motor_loads", dq=dq)
-        return motor_loads(robot.model, dq.astype(float), tau - rotor, rotor)
+        return tau - rotor, rotor
 
-    @lazy.by_blocks(lambda *_: [()] * 4, PowerBalance)
-    def power_balance(
-        self: Any,
-        q: ArrayLike,
-        dq: ArrayLike,
-        tau: ArrayLike,
-        *,
-        wrench_by_robot: Wrenches | None = None,
-        wrench_on_robot: Wrenches | None = None,
-        friction: bool = False,
-    ) -> PowerBalance:
-        """Power balance: where the power goes at one state under torques τ; constraints take none, and the sum is zero.
-
-        Parameters
-        ----------
-        q : (nq,) array_like, configuration
-        dq : (nv,) array_like, joint velocities [rad/s, m/s]
-        tau : (nv,) array_like, joint torques [N m, sliding joints: N]
-        wrench_by_robot : {frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]
-        wrench_on_robot : {frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, likewise
-        friction : bool, count the friction of the joints
-
-        Returns
-        -------
-        powers : PowerBalance, () each [W]: into the joints, into motion, at the wrenches, lost to friction
-
-        Raises
-        ------
-        ConstraintError
-            q or dq breaks the constraints.
-        ShapeError
-            The last axes are not the robot's sizes, or batch shapes do not broadcast.
-
-        Notes
-        -----
-        As friction opposes the motion it is that of the joints under τ, as in :meth:`forward_dynamics`.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> arm = tw.robots.planar_3r()
-        >>> held = arm.close("ground", arm.tip, rows="vx vz", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-        >>> q = held.consistent([-0.6, 0.2, 2.2])
-        >>> powers = held.power_balance(q, held.project_velocity(q, [1, 0, 0]), [5.0, 0, 0])
-        >>> abs(float(sum(powers))) < 1e-10
-        True
-        """
-        given: dict[str, Any] = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        ddq = self.forward_dynamics(q, dq, tau, friction=friction, **given).ddq
+    def _moved(self: Any, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+        ddq = self.forward_dynamics(q, dq, tau, friction=friction, **wrenches).ddq
         left = self.robot.engine.call("torque_past_friction", dq, tau) if friction else None
-        return balanced(self.robot, q, dq, ddq, tau, left, given)
+        return ddq, left
 
     def inverse_dynamics_derivatives(
         self: Any,

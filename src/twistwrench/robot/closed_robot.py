@@ -17,31 +17,35 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.constrained import ConstrainedMotion, ConstrainedTorques, MotionForceSplit
-from ..algorithms.constraints import Closure, Constraint, Rolling, kept, place_of, row_names, with_gaps
-from ..algorithms.jacobians import KINDS
+from ..algorithms.constraints import Closure, Constraint, kept, row_names, with_gaps
 from ..algorithms.loop_closure import closure_gaps, settled
-from ..algorithms.operational_space import ROWS, row_numbers
+from ..algorithms.operational_space import ROWS
 from ..algorithms.weighted_svd import independent_rows
 from ..core import arguments, lazy
-from ..errors import ConstraintError, UnknownNameError, ValueRangeError
-from ..model.model import BASE
+from ..errors import ValueRangeError
 from ..typing import Array
 from . import closed_robot_checks as checks
+from .actuation_methods import ActuationMethods
 from .closed_dynamics_methods import ClosedDynamicsMethods
 from .closed_load_methods import ClosedLoadMethods
 from .closed_shortcuts import ClosedShortcuts
 from .constraint_methods import ConstraintMethods
 from .constraint_sizes import CLOSED, gap_units, row_sizes
-from .quantity_types import Rows
 from .robot import Robot
 from .state_arguments import finite_states
 
-__all__ = ["ClosedRobot", "ConstrainedMotion", "ConstrainedTorques", "MotionForceSplit"]
+if TYPE_CHECKING:
+    pass
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ClosedRobot(ConstraintMethods, ClosedDynamicsMethods, ClosedLoadMethods, ClosedShortcuts):
+class ClosedRobot(
+    ConstraintMethods,
+    ClosedDynamicsMethods,
+    ClosedLoadMethods,
+    ClosedShortcuts,
+    ActuationMethods,
+):
     """A robot with closed loops: kinematics and dynamics under constraints A dq = 0. Immutable.
 
     Made by :meth:`twistwrench.Robot.close` and :meth:`~twistwrench.Robot.constrain`. MR section 8.7.
@@ -92,96 +96,6 @@ class ClosedRobot(ConstraintMethods, ClosedDynamicsMethods, ClosedLoadMethods, C
                 call = "(…)" if callable(getattr(Robot, name)) else ""
                 hint = f" Of the robot with its loops open, without the constraints: closed.robot.{name}{call}."
             raise AttributeError(f"a ClosedRobot has no {name!r}.{hint}", name=name, obj=self)
-
-    # ── closing ──
-
-    def close(
-        self,
-        frame_a: str,
-        frame_b: str,
-        rows: Rows = None,
-        *,
-        pose: ArrayLike | None = None,
-        near: ArrayLike | None = None,
-        redundant: str = "error",
-    ) -> ClosedRobot:
-        """Close one more loop; see :meth:`twistwrench.Robot.close`.
-
-        Parameters
-        ----------
-        frame_a, frame_b : str, frames of the robot; ``"ground"`` is the base
-        rows : str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six
-        pose : (4, 4) array_like, optional, of {c} in {a}; None: {a} itself
-        near : (nq,) array_like, optional, configuration near which the closed loops are searched; None: anywhere
-        redundant : "error" or "accept", what to do with rows that depend on the others
-
-        Returns
-        -------
-        closed : ClosedRobot
-
-        Raises
-        ------
-        ConstraintError
-            No configuration is found at which the loops close, or rows depend on the others.
-        UnknownNameError
-            The robot has no such frame or row.
-        ShapeError
-            ``pose`` or ``near`` is of another size.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.planar_3r().close("ground", "tip", rows="vz").close("ground", "tip", rows="wy").row_names
-        ('ground–tip vz', 'ground–tip #2 wy')
-        """
-        model = self.robot.model
-        frame_a, frame_b = checks.named(model, frame_a), checks.named(model, frame_b)
-        a, b = place_of(model, frame_a), place_of(model, frame_b)
-        chosen = row_numbers(rows)
-        if a.body == b.body:
-            raise ConstraintError(
-                f"{frame_a!r} and {frame_b!r} are fixed to one body, so nothing between them can be closed."
-            )
-        T_ac = np.eye(4) if pose is None else arguments.pose(arguments.one(pose, "pose", 4, 4), "pose")
-        closure = Closure(frame_a, frame_b, chosen, tuple(tuple(row) for row in T_ac.tolist()))
-        return self._with(closure, near, redundant)
-
-    def constrain(
-        self, frame: str, rows: Rows, kind: str = "body", *, near: ArrayLike | None = None, redundant: str = "error"
-    ) -> ClosedRobot:
-        """Constrain one more velocity, along the frame's own axes (``"body"``); see :meth:`twistwrench.Robot.constrain`.
-
-        Parameters
-        ----------
-        frame : str, a frame of the robot
-        rows : str or iterable, optional, rows of the twist by name, ``"vx vz"``, or number, 0 to 5; None: all six
-        kind : "body", "space" or "world_aligned", axes and reference point as in :meth:`jacobian`
-        near : (nq,) array_like, optional, configuration near which the closed loops are searched; None: anywhere
-        redundant : "error" or "accept", what to do with rows that depend on the others
-
-        Returns
-        -------
-        closed : ClosedRobot
-
-        Raises
-        ------
-        ConstraintError
-            Rows depend on the others.
-        UnknownNameError
-            The robot has no such frame, row or ``kind``.
-
-        Examples
-        --------
-        >>> import twistwrench as tw
-        >>> tw.robots.floating_box().constrain("box", "vy").constrain("box", "vz").row_names
-        ('box vy', 'box #2 vz')
-        """
-        if kind not in KINDS:
-            raise UnknownNameError.of("kind", kind, KINDS)
-        frame = checks.named(self.robot.model, frame)
-        if self.robot.model.frame(frame).body == BASE:
-            raise ConstraintError(f"{frame!r} is fixed to the base, so nothing about it can be constrained.")
-        return self._with(Rolling(frame, row_numbers(rows), kind), near, redundant)
 
     def _with(self, new: Constraint, near: ArrayLike | None, redundant: str) -> ClosedRobot:
         if redundant not in checks.REDUNDANT:

@@ -19,7 +19,6 @@ from ..typing import Array
 from .constraint_sizes import all_rows, gap_length, rate_units, six_sizes
 
 if TYPE_CHECKING:
-    from ..model.model import Model
     from .closed_robot import ClosedRobot
     from .robot import Robot
 
@@ -41,14 +40,6 @@ FADED = 1e-2
 integrator's errors are all that is left of them."""
 NEAR = 0.5
 """rad and m: what has to move further for its loops to close is no longer near."""
-
-
-def named(model: Model, frame: str | None) -> str:
-    """The frame's name, the tip's for None; errors as those of :meth:`Model.frame`."""
-    if frame is None:
-        model.frame(None)
-        return str(model.tip)
-    return frame
 
 
 def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:

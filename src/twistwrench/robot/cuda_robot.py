@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ..errors import UnknownNameError, ValueRangeError
 from ..kernels.cuda_kernel import CudaKernel
-from ..kernels.device_array import DeviceArray, to_device
 from ..targets.c import PRECISIONS
 from .quantity_methods import QuantityMethods
 from .quantity_options import KernelOptions, checked_options
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
 
 Device = Any
 """An array in a GPU's memory: PyTorch's, CuPy's, whatever has ``__cuda_array_interface__`` or DLPack."""
-
-__all__ = ["CudaRobot", "DeviceArray", "to_device"]
 
 
 class CudaRobot(QuantityMethods[Device, Device]):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..core.html_table import html_table
-
 _SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
 
 
@@ -32,10 +30,12 @@ class DisplayMethods:
         return summary(self)
 
     def _repr_html_(self: Any) -> str:
+        from ..core.html_table import html_table
+        from ..core.printed_numbers import number
         from ..report.robot_summary import joint_rows
 
         rows = joint_rows(self.model)
         mass = float(sum(b.inertia.mass for b in self.model.bodies))
         defects = f", {len(self.defects)} defects" if self.defects else ""
-        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {mass:.4g} kg in motion, tip {self.tip}{defects}"
+        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {number(mass)} kg in motion, tip {self.tip}{defects}"
         return html_table(title, _SHOWN, ([row[name] for name in _SHOWN] for row in rows))

@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..errors import ShapeError, UnknownNameError
+from ..joints.units import units_of
 from ..model.actuation import counted
 from ..model.model import BASE, Model
 from ..typing import Array
@@ -232,7 +234,7 @@ class Explanation:
 
 
 def _cells(row: Array, least: float) -> list[str]:
-    return ["·" if abs(x) <= least else f"{x:.4g}" for x in row.tolist()]
+    return ["·" if abs(x) <= least else number(x) for x in row.tolist()]
 
 
 def explained(
@@ -250,7 +252,7 @@ def explained(
         return np.swapaxes(regressor(q, dq, ddq) @ columns.T, -1, -2)  # (..., causes, nv)
 
     parts = _motion_parts(torques, *(np.broadcast_to(x, (*batch, x.shape[-1])) for x in state))
-    units = tuple("N m" if S[:3].any() else "N" for b in model.leaders for S in b.joint.axes)
+    units = units_of("tau", (turns for b in model.leaders for turns in b.joint.turning))
     why = Explanation(MOTION_TERMS, tuple(bodies), model.velocity_names, units, parts)
     for name, tau in apart.items():
         why = why.and_also(name, tau)

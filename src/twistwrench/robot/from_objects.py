@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
-from numpy.typing import ArrayLike
-
-from ..model.rounding import DEFAULT_SNAP
-from .load import Inertia, Mimic
+from .load import BuildOptions
 from .robot import Robot
 
 
-def from_mujoco(
-    model: Any,
-    *,
-    lock: Mapping[str, ArrayLike] | None = None,
-    tip: str | None = None,
-    mimic: Mimic = "follow",
-    inertia: Inertia = "error",
-    snap: float = DEFAULT_SNAP,
-    gravity: ArrayLike | None = None,
-) -> Robot:
+def from_mujoco(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     """Robot from a model that MuJoCo has compiled.
 
     Parameters
     ----------
     model : mujoco.MjModel; its attributes are read, and nothing is imported
-    lock : {joint: position}, optional, joints that are fixed [rad, m]
-    tip : str, optional, the frame meant when none is named
-    mimic : "follow" or "independent", whether joints that follow others have no coordinates of their own
-    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
-    snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
-    gravity : (3,) array_like, optional, in the base frame [m/s²]; None: the model's
+    **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Returns
     -------
@@ -68,31 +50,16 @@ def from_mujoco(
     """
     from ..formats.mujoco_model import read_mujoco_model
 
-    builder = read_mujoco_model(model)
-    return Robot(builder.build(lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity))
+    return Robot(read_mujoco_model(model).build(**options))
 
 
-def from_pinocchio(
-    model: Any,
-    *,
-    lock: Mapping[str, ArrayLike] | None = None,
-    tip: str | None = None,
-    mimic: Mimic = "follow",
-    inertia: Inertia = "error",
-    snap: float = DEFAULT_SNAP,
-    gravity: ArrayLike | None = None,
-) -> Robot:
+def from_pinocchio(model: Any, **options: Unpack[BuildOptions]) -> Robot:
     """Robot from a model of Pinocchio's.
 
     Parameters
     ----------
     model : pinocchio.Model; its attributes are read, and nothing is imported
-    lock : {joint: position}, optional, joints that are fixed [rad, m]
-    tip : str, optional, the frame meant when none is named
-    mimic : "follow" or "independent", whether joints that follow others have no coordinates of their own
-    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
-    snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
-    gravity : (3,) array_like, optional, in the base frame [m/s²]; None: the model's
+    **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Returns
     -------
@@ -123,29 +90,16 @@ def from_pinocchio(
     """
     from ..formats.pinocchio_model import read_pinocchio_model
 
-    builder = read_pinocchio_model(model)
-    return Robot(builder.build(lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity))
+    return Robot(read_pinocchio_model(model).build(**options))
 
 
-def from_drake(
-    plant: Any,
-    *,
-    lock: Mapping[str, ArrayLike] | None = None,
-    tip: str | None = None,
-    inertia: Inertia = "error",
-    snap: float = DEFAULT_SNAP,
-    gravity: ArrayLike | None = None,
-) -> Robot:
+def from_drake(plant: Any, **options: Unpack[BuildOptions]) -> Robot:
     """Robot from a plant of Drake's.
 
     Parameters
     ----------
     plant : pydrake MultibodyPlant, finalised; its attributes are read, and nothing is imported
-    lock : {joint: position}, optional, joints that are fixed [rad, m]
-    tip : str, optional, the frame meant when none is named
-    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
-    snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
-    gravity : (3,) array_like, optional, in the base frame [m/s²]; None: that of ``plant``
+    **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Returns
     -------
@@ -180,29 +134,16 @@ def from_drake(
     """
     from ..formats.drake_plant import read_drake_plant
 
-    builder = read_drake_plant(plant)
-    return Robot(builder.build(lock=lock, tip=tip, inertia=inertia, snap=snap, gravity=gravity))
+    return Robot(read_drake_plant(plant).build(**options))
 
 
-def from_rtb(
-    robot: Any,
-    *,
-    lock: Mapping[str, ArrayLike] | None = None,
-    tip: str | None = None,
-    inertia: Inertia = "error",
-    snap: float = DEFAULT_SNAP,
-    gravity: ArrayLike | None = None,
-) -> Robot:
+def from_rtb(robot: Any, **options: Unpack[BuildOptions]) -> Robot:
     """Robot from one of the Robotics Toolbox for Python.
 
     Parameters
     ----------
     robot : roboticstoolbox DHRobot or Robot; its attributes are read, and nothing is imported
-    lock : {joint: position}, optional, joints that are fixed [rad, m]
-    tip : str, optional, the frame meant when none is named
-    inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
-    snap : float, entries of fixed rotations this near to 0 or ±1 are exactly that; 0 turns it off
-    gravity : (3,) array_like, optional, in the base frame [m/s²]; None: that of ``robot``
+    **options : ``lock``, ``tip``, ``mimic``, ``inertia``, ``snap``, ``gravity``, as for :func:`load`
 
     Returns
     -------
@@ -237,5 +178,4 @@ def from_rtb(
     """
     from ..formats.rtb_robot import read_rtb_robot
 
-    builder = read_rtb_robot(robot)
-    return Robot(builder.build(lock=lock, tip=tip, inertia=inertia, snap=snap, gravity=gravity))
+    return Robot(read_rtb_robot(robot).build(**options))

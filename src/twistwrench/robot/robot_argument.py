@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 from ..core import arguments
 from ..errors import ValueRangeError
-from .actuation_methods import ActuationMethods
+from .task_space_methods import TaskSpaceMethods
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -19,7 +19,7 @@ def require_robot(robot: object, what: str) -> Robot:
     Traceback (most recent call last):
     twistwrench.errors.ValueRangeError: fastest: the robot is [0.1, 0.2]: give a tw.Robot, as tw.load(path) makes one.
     """
-    if isinstance(robot, ActuationMethods):  # a base class of Robot's alone, which imports nothing that asks here
+    if isinstance(robot, TaskSpaceMethods):  # a base class of Robot's alone, which imports nothing that asks here
         return cast("Robot", robot)
     advice = "of a closed robot take closed.robot" if hasattr(robot, "robot") else "as tw.load(path) makes one"
     raise ValueRangeError(f"{what}: the robot is {arguments.shown(robot)}: give a tw.Robot, {advice}.")

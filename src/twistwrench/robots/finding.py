@@ -13,8 +13,6 @@ from pathlib import Path
 from ..errors import MissingExtraError, NotFoundError, UnknownNameError
 from . import names, path_of
 
-__all__ = ["FoundRobot", "find", "known_robots", "plain_name"]
-
 _EXAMPLES = "cmeel.prefix/share/example-robot-data/robots"
 _ENDINGS = (".urdf", ".sdf")
 _COMMON = ("_simple_description", "_description", "_data")

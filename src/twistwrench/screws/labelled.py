@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number, vector
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie.adjoint import Ad, ad
 from ..typing import Array
-from .vector_text import tuple_of
 
 
 def frame_name(name: object, role: str) -> str:
@@ -100,12 +100,12 @@ class Labelled(ABC):
     def __repr__(self) -> str:
         parts = zip(self._halves, (self.values[..., :3], self.values[..., 3:]), strict=True)
         if not self.shape:
-            said = [f"{name} = {tuple_of(x)} {unit}" for (name, unit), x in parts]
+            said = [f"{name} = {vector(x)} {unit}" for (name, unit), x in parts]
             return f"{type(self).__name__} in {self.frame!r}: {', '.join(said)}"
         what = f"{type(self).__name__} in {self.frame!r}, batch {self.shape}"
         if self.values.dtype == object or not self.values.size:
             return what
-        said = [f"|{name}| up to {np.linalg.norm(x, axis=-1).max():.6g} {unit}" for (name, unit), x in parts]
+        said = [f"|{name}| up to {number(np.linalg.norm(x, axis=-1).max(), 6)} {unit}" for (name, unit), x in parts]
         return f"{what}: {', '.join(said)}"
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:

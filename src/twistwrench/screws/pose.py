@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number, vector
 from ..errors import FrameError
 from ..lie import se3, so3
 from ..lie.adjoint import Ad
 from ..typing import Array
 from .labelled import frame_name, hash_of, missing_pose, symbol
 from .twist import Twist
-from .vector_text import tuple_of
 from .wrench import Wrench
 
 
@@ -98,13 +98,13 @@ class Pose:
         what = f"Pose {self.symbol} of {self.of!r} seen from {self.to!r}"
         if self.matrix.ndim > 2:
             return f"{what}, batch {self.matrix.shape[:-2]}"
-        place = f"{what}: at {tuple_of(self.position)} m"
+        place = f"{what}: at {vector(self.position)} m"
         if self.matrix.dtype == object:
             return place
         turn = so3.log(so3.project(self.rotation, within=np.inf))  # what adds up in products is no reason not to print
         angle = float(np.linalg.norm(turn))
         return f"{place}, " + (
-            f"turned {angle:.6g} rad about {tuple_of(turn / angle)}" if angle > 1e-12 else "not turned"
+            f"turned {number(angle, 6)} rad about {vector(turn / angle)}" if angle > 1e-12 else "not turned"
         )
 
     def __rmatmul__(self, other: Any) -> Any:

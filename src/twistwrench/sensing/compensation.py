@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..errors import ModelWarning
 from ..typing import Array
 from ..verdict import Verdict, Word
@@ -135,7 +136,9 @@ def _unexplained(
     for what, unit, part, sigma in halves[1 if judged.start else 0 :]:
         before, after = (float(np.median(np.linalg.norm(x[:, part], axis=1))) for x in (log.readings, rest))
         if after > before and after > _NOISY * sigma:
-            more.append(f"the {what} are larger than before, {after:.3g} after {before:.3g} {unit} (medians)")
+            more.append(
+                f"the {what} are larger than before, {number(after, 3)} after {number(before, 3)} {unit} (medians)"
+            )
     many = off.mean() >= _NEARLY_ALL
     known = log_doubt(log, sensor, noise)
     if not (more or many or known):

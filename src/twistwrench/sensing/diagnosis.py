@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.gravity import KGF
 from ..typing import Array
 from .log import ReadingLog
 from .log_mistakes import listed_bias
@@ -15,9 +16,11 @@ from .sensor_units import MIXUPS, Mixup
 _STRANGE = 5.0  # times what is left otherwise, or its noise
 _TURNS = 0.3  # spread of gravity's directions from which a constant rest is a bias
 _EXACT = 1e-3  # of the load's wrench: no model is better
-_G = 9.80665
 _ALL_KILOGRAMS = Mixup(
-    "forces are in kilograms and moments in kg m", f"multiply all six by {_G}", 1 / _G, 1 / _G
+    "forces are in kilograms and moments in kg m",
+    f"multiply all six by {KGF}",
+    1 / KGF,
+    1 / KGF,
 )  # changes the mass alone, so only a known one tells it
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..core.printed_numbers import number, percent
 from ..typing import Array
 from .log import ReadingLog
 from .log_mistakes import listed_bias
@@ -49,7 +50,7 @@ def departure(
     _, name, explained = best
     if name == "drift":
         moved = explained[-1] - explained[0]
-        per = f"over {t[-1] - t[0]:.3g} s" if log.time is not None else f"over the {len(t)} readings"
+        per = f"over {number(t[-1] - t[0], 3)} s" if log.time is not None else f"over the {len(t)} readings"
         return (
             f"The bias drifts: by {listed_bias(moved)} [N m, N] {per}, which explains {before - best[0]} of {before} readings "
             "that are off. Identify the sensor again, zero it more often, or let it warm up."
@@ -60,7 +61,7 @@ def departure(
     if share > _MOST:
         return None
     return (
-        f"A gain or cross-talk is off by {100 * share:.2g} % of what the load does, which explains {before - best[0]} of "
+        f"A gain or cross-talk is off by {percent(share, 2)} of what the load does, which explains {before - best[0]} of "
         f"{before} readings that are off. Check the sensor's calibration matrix and its scale, or whether it is the log of "
         "this tool."
     )

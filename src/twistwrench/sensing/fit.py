@@ -12,8 +12,6 @@ from .covariance import as_weights, by_channels, by_witnesses, of_block, plug_in
 from .log import ReadingLog
 from .unknowns import SensorState, Unknowns, clock
 
-__all__ = ["Fit", "Problem", "Unknowns", "few", "fit"]
-
 _HUBER = 2.0  # scaled distance from which a row loses weight; 1 is the middle of good ones
 _MAD = 1.4826  # standard deviations that the median absolute deviation of normal noise makes
 _ROUNDS, _SETTLED = 100, 1e-7

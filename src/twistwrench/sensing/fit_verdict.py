@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import number, percent, plus_minus
 from ..errors import ValueRangeError
 from ..typing import Array
 from ..verdict import Verdict
@@ -75,8 +76,8 @@ def judged(found: Diagnosis, confidence: float, problem: Problem, log: ReadingLo
     again, remarks = [], []
     if not told:
         again.append(
-            f"The mass, {found.mass:.4g} ± {(high - low) / 2:.2g} kg ({100 * confidence:g} %), cannot be told from zero, so "
-            "neither can its place."
+            f"The mass, {plus_minus(found.mass, (high - low) / 2, 'kg')} ({percent(confidence, 3)}), cannot be told from "
+            "zero, so neither can its place."
         )
     elif defects := sensor.load.defects():
         again.append(
@@ -121,9 +122,10 @@ def _witness_doubts(found: Diagnosis, problem: Problem, use: Use) -> list[str]:
     white = use.whiteness
     if white is not None and not white.white:
         doubts.append(
-            f"What is left is not white in the order of the log: {white.axis} has a lag-1 autocorrelation of {white.lag1:.2g} "
-            f"({white.test}; white noise has as much in one log of {1 / max(white.chance, 1e-12):.2g}). The intervals count "
-            f"{white.length} rows in a row as one witness, and may still be too narrow."
+            f"What is left is not white in the order of the log: {white.axis} has a lag-1 autocorrelation of "
+            f"{number(white.lag1, 2)} "
+            f"({white.test}; white noise has as much in one log of {number(1 / max(white.chance, 1e-12), 2)}). The intervals "
+            f"count {white.length} rows in a row as one witness, and may still be too narrow."
         )
     return doubts
 
@@ -144,7 +146,7 @@ def _load(found: Diagnosis, *, told: bool) -> SpatialInertia:
 
 
 def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
-    said = f"{log.name}: mass comes out as {found.mass:.4g} kg"
+    said = f"{log.name}: mass comes out as {number(found.mass)} kg"
     if slip := _slip(found, problem, found):
         return f"{said}. {slip}"
     better = others(found.sign, problem)
@@ -161,7 +163,8 @@ def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
 
 def _poses(found: Diagnosis, own: float) -> str:
     return (
-        f"the poses do not explain the readings. Forces are left with {_noise(found)}, but their size alone has {own:.2g} N. "
+        f"the poses do not explain the readings. Forces are left with {_noise(found)}, but their size alone has "
+        f"{number(own, 2)} N. "
         "Are the orientations those of the sensor in the world, R_wf (not of the world in the sensor), the scalar of "
         "quaternions first, and read when the tool was still?"
     )
@@ -202,7 +205,7 @@ def _noise_doubts(found: Diagnosis) -> list[str]:
         times = float(np.sqrt(np.mean(scaled[:, part] ** 2)))
         if np.isinf(found.fit.freedom).all() and times > _MISFIT:
             doubts.append(
-                f"What is left of the {what} is {times:.2g} times the noise given: the intervals are too narrow. "
+                f"What is left of the {what} is {number(times, 2)} times the noise given: the intervals are too narrow. "
                 "Let the noise be estimated, or check poses and sign."
             )
     return doubts
@@ -216,7 +219,7 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
     if free_bias(found, problem) is not None:
         return _slip(found, problem, found), []
     if share > _UNEXPLAINED:
-        left = f"what is left is {_noise(found)}, {100 * share:.2g} % of how forces change"
+        left = f"what is left is {_noise(found)}, {percent(share, 2)} of how forces change"
         tried = others(found.sign, problem) if turns_may_help(rows, found.fit, found.kept) else []
         better = [e for e in tried if e.improves(found.fit)]
         if slip := _slip(found, problem, better[0] if better else found):
@@ -248,4 +251,4 @@ def _noise(found: Diagnosis) -> str:
     left = found.fit.residuals[found.kept].reshape(-1, 2, 3)
     freedom = max(3 * len(left) - len(found.fit.unknowns.names) / 2, 1.0)
     moment, force = np.sqrt((left**2).sum(axis=(0, 2)) / freedom)
-    return f"noise of {force:.2g} N and {moment:.2g} N m"
+    return f"noise of {number(force, 2)} N and {number(moment, 2)} N m"

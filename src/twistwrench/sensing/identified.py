@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.printed_numbers import number, percent, plus_minus
 from ..errors import ShapeError, ValueRangeError
 from ..lie import so3
 from ..typing import Array
@@ -49,19 +50,19 @@ class Identification:
 
     def __repr__(self) -> str:
         # What was found, never the arrays it was found from.
-        place = ", ".join(f"{1e3 * x:.1f}" for x in self.sensor.load.com)
-        wide = ", ".join(f"{5e2 * w:.1f}" for w in np.diff(self.com_intervals, axis=1)[:, 0])
+        halves = np.diff(self.com_intervals, axis=1)[:, 0] / 2
+        place = ", ".join(plus_minus(1e3 * x, 1e3 * half) for x, half in zip(self.sensor.load.com, halves, strict=True))
         look = f"; {self.verdict.word}, see doubts and remarks" if self.doubtful else ""
         return (
-            f"<Identification: {self.mass_text}, com ({place}) ± ({wide}) mm, noise {self.noise[1]:.2g} N and "
-            f"{self.noise[0]:.2g} N m{look}>"
+            f"<Identification: {self.mass_text}, com ({place}) mm, noise {number(self.noise[1], 2)} N and "
+            f"{number(self.noise[0], 2)} N m{look}>"
         )
 
     @property
     def mass_text(self) -> str:
         """The mass with half of its confidence interval, in words."""
         low, high = self.mass_interval
-        return f"{self.fit.load[0]:.4g} ± {(high - low) / 2:.2g} kg ({100 * self.confidence:g} %)"
+        return f"{plus_minus(self.fit.load[0], (high - low) / 2, 'kg')} ({percent(self.confidence, 3)})"
 
     @property
     def outliers(self) -> list[int]:
@@ -274,15 +275,15 @@ def _student(freedom: float, confidence: float) -> float:
 def weakness(fit: Fit, sensor: ForceTorqueSensor, confidence: float) -> str | None:
     """A remark if mass or centre of mass is known badly."""
     result = Identification(sensor, fit, np.zeros(0), np.zeros(0), confidence, ())
-    names, percent = fit.unknowns.names, 100 * confidence
+    names = fit.unknowns.names
     if result.fit.unknowns.inertia:
         size = float(result.sensor.load.moment_about_com.trace())
         unsure = {n: float(np.ptp(result.interval(n))) / 2 for n in names if n.startswith("I")}
         worst = max(unsure, key=lambda n: unsure[n])
         if unsure[worst] > 0.5 * abs(size):
             return (
-                f"The motion tells {worst} to ± {unsure[worst]:.2g} kg m² ({percent:g} %) only, beside a trace of {size:.2g}. "
-                "Log faster turns about three axes."
+                f"The motion tells {worst} to ± {number(unsure[worst], 2)} kg m² ({percent(confidence, 3)}) only, beside a "
+                f"trace of {number(size, 2)}. Log faster turns about three axes."
             )
     low, high = result.mass_interval
     share = (high - low) / 2 / result.sensor.load.mass
@@ -291,7 +292,7 @@ def weakness(fit: Fit, sensor: ForceTorqueSensor, confidence: float) -> str | No
     if share < 0.1 and widths[k] < 0.01:
         return None
     return (
-        f"The log tells the mass to ± {(high - low) / 2:.2g} kg and the centre of mass along {'xyz'[k]} to ± "
-        f"{1e3 * widths[k]:.2g} mm only ({percent:g} %). Readings in more and wider orientations tell more; `poses` "
-        "proposes some."
+        f"The log tells the mass to ± {number((high - low) / 2, 2)} kg and the centre of mass along {'xyz'[k]} to ± "
+        f"{number(1e3 * widths[k], 2)} mm only ({percent(confidence, 3)}). Readings in more and wider orientations tell "
+        "more; `poses` proposes some."
     )

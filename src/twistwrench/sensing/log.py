@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.gravity import GRAVITY
+from ..core.gravity import GRAVITY, STRENGTH
+from ..core.printed_numbers import number
 from ..errors import ModelWarning, ShapeError, ValueRangeError
 from ..typing import Array
 from .gravity_directions import checked_rotations, gravity_in_frame, rotations_of_quaternions
@@ -131,7 +132,7 @@ class ReadingLog:
             )
         if checked["gravity"] is None or not np.any(checked["gravity"], axis=1).all():
             raise ValueRangeError(
-                f"{name}: gravity is zero in a reading, so nothing has a weight. Give 9.81 m/s² of it."
+                f"{name}: gravity is zero in a reading, so nothing has a weight. Give {STRENGTH} m/s² of it."
             )
         if (V is None) != (dV is None):
             raise ValueRangeError(f"{name}: V and dV come together. Give both, or none for a sensor that stands still.")
@@ -212,13 +213,13 @@ class ReadingLog:
         moment, force = (float(np.abs(centred[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
         if force > _STRONG:
             found.append(
-                f"forces change by {force:.4g}; in newtons that is the weight of {force / 9.81:.0f} kg. If they are in grams, "
-                "multiply them by 0.00981, if in counts by the sensor's scale."
+                f"forces change by {number(force)}; in newtons that is the weight of {force / STRENGTH:.0f} kg. If they are in "
+                f"grams, multiply them by {STRENGTH / 1000:g}, if in counts by the sensor's scale."
             )
         spread_m, spread_f = (float(np.linalg.norm(centred[:, k])) for k in (slice(0, 3), slice(3, 6)))
         if moment > 10 and spread_f and spread_m / spread_f > _LONG_LEVER:
             found.append(
-                f"moments change as if forces had a lever of {spread_m / spread_f:.3g} m. If they are in N mm, "
+                f"moments change as if forces had a lever of {number(spread_m / spread_f, 3)} m. If they are in N mm, "
                 "divide them by 1000."
             )
         return found
@@ -239,7 +240,7 @@ class ReadingLog:
         strength = np.linalg.norm(self.gravity, axis=1)
         if strength.min() < _GRAVITY[0] or strength.max() > _GRAVITY[1]:
             worst = float(strength.min() if strength.min() < _GRAVITY[0] else strength.max())
-            found.append(f"gravity is {worst:.4g} m/s²; on Earth it is 9.81. Give it in m/s².")
+            found.append(f"gravity is {number(worst)} m/s²; on Earth it is {STRENGTH}. Give it in m/s².")
         for motion, part, most, said in (
             (self.V, slice(0, 3), _FAST, "angular velocities reach {:.4g} rad/s. If they are in degrees per second"),
             (self.V, slice(3, 6), _SWIFT, "velocities reach {:.4g} m/s. If they, or the poses, are in mm"),

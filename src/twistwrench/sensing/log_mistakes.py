@@ -7,6 +7,7 @@ from typing import get_args
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..typing import Array
 from .fit import Fit, Problem
 from .log import AXES, ReadingLog
@@ -80,4 +81,4 @@ def seems_moving(log: ReadingLog) -> bool:
 
 def listed_bias(bias: Array) -> str:
     """A bias (6,) by its axes."""
-    return ", ".join(f"{axis} {value:.3g}" for axis, value in zip(AXES, bias, strict=True))
+    return ", ".join(f"{axis} {number(value, 3)}" for axis, value in zip(AXES, bias, strict=True))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..lie import so3
 from ..typing import Array
 from .log import ReadingLog
@@ -104,4 +105,4 @@ def _unit(name: str) -> str:
 
 
 def _vector(x: Array) -> str:
-    return ", ".join(f"{v:.2g}" for v in x + 0.0)
+    return ", ".join(number(v, 2) for v in x + 0.0)

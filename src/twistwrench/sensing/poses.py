@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.gravity import GRAVITY
+from ..core.gravity import STRENGTH
 from ..errors import ShapeError, ValueRangeError
 from ..typing import Array
 from .gravity_directions import rotations_to_gravity
@@ -44,7 +44,7 @@ def propose_poses(
     candidates: ArrayLike | None = None,
     within: float = math.pi,
     noise: tuple[float, float] = (0.01, 0.3),
-    gravity: float = float(np.linalg.norm(GRAVITY)),
+    gravity: float = STRENGTH,
 ) -> PoseProposal:
     """Optimal experiment design: the next orientations for a static identification, D-optimal one by one.
 
@@ -82,7 +82,7 @@ def propose_poses(
     directions = _choices(candidates, within)
     unknowns, weight = Unknowns(), (1.0 / np.repeat(sigma, 3))[:, None]
     if not 0 < arguments.number(gravity, "gravity") < math.inf:
-        raise ValueRangeError(f"gravity {gravity!r} is no size of gravity. Give it in m/s², such as 9.81.")
+        raise ValueRangeError(f"gravity {gravity!r} is no size of gravity. Give it in m/s², such as {STRENGTH}.")
     rows = _design(gravity * directions, unknowns) * weight
     information = np.diag(1.0 / (_BELIEF * unknowns.scales) ** 2)
     if log is not None:

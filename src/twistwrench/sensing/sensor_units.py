@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.gravity import KGF
+from ..core.printed_numbers import number
 from ..typing import Array
 from .identified import com_deviation
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor
 from .sign_and_mounting import Diagnosis
-
-_G = 9.80665  # N in a kilogram-force
 
 
 class Mixup(NamedTuple):
@@ -33,14 +33,14 @@ class Mixup(NamedTuple):
 
 
 MIXUPS = (
-    Mixup("forces are in grams", f"multiply fx, fy, fz by {_G / 1000}", 1000 / _G, 1.0),
-    Mixup("forces are in kilograms", f"multiply fx, fy, fz by {_G}", 1 / _G, 1.0),
+    Mixup("forces are in grams", f"multiply fx, fy, fz by {KGF / 1000}", 1000 / KGF, 1.0),
+    Mixup("forces are in kilograms", f"multiply fx, fy, fz by {KGF}", 1 / KGF, 1.0),
     Mixup("moments are in N mm", "divide mx, my, mz by 1000", 1.0, 1000.0),
     Mixup("moments are in N cm", "divide mx, my, mz by 100", 1.0, 100.0),
     Mixup("forces are in kilograms and moments in kg cm",
-          f"multiply fx, fy, fz by {_G} and mx, my, mz by {_G / 100}", 1 / _G, 100 / _G),
+          f"multiply fx, fy, fz by {KGF} and mx, my, mz by {KGF / 100}", 1 / KGF, 100 / KGF),
     Mixup("forces are in grams and moments in g cm",
-          f"multiply fx, fy, fz by {_G / 1000} and mx, my, mz by {_G / 1e5}", 1000 / _G, 1e5 / _G),
+          f"multiply fx, fy, fz by {KGF / 1000} and mx, my, mz by {KGF / 1e5}", 1000 / KGF, 1e5 / KGF),
     Mixup("forces are in pounds and moments in pound inches",
           "multiply fx, fy, fz by 4.448 and mx, my, mz by 0.113", 0.22481, 8.8507),
 )  # fmt: skip
@@ -75,8 +75,8 @@ def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) ->
         return None
     load, noise = sensor.load, result.fit.noise
     tool = (
-        f"a mass of {load.mass:.3g} kg, {_length(float(np.linalg.norm(load.com)))} out, on a sensor with noise of "
-        f"{noise[1]:.2g} N and {noise[0]:.2g} N m"
+        f"a mass of {number(load.mass, 3)} kg, {_length(float(np.linalg.norm(load.com)))} out, on a sensor with noise of "
+        f"{number(noise[1], 2)} N and {number(noise[0], 2)} N m"
     )
     if not ways:
         return f"Units look wrong: {tool}, is no tool. Are the readings counts? Multiply them by the sensor's scale."
@@ -116,4 +116,4 @@ def _rounding(values: Array) -> float:
 
 
 def _length(metres: float) -> str:
-    return f"{metres:.3g} m" if metres >= 1 else f"{1e3 * metres:.3g} mm"
+    return f"{number(metres, 3)} m" if metres >= 1 else f"{number(1e3 * metres, 3)} mm"

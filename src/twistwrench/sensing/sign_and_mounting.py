@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..lie import so3
 from ..typing import Array
 from .fit import Fit, Problem
@@ -53,7 +54,7 @@ class Diagnosis:
         if not self.turn:
             return f"sign={self.sign!r}"
         degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
-        return f"sign={self.sign!r} with orientation=True (turned by {degrees:.3g}°)"
+        return f"sign={self.sign!r} with orientation=True (turned by {number(degrees, 3)}°)"
 
     def improves(self, on: Fit) -> bool:
         """Whether the noise left is surely less than that of another fit of the same log."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import number, percent
 from ..typing import Array
 from .fit import Fit, Problem
 from .log_mistakes import listed_bias
@@ -147,13 +148,13 @@ def _said(kind: str, problem: Problem, fit: Fit, kept: Array, explained: Array) 
         rms = [np.sqrt(((x - x.mean(axis=0)).reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))) for x in (explained, load)]
         share = float((rms[0] / np.maximum(rms[1], 1e-12)).max())
         return (
-            f"A gain or cross-talk that is off by {100 * share:.2g} % of the load's wrench" if share > _GAIN else None
+            f"A gain or cross-talk that is off by {percent(share, 2)} of the load's wrench" if share > _GAIN else None
         )
     columns = _candidates(problem, fit)[kind][kept] / fit.deviation[kept][..., None]
     A = fit.design[kept] / fit.deviation[kept][..., None]
     both = np.concatenate([columns, A], axis=-1).reshape(-1, columns.shape[-1] + A.shape[-1])
     x = np.linalg.lstsq(both, (fit.residuals[kept] / fit.deviation[kept]).ravel(), rcond=None)[0][: columns.shape[-1]]
     if kind == "delay":
-        return f"Readings about {1e3 * float(x[0]):.2g} ms late"
+        return f"Readings about {number(1e3 * float(x[0]), 2)} ms late"
     what = "A mounting turned" if kind == "turn" else "A base tilted"
-    return f"{what} by about {math.degrees(float(np.linalg.norm(x))):.2g}°"
+    return f"{what} by about {number(math.degrees(float(np.linalg.norm(x))), 2)}°"

@@ -5,18 +5,19 @@
 
 from __future__ import annotations
 
-from .batch import SimulationBatch, SimulationOptions
+from ..robot.simulation_methods import SimulationMethods
+from .batch import SimulationBatch
 from .contact import JointStops, Plane
 from .events import Event, Happening
 from .result import SimulationResult
 from .rollout import Rollout
 from .rollout_gradient import RolloutGradient
 from .schemes import METHODS
-from .simulate import simulate
 from .tableau import Partitioned, Tableau
 from .torque_laws import BatchComputedTorque, BatchPD
 
 PD, ComputedTorque = BatchPD, BatchComputedTorque  # former names
+simulate = SimulationMethods.simulate
 
 __all__ = [
     "METHODS",
@@ -30,7 +31,6 @@ __all__ = [
     "Rollout",
     "RolloutGradient",
     "SimulationBatch",
-    "SimulationOptions",
     "SimulationResult",
     "Tableau",
     "simulate",

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import percent
 from ..motion.coordinates import Coordinates
 from ..typing import Array
-from .result import SimulationResult
 from .schemes import ADAPTIVE
 
 if TYPE_CHECKING:
@@ -46,9 +46,9 @@ class Extent:
         rows: Any = slice(None)
         if len(states) > _ROWS:
             rows = np.linspace(0, len(states) - 1, _ROWS).round().astype(int)
-        q, dq = states[rows, : robot.nq], states[:, robot.nq : robot.nq + robot.nv]
-        ways, rates = (np.ascontiguousarray(x.T) for x in (robot.subtract(q, q[0]), np.abs(dq)))  # rows are faster
-        each, speeds = np.ptp(ways, axis=1), rates.max(axis=1)
+        ways = np.ascontiguousarray(robot.subtract(states[rows, : robot.nq], states[0, : robot.nq]).T)
+        rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # rows are faster
+        each, speeds = ways.max(axis=1) - ways.min(axis=1), np.maximum(rates.max(axis=1), -rates.min(axis=1))
         travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
         angular = Coordinates.of(robot.model).angular_velocity
         for group in (angular, ~angular):
@@ -81,26 +81,19 @@ class Accuracy:
         """Whether the error is a share of the motion that is remarked on."""
         return self.relative > _ERROR
 
-    def told(self, found: SimulationResult, contacts: str) -> SimulationResult:
-        """The result with its errors, and with remarks where they, its contacts or its drift call for it."""
-        remarks = [*found.remarks, *filter(None, [contacts])]
-        less = "rtol" if found.method == ADAPTIVE else "dt"
+    def remarks(self, method: str, relative_drift: float) -> list[str]:
+        """What to say of errors and drift where they call for it."""
+        less, said = "rtol" if method == ADAPTIVE else "dt", []
         if self.remarkable:
             share = f"about {_percent(self.relative)} of" if self.relative < _MANY else f"more than {_MANY:,.0f} times"
-            remarks.append(f"the errors of its steps add up to {share} the motion: take a smaller {less}")
-        if found.relative_drift > _DRIFT:
-            remarks.append(
-                f"the energy is off by {_percent(found.relative_drift)} of what moved: the motion, or the work said to be "
+            said.append(f"the errors of its steps add up to {share} the motion: take a smaller {less}")
+        if relative_drift > _DRIFT:
+            said.append(
+                f"the energy is off by {_percent(relative_drift)} of what moved: the motion, or the work said to be "
                 f"done, is wrong: take a smaller {less}"
             )
-        return replace(found, remarks=tuple(remarks), error_estimate=self.error, relative_error=self.relative)
+        return said
 
 
 def _percent(share: float) -> str:
-    return (
-        f"{100 * share:.2g} %"
-        if share < 1.0
-        else f"{100 * share:.0f} %"
-        if share < _MANY
-        else f"more than {_MANY:,.0f} times"
-    )
+    return percent(share, 2 if share < 1.0 else None) if share < _MANY else f"more than {_MANY:,.0f} times"

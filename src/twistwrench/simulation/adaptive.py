@@ -23,16 +23,19 @@ class Stepper:
     """Dormand and Prince's method, the tolerances its steps keep to, and the last step it took."""
 
     def __init__(
-        self, system: System, rtol: float, atol: float, longest: float, spacing: float, duration: float
-    ) -> None:
+        self, system: System, rtol: float, atol: float, longest: float, spacing: float, duration: float,
+        *, attempts: CompiledAttempts | None = None,
+    ) -> None:  # fmt: skip
         self.system, self.scheme = system, RungeKutta(system, DORMAND_PRINCE)
         self.probes = ForceProbes(system, *self.scheme.asked, spacing)
         self.rtol, self.atol, self.longest = rtol, atol, longest
         self.stiffness = Stiffness(system, self.scheme, duration)
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
         self.h, self.rejected = 0.0, 0
-        self.attempts: CompiledAttempts | None = None
+        self.attempts = attempts
         """Its steps in machine code, where no force is a function in Python."""
+        if attempts is not None:
+            self.stiffness.stages = lambda: attempts.rates[attempts.count]
         self.speed = 0.0
         """The square of all velocities after the last of these."""
         self.rate_after = np.zeros(0)
@@ -43,31 +46,28 @@ class Stepper:
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
         """Time and state after one step that is accepted, not beyond ``until``."""
-        system, scheme, h = self.system, self.scheme, min(self.h or self._first(y, rate, until - t), self.longest)
-        judged = slice(0, system.size - len(WORKS))
+        scheme, attempts = self.scheme, self.attempts
+        h = min(self.h or self._first(y, rate, until - t), self.longest)
         grow = _GROW
         while True:
             t1 = until if t + 1.01 * h >= until else t + h
             step = t1 - t
-            if self.attempts is None:
-                y1 = scheme.step(t, y, step, rate)
-                self.stiffness.look(t, step, y, y1)
-                error = step * np.dot(scheme.error, scheme.K)
-                allowed = self._allowed(y, y1)
-                size = float(np.sqrt(np.mean(np.square((error / allowed)[judged]))))
-                if size <= 1.0:
-                    size = max(size, self._unseen(t, step, y, allowed))
+            if attempts is None:
+                y1, error, size = self._tried(t, y, rate, step)
             else:
-                y1, scheme.K, error, found = self.attempts.take(y, rate, step)
-                square, steep, away, self.speed = found.tolist()
+                square, steep, away, self.speed = attempts.take(y, rate, step)
                 self.stiffness.note(t, step, math.sqrt(steep), math.sqrt(away))
                 size = math.sqrt(square)
             if size <= 1.0:
                 factor = min(grow, max(_SHRINK, _SAFETY * size**self.power)) if size > 0 else grow
                 if step >= 0.99 * h or factor < 1.0:  # a step cut short by `until` says little of the next
                     self.h = step * factor
-                self.errors += np.abs(error)
-                K = scheme.K if self.attempts else scheme.K.copy()  # machine code has new arrays each time
+                if attempts is None:
+                    self.errors += np.abs(error)
+                    K = scheme.K.copy()
+                else:
+                    y1, K = attempts.states[attempts.count], attempts.rates[attempts.count]
+                    attempts.accept()
                 self.rate_after = K[-1]
                 self.last = (t, step, y, K)
                 return t1, y1
@@ -75,13 +75,27 @@ class Stepper:
             grow = 1.0
             h = step * (max(_SHRINK, _SAFETY * size**self.power) if np.isfinite(size) else 0.1)
             if h < 1e-14 * max(t, 1e-3):
-                bad = np.abs(error / self._allowed(y, y1))[system.moving]
+                if attempts is not None:
+                    y1, error = attempts.states[attempts.count], attempts.errors[attempts.count]
+                bad = np.abs(error / self._allowed(y, y1))[self.system.moving]
                 worst = int(np.argmax(np.where(np.isfinite(bad), bad, np.inf)))
                 raise SimulationError(
                     f"at t = {t:.9g} s steps shrink below {h:.1e} s and still miss the tolerance, most of all in joint "
-                    f"{system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows without bound. Make it "
+                    f"{self.system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows without bound. Make it "
                     "continuous, or take a method of fixed steps."
                 )
+
+    def _tried(self, t: float, y: Array, rate: Array, step: float) -> tuple[Array, Array, float]:
+        """The state after a step, its error, and how large that is of what is allowed."""
+        judged = slice(0, self.system.size - len(WORKS))
+        y1 = self.scheme.step(t, y, step, rate)
+        self.stiffness.look(t, step, y, y1)
+        error = step * np.dot(self.scheme.error, self.scheme.K)
+        allowed = self._allowed(y, y1)
+        size = float(np.sqrt(np.mean(np.square((error / allowed)[judged]))))
+        if size <= 1.0:
+            size = max(size, self._unseen(t, step, y, allowed))
+        return y1, error, size
 
     def between(self, times: Array) -> Array:
         """The states (m, size) at times (m,) within the last step, by the dense output."""
@@ -99,7 +113,7 @@ class Stepper:
 
         They are judged by a method of order 4, so it is more than they are off by.
         """
-        off = self.errors
+        off = self.errors if self.attempts is None else self.attempts.total
         return np.asarray(self.system.manifold.errors(off[: self.system.nq]) + spans * off[self.system.moving])
 
     def _unseen(self, t: float, h: float, y: Array, allowed: Array) -> float:

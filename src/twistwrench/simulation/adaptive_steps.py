@@ -22,8 +22,8 @@ def take_adaptively(run: Run, stepper: Stepper) -> None:
     run.sample(t, y)
     run.system.rates(t, y, run.rate)
     run.keep(t, y)
-    if stepper.attempts is not None and run.asks_nobody and run.watch is None:
-        take_freely(run, stepper)
+    if stepper.attempts is not None and run.asks_nobody:
+        take_freely(run, stepper, stepper.attempts)
         return
     kept = 1
     while t < end:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..typing import Array
 from .asked_rows import AskedRows
 from .compiled_steps import CompiledSteps
 from .step_blocks import FASTEST, end_in_step, keep_steps, look_in_step
@@ -11,17 +14,14 @@ from .step_blocks import FASTEST, end_in_step, keep_steps, look_in_step
 if TYPE_CHECKING:
     from .run import Run
 
-BLOCK = 128
-"""Steps whose states are kept and looked at together: more are prepared for longer, fewer are kept in more parts."""
-
 
 def take_asked(run: Run, steps: CompiledSteps) -> None:
     """Take all steps of a run, to its end or to an event that ends it. Raises SimulationError where a function fails."""
     system = run.system
-    rows = AskedRows(steps, run.controller, run.constant, min(BLOCK, run.n))
-    while run.steps < run.n:
-        if _take_block(run, steps, rows):
-            return
+    with AskedRows.lent(steps, run.controller, run.constant, run.n) as rows:
+        while run.steps < run.n:
+            if _take_block(run, steps, rows):
+                return
     t, y = run.last
     system.rates(t, y, run.rate)
     run.keep(t, y)
@@ -73,7 +73,14 @@ def _take_block(run: Run, steps: CompiledSteps, rows: AskedRows) -> bool:
             system.held = rows.held[sampled - 1].copy()
         system.evaluations += steps.stages * sampled
         ddq = rows.ddq[:: rows.every]
-        keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done])
+        gaps = _gaps(run, rows, states[done], done)
+        keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done], gaps)
     if end is not None:
         end_in_step(run, steps, end, ddq[done], rows.tau[done])
     return end is not None
+
+
+def _gaps(run: Run, rows: AskedRows, last: Array, done: int) -> Array:
+    """How far each contact is from touching as each step begins and after the last one, (done + 1, contacts)."""
+    q = run.system.split(last)[0]
+    return np.concatenate([rows.gaps[:: rows.every][:done], [[contact.gap(q) for contact in run.system.contacts]]])

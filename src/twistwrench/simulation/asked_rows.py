@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,12 +21,16 @@ Stage = tuple[float, int, Array, Array, list[Ask]]
 """A call: at which share of its step, its number, its coordinates and velocities, and who is asked."""
 
 
+SHORT, LONG = 128, 512
+"""Steps whose states are kept and looked at together: more are prepared for longer, fewer are kept in more parts."""
+
+
 class AskedRows:
     """A block of m steps: their states, the torques given, and what is to be done for each of them."""
 
-    def __init__(self, steps: CompiledSteps, controller: Law | None, constant: Array, m: int) -> None:
+    def __init__(self, steps: CompiledSteps, m: int) -> None:
         s = steps.system
-        laws = list(steps.laws()) if isinstance(steps, AskedSteps) else []
+        laws = _laws(steps)
         shares = steps.shares if isinstance(steps, AskedSteps) else [0.0]
         self.every = n = len(shares)
         """Calls that make a step."""
@@ -32,9 +39,11 @@ class AskedRows:
         self.states = np.zeros((m * n + 1, s.size))
         """At the beginning of each call, and after the last one."""
         self.ddq = np.zeros((m * n, s.nv))
-        self.held = np.tile(constant, (m, 1))
+        self.held = np.zeros((m, s.nv))
         """(m, nv), what the controller gives and what is constant."""
-        given = {name: (x[None], one) for name, x in steps.constants.items()}
+        self._h = np.zeros(1)
+        self._constants = {name: x[None].copy() for name, x in steps.constants.items()}
+        given: dict[str, Rows] = {name: (x, one) for name, x in self._constants.items()}
         given["tau"] = self.held, step
         given |= {name: (np.zeros((m * n, *law.shape)), own) for name, law in laws}
         self.given = given["tau"][0]
@@ -50,30 +59,74 @@ class AskedRows:
             after += [(sums[:, cut], own + 1) for cut in steps.cuts]
             states += [*self._parts(steps, step * n), (steps.table, own % n)]
         named = [given[name] for name in steps.names]
-        operands = [*states, (np.array([steps.h]), one), *named, *after, (self.ddq, own)]
+        self.gaps = np.zeros((m * n, len(s.contacts)))
+        """Of the contacts as each call begins."""
+        said = [(self.ddq, own), (self.gaps, own)][: 1 + bool(s.contacts)]
+        operands = [*states, (self._h, one), *named, *after, *said]
         first = len(states) + 1
         self.call = row_calls(
             steps.kernel, operands, first + steps.names.index("tau"), first + len(named) + len(steps.cuts)
         )
         """Makes a call, with torques of its own if they are given, and gives the peak after it."""
 
-        self.sole = _sole(controller, constant, laws)
+        self._rows = {name: given[name][0] for name, _ in laws}
+        q, dq = (self.states[:-1, cut] for cut in steps.cuts[:2])
+        self._calls = [*zip(shares * m, own.tolist(), q, dq, strict=True)]
+        self.sole: Law | None = None
         """Who alone gives the torques of every call, if one function does and no other is asked."""
-        asks: list[list[Ask]] = [[] for _ in own]
-        if controller is not None and self.sole is None:
+        self.steps: list[list[Stage]] = []
+        """Of each step its calls."""
+        self._plain: list[list[Stage]] = []
+
+    @classmethod
+    @contextmanager
+    def lent(cls, steps: CompiledSteps, controller: Law | None, constant: Array, n: int) -> Iterator[AskedRows]:
+        """Rows for a run of n steps, kept by its robot for the next one: what points to them takes long to prepare."""
+        m = SHORT if n <= 2 * SHORT else LONG
+        key = "asked rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in _laws(steps))
+        free: list[AskedRows] = steps.system.robot.engine.kept(key, list)
+        try:
+            rows = free.pop()
+        except (
+            IndexError
+        ):  # all of them are lent: a function that is asked may simulate itself, and so may another thread
+            rows = cls(steps, m)
+        rows._begin(steps, controller, constant)
+        yield rows
+        rows.steps = rows._plain  # no function is kept
+        rows.sole = None
+        free.append(rows)
+
+    def _begin(self, steps: CompiledSteps, controller: Law | None, constant: Array) -> None:
+        """Numbers and functions of a run."""
+        self._h[0], self.held[:], laws, n = steps.h, constant, _laws(steps), self.every
+        for name, x in steps.constants.items():
+            self._constants[name][0] = x
+        self.sole = _sole(controller, constant, laws)
+        if self.sole is not None or not (controller or laws):
+            self._plain = self._plain or self._steps([[] for _ in self._calls])
+            self.steps = self._plain
+            return
+        asks: list[list[Ask]] = [[] for _ in self._calls]
+        if controller is not None:
             for k, row in enumerate(self.held):
                 asks[k * n].append((controller, row, constant))
-        for name, law in laws if self.sole is None else []:
+        for name, law in laws:
             added = controller is not None and name == "tau"
-            for k, row in enumerate(given[name][0]):
+            for k, row in enumerate(self._rows[name]):
                 asks[k].append((law, row, self.held[k // n] if added else None))
-        q, dq = (self.states[:-1, cut] for cut in steps.cuts[:2])
-        every = [*zip(shares * m, own.tolist(), q, dq, asks, strict=True)]
-        self.steps = [every[k : k + n] for k in range(0, m * n, n)]
-        """Of each step its calls."""
+        self.steps = self._steps(asks)
+
+    def _steps(self, asks: list[list[Ask]]) -> list[list[Stage]]:
+        every = [(*call, mine) for call, mine in zip(self._calls, asks, strict=True)]
+        return [every[k : k + self.every] for k in range(0, len(every), self.every)]
 
     def _parts(self, steps: CompiledSteps, which: NDArray[np.intp]) -> list[Rows]:
         return [(self.states[:, cut], which) for cut in steps.cuts]
+
+
+def _laws(steps: CompiledSteps) -> list[tuple[str, Law]]:
+    return list(steps.laws()) if isinstance(steps, AskedSteps) else []
 
 
 def _sole(controller: Law | None, constant: Array, laws: list[tuple[str, Law]]) -> Law | None:

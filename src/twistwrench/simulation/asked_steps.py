@@ -45,6 +45,12 @@ class AskedSteps(CompiledSteps):
         """The states a time h after states (..., size) at times t."""
         return self._stepped(t, y, h, len(self.shares))[0]
 
+    def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
+        """The same, and the accelerations (..., nv) at these states."""
+        if self.system.braked is not None:
+            return self.after(t, y, h), self.accelerations(t, y)
+        return self._stepped(t, y, h, len(self.shares))
+
     def accelerations(self, t: Any, y: Array) -> Array:
         """Of states (..., size) at times t, (..., nv), those that a step begins with."""
         return self._stepped(t, y, self.h, 1)[1]
@@ -52,8 +58,8 @@ class AskedSteps(CompiledSteps):
     def _stepped(self, t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
         """States after so many stages of a step, and the accelerations that it begins with."""
         if self.stages == 1:
-            after, ddq = self.taken(y, 1, h, self._given(t, y))
-            return after[..., 0, :], ddq[..., 0, :]
+            states, ddq, _ = self.taken(y, 1, h, self._given(t, y))
+            return states[..., 1, :], ddq[..., 0, :]
         s, x, sums, begun = self.system, y, np.zeros_like(y), None
         start = [y[..., None, cut] for cut in self.cuts]
         for share, row in zip(self.shares[:count], self.table, strict=False):
@@ -61,7 +67,8 @@ class AskedSteps(CompiledSteps):
             after, summed = np.empty((2, *y.shape[:-1], 1, s.size))
             ddq = np.empty((*y.shape[:-1], 1, s.nv))
             state, added, end, total = ([part[..., cut] for cut in self.cuts] for part in (x, sums, after, summed))
-            out = (*end, np.empty(after.shape[:-1]), *total, ddq)
+            said = (ddq, np.empty((*ddq.shape[:-1], len(s.contacts)))) if s.contacts else (ddq,)
+            out = (*end, np.empty(after.shape[:-1]), *total, *said)
             self.kernel(*state, 0.0, *added, *start, row[None], np.array([h]), *given, out=out)
             x, sums = after[..., 0, :], summed[..., 0, :]
             begun = ddq[..., 0, :] if begun is None else begun

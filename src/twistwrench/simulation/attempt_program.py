@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from ..algorithms.recursion import zeros
-from ..program.program import Program
 from ..program.recurrence import Recurrence, Source
 from ..program.trace import trace
 from ..typing import Array
@@ -34,30 +33,41 @@ class AttemptedStep(SimulatedStep):
         return STAGES - 1
 
     def recurrence(self) -> Recurrence:
-        """The program, whose states are q, dq, W and the rates (7, size) of the stages, the first of them given."""
-        given, model = self.given, self.model
+        """The program, whose states are q, dq, W, the rates (7, size) of the stages, error (size,) and judgement (4,).
+
+        Of the rates the first are given; error and judgement go in as any numbers, and nothing takes them. After the step's
+        length and all else that is given come the tolerances.
+        """
+        model = self.model
         shapes = [(model.nq,), (model.nv,), (len(WORKS),)]
         size = model.nq + model.nv + len(WORKS)
         state: Ports = [("angles", shapes[0]), ("q", shapes[0]), ("dq", shapes[1])]
         starts: Ports = list(zip(("q at start", "dq at start", "work at start"), shapes, strict=True))
         rest: Ports = [*starts, ("K", (STAGES, size)), ("stage", (2 * STAGES,))]
+        given = [*self.given, ("rtol", ()), ("atol", ())]
         fed = [Source("state", k) for k in (0, 0, 1)] + [Source("start", k) for k in range(3)]
         fed += [Source("state", 3), Source("stage")]
-        program = trace(self._attempt, [*state, *rest, *given], ["q", "dq", "work", "rates"])
-        sources = (*fed, *[Source("given")] * len(given))
-        return Recurrence(program, sources, visible=4, table=_rows())
+        names = ["q", "dq", "work", "rates", "error", "judgement"]
+        program = trace(self._attempt, [*state, *rest, *given], names)
+        return Recurrence(program, (*fed, *[Source("given")] * len(given)), visible=6, table=_rows())
 
     def _attempt(
         self, angles: Array, _q: Array, dq: Array, q0: Array, dq0: Array, work0: Array, K: Array, row: Array, h: Any,
-        *given: Array,
+        *given: Any,
     ) -> tuple[Array, ...]:  # fmt: skip
-        """The rates at a stage, written into K by the first half of a row, and the next stage, by its second half."""
-        rate = np.concatenate(self.rates(angles, dq, given))
+        """The rates at a stage, written into K by the first half of a row, and the next stage, by its second half.
+
+        The last stage is at the end of the step, and so is what comes after it: then it is judged.
+        """
+        *acting, rtol, atol = given
+        rate = np.concatenate(self.rates(angles, dq, acting))
         here, ahead = row[:STAGES], row[STAGES:]
         K = np.array([K[0]] + [K[i] + here[i] * (rate - K[i]) for i in range(1, STAGES)], object)
-        y = np.concatenate([q0, dq0, work0]) + h * (ahead @ K)
+        y = np.concatenate([q0, dq0, work0])
+        y1 = y + h * (ahead @ K)
         nq, nv = self.model.nq, self.model.nv
-        return y[:nq], y[nq : nq + nv], y[nq + nv :], K
+        judged = judgement(slice(nq, nq + nv), y, y1, K, h, rtol, atol)
+        return y1[:nq], y1[nq : nq + nv], y1[nq + nv :], K, *judged
 
 
 def _rows() -> tuple[tuple[float, ...], ...]:
@@ -75,22 +85,15 @@ def _rows() -> tuple[tuple[float, ...], ...]:
     return tuple(rows)
 
 
-def judgement(nq: int, nv: int) -> Program:
-    """The program of what a step is judged by: its error (size,), and size, steepness, distance and speed (4,), squared."""
-    judged, size = nq + nv, nq + nv + len(WORKS)
-    a, *_ = DORMAND_PRINCE.numbers
-    weights = DORMAND_PRINCE.numbers[3]
-
-    def judge(y: Array, y1: Array, K: Array, h: Any, rtol: Any, atol: Any) -> tuple[Array, Array]:
-        error = h * (weights @ K)
-        largest = np.array([abs(x).clip(abs(x1), np.inf) for x, x1 in zip(y, y1, strict=True)], object)
-        share = (error / (atol + rtol * largest))[:judged]
-        steep = (K[-1] - K[-2])[:judged]
-        away = (y1 - y - h * (a[-2][: STAGES - 2] @ K[:-2]))[:judged]
-        speeds = y1[nq:judged]
-        found = zeros(4)
-        found[:] = (share @ share) * (1.0 / judged), h * h * (steep @ steep), away @ away, speeds @ speeds
-        return error, found
-
-    ports: Ports = [("y", (size,)), ("y1", (size,)), ("K", (STAGES, size)), ("h", ()), ("rtol", ()), ("atol", ())]
-    return trace(judge, ports, ["error", "judgement"])
+def judgement(moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, atol: Any) -> tuple[Array, Array]:
+    """What a step from y to y1 is judged by: its error (size,), and size, steepness, distance and speed (4,), squared."""
+    mine = slice(0, moving.stop)
+    a, _, _, weights, _ = DORMAND_PRINCE.numbers
+    error = h * (weights @ K)
+    largest = np.array([abs(x).clip(abs(x1), np.inf) for x, x1 in zip(y, y1, strict=True)], object)
+    share = (error / (atol + rtol * largest))[mine]
+    steep = (K[-1] - K[-2])[mine]
+    away = (y1 - y - h * (a[-2][: STAGES - 2] @ K[:-2]))[mine]
+    found = zeros(4)
+    found[:] = (share @ share) * (1.0 / moving.stop), h * h * (steep @ steep), away @ away, y1[moving] @ y1[moving]
+    return error, found

@@ -2,48 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import inspect
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import residual
 from ..errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
 from ..typing import Array
 from .compiled_steps import CompiledSteps
-from .contact import JointStops, Plane
-from .events import Event
 from .preparation import prepare
 from .result import SimulationResult
 from .run import Run
 from .schemes import ADAPTIVE
-from .simulate import carried_out
+from .simulated import carried_out
 from .step_blocks import use_block
-from .user_functions import Function, require_arguments
+from .user_functions import require_arguments
 
 if TYPE_CHECKING:
     from ..robot import Robot
-
-
-class SimulationOptions(TypedDict, total=False):
-    """What :meth:`twistwrench.Robot.simulate` takes beside the start, the duration and the step."""
-
-    method: str
-    tau: ArrayLike | Function | None
-    controller: Function | None
-    wrench_on_robot: Mapping[str, Any] | None
-    friction: bool
-    creep: float | None
-    contacts: Plane | JointStops | Iterable[Plane | JointStops]
-    limits: str | None
-    events: Event | Function | Iterable[Event | Function]
-    rtol: float
-    atol: float
-    max_step: float | None
-    every: int
-    progress: Callable[[float], None] | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,32 +67,25 @@ class SimulationBatch:
             k = int(np.argmin(self.completed.ravel()))
             where = ", ".join(map(str, np.unravel_index(k, self.shape))) if self.shape else ""
             said.append(f"the first of the others, [{where}]: {self.results[k].stopped}")
-        said.append(f"drift of energy at most {np.max([found.relative_drift for found in self.results]):.1e}")
+        said.append(f"drift of energy at most {residual(np.max([found.relative_drift for found in self.results]))}")
         remarks = dict.fromkeys(remark for found in self.results for remark in found.remarks)
         said += [f"note: {remark}" for remark in list(remarks)[:3]]
         return f"<SimulationBatch of {first.robot!r}, {first.method}: {'; '.join(said)}>"
 
 
-def simulate_batch(
-    robot: Robot,
-    q0: ArrayLike | None,
-    dq0: ArrayLike | None,
-    duration: float,
-    dt: float,
-    **options: Unpack[SimulationOptions],
-) -> SimulationBatch:
+def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch:
     """Simulations from many states; see :meth:`twistwrench.Robot.simulate_batch`."""
-    if unknown := set(options) - set(_DEFAULTS):
-        raise ValueRangeError(f"simulate_batch: unknown {', '.join(sorted(unknown))}. It takes what simulate takes.")
-    q, dq, shape = _starts(robot, q0, dq0)
-    given: dict[str, Any] = {**_DEFAULTS, **options}
+    asked = inspect.signature(robot.simulate).bind(*start, **options)
+    asked.apply_defaults()
+    given = asked.arguments
+    q, dq, shape = _starts(robot, given.pop("q0"), given.pop("dq0"))
     progress = given.pop("progress")
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
     runs = []
     for place, one, rates in zip(np.ndindex(shape), q, dq, strict=True):
         try:
-            runs.append(prepare(robot, one, rates, duration, dt, **given, progress=None, loops=None))
+            runs.append(prepare(robot, one, rates, **given, progress=None, loops=None))
         except TwistWrenchError as problem:
             if place == (0,) * len(shape) or "q0" not in str(problem):
                 raise
@@ -127,24 +101,6 @@ def simulate_batch(
         if progress is not None:
             progress(len(results) / len(runs))
     return SimulationBatch(tuple(results), shape)
-
-
-_DEFAULTS: dict[str, Any] = {
-    "method": ADAPTIVE,
-    "tau": None,
-    "controller": None,
-    "wrench_on_robot": None,
-    "friction": False,
-    "creep": None,
-    "contacts": (),
-    "limits": None,
-    "events": (),
-    "rtol": 1e-8,
-    "atol": 1e-10,
-    "max_step": None,
-    "every": 1,
-    "progress": None,
-}
 
 
 def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[Array, Array, tuple[int, ...]]:
@@ -166,6 +122,8 @@ def _advance(runs: list[Run]) -> None:
     first = runs[0]
     made = [CompiledSteps.of(run.system, run.method, run.scheme.order, run.h) for run in runs]
     going = [(run, steps) for run, steps in zip(runs, made, strict=True) if steps is not None]
+    for run, _ in going:
+        run.begin()
     wide = going[0][1].side_by_side() if going else None
     while wide is not None and going and (left := first.n - going[0][0].steps):
         counted = first.system.evaluations
@@ -173,4 +131,4 @@ def _advance(runs: list[Run]) -> None:
         states = np.array([run.last[1] for run, _ in going])
         found = wide.taken(states, min(max(1, wide.most // len(going)), left), first.h, given)
         first.system.evaluations = counted
-        going = [both for both, Y, ddq in zip(going, *found, strict=True) if use_block(*both, Y, ddq)]
+        going = [both for both, *mine in zip(going, *found, strict=True) if use_block(*both, *mine)]

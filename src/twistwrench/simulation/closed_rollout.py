@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..algorithms.weighted_svd import SAFE
+from ..core import arguments
+from ..core.printed_numbers import residual
 from ..errors import ValueRangeError
 from ..model.variable_parameters import moves_joints
 from ..robot import closed_robot_checks as checks
 from ..typing import Array
 from .closed_step import FASTEST, GOOD, KEPT, OPEN, PIVOT, WIDEST
 from .closed_system import Loops
-from .rollout import Rollout, rollout
+from .rollout import Rollout, rolled_out
 from .rollout_inputs import Inputs, cleaned
 from .rollout_kernel import computed, room_for
 
@@ -38,16 +40,22 @@ class ClosedRollout(Rollout):
 
     def __repr__(self) -> str:
         gaps = (float(np.max(x, initial=0.0)) for x in (self.gap, self.gap_before))
-        return f"{super().__repr__()[:-1]}; gap {next(gaps):.1e}, before projection {next(gaps):.1e}>"
+        return f"{super().__repr__()[:-1]}; gap {residual(next(gaps))}, before projection {residual(next(gaps))}>"
 
 
-def rollout_closed(closed: ClosedRobot, q0: Any, dq0: Any, tau: Any = None, **given: Any) -> ClosedRollout:
-    """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.ClosedRobot.rollout`."""
+def rollout_closed(
+    closed: ClosedRobot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **given: Any
+) -> ClosedRollout:
+    """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.Robot.rollout`."""
     robot = closed.robot
+    if arguments.flag(gradients, "gradients") or out is not None:
+        raise ValueRangeError(
+            "gradients and out are for rollouts of open robots; leave them out where loops are closed."
+        )
     if not closed.independent:
-        return _held(rollout(robot, q0, dq0, tau, **given), None)
+        return _held(rolled_out(robot, *start, gradients=False, out=None, **given), None)
     loops = Loops(closed)
-    inputs = cleaned(robot, q0, dq0, tau, **given, step_of=loops.step_of)
+    inputs = cleaned(robot, *start, **given, step_of=loops.step_of)
     if moves_joints(robot.model, inputs.plan.parameters):
         raise ValueRangeError(
             f"parameters={inputs.plan.parameters!r} move joints, and with them where the loops close. Close a robot of each "
@@ -57,12 +65,11 @@ def rollout_closed(closed: ClosedRobot, q0: Any, dq0: Any, tau: Any = None, **gi
     results = room_for(inputs, None)
     computed(robot, inputs, results)
     q, dq, kept, *said = results
-    times = np.arange(inputs.kept + 1) * (inputs.dt * (inputs.steps // inputs.kept))
     lost = ~(kept[..., GOOD] > 0.5)
     q[lost], dq[lost] = np.nan, np.nan
     plain = Rollout(
-        robot.name, robot.coordinate_names, robot.model.velocity_names, times, q, dq, said[0] if said else None, inputs.dt,
-        inputs.steps, inputs.plan.method, inputs.remarks, robot,
+        robot.name, robot.coordinate_names, robot.model.velocity_names, inputs.times, q, dq, said[0] if said else None,
+        inputs.dt, inputs.steps, inputs.plan.method, inputs.remarks, robot,
     )  # fmt: skip
     return _held(plain, (kept, lost))
 

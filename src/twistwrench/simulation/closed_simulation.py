@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import residual
 from ..errors import SimulationError, UnknownNameError
 from ..robot import closed_robot_checks as checks
 from ..typing import Array
 from .closed_system import CLOSED_METHODS, Loops
 from .result import SimulationResult
-from .simulate import simulate
+from .simulated import simulated
 
 if TYPE_CHECKING:
     from ..robot.closed_robot import ClosedRobot
@@ -34,21 +35,20 @@ class ClosedSimulation(SimulationResult):
     """rad/s or m/s, the largest rate A dq that a step left; it was taken away likewise."""
 
     def __repr__(self) -> str:
-        held = f"gap {self.gap.max(initial=0.0):.1e}, before projection {self.gap_before:.1e}"
+        held = f"gap {residual(self.gap.max(initial=0.0))}, before projection {residual(self.gap_before)}"
         return f"{super().__repr__()[:-1]}; {held}>"
 
 
-def simulate_closed(
-    closed: ClosedRobot, q0: Any, dq0: Any, duration: float, dt: float, *, method: str, **given: Any
-) -> ClosedSimulation:
-    """Simulation of a closed robot from one state; see :meth:`twistwrench.ClosedRobot.simulate`."""
+def simulate_closed(closed: ClosedRobot, q0: Any, *start: Any, method: str | None, **given: Any) -> ClosedSimulation:
+    """Simulation of a closed robot from one state; see :meth:`twistwrench.Robot.simulate`."""
+    method = "rk4" if method is None else method
     if method not in CLOSED_METHODS:
         raise UnknownNameError.of("method", method, CLOSED_METHODS)
     loops = Loops(closed) if closed.independent else None
     if q0 is None:
         q0 = checks.some_configurations(closed, closed.robot.neutral)[0]
     try:
-        found = simulate(closed.robot, q0, dq0, duration, dt, method=method, loops=loops, **given)
+        found = simulated(closed.robot, q0, *start, method=method, loops=loops, **given)
     except (SimulationError, KeyboardInterrupt) as problem:
         if isinstance(result := getattr(problem, "result", None), SimulationResult):
             problem.result = _held(result, closed, loops)  # type: ignore[union-attr]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .closed_step import FASTEST, GOOD, KEPT, PIVOT, WIDEST
 from .closed_system import ClosedSystem, Loops
@@ -30,7 +30,7 @@ class ClosedSteps(CompiledSteps):
         """The steps in machine code; None where something is a function, a contact, or a step is too long to be compiled."""
         if not isinstance(system, ClosedSystem) or method not in SIMULATED:
             return None
-        if system.functions or not acts_by_itself(system):
+        if system.functions or system.contacts or not acts_by_itself(system):
             return None
         loops, robot = system.loops, system.robot
         acting = Plan(
@@ -45,12 +45,18 @@ class ClosedSteps(CompiledSteps):
         found.most, found.loops = BLOCK, loops
         return found
 
-    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
-        """States after each step, (..., steps, size), not numbers from one that ends off the constraints; and accelerations."""
+    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
+        """As :meth:`.CompiledSteps.take`; states are no numbers from a step on that ends off the constraints."""
         s, loops = self.system, self.loops
         lengths = np.full(steps, self.h if h is None else h)
         batch = (*y.shape[:-1], steps)
-        Y, kept, ddq = np.empty((*batch, s.size)), np.empty((*batch, KEPT)), np.empty((*batch, s.nv))
+        states, kept, ddq = (
+            np.empty((*y.shape[:-1], steps + 1, s.size)),
+            np.empty((*batch, KEPT)),
+            np.empty((*batch, s.nv)),
+        )
+        states[..., 0, :] = y
+        Y = states[..., 1:, :]
         begun = np.zeros((*y.shape[:-1], KEPT))
         begun[..., PIVOT], begun[..., GOOD] = loops.smallest(y), 1.0
         q, dq, work = self.cuts
@@ -66,4 +72,4 @@ class ClosedSteps(CompiledSteps):
             last = kept[int(good.sum()) - 1]
             loops.note(last[WIDEST], last[FASTEST])
         s.evaluations += self.stages * steps
-        return Y, ddq
+        return states, ddq, np.empty((*batch, 0))

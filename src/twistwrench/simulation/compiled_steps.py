@@ -10,7 +10,7 @@ import numpy as np
 from ..kernels.interpreter import compiles
 from ..kernels.ufunc import owner_of
 from ..program.recurrence import Recurrence
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .forces import System
 from .simulated_step import SIMULATED, SimulatedStep
@@ -18,6 +18,8 @@ from .torque_laws import GivenTorque
 
 _IN_ONE_CALL = 5e8
 """Operations between two looks at whether the user wants to stop: some hundredths of a second."""
+_TOUCHING = 64
+"""Points and joints that run into something, up to which steps are compiled: each is written out."""
 _NUMBERS = 2_000_000
 """Numbers that the states of one call may be."""
 
@@ -25,7 +27,8 @@ _NUMBERS = 2_000_000
 def acts_by_itself(system: System) -> bool:
     """Whether what acts on a robot follows from its state by laws of its own but for functions, and steps can be compiled."""
     gained = system.braked is not None and system.braked.gained
-    return not (system.contacts or gained) and compiles()
+    touching = sum(contact.size for contact in system.contacts)
+    return not gained and touching <= _TOUCHING and compiles()
 
 
 def rubs(system: System) -> bool:
@@ -41,6 +44,8 @@ def constants(system: System, plan: SimulatedStep) -> dict[str, Array]:
     }
     if plan.eases and system.friction is not None:
         given["creep"] = system.friction.creep
+    for k, contact in enumerate(plan.contacts):
+        given |= {f"{name} of contact {k}": x for name, x in contact.numbers.items()}
     return given
 
 
@@ -67,7 +72,12 @@ class CompiledSteps:
         if method not in SIMULATED or not acts_by_itself(system):
             return None
         model = system.robot.model
-        plan = SimulatedStep(model, GivenTorque(), method, frames=tuple(system.wrenches), friction=rubs(system))
+        acting: dict[str, Any] = {
+            "frames": tuple(system.wrenches),
+            "friction": rubs(system),
+            "contacts": system.contacts,
+        }
+        plan = SimulatedStep(model, GivenTorque(), method, **acting)
         return cls._with_kernel(system, plan, order, h, lone=True)
 
     @classmethod
@@ -95,8 +105,12 @@ class CompiledSteps:
         """What is compiled: whole steps."""
         return plan.recurrence()
 
-    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array]:
-        """States after each step, (..., steps, size), and accelerations as each begins, (..., steps, nv); y (..., size)."""
+    def take(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
+        """States before and after each step, (..., steps + 1, size), and what is said of each as it begins.
+
+        That is the accelerations (..., steps, nv), and how far each contact is from touching, (..., steps, contacts).
+        ``y`` (..., size) is the first of these states.
+        """
         return self.taken(y, steps, self.h if h is None else h, self.told())
 
     def told(self) -> list[Array]:
@@ -104,21 +118,32 @@ class CompiledSteps:
         given = {"tau": self.system.held, **self.constants}
         return [given[name] for name in self.names]
 
-    def taken(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array]:
+    def taken(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array, Array]:
         """The same, where ``given`` (..., n) are told for all of the steps but their length."""
         s = self.system
-        Y, ddq = np.empty((*y.shape[:-1], steps, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
+        Y, ddq = np.empty((*y.shape[:-1], steps + 1, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
+        Y[..., 0, :] = y
+        after = Y[..., 1:, :]
         rows = [x[..., None, :] for x in given]
         if steps > 1:
             rows = [np.broadcast_to(x, (*x.shape[:-2], steps, x.shape[-1])) for x in rows]
-        states, after = ([x[..., cut] for cut in self.cuts] for x in (y, Y))
-        self.kernel(*states, 0.0, np.full(steps, h), *rows, out=(*after, np.empty(Y.shape[:-1]), ddq))
+        before, ends = ([x[..., cut] for cut in self.cuts] for x in (y, after))
+        gaps = np.empty((*ddq.shape[:-1], len(s.contacts)))
+        said = (ddq, gaps) if s.contacts else (ddq,)
+        self.kernel(*before, 0.0, np.full(steps, h), *rows, out=(*ends, np.empty(ddq.shape[:-1]), *said))
         s.evaluations += self.stages * steps
-        return Y, ddq
+        return Y, ddq, gaps
 
     def after(self, _t: Any, y: Array, h: float) -> Array:
         """The states a time h after states (..., size)."""
-        return self.take(y, 1, h)[0][..., 0, :]
+        return self.take(y, 1, h)[0][..., 1, :]
+
+    def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
+        """The same, and the accelerations (..., nv) at these states."""
+        if self.system.braked is not None:  # whose accelerations are those of a step of the usual length
+            return self.after(t, y, h), self.accelerations(t, y)
+        Y, ddq, _ = self.take(y, 1, h)
+        return Y[..., 1, :], ddq[..., 0, :]
 
     def accelerations(self, _t: Any, y: Array) -> Array:
         """Of states (..., size), (..., nv), those that a step begins with."""

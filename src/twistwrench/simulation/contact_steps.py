@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..typing import Array
+
 _FEW = 2
 """Ends of steps in a row at which a contact that is too short is closed, at most."""
 
@@ -13,9 +18,11 @@ class Touches:
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
-        self.inside = [0] * len(self.names)
-        """For how many ends of steps in a row each contact has been closed."""
-        self.worked = False
+        self._closed = np.zeros(len(self.names), bool)
+        self._since = np.zeros(len(self.names), int)
+        """The end of a step at which each contact closed last, counted from the beginning."""
+        self._worked = False
+        self._steps = 0
         self.short = 0
         """How many contacts began and ended within three steps."""
         self.first = ""
@@ -23,17 +30,26 @@ class Touches:
 
     def step(self, t: float, gaps: Sequence[float], *, worked: bool) -> bool:
         """Take note of a step that ends at t: the gaps then, and whether contacts did work in it; whether that is new."""
-        before = [count > 0 for count in self.inside]
-        now = [gap < 0.0 for gap in gaps]
-        for k, (was, closed) in enumerate(zip(before, now, strict=True)):
-            if was and not closed and self.inside[k] <= _FEW:
-                self._short(self.names[k], t)
-            self.inside[k] = self.inside[k] + 1 if closed else 0
-        if worked and not self.worked and not any(before) and not any(now):
-            self._short("a contact", t)
-        changed = before != now or worked != self.worked
-        self.worked = worked
-        return changed
+        return bool(self.block(np.array([t]), np.array([gaps], float), np.array([worked]))[0])
+
+    def block(self, times: Array, gaps: Array, worked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The same of m steps that end at times (m,), with gaps (m, contacts); (m,)."""
+        if not self.names:
+            return np.zeros(len(times), bool)
+        closed = np.concatenate([self._closed[None], gaps < 0.0])
+        works = np.concatenate([[self._worked], worked])
+        changed = (closed[1:] != closed[:-1]).any(axis=1) | (works[1:] != works[:-1])
+        for k in np.flatnonzero(changed).tolist():
+            t, before, now = float(times[k]), closed[k], closed[k + 1]
+            step = self._steps + k + 1
+            for j in np.flatnonzero(before & ~now).tolist():
+                if step - self._since[j] <= _FEW:
+                    self._short(self.names[j], t)
+            self._since[now & ~before] = step
+            if works[k + 1] and not works[k] and not before.any() and not now.any():
+                self._short("a contact", t)
+        self._closed, self._worked, self._steps = closed[-1], bool(works[-1]), self._steps + len(times)
+        return np.asarray(changed)
 
     def remark(self, h: float) -> str:
         """What to know of contacts that steps of h were too long for; empty if there are none."""

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..typing import Array
 from .position_limits import PositionLimits
 from .user_functions import Function, Law, require_three
 
 if TYPE_CHECKING:
-    from .contact import Contact
+    from .robot_contact import RobotContact
 
 _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
 
@@ -63,7 +65,7 @@ class Happening:
     """(nv,)."""
 
     def __str__(self) -> str:
-        return f"{self.name} at {self.time:.6g} s"
+        return f"{self.name} at {number(self.time, 6)} s"
 
 
 Step = Callable[[float], Array]
@@ -78,10 +80,11 @@ class Watch:
         events: Sequence[Event],
         split: Callable[[Array], tuple[Array, Array]],
         limits: PositionLimits | None = None,
-        contacts: Sequence[Contact] = (),
+        contacts: Sequence[RobotContact] = (),
     ) -> None:
         self.asked = len(events)
         self.events, self.split, self.limits = (*events, *contact_events(contacts)), split, limits
+        self.contacts = contacts
         self.laws = [Law(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
         """g of each event, when last looked at."""
@@ -100,22 +103,48 @@ class Watch:
         return self.before[self.asked :]
 
     @property
-    def limits_alone(self) -> bool:
-        """Whether there is nothing but limits of position."""
-        return not self.events
+    def asks_nobody(self) -> bool:
+        """Whether there is nothing but contacts and limits of position."""
+        return not self.asked
 
-    def first_passed(self, states: Array) -> int | None:
-        """The first of the steps between states (m + 1, size) in which a joint passes a limit, where there is nothing else.
+    def passings(self, states: Array, gaps: Array) -> Iterator[int]:
+        """Steps between states (m + 1, size) in which a contact begins or a joint passes a limit, each ready for a look.
 
-        None where there is none; then these are the states that were looked at last.
+        ``gaps`` (m + 1, contacts) are those of the states. Where nothing else is looked for.
         """
-        if self.limits is None:
-            return None
-        margins = self.limits.margins(self.split(states.T)[0].T)
-        passed = self.limits.passed(margins[:-1], margins[1:]).any(axis=1)
-        k = int(passed.argmax()) if passed.any() else len(margins) - 1
-        self.margins = margins[k].copy()
-        return k if passed.any() else None
+        margins = self._margins(states)
+        passed, m = self._passing(gaps, margins), len(states) - 1
+        for k in (*np.flatnonzero(passed).tolist(), None):
+            last = m if k is None else k
+            self.stand(gaps[last], margins[last])
+            if k is not None:
+                yield k
+
+    def passed(self, states: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+        """Whether a contact begins or a joint passes a limit before each of m states after what was looked at last, (m,).
+
+        And the gaps and margins (m + 1, ...) from then on, for :meth:`stand`. Where nothing else is looked for.
+        """
+        q = self.split(states.T)[0].T
+        after = np.array([contact.gaps(q) for contact in self.contacts]).reshape(-1, len(states)).T
+        gaps = np.concatenate([np.array([self.before]), after])
+        margins = np.concatenate([self.margins[None], self._margins(states)])
+        return self._passing(gaps, margins), gaps, margins
+
+    def stand(self, gaps: Array, margins: Array) -> None:
+        """Take note of gaps and margins of a state that was looked at."""
+        self.before, self.margins = gaps.tolist(), margins.copy()
+
+    def _margins(self, states: Array) -> Array:
+        """Of the limits of position, (m, limits)."""
+        return np.zeros((len(states), 0)) if self.limits is None else self.limits.margins(self.split(states.T)[0].T)
+
+    def _passing(self, gaps: Array, margins: Array) -> NDArray[np.bool_]:
+        """Whether a contact begins or a joint passes a limit between states (m + 1), (m,)."""
+        found = ((gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)).any(axis=1)
+        if self.limits is not None:
+            found |= self.limits.passed(margins[:-1], margins[1:]).any(axis=1)
+        return np.asarray(found)
 
     def begin(self, t: float, y: Array) -> None:
         """Take the values of the first state."""
@@ -182,6 +211,6 @@ class Watch:
         return float(brentq(g, s0, s1, xtol=4e-16 * max(t, s1), rtol=1e-15, maxiter=200))
 
 
-def contact_events(contacts: Sequence[Contact]) -> list[Event]:
+def contact_events(contacts: Sequence[RobotContact]) -> list[Event]:
     """The beginning of each contact; it ends nothing."""
     return [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]

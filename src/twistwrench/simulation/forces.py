@@ -22,9 +22,9 @@ from ..robot.wrench_arguments import wrench_at
 from ..screws.wrench import Wrench
 from ..typing import Array
 from .braked_step import BrakedStep
-from .contact import Contact
 from .eased_friction import EasedFriction
 from .manifold import Manifold
+from .robot_contact import RobotContact
 from .user_functions import Law
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class System:
         *,
         tau: Law | None = None,
         wrenches: Mapping[str, Law] | None = None,
-        contacts: Sequence[Contact] = (),
+        contacts: Sequence[RobotContact] = (),
         friction: EasedFriction | None = None,
     ) -> None:
         self.robot, self.manifold = robot, Manifold(robot)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.arguments import positive, whole
 from ..core.probe_rule import probe_spacing
 from ..errors import ShapeError, ValueRangeError
 from ..model.friction import NONE_GIVEN
@@ -22,14 +23,15 @@ from .closed_steps import ClosedSteps
 from .closed_system import ClosedScheme, ClosedStepper, ClosedSystem, Loops
 from .compiled_attempts import CompiledAttempts
 from .compiled_steps import CompiledSteps
-from .contact import JointStops, Plane, PlaneContact, StopContact
+from .contact import JointStops, Plane
 from .eased_friction import EasedFriction, creep_speeds, easing_remark
 from .events import Event, Watch
 from .forces import System, torque_law, wrench_laws
 from .position_limits import PositionLimits
+from .robot_contact import PlaneContact, StopContact
 from .run import Run
 from .schemes import ADAPTIVE, SemiImplicit, scheme_of
-from .user_functions import Function, Law, positive, require_arguments, whole
+from .user_functions import Function, Law, require_arguments
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -44,7 +46,7 @@ def prepare(
     duration: float,
     dt: float,
     *,
-    method: str,
+    method: str | None,
     tau: ArrayLike | Function | None,
     controller: Function | None,
     wrench_on_robot: Mapping[str, Any] | None,
@@ -60,7 +62,8 @@ def prepare(
     progress: Callable[[float], None] | None,
     loops: Loops | None,
 ) -> Run:
-    """A run that is ready to go, by the arguments of :func:`.simulate.simulate`."""
+    """A run that is ready to go, by the arguments of :meth:`twistwrench.Robot.simulate`."""
+    method = ADAPTIVE if method is None else method
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
     n, end = _steps(duration, dt, whole(every, "every"))
@@ -118,9 +121,10 @@ def prepare(
     def go() -> None:
         if adapts:
             asked = (*tolerances, longest, probe_spacing(h, end), end)
-            stepper = Stepper(system, *asked) if loops is None else ClosedStepper(loops, *asked)
-            stepper.attempts = CompiledAttempts.of(system, tolerances) if loops is None else None
-            take_adaptively(run, stepper)
+            if loops is None:
+                take_adaptively(run, Stepper(system, *asked, attempts=CompiledAttempts.of(system, tolerances)))
+            else:
+                take_adaptively(run, ClosedStepper(loops, *asked))
         elif loops is None:
             run.compiled = (AskedSteps if system.functions else CompiledSteps).of(system, method, scheme.order, h)
             run.fixed()

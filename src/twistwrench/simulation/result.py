@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import number, residual
 from ..errors import ValueRangeError
 from ..robot.robot_argument import require_robot
 from ..typing import Array
@@ -86,7 +87,7 @@ class SimulationResult:
     def __post_init__(self) -> None:
         with np.errstate(all="ignore"):  # the last states before a failure may be enormous
             energy = self.kinetic_energy + self.potential_energy
-            drift = energy - energy[0] - np.sum(list(self.work.values()), axis=0)
+            drift = energy - energy[0] - sum(self.work.values())
         object.__setattr__(self, "energy", energy)
         object.__setattr__(self, "drift", drift)
 
@@ -96,23 +97,25 @@ class SimulationResult:
         if not np.isfinite(self.energy).all():
             return np.nan
         moved = [
-            self.kinetic_energy.max(),
-            np.ptp(self.potential_energy),
-            *(np.abs(w).max() for w in self.work.values()),
+            float(self.kinetic_energy.max()),
+            float(np.ptp(self.potential_energy)),
+            *map(_largest, self.work.values()),
         ]
-        largest = max(*map(float, moved), _ROUNDING * float(np.abs(self.energy).max()))
-        return float(np.abs(self.drift).max()) / largest if largest > 0 else 0.0
+        largest = max(*moved, _ROUNDING * _largest(self.energy))
+        return _largest(self.drift) / largest if largest > 0 else 0.0
 
     def __len__(self) -> int:
         return len(self.times)
 
     def __repr__(self) -> str:
         said = [
-            f"{len(self)} state{'s' * (len(self) != 1)} to {self.times[-1]:g} s",
+            f"{len(self)} state{'s' * (len(self) != 1)} to {number(self.times[-1], 6)} s",
             self.stopped,
-            f"drift of energy {self.relative_drift:.1e}",
+            f"drift of energy {residual(self.relative_drift)}",
         ]
-        said += [f"error of the motion about {self.relative_error:.1e}"] if np.isfinite(self.relative_error) else []
+        said += (
+            [f"error of the motion about {residual(self.relative_error)}"] if np.isfinite(self.relative_error) else []
+        )
         said += [f"note: {r}" for r in self.remarks]
         return f"<SimulationResult of {self.robot!r}, {self.method}: {'; '.join(said)}>"
 
@@ -288,56 +291,5 @@ class SimulationResult:
         return plot_simulation(self, path)
 
 
-@dataclass
-class Record:
-    """The states kept so far: times, states, accelerations and torques of each, added all at once or not at all."""
-
-    blocks: list[tuple[Array, Array, Array, Array]] = field(default_factory=list)
-    """(m,), (m, size), (m, nv) and (m, nv)."""
-    events: list[Happening] = field(default_factory=list)
-
-    @property
-    def last(self) -> float:
-        """The time of the last state [s]; -inf where none is kept."""
-        return float(self.blocks[-1][0][-1]) if self.blocks else -np.inf
-
-    @property
-    def states(self) -> Array:
-        """(q, dq, W) of all, (n, size)."""
-        return np.concatenate([block[1] for block in self.blocks])
-
-    def keep(self, t: float, y: Array, ddq: Array, tau: Array) -> None:
-        """Add a state."""
-        self.blocks.append((np.array([t]), y[None].copy(), ddq[None].copy(), tau[None].copy()))
-
-    def keep_block(self, times: Array, states: Array, accelerations: Array, tau: Array) -> None:
-        """Add states (m, size) under torques (nv,) or (m, nv)."""
-        if len(times):
-            torques = tau.copy() if tau.ndim > 1 else np.broadcast_to(tau, accelerations.shape)
-            self.blocks.append((times.copy(), states.copy(), accelerations.copy(), torques))
-
-    def result(self, robot: Robot, works: tuple[str, ...], **said: Any) -> SimulationResult:
-        """All that was kept, with energies and momentum."""
-        times, Y, accelerations, torques = (np.concatenate(parts) for parts in zip(*self.blocks, strict=True))
-        q, dq, W = Y[:, : robot.nq], Y[:, robot.nq : robot.nq + robot.nv], Y[:, robot.nq + robot.nv :]
-        with np.errstate(all="ignore"):  # the last states before a failure may be enormous
-            kinetic, potential = robot.kinetic_energy(q, dq), robot.potential_energy(q)
-            momentum = robot.momentum(q, dq)
-        return SimulationResult(
-            robot=robot.name,
-            simulated=robot,
-            coordinate_names=robot.coordinate_names,
-            coordinate_units=tuple(u for b in robot.model.leaders for u in b.joint.coordinate_units),
-            velocity_names=robot.model.velocity_names,
-            times=times,
-            q=q.copy(),
-            dq=dq.copy(),
-            ddq=accelerations,
-            tau=torques,
-            kinetic_energy=np.asarray(kinetic),
-            potential_energy=np.asarray(potential),
-            work={name: W[:, k].copy() for k, name in enumerate(works)},
-            momentum=np.asarray(momentum),
-            events=tuple(self.events),
-            **said,
-        )
+def _largest(x: Array) -> float:
+    return max(float(x.max()), -float(x.min()))

@@ -18,7 +18,8 @@ from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes
 from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..motion.column_names import time_column
-from ..motion.coordinates import DEGREES, Coordinates
+from ..motion.column_suffixes import DEGREES, SUFFIX
+from ..motion.coordinates import Coordinates
 from ..outputs import replacing
 from ..typing import Array
 from .events import Happening
@@ -56,9 +57,9 @@ def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = Fal
         header, factors = _in_degrees(result, header)
     columns = [
         result.times,
-        result.q * factors.get("", 1.0),
-        result.dq * factors.get(".vel", 1.0),
-        result.ddq * factors.get(".vel", 1.0),
+        result.q * factors.get("q", 1.0),
+        result.dq * factors.get("dq", 1.0),
+        result.ddq * factors.get("dq", 1.0),
         result.tau,
         result.kinetic_energy,
         result.potential_energy,
@@ -80,9 +81,9 @@ def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str],
             "degrees: this result was read from a file, and has no robot that says what turns: result.of(robot).to_csv(…)."
         )
     names = Coordinates.of(result.simulated.model)
-    said = [header for suffix in DEGREES for header in names.headers(suffix, degrees=True)]
-    turning = {"": names.angular, ".vel": names.angular_velocity}
-    factors = {suffix: np.where(angular, np.degrees(1.0), 1.0) for suffix, angular in turning.items()}
+    said = [header for part in DEGREES for header in names.headers(part, degrees=True)]
+    turning = {"q": names.angular, "dq": names.angular_velocity}
+    factors = {part: np.where(angular, np.degrees(1.0), 1.0) for part, angular in turning.items()}
     return [header[0], *said, *header[1 + len(said) :]], factors
 
 
@@ -104,9 +105,7 @@ def _header(coordinates: Sequence[str], v: Sequence[str]) -> list[str]:
     header = [
         time_column(coordinates),
         *coordinates,
-        *(f"{n}.vel" for n in v),
-        *(f"{n}.acc" for n in v),
-        *(f"{n}.torque" for n in v),
+        *(f"{n}{SUFFIX[part]}" for part in ("dq", "ddq", "tau") for n in v),
     ]
     return [*header, "kinetic_energy", "potential_energy", *(f"work.{w}" for w in WORKS), *_MOMENTUM]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -13,12 +12,10 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import ValueRangeError
-from ..screws.wrench import Wrench
 from ..typing import Array
 from .rollout_gradient import RolloutGradient, gradient, kept_for_gradients, linearized
 from .rollout_inputs import Inputs, cleaned
 from .rollout_kernel import computed, room_for
-from .torque_laws import TorqueLaw
 
 if TYPE_CHECKING:
     from ..motion.motion import Motion
@@ -252,30 +249,9 @@ class Rollout:
         return f"<Rollout of {self.robot!r}, {self.method}: {'; '.join(said)}>"
 
 
-def rollout(
-    robot: Robot,
-    q0: ArrayLike,
-    dq0: ArrayLike,
-    tau: ArrayLike | TorqueLaw | None = None,
-    *,
-    dt: float = 1e-3,
-    steps: int | None = None,
-    duration: float | None = None,
-    every: int = 1,
-    method: str = "semi_implicit",
-    wrench_on_robot: Mapping[str, ArrayLike | Wrench] | None = None,
-    parameters: Mapping[str, ArrayLike] | None = None,
-    friction: bool = False,
-    torque_limits: bool | ArrayLike = False,
-    torques: bool = False,
-    gradients: bool = False,
-    out: tuple[Array, ...] | None = None,
-) -> Rollout:
-    """Motions from q0 (..., nq) and dq0 (..., nv); see :meth:`twistwrench.Robot.rollout`."""
-    given = cleaned(
-        robot, q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, method=method,
-        wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits, torques=torques,
-    )  # fmt: skip
+def rolled_out(robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **options: Any) -> Rollout:
+    """The result of :meth:`twistwrench.Robot.rollout`."""
+    given = cleaned(robot, *start, **options)
     for_gradients = kept_for_gradients(given, out) if arguments.flag(gradients, "gradients") else None
     results = room_for(given, out)
     computed(robot, given, results)
@@ -286,7 +262,7 @@ def rollout(
         robot.name,
         robot.coordinate_names,
         robot.model.velocity_names,
-        np.arange(given.kept + 1) * (given.dt * every),
+        given.times,
         q,
         dq,
         said[0] if said else None,

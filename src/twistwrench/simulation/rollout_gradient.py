@@ -17,7 +17,7 @@ from ..algorithms.friction import rubbing
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..kernels.results import room
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .rollout_inputs import Inputs
 from .rollout_kernel import kernel_of, take
@@ -39,7 +39,8 @@ class RolloutGradient:
     """Gradient of a cost of the motions of a rollout by all that went in.
 
     Each part has the shape of what was given. By configurations it is along robot.add, with entries nv in place of nq. What
-    several samples or steps share, as a payload or a gain, has the sum of their slopes.
+    several samples or steps share, as a payload or a gain, has the sum of their slopes. There is no slope by
+    ``torque_limits``, and a torque at its limit passes none on: its slope by what would change it is 0.
     """
 
     q0: Array

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core import arguments
+from ..core.arguments import positive, whole
 from ..errors import ShapeError, ValueRangeError
 from ..model.friction import NONE_GIVEN
 from ..typing import Array
@@ -25,7 +26,6 @@ from .rollout_arguments import (
 )
 from .step_program import Plan, method_named
 from .torque_laws import GivenTorque
-from .user_functions import positive, whole
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -53,6 +53,11 @@ class Inputs:
     """What to know of the motions before any is computed."""
     own: Mapping[str, tuple[int, ...] | None] = field(default_factory=dict)
     """Shapes of what the caller gave, by name; None of torques that are not given."""
+
+    @property
+    def times(self) -> Array:
+        """Of the states that are kept, (kept + 1,) s."""
+        return np.arange(self.kept + 1) * (self.dt * (self.steps // self.kept))
 
     @property
     def shapes(self) -> list[tuple[int, ...]]:

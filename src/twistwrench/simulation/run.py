@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,8 @@ from .contact_steps import Touches
 from .events import Watch
 from .force_probes import ForceProbes, UnseenForces
 from .forces import WORKS, System
-from .result import Record, SimulationResult
+from .record import Record
+from .result import SimulationResult
 from .schemes import ADAPTIVE, OneByOne, Scheme
 from .step_blocks import FASTEST, take_blocks
 from .step_doubling import Flow, StepDoubling
@@ -48,7 +50,7 @@ class Run:
         self.robot, self.system, self.scheme, self.end, self.n, self.every = robot, system, scheme, end, n, every
         self.h = end / n
         self.remarks, self.method = remarks, method
-        self.record = Record()
+        self.record = Record(n // every + 2, system.size, system.nv)
         self.watch: Watch | None = None
         self.controller: Law | None = None
         self.constant = system.held
@@ -92,7 +94,7 @@ class Run:
             if (k == 0 and self.leaves_at_once(y, y1, self.h)) or self.ended(t, y, [(self.h, y1)]):
                 return
             changed = self._touched(t1, y, y1) or self._stuck_or_slid(y, y1)
-            self.doubling.note(t, y, y1, self.system.held, changed=changed)
+            self.doubling.note(t, y, y1, self.system.held, self.rate[self.system.moving], changed=changed)
             self.unseen.note(t, y, y1)
             y = y1
             self.advance(t1, y)
@@ -105,12 +107,15 @@ class Run:
             self._keep_rough(*self.last)
         said = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
-        found = self.record.result(self.robot, WORKS, **said, **counts, remarks=tuple(self.remarks))
-        return self.accuracy.told(found, self.touches.remark(self.h))
+        errors = {"error_estimate": self.accuracy.error, "relative_error": self.accuracy.relative}
+        remarks = (*self.remarks, *filter(None, [self.touches.remark(self.h)]))
+        found = self.record.result(self.robot, WORKS, **said, **counts, **errors, remarks=remarks)
+        more = self.accuracy.remarks(self.method, found.relative_drift)
+        return replace(found, remarks=(*remarks, *more)) if more else found
 
     def judge(self) -> None:
         """Find what the steps so far are off by."""
-        if not self.record.blocks:
+        if not self.record.count:
             return
         extent = Extent.of(self.robot, self.record.states)
         if self.stepper is not None:
@@ -128,8 +133,8 @@ class Run:
 
     @property
     def asks_nobody(self) -> bool:
-        """Whether no function in Python gives torques or looks at steps; limits of position may be looked at."""
-        looks = self.watch is not None and not self.watch.limits_alone
+        """Whether no function in Python gives torques or looks at steps; contacts and limits of position may be looked at."""
+        looks = self.watch is not None and not self.watch.asks_nobody
         return not looks and self.controller is None and not self.system.functions
 
     @property
@@ -227,13 +232,7 @@ class Run:
         self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
     ) -> bool:
         """Look for events in a step from t; one that ends all has its state kept, and those before it."""
-        rate = self.rate.copy()
-
-        def at(s: float) -> Array:
-            found = self.scheme.step(t, y, s, rate)
-            self.system.manifold.normalise(found[: self.system.nq])
-            return found
-
+        at = self.along(t, y)
         end = self.looked(t, points, at)
         if end is None:
             return False
@@ -242,6 +241,17 @@ class Run:
                 self.keep_at(t + s, between)
         self.finish(t, end, at)
         return True
+
+    def along(self, t: float, y: Array) -> Callable[[float], Array]:
+        """A step from y at t, whose rates were computed last: from a time after t to the state then."""
+        rate = self.rate.copy()
+
+        def at(s: float) -> Array:
+            found = self.scheme.step(t, y, s, rate)
+            self.system.manifold.normalise(found[: self.system.nq])
+            return found
+
+        return at
 
     def looked(self, t: float, points: Sequence[tuple[float, Array]], at: Callable[[float], Array]) -> float | None:
         """Look for events in a step from t; how long after t one ends all, if one does. ``at``: the state a time after t."""

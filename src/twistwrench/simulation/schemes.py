@@ -94,11 +94,15 @@ class OneByOne:
 
     def after(self, t: float, y: Array, h: float) -> Array:
         """The state a time ``h`` later."""
+        return self.begun(t, y, h)[0]
+
+    def begun(self, t: float, y: Array, h: float) -> tuple[Array, Array]:
+        """The same, and the accelerations (nv,) at the state."""
         rate = np.zeros(self.system.size)
         self.system.rates(t, y, rate)
         y = self.scheme.step(t, y, h, rate)
         self.system.manifold.normalise(y[: self.system.nq])
-        return y
+        return y, rate[self.system.moving]
 
 
 METHODS: dict[str, Callable[[System], Scheme]] = {

@@ -11,8 +11,7 @@ not asked again: its torque is that of the step.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,15 +19,10 @@ from numpy.typing import NDArray
 
 from ..errors import SimulationError
 from .forces import System
+from .probed_steps import MOST_PROBED, ProbedSteps, probed_steps
 
 Array = NDArray[np.float64]
 
-_LEAST = 32
-"""Steps probed of a run, if it has so many."""
-_SPACING = 50
-"""Steps between two that are probed, in a long run. A probe is the work of 2.5 steps, of 6 for a method of one evaluation."""
-_MOST = 2000
-"""Steps probed of a run, and as many again in which a contact begins or ends."""
 _ROUNDING = 1e-14
 
 
@@ -53,41 +47,8 @@ class Flow(Accelerations, Protocol):
     def after(self, t: float, y: Array, h: float, /) -> Array:
         """The state a time h later, quaternions of unit length."""
 
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """One step of the run: from y at t to ``after``, under the torques ``held`` by the controller."""
-
-    number: Any
-    t: Any
-    y: Array
-    after: Array
-    held: Array
-
-    @classmethod
-    def of_all(cls, steps: list[_Step]) -> _Step:
-        """Steps as one, with an axis of steps first; torques have none where they are the same object."""
-        numbers, times, before, after = zip(*((s.number, s.t, s.y, s.after) for s in steps), strict=True)
-        same = all(s.held is steps[0].held for s in steps)
-        held = steps[0].held if same else np.array([s.held for s in steps])
-        return cls(np.array(numbers), np.array(times), np.array(before), np.array(after), held)
-
-
-def probed_steps(n: int) -> Iterator[int]:
-    """Which of n steps are probed: the first ones closely, then one of each block, at places that have no period.
-
-    >>> list(probed_steps(3000))[:9]
-    [0, 1, 2, 4, 8, 16, 32, 80, 111]
-    """
-    spacing = max(min(n // _LEAST, _SPACING), n // _MOST, 1)
-    k = 0
-    while k < min(spacing, n):
-        yield k
-        k = max(2 * k, 1)
-    for block in range(1, -(-n // spacing)):
-        k = block * spacing + int(spacing * (block * 0.6180339887498949 % 1.0))  # the golden section
-        if k < n:
-            yield k
+    def begun(self, t: float, y: Array, h: float, /) -> tuple[Array, Array]:
+        """The same, and the accelerations (nv,) at the state."""
 
 
 class StepDoubling:
@@ -96,47 +57,73 @@ class StepDoubling:
     def __init__(self, n: int, h: float, *, lagging: bool) -> None:
         self.h, self.lagging = h, lagging
         """Whether velocities are those of half a step before: see :meth:`_lagging`."""
-        self._ordered = sorted(probed_steps(n))
+        self._ordered = probed_steps(n)
         self._due = frozenset(self._ordered)
-        self._spread: list[_Step] = []
-        self._changed: list[_Step] = []
+        self._spread: list[ProbedSteps] = []
+        self._changed: list[ProbedSteps] = []
         self.steps = self._changes = 0
-        self._last: _Step | None = None
+        self._last: tuple[float, Array, Array, Array, Array] | None = None
+        """The last step, unless it is among those that changed: time, state before and after, torques, accelerations."""
 
-    def note(self, t: float, y: Array, after: Array, held: Array, *, changed: bool) -> None:
+    def note(self, t: float, y: Array, after: Array, held: Array, begun: Array, *, changed: bool) -> None:
         """Take note of a step, the next one; ``changed``: a contact begins or ends in it, or dry friction changes sides."""
-        step = _Step(self.steps, t, y, after, held)
-        self.steps += 1
-        if step.number in self._due:
-            self._spread.append(step)
-        if changed:
-            for one in (self._last, step):
-                if one is not None and (not self._changed or self._changed[-1].number < one.number):
-                    self._changes += 1
-                    if len(self._changed) < _MOST:
-                        self._changed.append(one)
-        self._last = step
+        if changed or self.steps in self._due:
+            self.note_block(np.array([t]), np.array([y, after]), held, begun[None], np.array([changed]))
+        else:
+            self._last = t, y, after, held, begun.copy()
+            self.steps += 1
 
-    def note_block(self, times: Array, states: Array, held: Array, changed: NDArray[np.bool_]) -> None:
-        """Take note of the next n steps, from times (n,) through states (n + 1, size); ``changed`` (n,) as of one step."""
-        first, n = self.steps, len(times)
-        ordered = self._ordered
-        noted = {k - first for k in ordered[bisect_left(ordered, first) : bisect_left(ordered, first + n)]}
-        noted |= {*np.flatnonzero(changed).tolist(), *np.flatnonzero(changed[1:]).tolist(), n - 1}  # and those before
-        for k in sorted(noted):
-            self.steps = first + k
-            mine = held if held.ndim == 1 else held[k].copy()
-            self.note(float(times[k]), states[k].copy(), states[k + 1].copy(), mine, changed=bool(changed[k]))
+    def note_block(
+        self, times: Array, states: Array, held: Array, begun: Array, changed: NDArray[np.bool_]
+    ) -> None:  # fmt: skip
+        """Take note of the next m steps, from times (m,) through states (m + 1, size); ``changed`` (m,) as of one step.
+
+        ``held`` is (nv,) or (m, nv), ``begun`` (m, nv) are the accelerations as they begin. A step before one that changes
+        counts as such a one.
+        """
+        first, m = self.steps, len(times)
+
+        def those(which: Any) -> ProbedSteps:
+            mine = held if held.ndim == 1 else held[which]
+            return ProbedSteps(which + first, times[which], states[which], states[which + 1], mine, begun[which])
+
+        k = bisect_left(self._ordered, first)
+        due = self._ordered[k : bisect_left(self._ordered, first + m, k)]
+        if due:
+            self._spread.append(those(np.array(due) - first))
+        marked = False
+        if changed.any():
+            if changed[0] and self._last is not None:
+                t, y, after, mine, ddq = self._last
+                self._mark(ProbedSteps(np.array([first - 1]), np.array([t]), y[None], after[None], mine, ddq[None]))
+            both = changed.copy()
+            both[:-1] |= changed[1:]
+            marked = bool(both[-1])
+            self._mark(those(np.flatnonzero(both)))
+        mine = held if held.ndim == 1 else held[-1].copy()
+        last = float(times[-1]), states[-2].copy(), states[-1].copy(), mine, begun[-1].copy()
+        self._last = None if marked else last
+        self.steps = first + m
+
+    def _mark(self, steps: ProbedSteps) -> None:
+        """Count steps as such in which something changes, and keep them to be probed while they are not too many."""
+        left = MOST_PROBED - min(self._changes, MOST_PROBED)
+        self._changes += len(steps.numbers)
+        if left:
+            self._changed.append(steps[:left])
 
     def errors(self, system: System, flow: Flow, spans: Array) -> Array | None:
         """What all steps are off by, all together and signs left out, (nv,) [rad or m]; None where no step could be probed.
 
         An error of velocity counts as the way it makes in ``spans`` (nv) [s], or until friction and damping have ended it.
         """
-        special = {step.number for step in self._changed}
         before = system.held, system.applied, system.evaluations
         try:
-            spread = self._probe(system, flow, [s for s in self._spread if s.number not in special], spans)
+            every = self._spread
+            if self._changed:
+                special = ProbedSteps.of_all(self._changed).numbers
+                every = [some[~np.isin(some.numbers, special)] for some in every]
+            spread = self._probe(system, flow, every, spans)
             changed = self._probe(system, flow, self._changed, spans)
             if spread is None and changed is None:
                 return None
@@ -149,67 +136,77 @@ class StepDoubling:
             total += self._changes * changed[1].mean(axis=0)
         return total
 
-    def _probe(self, system: System, flow: Flow, steps: list[_Step], spans: Array) -> tuple[Array, Array] | None:
+    def _probe(self, system: System, flow: Flow, parts: list[ProbedSteps], spans: Array) -> tuple[Array, Array] | None:
         """The numbers (m,) of the steps that could be taken in halves, and how far off they were, (m, nv)."""
-        found = []
-        left = [_Step.of_all(steps)] if steps and flow.takes_many else list(steps)
+        found, parts = [], [some for some in parts if len(some.numbers)]
+        if not parts:
+            return None
+        steps = ProbedSteps.of_all(parts)
+        left = [steps] if flow.takes_many else [steps[k] for k in range(len(steps.numbers))]
         for step in left:
             system.held = step.held
             try:
-                halves = (self._lagging if self.lagging else self._halves)(system, flow, step)
+                halves, begun = (self._lagging if self.lagging else self._halves)(system, flow, step)
                 change = (halves - step.after)[..., system.moving]
-                lasts = lasting(flow, system.moving, step.t + self.h, step.after, change)
+                lasts = lasting(flow, system.moving, step.t + self.h, step.after, change, begun)
             except SimulationError:  # a function that fails at other times than those of the run
                 if np.ndim(step.t):
-                    left += steps
+                    left += [steps[k] for k in range(len(steps.numbers))]
                 continue
-            found.append((step.number, step.after, halves, lasts))
+            found.append((step.numbers, step.after, halves, lasts))
         if not found:
             return None
-        numbers, whole, halved, times = (np.array(x, float) for x in zip(*found, strict=True))
+        numbers, whole, halved, times = found[0] if len(found) == 1 else map(np.array, zip(*found, strict=True))
+        numbers, times = np.atleast_1d(numbers), np.atleast_1d(times)
         whole, halved = whole.reshape(-1, system.size), halved.reshape(-1, system.size)
         good = np.isfinite(halved).all(axis=1)
-        if not good.any():
+        if not good.all():
+            numbers, whole, halved, times = numbers[good], whole[good], halved[good], times[good]
+        if not len(numbers):
             return None
-        whole, halved, times = whole[good], halved[good], times.ravel()[good]
         q, v = slice(0, system.nq), system.moving
         places = _above_rounding(system.robot.subtract(whole[:, q], halved[:, q]), whole[:, q])
         speeds = _above_rounding(whole[:, v] - halved[:, v], whole[:, v])
         off = places + np.minimum(spans, times[:, None]) * speeds
-        return numbers.ravel()[good], off / (1.0 - 0.5**flow.order)
+        return numbers, off / (1.0 - 0.5**flow.order)
 
     def _late(self, system: System, flow: Flow, spans: Array) -> Array:
         """What it does that the first velocities of a lagging method are too late: they were given for the start itself."""
         if not self.lagging:
             return np.zeros(system.nv)
-        first, v = min([*self._spread[:1], *self._changed[:1]], key=lambda step: step.number), system.moving
+        first, v = self._spread[0][0], system.moving
         system.held = first.held
-        late = flow.after(first.t, first.y, 0.5 * self.h)[v] - first.y[v]
-        return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late)) * np.abs(late))
+        late = 0.5 * self.h * first.begun
+        return np.asarray(np.minimum(spans, lasting(flow, v, first.t, first.y, late, first.begun)) * np.abs(late))
 
-    def _halves(self, _system: System, flow: Flow, step: _Step) -> Array:
-        """The state after two steps of half the length."""
+    def _halves(self, _system: System, flow: Flow, step: ProbedSteps) -> tuple[Array, Array | None]:
+        """The state after two steps of half the length; the accelerations after the whole step are not known."""
         half = 0.5 * self.h
-        return flow.after(step.t + half, flow.after(step.t, step.y, half), half)
+        return flow.after(step.t + half, flow.after(step.t, step.y, half), half), None
 
-    def _lagging(self, system: System, flow: Flow, step: _Step) -> Array:
+    def _lagging(self, system: System, flow: Flow, step: ProbedSteps) -> tuple[Array, Array | None]:
         """The same for a method whose velocities are those of h/2 before, and with half the step those of h/4 before.
 
         Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
-        one time to the other before the halves, and back after them, by the accelerations over a half step.
+        one time to the other before the halves, and back after them, by the accelerations over a half step. Those after the
+        whole step are known then.
         """
         v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
-        start[v] += 0.5 * (flow.after(step.t, step.y, half)[v] - step.y[v])
-        halves = self._halves(system, flow, replace(step, y=start))
-        halves[v] -= 0.5 * (flow.after(step.t + self.h, end, half)[v] - end[v])
-        return halves
+        start[v] += 0.5 * half * step.begun
+        halves, _ = self._halves(system, flow, replace(step, y=start))
+        later, begun = flow.begun(step.t + self.h, end, half)
+        halves[v] -= 0.5 * (later[v] - end[v])
+        return halves, begun
 
 
-def lasting(flow: Accelerations, moving: slice, t: Any, y: Array, off: Array) -> Array:
-    """About how long differences of velocities (..., nv) last, by the accelerations they bring, (...) s; inf undamped."""
+def lasting(flow: Accelerations, moving: slice, t: Any, y: Array, off: Array, begun: Array | None = None) -> Array:
+    """About how long differences of velocities (..., nv) last, by the accelerations they bring, (...) s; inf undamped.
+
+    ``begun`` are the accelerations at y, if they are known.
+    """
     moved = y.copy()
     moved[..., moving] += off
-    damped = -np.vecdot(off, flow.accelerations(t, moved) - flow.accelerations(t, y))
+    damped = -np.vecdot(off, flow.accelerations(t, moved) - (flow.accelerations(t, y) if begun is None else begun))
     with np.errstate(all="ignore"):
         return np.where(damped > 0.0, np.vecdot(off, off) / damped, np.inf)
 

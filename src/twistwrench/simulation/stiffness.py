@@ -7,6 +7,8 @@ h λ of about 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equa
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..errors import SimulationError
@@ -31,6 +33,8 @@ class Stiffness:
         self.system, self.scheme, self.duration = system, scheme, duration
         self._tried = self._at_edge = 0
         self._begin = 0.0
+        self.stages: Callable[[], Array] = lambda: scheme.K
+        """The rates of the stages of the last step tried."""
 
     def look(self, t: float, h: float, y: Array, y1: Array) -> None:
         """Take note of a step from y at t that was tried. Raises SimulationError where the run would hardly end."""
@@ -40,13 +44,13 @@ class Stiffness:
 
     def note(self, t: float, h: float, steep: float, away: float) -> None:
         """The same, of two states so far away from each other, whose rates differ by ``steep`` / h."""
-        K = self.scheme.K
         self._tried += 1
         self._at_edge += steep > _EDGE * away > 0.0
         if self._tried < _WINDOW:
             return
         mean = (t - self._begin) / self._tried
         if self._at_edge > _STIFF_SHARE * self._tried and self.duration - t > _MOST_TO_COME * mean:
+            K = self.stages()
             raise SimulationError(self._words(t, h, mean, (K[-1] - K[-2])[self.system.moving]))
         self._tried, self._at_edge, self._begin = 0, 0, t
 

@@ -31,16 +31,46 @@ class TorqueLaw(Protocol):
         """Refuse a robot that the law does not serve."""
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, /, *given: Array) -> Array:
-        """τ (nv,) on symbols; ``angles`` are q again, for what is computed of poses."""
+        """Torques of the law, on symbols.
+
+        Parameters
+        ----------
+        model : Model
+        angles : (nq,) array of symbols, q again, for sines and cosines
+        q : (nq,) array of symbols
+        dq : (nv,) array of symbols
+        *given : arrays of symbols, those of ``names``
+
+        Returns
+        -------
+        tau : (nv,) array of symbols
+        """
+        raise NotImplementedError
 
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, h: Any, /, *given: Array
     ) -> tuple[Array, Array | None]:
-        """τ of a step of length h that takes rates at its end: τ at dq, and -∂τ/∂dq joint by joint if it is to be counted."""
+        """Torques of the law at dq, and its damping, for steps that take the rates at their end.
+
+        Parameters
+        ----------
+        model : Model
+        angles : (nq,) array of symbols, q again, for sines and cosines
+        q : (nq,) array of symbols
+        dq : (nv,) array of symbols
+        h : symbol, the length of the step
+        *given : arrays of symbols, those of ``names``
+
+        Returns
+        -------
+        tau : (nv,) array of symbols
+        damping : (nv,) array of symbols or None, -∂τ/∂dq joint by joint, where it is to be counted
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
-class GivenTorque:
+class GivenTorque(TorqueLaw):
     """Torques that are given; nothing for none at all."""
 
     tau: ArrayLike | None = None
@@ -66,11 +96,11 @@ class GivenTorque:
 
 
 @dataclass(frozen=True, eq=False)
-class BatchPD:
+class BatchPD(TorqueLaw):
     """PD law of the motions of a rollout: τ = kp (q_des - q) + kd (dq_des - dq) + g(q).
 
     Gains and references may differ from motion to motion, which those of :class:`twistwrench.control.PD` do not. At
-    every joint of one degree of freedom: planar and floating joints get no torque, and their entries count for nothing.
+    every joint of one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored.
     Values hold for all steps and samples; with axes (..., steps, n) they are said step by step, with (..., 1, n) sample
     by sample. g is that of the robot without ``parameters``.
 
@@ -110,20 +140,7 @@ class BatchPD:
         """
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
-        """The law, on symbols.
-
-        Parameters
-        ----------
-        model : Model
-        angles : (nq,) array of symbols, q again, for sines and cosines
-        q : (nq,) array of symbols
-        dq : (nv,) array of symbols
-        *given : arrays of symbols, those of ``names``
-
-        Returns
-        -------
-        tau : (nv,) array of symbols
-        """
+        """The law, on symbols."""
         tau = proportional_derivative(model, q, dq, *given)
         if self.gravity:
             held = gravity_forces(model, angles)
@@ -135,22 +152,7 @@ class BatchPD:
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, Array]:
-        """The law at dq, and kd, for semi-implicit steps.
-
-        Parameters
-        ----------
-        model : Model
-        angles : (nq,) array of symbols, q again, for sines and cosines
-        q : (nq,) array of symbols
-        dq : (nv,) array of symbols
-        _h : symbol, the step
-        *given : arrays of symbols, those of ``names``
-
-        Returns
-        -------
-        tau : (nv,) array of symbols
-        kd : (nv,) array of symbols
-        """
+        """The law at dq, and kd, for semi-implicit steps."""
         gains, kd = zeros(model.nv), given[3]
         for body in model.leaders:
             if body.joint.nv == 1:
@@ -159,12 +161,12 @@ class BatchPD:
 
 
 @dataclass(frozen=True, eq=False)
-class BatchComputedTorque:
+class BatchComputedTorque(TorqueLaw):
     """Computed-torque law of the motions of a rollout: τ = M (ddq_des + kp (q_des - q) + kd (dq_des - dq)) + h.
 
     The error obeys ë + kd ė + kp e = 0. Shapes are those of :class:`BatchPD`. M and h are those of the robot without
-    ``parameters``, gravity and springs included, friction not. Robots with planar or floating joints are refused: their
-    law has no torque for every velocity.
+    ``parameters``, gravity and springs included, friction not. Robots with ball, planar or floating joints are refused:
+    q_des - q is no error of such a joint.
 
     Notes
     -----
@@ -189,7 +191,7 @@ class BatchComputedTorque:
         return ("computed torque",)
 
     def check(self, model: Model) -> None:
-        """Refuse planar and floating joints.
+        """Refuse joints of several degrees of freedom: ball, planar and floating ones.
 
         Parameters
         ----------
@@ -212,20 +214,7 @@ class BatchComputedTorque:
             )
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
-        """The law, on symbols.
-
-        Parameters
-        ----------
-        model : Model
-        angles : (nq,) array of symbols, q again, for sines and cosines
-        q : (nq,) array of symbols
-        dq : (nv,) array of symbols
-        *given : arrays of symbols, those of ``names``
-
-        Returns
-        -------
-        tau : (nv,) array of symbols
-        """
+        """The law, on symbols."""
         return np.asarray(computed_torque(model, angles, dq, self._wanted(model, q, dq, *given)))
 
     def torques_of_step(
@@ -238,26 +227,7 @@ class BatchComputedTorque:
         /,
         *given: Array,
     ) -> tuple[Array, None]:
-        """The law at dq, kd too, for semi-implicit steps.
-
-        Parameters
-        ----------
-        model : Model
-        angles : (nq,) array of symbols, q again, for sines and cosines
-        q : (nq,) array of symbols
-        dq : (nv,) array of symbols
-        h : symbol, the step
-        *given : arrays of symbols, those of ``names``
-
-        Returns
-        -------
-        tau : (nv,) array of symbols
-        kd : None
-
-        Notes
-        -----
-        At rates that the law's own model predicts, kd would change where it rests.
-        """
+        """The law at dq, no damping: at rates that the law's own model predicts, kd would change where it rests."""
         return self.torques(model, angles, q, dq, *given), None
 
     def _wanted(

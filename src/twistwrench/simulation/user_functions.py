@@ -12,14 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..core import arguments
-from ..core.arguments import positive, whole
 from ..errors import SimulationError, ValueRangeError
 from ..typing import Array
 
 Function = Callable[[float, Array, Array], Any]
 """Of the time [s], q (nq) and dq (nv)."""
-
-__all__ = ["Function", "Law", "positive", "require_arguments", "require_three", "whole"]
 
 
 @dataclass(frozen=True)

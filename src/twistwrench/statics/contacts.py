@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import vector
 from ..errors import ValueRangeError
-from ..screws.vector_text import tuple_of
 from ..typing import Array
 
 
@@ -61,7 +61,7 @@ class Contact:
 
     def __repr__(self) -> str:
         at = f" of {self.frame}" if self.frame else ""
-        return f"Contact at {tuple_of(self.point)} m{at}, normal {tuple_of(self.normal)}, friction {self.friction:g}"
+        return f"Contact at {vector(self.point)} m{at}, normal {vector(self.normal)}, friction {self.friction:g}"
 
     def edges(self, count: int, *, around: bool = False) -> Array:
         """Edges of a pyramid that lies inside the friction cone, or ``around`` it: forces with unit normal part.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.printed_numbers import number, vector
 from ..errors import UnknownNameError, ValueRangeError
-from ..screws.vector_text import tuple_of
 from ..typing import Array
 from .holding_torques import RANK_TOLERANCE
 from .pose_arguments import same_batch, unit_vectors
@@ -46,7 +46,7 @@ class WrenchEllipsoid:
         if self.semi_axes.ndim > 1:
             return f"{what}, of poses {self.semi_axes.shape[:-1]}"
         said = [
-            f"{size:.4g} along {tuple_of(np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4))}"
+            f"{number(size)} along {vector(np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4))}"
             for size, axis in zip(self.semi_axes, self.axes.T, strict=True)
             if not np.isinf(size)
         ]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number, percent
 from ..errors import FrameError, ValueRangeError
 from ..typing import Array
 from .contacts import Contact
@@ -68,15 +69,15 @@ class Equilibrium:
         if self.holds:
             forces = np.asarray(self.forces)
             largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
-            used = "" if self.share is None else f", torques up to {100 * self.share:.3g} % of their limits"
-            return f"holds, with contact forces up to {largest:.4g} N{used}"
+            used = "" if self.share is None else f", torques up to {percent(self.share, 3)} of their limits"
+            return f"holds, with contact forces up to {number(largest)} N{used}"
         if self.holds is None:
             return f"marginal: cones of {self.edges} edges decide neither way"
         moving = [f"{v:+.3g} {n}" for v, n in zip(np.asarray(self.motion), self.names, strict=True) if abs(v) > 1e-6]
         subject = "no contact resists" if len(np.asarray(self.velocities)) else "there is no contact to resist"
         return (
             f"cannot hold: {subject} the motion ({', '.join(moving)}), {self.frame}, "
-            f"into which the load puts {self.power:.4g} W"
+            f"into which the load puts {number(self.power)} W"
         )
 
 

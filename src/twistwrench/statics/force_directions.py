@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.printed_numbers import number
 from ..errors import ValueRangeError
 from ..typing import Array
 from .ellipsoid import part_rows
@@ -43,8 +44,8 @@ class LargestWrench:
         if np.isnan(self.magnitude):
             return "unknown: q has an entry that is not a number"
         name = self.joint_names[int(self.joint)] if self.joint >= 0 else "no joint"
-        along = ", ".join(f"{round(x, 12) + 0.0:.3g}" for x in self.wrench)  # no minus zeros
-        return f"{self.magnitude:.4g} along ({along}), limited by {name}"
+        along = ", ".join(number(round(x, 12) + 0.0, 3) for x in self.wrench)  # no minus zeros
+        return f"{number(self.magnitude)} along ({along}), limited by {name}"
 
 
 def largest_wrench(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..typing import Array
 from .pose_arguments import one_configuration
 
@@ -201,5 +202,5 @@ def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", lea
     shown = [(v, n) for v, n in zip(x, names, strict=True) if abs(v) > least]
     if not shown:
         return nothing
-    words = [f"{'-' if v < 0 else '+'} {'' if abs(abs(v) - 1) < 1e-9 else f'{abs(v):.4g} '}{n}" for v, n in shown]
+    words = [f"{'-' if v < 0 else '+'} {'' if abs(abs(v) - 1) < 1e-9 else f'{number(abs(v))} '}{n}" for v, n in shown]
     return " ".join(words).removeprefix("+ ").replace("-", "−")

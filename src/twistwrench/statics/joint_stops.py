@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..typing import Array
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
     from ..robot import Robot
 
 
@@ -42,7 +42,7 @@ def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) ->
     beyond = limits.exceeded(robot.model.positions(q))
     found = []
     for b in robot.model.leaders:
-        if b.joint.nq != 1:  # planar and floating joints have no stops
+        if b.joint.nq != 1:  # ball, planar and floating joints have no stops
             continue
         if beyond[b.v_index]:
             value, low, high = float(q[b.q_index]), float(limits.lower[b.v_index]), float(limits.upper[b.v_index])

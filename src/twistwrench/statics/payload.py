@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import ShapeError
+from ..model.limits import margin
 from ..typing import Array
 from .pose_arguments import one_configuration, same_batch
 from .torque_limits import effort_limits, growth, require_fixed_base, span
@@ -64,13 +66,13 @@ class LargestPayload:
         if not self.holds:
             k = int(np.argmax(np.abs(self.unloaded) - self.limits))
             return (
-                f"no payload: {self.joint_names[k]} needs {abs(self.unloaded[k]):.4g} of {self.limits[k]:.4g} "
+                f"no payload: {self.joint_names[k]} needs {number(abs(self.unloaded[k]))} of {number(self.limits[k])} "
                 "to hold the robot alone"
             )
         if self.joint < 0:
             return "any payload: no joint with a limit feels it"
         k = int(self.joint)
-        return f"{self.mass:.4g} kg, then {self.joint_names[k]} is at {self.side * self.limits[k]:+.4g}"
+        return f"{number(self.mass)} kg, then {self.joint_names[k]} is at {self.side * self.limits[k]:+.4g}"
 
 
 def torques_per_kilogram(
@@ -159,7 +161,7 @@ def largest_payload(
     per_kilogram = torques_per_kilogram(robot, q, com, frame)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
     s = growth(unloaded, per_kilogram, L)
-    holds = np.all(np.abs(unloaded) <= L, axis=-1)
+    holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
     unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
     mass = np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0))
     return LargestPayload(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import UnknownNameError, ValueRangeError
 from ..typing import Array
 from .payload import largest_payload
@@ -56,8 +57,8 @@ class PayloadMap:
         filled = int((self.count > 0).sum())
         return (
             f"{self.plane} slice: {self.samples} configurations in {filled} cells of "
-            f"{1e3 * float(np.diff(self.edges[0])[0]):.3g} mm, best {np.nanmax(self.best):.4g} kg, "
-            f"worst {np.nanmin(self.worst):.4g} kg"
+            f"{number(1e3 * float(np.diff(self.edges[0])[0]), 3)} mm, best {number(np.nanmax(self.best))} kg, "
+            f"worst {number(np.nanmin(self.worst))} kg"
         )
 
 

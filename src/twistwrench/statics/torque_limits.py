@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import ShapeError, ValueRangeError
+from ..model.limits import margin
 from ..typing import Array
 
 if TYPE_CHECKING:
@@ -70,7 +72,7 @@ def floating_entries(robot: Robot) -> Array:
 def span(values: Array) -> str:
     """The least and the greatest of many numbers, and how many are unknown."""
     known = values[~np.isnan(values)]
-    some = f"{known.min():.4g} to {known.max():.4g}" if known.size else "none known"
+    some = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
     unknown = values.size - known.size
     return some + (f"; {unknown} unknown, as q is not a number there" if unknown else "")
 
@@ -117,7 +119,7 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     size = np.abs(step)
     felt = size > _NO_LEVER * np.maximum(1.0, size.max(axis=-1, initial=0.0, keepdims=True))
     lever = np.where(felt, size, 1.0)
-    within = np.abs(start) <= limits
+    within = np.abs(start) <= limits + margin(limits)
     most = np.where(felt, (limits - np.sign(step) * start) / lever, np.where(within, np.inf, -np.inf))
     least = np.where(felt, (-limits - np.sign(step) * start) / lever, np.where(within, -np.inf, np.inf))
     joint = np.argmin(most, axis=-1)

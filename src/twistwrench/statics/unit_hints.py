@@ -11,7 +11,7 @@ import numpy as np
 from ..typing import Array
 
 if TYPE_CHECKING:
-    from ..model.model import Limits
+    from ..model.limits import Limits
     from ..robot import Robot
 
 _FAR = 1.0

@@ -1,4 +1,8 @@
-"""Equations as C99: functions of plain arrays, no allocation, nothing but math.h."""
+"""Equations as C99: functions of plain arrays, no allocation, nothing but math.h.
+
+:mod:`..targets.c` prints recorded programs, one operation a line under a number, with the bits of the kernels. Equations are
+printed here as they are read: a formula a line under its own names, which no program keeps.
+"""
 
 from __future__ import annotations
 

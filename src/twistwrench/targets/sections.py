@@ -1,8 +1,8 @@
 """A long program as several functions, a section each, in modules of a few: compiled in linear time and memory.
 
 What crosses from a section to a later one, and all entries of the results, go through a :class:`~.frame.SpillFrame`; once the
-last section is done, rows of the results are made of it, tile by tile, in a loop. Instructions and their order stay the
-same, so results keep their bits.
+last section is done, rows of the results are made of it, tile by tile, in a loop. In one lane entries go into their rows at
+once. Instructions and their order stay the same, so results keep their bits.
 """
 
 from __future__ import annotations
@@ -16,9 +16,12 @@ from ..program.program import Program
 from .batch_loop import SHORTEST_PIECE, Loop
 from .buffers import LINE
 from .column_loop import column_loop, column_programs
+from .columns_of_one import programs_for_columns_of_one, work_on_columns_of_one
+from .compiler import LOOP
 from .lanes import RowStorer
-from .llvm import CUT_OUTPUTS, LOOP, Emitter, declarations
+from .llvm import CUT_OUTPUTS, Emitter, declarations
 from .llvm_text import LlvmWriter
+from .places import FramePlaces, RowPlaces
 from .processor import Machine, Precision
 from .sincos import wrapper
 from .spill_frame import SpillFrame
@@ -35,11 +38,14 @@ def in_sections(given: Program | ColumnGroups, precision: Precision, machine: Ma
     """The texts of the modules to compile and to link together."""
     columns = given if isinstance(given, ColumnGroups) else ColumnGroups(given, 0, ())
     frame = SpillFrame(columns.program, SECTION)
-    yield _head(columns, frame, precision, machine, around)
+    head, places = (
+        (_head, FramePlaces(columns)) if machine.lanes(precision) > 1 else (_head_of_one_lane, RowPlaces(columns))
+    )
+    yield head(columns, frame, precision, machine, around)
     sections = list(enumerate(pairwise(frame.starts)))
     for k in range(0, len(sections), EACH):
         w = _writer(precision, machine)
-        parts = [_section(frame, precision, machine, *section) for section in sections[k : k + EACH]]
+        parts = [_section(frame, places, precision, machine, *section) for section in sections[k : k + EACH]]
         yield "\n".join([declarations(w), wrapper(precision, w.lanes), *parts])
 
 
@@ -53,11 +59,7 @@ def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
 def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
     """The loop, the preparation of the frame, and the block: it calls the sections, works on columns, and makes rows."""
     w = _writer(precision, machine)
-    inputs, ports = len(columns.inputs), len(columns.inputs) + len(columns.outputs)
-    given = ", ".join(f"ptr %a{k}" for k in range(inputs))
-    sections = len(frame.starts) - 1
-    for k in range(sections):
-        w.do(f"call void @section{k}({given}, ptr %frame)")
+    declared = _call_sections(w, frame, FramePlaces(columns).pointers)
     tables = []
     for k, (port, entry) in enumerate(zip(columns.outputs, columns.first_entries, strict=False)):
         zero, span = columns.zeros[entry : entry + port.size], RowStorer(w, "", port.size).span
@@ -66,20 +68,52 @@ def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machin
     streams = w.lanes * precision.bytes > SHORTEST_PIECE
     _rows(w, columns, column_loop(w, columns, "entry"), tables, w.at("%frame", size) if streams else "")
     visible, room = replace(columns.program, outputs=columns.outputs), size + streams * LINE
-    arguments = ", ".join(f"ptr noalias %a{k}" for k in range(ports))
-    types = ", ".join(["ptr"] * (inputs + 1))
-    body = "\n".join(w.lines)
     return "\n".join(
         [
-            *(f"declare void @section{k}({types})" for k in range(sections)),
+            *declared,
             preparation(_writer(precision, machine), frame.constants),
             *tables,
             *column_programs(columns, lambda: _writer(precision, machine)),
-            f'define internal void @block({arguments}, ptr noalias %frame) noinline "stackrealign" {{\nentry:\n{body}',
-            "  ret void\n}\n",
+            _block(w, RowPlaces(columns).pointers),
             around(LOOP, visible, precision, w.lanes, room, 1, streams * 2 * SHORTEST_PIECE),
         ]
     )
+
+
+def _head_of_one_lane(
+    columns: ColumnGroups, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop
+) -> str:
+    """The loop, and the block: it puts constant entries into their places, calls the sections, and works on columns."""
+    w, places = _writer(precision, machine), RowPlaces(columns)
+    for first, count, value in frame.constants:
+        places.fill(w, first, count, value)
+    declared = _call_sections(w, frame, places.pointers)
+    work_on_columns_of_one(w, columns, places)
+    room = max(frame.size - places.starts[-1], 1) * precision.bytes
+    return "\n".join(
+        [
+            *declared,
+            preparation(_writer(precision, machine), ()),
+            *programs_for_columns_of_one(columns, places, precision, fused=machine.fused),
+            _block(w, places.pointers),
+            around(LOOP, replace(columns.program, outputs=columns.outputs), precision, w.lanes, room, 1, 0),
+        ]
+    )
+
+
+def _call_sections(w: LlvmWriter, frame: SpillFrame, pointers: Sequence[str]) -> list[str]:
+    """Call all sections in their order; returns their declarations."""
+    sections, given = range(len(frame.starts) - 1), ", ".join(f"ptr {pointer}" for pointer in pointers)
+    for k in sections:
+        w.do(f"call void @section{k}({given})")
+    types = ", ".join(["ptr"] * len(pointers))
+    return [f"declare void @section{k}({types})" for k in sections]
+
+
+def _block(w: LlvmWriter, pointers: Sequence[str]) -> str:
+    arguments = ", ".join(f"ptr noalias {pointer}" for pointer in pointers)
+    body = "\n".join(w.lines)
+    return f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
 def _rows(w: LlvmWriter, columns: ColumnGroups, label: str, tables: Sequence[str], flag: str) -> None:
@@ -106,21 +140,23 @@ def _rows(w: LlvmWriter, columns: ColumnGroups, label: str, tables: Sequence[str
 # ── one section ──
 
 
-def _section(frame: SpillFrame, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]) -> str:
+def _section(
+    frame: SpillFrame, places: FramePlaces, precision: Precision, machine: Machine, number: int, bounds: tuple[int, int]
+) -> str:
     w = _writer(precision, machine)
-    _Section(w, frame).walk(*bounds, frame.entries, large=False)
-    arguments = ", ".join(f"ptr noalias %a{k}" for k in range(len(frame.program.inputs)))
+    _Section(w, frame, places).walk(*bounds, frame.entries, large=False)
+    # Pointers that may share memory keep loads in their order: moved before stores, they take registers for longer.
+    arguments = ", ".join(f"ptr {pointer}" for pointer in places.pointers)
     body = "\n".join(w.lines)
-    head = f'define void @section{number}({arguments}, ptr noalias %frame) noinline "stackrealign"'
-    return f"{head} {{\nentry:\n{body}\n  ret void\n}}\n"
+    return f'define void @section{number}({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
 class _Section(Emitter):
-    """An emitter that finds values of earlier sections in the frame, and leaves there what later ones need."""
+    """An emitter that finds values of earlier sections in their homes, and leaves there what later ones need."""
 
-    def __init__(self, w: LlvmWriter, frame: SpillFrame) -> None:
+    def __init__(self, w: LlvmWriter, frame: SpillFrame, places: FramePlaces) -> None:
         super().__init__(w, frame.program)
-        self.frame, self.stored = frame, 0
+        self.frame, self.place, self.stored = frame, places.place, 0
 
     def meet(self, number: int) -> None:
         """Leave an input until it is used; a later section may be the first to."""
@@ -130,19 +166,19 @@ class _Section(Emitter):
         op, _, value = self.program.instructions[number]
         if op != "const" and number not in self.values:
             self.values[number] = (
-                self.input(int(value)) if op == "input" else load_home(self.w, self.frame.homes[number])
+                self.input(int(value)) if op == "input" else load_home(self.w, *self.place(self.frame.homes[number]))
             )
         return super().value(number)
 
     def made(self, number: int, value: str) -> None:
-        """Take the vector of an instruction; as an entry of the results it comes into the frame anyway."""
+        """Take the vector of an instruction; as an entry of the results it comes into its home anyway."""
         super().made(number, value)
         if number in self.frame.homes and number not in self.frame.entries:
-            store_home(self.w, value, self.frame.homes[number])
+            store_home(self.w, value, *self.place(self.frame.homes[number]))
 
     def output(self, number: int, value: str) -> None:
-        """Put an entry of the results into the frame."""
-        store_home(self.w, value, number)
+        """Put an entry of the results into its home."""
+        store_home(self.w, value, *self.place(number))
         self.stored += 1
         if self.stored % CUT_OUTPUTS == 0:
             self.cut()

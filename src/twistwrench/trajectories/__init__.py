@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from ..algorithms.pose_paths import PosePath, screw_path, straight_path
 from ..algorithms.time_scalings import cubic, quintic, trapezoid, uniform
+from ..motion.bounds import Bounds, bounds_of
+from ..motion.violations import Violation
 from .cartesian import follow_poses
 from .fastest import Fastest, fastest
-from .limit_checks import Bounds, Violation, bounds_of, violations
+from .limit_checks import violations
 from .paths import JointPath, joint_line, spline
 from .trajectory import Trajectory, fitted, move
 

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import ConstraintWarning, PathError, ValueRangeError
+from ..motion.bounds import Bounds, bounds_of
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .collocation import AT_REST
-from .limit_checks import Bounds, bounds_of, positions_passed
+from .limit_checks import positions_passed
 from .limit_rows import PathRows
 from .paths import JointPath, require_path
 from .timing import FastestScaling
@@ -159,7 +161,7 @@ class Fastest(Trajectory):
 
     def __str__(self) -> str:
         joints = dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.touches)
-        return f"{self.duration:.6g} s, limited by {', '.join(joints)} in {len(self.touches)} parts"
+        return f"{number(self.duration, 6)} s, limited by {', '.join(joints)} in {len(self.touches)} parts"
 
 
 def fastest(
@@ -222,8 +224,8 @@ def fastest(
     q1 = np.abs(path(s)[1]).max(axis=-1)
     if q1.min() < 1e-7 * q1.max():
         raise ValueRangeError(
-            f"the path stands still at s = {s[int(q1.argmin())]:.4g}, so its rate there says nothing of the motion's. Take one "
-            "whose dq/ds is nowhere zero: a spline without times, or each part by itself."
+            f"the path stands still at s = {number(s[int(q1.argmin())])}, so its rate there says nothing of the motion's. "
+            "Take one whose dq/ds is nowhere zero: a spline without times, or each part by itself."
         )
     spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
     room = {name: getattr(bounds, name) * (1.0 - spare) for name in ("velocity", "acceleration", "effort")}
@@ -250,7 +252,7 @@ def fastest(
 def _warn_of_positions(robot: Robot, path: JointPath, bounds: Bounds) -> None:
     s = np.linspace(0.0, 1.0, 2001)
     found = [
-        f"{v.joint} reaches {v.value:.5g} beyond {v.limit:.5g} at s = {v.time:.4g}"
+        f"{v.joint} reaches {number(v.value, 5)} beyond {number(v.limit, 5)} at s = {number(v.time)}"
         for v in positions_passed(robot, s, path(s)[0], bounds)
     ]
     if found:

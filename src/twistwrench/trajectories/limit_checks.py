@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core import arguments
 from ..errors import ValueRangeError
-from ..motion.bounds import Bounds, bounds_of, bounds_or_own
+from ..motion.bounds import Bounds, bounds_or_own
 from ..motion.motion import Motion
 from ..motion.violations import LimitCheck, Violation
 from ..robot.robot_argument import require_robot
@@ -17,8 +17,6 @@ from ..typing import Array
 if TYPE_CHECKING:
     from ..robot import Robot
     from .trajectory import Trajectory
-
-__all__ = ["Bounds", "Violation", "bounds_of", "bounds_or_own", "positions_passed", "violations"]
 
 
 def violations(

@@ -16,8 +16,8 @@ from ..errors import PathError, ValueRangeError
 from ..typing import Array
 
 if TYPE_CHECKING:
+    from ..motion.bounds import Bounds
     from ..robot import Robot
-    from .limit_checks import Bounds
     from .paths import JointPath
 
 _FLAT = 1e-11

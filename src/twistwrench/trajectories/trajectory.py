@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike
 from ..algorithms.time_scalings import quintic
 from ..core import arguments
 from ..errors import PathError, ShapeError, ValueRangeError
+from ..motion.bounds import Bounds, bounds_or_own
 from ..motion.motion import Motion
+from ..motion.violations import Violation
 from ..robot.robot_argument import require_robot
 from ..typing import Array
-from .limit_checks import Bounds, Violation, bounds_or_own, violations
+from .limit_checks import violations
 from .paths import JointPath, joint_line, require_path, spline
 
 if TYPE_CHECKING:

@@ -1,83 +1,17 @@
-"""Sections of Modern Robotics as pages show them: the idea, the formulas with their numbers, what is set, what is computed."""
+"""The sections of Modern Robotics that have a page, in the order of the book."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
 
 from ..core import arguments
-from ..errors import ValueRangeError
-from .task_rows import task_rows
-
-if TYPE_CHECKING:
-    from ..robot import Robot
-    from .page_programs import PagePrograms
-
-Asked = Mapping[str, tuple[str, dict[str, Any]]]
-"""Quantities and their options by the names that the page calls their programs."""
-MOST_JOINTS = 9
-"""Columns that a table of the page has room for."""
-
-
-@dataclass(frozen=True)
-class BookSection:
-    """What one page shows; its readout is the function of the same number in ``player/readouts.js``."""
-
-    number: str
-    title: str
-    idea: str
-    formulas: tuple[tuple[str, str], ...]
-    """As :func:`~twistwrench.viz.formula.formula_html` takes them, and where the book has them."""
-    inputs: tuple[str, ...]
-    """Sliders besides the joints': dq, ddq, tau, wrench, dV."""
-    programs: Callable[[PagePrograms], Asked]
-    chooses: str = ""
-    """What is picked from a list: a joint or a link."""
-    load: str = ""
-    """Sliders of what the tip carries: payload, all (with push and the button that lets the robot go), or none."""
-    shown: tuple[str, ...] = ("looks", "torques")
-    """What is switched on at first."""
-
-    def require(self, robot: Robot) -> None:
-        """Raise ValueRangeError unless the page can show this robot."""
-        why = None
-        if robot.model.tip is None:
-            why = "has no single tip"
-        elif any(body.joint.nv != 1 or not body.joint.driven for body in robot.model.leaders):
-            why = "has joints that neither turn nor slide, or a base that moves"
-        elif not 1 <= robot.nv <= MOST_JOINTS:
-            why = f"has {robot.nv} joints that move"
-        if why is not None:
-            raise ValueRangeError(
-                f"section {self.number}: robot {robot.name!r} {why}. These pages take an arm with one tip and 1 to "
-                f"{MOST_JOINTS} joints that turn or slide, such as planar_2r, ur5 or panda."
-            )
+from .book_programs import along_wall, jacobian, link_jacobians, of_links, task, twist, with_friction
+from .book_section import BookSection
 
 
 def book_section(number: str) -> BookSection:
     """The section of a number; raises ValueRangeError, which lists them."""
     return SECTIONS[arguments.choice(number, "section", tuple(SECTIONS))]
-
-
-def _of_links(programs: PagePrograms) -> dict[str, tuple[str, dict[str, Any]]]:
-    found = {}
-    for k, frame in enumerate(programs.body_frames):
-        found[f"V{k}"] = "frame_velocity", {"frame": frame, "kind": "body"}
-        found[f"dV{k}"] = "frame_acceleration", {"frame": frame, "kind": "body"}
-    return found
-
-
-def _jacobian(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
-    return "jacobian", {"frame": programs.tip, "kind": kind}
-
-
-def _twist(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
-    return "frame_velocity", {"frame": programs.tip, "kind": kind}
-
-
-def _task(programs: PagePrograms) -> dict[str, Any]:
-    return {"frame": programs.tip, "kind": "world_aligned", "rows": task_rows(programs.robot, programs.tip)}
 
 
 _SECTIONS = (
@@ -92,7 +26,7 @@ _SECTIONS = (
             ("V_b^T F_b = V_s^T F_s", "§3.4"),
         ),
         ("dq", "wrench"),
-        lambda p: {"twist_b": _twist(p, "body"), "twist_s": _twist(p, "space")},
+        lambda p: {"twist_b": twist(p, "body"), "twist_s": twist(p, "space")},
     ),
     BookSection(
         "5.1",
@@ -102,9 +36,9 @@ _SECTIONS = (
         (("V_s = J_s(θ) θ̇", "§5.1.1"), ("V_b = J_b(θ) θ̇", "§5.1.2")),
         ("dq",),
         lambda p: {
-            "jacobian_b": _jacobian(p, "body"),
-            "jacobian_s": _jacobian(p, "space"),
-            "twist_b": _twist(p, "body"),
+            "jacobian_b": jacobian(p, "body"),
+            "jacobian_s": jacobian(p, "space"),
+            "twist_b": twist(p, "body"),
         },
     ),
     BookSection(
@@ -114,7 +48,28 @@ _SECTIONS = (
         "with the wrench. Gravity comes on top and is left out here.",
         (("τ = J_b^T(θ) F_b", "(5.26)"),),
         ("wrench",),
-        lambda p: {"jacobian_b": _jacobian(p, "body"), "statics": ("wrench_torques", {"frame": p.tip})},
+        lambda p: {"jacobian_b": jacobian(p, "body"), "statics": ("wrench_torques", {"frame": p.tip})},
+    ),
+    BookSection(
+        "5.3",
+        "Singularities: a direction is lost",
+        "Where the Jacobian loses rank, the tip cannot move in some way, however fast the joints turn. Stretch the "
+        "arm, or line two axes of the wrist up: the last singular value goes to zero, and the joint velocities for that twist "
+        "grow beyond bounds.",
+        (("J_b(θ) = U Σ W^T,  Σ = diag(σ_1, …, σ_r)", "§5.3"), ("σ_r = 0:  rank J_b(θ) < r", "§5.3")),
+        (),
+        lambda p: {"jacobian_b": jacobian(p, "body")},
+        shown=("looks",),
+    ),
+    BookSection(
+        "5.4",
+        "Manipulability: what moves fast pushes weakly",
+        "Joint velocities of norm 1 move the tip within one ellipsoid; joint torques of norm 1 hold the forces within another. "
+        "Both have the same axes, and the lengths of one are the reciprocals of the other's. Drag the tip.",
+        (("v^T (J_v J_v^T)^{−1} v = 1", "§5.4"), ("f^T (J_v J_v^T) f = 1", "§5.4")),
+        (),
+        lambda _: {},
+        shown=("looks",),
     ),
     BookSection(
         "8.1.2",
@@ -149,7 +104,7 @@ _SECTIONS = (
         "the frame {b} of the link.",
         (("P_b = G_b V_b", "§8.2.2"), ("F_b = G_b V̇_b − [ad_{V_b}]^T G_b V_b", "(8.40)")),
         ("dq", "ddq"),
-        _of_links,
+        of_links,
         chooses="link",
     ),
     BookSection(
@@ -165,10 +120,25 @@ _SECTIONS = (
         ),
         ("dq", "ddq", "wrench"),
         lambda p: {
-            **_of_links(p),
+            **of_links(p),
             "wrenches": ("joint_wrenches", {"wrenches": (p.tip,)}),
             "inverse": ("inverse_dynamics", {"wrenches": (p.tip,)}),
         },
+        chooses="link",
+    ),
+    BookSection(
+        "8.4",
+        "The equations in closed form: a sum over the links",
+        "Twists of all links stacked in one column V, joint axes in A, transforms in L: then there is no recursion, only "
+        "products. The six rows of L A that belong to link i are its body Jacobian J<sub>i</sub>, so M is a sum over the "
+        "links, and the torques of gravity are, too.",
+        (
+            ("V = L(θ) A θ̇,  L = (1 − W(θ))^{−1}", "§8.4"),
+            ("M = A^T L^T G L A = ∑_i J_i^T G_i J_i", "§8.4, 8.2"),
+            ("g = A^T L^T G L V̇_{base}", "§8.4"),
+        ),
+        ("dq",),
+        link_jacobians,
         chooses="link",
     ),
     BookSection(
@@ -180,6 +150,7 @@ _SECTIONS = (
         ("tau", "dq"),
         lambda p: {"inverse": ("inverse_dynamics", {**p.pushed, **p.load})},
         load="all",
+        at_rest=True,
     ),
     BookSection(
         "8.6",
@@ -194,12 +165,43 @@ _SECTIONS = (
         ),
         ("dV", "dq"),
         lambda p: {
-            "task_inertia": ("task_inertia", {**_task(p), **p.load}),
-            "task_bias": ("task_bias", {**_task(p), **p.load}),
+            "task_inertia": ("task_inertia", {**task(p), **p.load}),
+            "task_bias": ("task_bias", {**task(p), **p.load}),
             "tip_acceleration": ("frame_acceleration", {"frame": p.tip, "kind": "world_aligned"}),
         },
         load="payload",
         shown=("looks", "torques", "mass"),
+    ),
+    BookSection(
+        "8.7",
+        "Constrained dynamics: the tip on a wall",
+        "The tip can slide along a wall without friction, and cannot leave it. At first the torques hold the robot and press "
+        "on the wall. The projector P keeps of the torques what moves the robot; the rest presses, with λ. Velocities are "
+        "projected, too. Let it go, and the tip stays on the wall.",
+        (
+            ("A(θ) θ̇ = 0,  τ = M θ̈ + h + A^T λ", "§8.7"),
+            ("λ = (A M^{−1} A^T)^{−1} (A M^{−1} (τ − h) + Ȧ θ̇)", "§8.7"),
+            ("P = 1 − A^T (A M^{−1} A^T)^{−1} A M^{−1}", "§8.7"),
+        ),
+        ("tau", "dq"),
+        along_wall,
+        load="all",
+        presses=True,
+    ),
+    BookSection(
+        "8.9",
+        "Gears, rotors and friction",
+        "Every joint has the same motor behind a gear, which turns G times as fast as the joint. Its rotor feels as heavy as "
+        "G² I<sub>rotor</sub> at the joint, often more than all links. The gear here is stiff and has no losses; its friction "
+        "is that of the joint, in place of what the robot's file says.",
+        (
+            ("τ_i = τ_{i,links} + G^2 I_{rotor} θ̈_i + τ_{i,fric}", "§8.9.2"),
+            ("τ_{i,fric} = b θ̇_i + μ sign(θ̇_i)", "§8.9.4"),
+            ("τ_{motor} = τ_i / G,  θ̇_{motor} = G θ̇_i", "§8.9.2"),
+        ),
+        ("motor", "dq", "ddq"),
+        with_friction,
+        load="payload",
     ),
 )
 SECTIONS: Mapping[str, BookSection] = {section.number: section for section in _SECTIONS}

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number, percent
 from ..errors import ShapeError, ValueRangeError
 from ..motion.bounds import bounds_of
 from ..motion.column_extremes import Extreme
@@ -251,5 +252,5 @@ _WORDS = {"velocity": "velocity limit", "torque": "torque limit"}
 def _sentence(v: Violation) -> str:
     """What a limit is passed by, and when."""
     words = _WORDS.get(v.kind) or ("upper limit" if v.value > v.limit else "lower limit")
-    by = f"{v.by:.3g}" + (f" ({100 * v.by / abs(v.limit):.3g} %)" if v.limit else "")
+    by = number(v.by, 3) + (f" ({percent(v.by / abs(v.limit), 3)})" if v.limit else "")
     return f"{v.joint} passes its {words} by {by} at t = {v.time:.3f} s"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 
-_TOKEN = re.compile(r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\w+))|(Ad|ad)|([A-Za-zτθω])([\u0307\u0308]?)")
+_TOKEN = re.compile(
+    r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\w+))|(Ad|ad|diag|rank|sign)|([A-Za-zτθω])([\u0307\u0308]?)"
+)
 _DOTS = {"\u0307": "dot", "\u0308": "ddot"}
 
 

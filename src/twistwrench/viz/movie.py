@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import MissingExtraError, ValueRangeError
 from ..outputs import replacing
-from ..plotting.style import AXIS, INK, OVER, QUIET, SMALL, figure, require_matplotlib
+from ..plotting.style import AXIS, INK, LIMIT, QUIET, SMALL, figure, require_matplotlib
 from ..typing import Array
 from .camera import FAR, Painter, overview
 from .colours import share_colours
@@ -228,7 +228,7 @@ class _Bars:
         axis.axvline(0, color=AXIS, linewidth=0.7)
         reach = max(1.15, 1.05 * float(np.max(motion.peaks / self.scale, initial=0.0)))
         for side in (-1, 1):
-            axis.axvline(side, color=OVER, linewidth=0.9, linestyle=(0, (4, 3)))
+            axis.axvline(side, **LIMIT)
         axis.set_xlim(-reach, reach)
         axis.set_yticks(rows, names, fontsize=SMALL)
         axis.set_ylim(max(len(rows), 4) - 0.4, -0.6)

@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import number
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..typing import Array
 from .book_data import book_data, telling_pose
-from .book_sections import BookSection, book_section
+from .book_section import BookSection
+from .book_sections import book_section
 from .colours import force_scale, mass_scale
 from .page_programs import PagePrograms
 from .page_robot import robot_data, wrench_data
@@ -37,17 +39,20 @@ _SCRIPTS = (
     "matrices.js",
     "coordinates.js",
     "forces.js",
+    "factors.js",
     "effective_mass.js",
     "mechanics.js",
     "fall.js",
     "solids.js",
     "orbit.js",
+    "sharpness.js",
     "stage.js",
     "sticks.js",
     "grasp.js",
     "panel.js",
     "load.js",
     "readouts.js",
+    "tip_readouts.js",
     "book.js",
     "page.js",
 )
@@ -81,7 +86,7 @@ def write_page(
         A motion brings its own. [N m, N]
     scene : Scene, optional, the robot's looks
     section : str, optional, a section of Modern Robotics that the page shows with this robot
-        "3.4", "5.1", "5.2", "8.1.2", "8.1.3", "8.2", "8.3", "8.5" or "8.6"; for arms of at most nine joints.
+        One of those in the user guide, as "3.4", "5.4", "8.3"; for arms of at most nine joints.
 
     Returns
     -------
@@ -252,12 +257,12 @@ def _motion_data(robot: Robot, motion: DrawnMotion, box: _Box) -> dict[str, Any]
 
 def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:
     mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
-    text = f"{robot.nv} degree{'s' if robot.nv != 1 else ''} of freedom, {mass:.4g} kg moving"
+    text = f"{robot.nv} degree{'s' if robot.nv != 1 else ''} of freedom, {number(mass)} kg moving"
     if motion is None:
         return text
-    carried = " + ".join(f"{p.mass:g} kg" for p in motion.load.payloads)
+    carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads)
     span = float(motion.time[-1] - motion.time[0])
-    return f"{text}{f', payload {carried}' if carried else ''} · {motion.rows} samples in {span:.4g} s"
+    return f"{text}{f', payload {carried}' if carried else ''} · {motion.rows} samples in {number(span)} s"
 
 
 def _switches(

@@ -17,7 +17,7 @@ from ..robot import Robot
 from ..simulation.tableau import RK4
 
 if TYPE_CHECKING:
-    from .book_sections import BookSection
+    from .book_section import BookSection
 
 LARGEST = 10_000
 """Instructions of the longest mass matrix and forward dynamics that a page carries: an arm of 24 joints.

@@ -143,7 +143,7 @@ def cylinder(radius: float, length: float, *, round_ends: bool = False) -> Surfa
     h = length / 2
     if not round_ends:
         return revolved([(0, -h), (radius, -h), (radius, h), (0, h)])
-    up = np.linspace(0, np.pi / 2, 7)
+    up = np.linspace(0, np.pi / 2, 5)
     cap = np.stack([radius * np.cos(up), radius * np.sin(up)], axis=1)
     return revolved(np.concatenate([(cap * [1, -1])[::-1] - [0, h], cap + np.array([0, h])]))
 

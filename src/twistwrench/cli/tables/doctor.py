@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
 from ...diagnosis import DoctorReport, Finding, Severity
-from .style import title_line
+from .plain_table import PlainTable
 
 _COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
 _LISTED = 6
@@ -45,19 +43,15 @@ def _shown(report: DoctorReport, *, every: bool) -> Iterator[Finding]:
         yield finding
 
 
-def _table(findings: list[Finding]) -> Table:
-    table = Table(box=SIMPLE_HEAD, title=title_line("Findings"), title_justify="left", pad_edge=False)
-    table.add_column("severity", no_wrap=True)
-    table.add_column("check", no_wrap=True)
-    table.add_column("line", justify="right", no_wrap=True)
-    table.add_column("where", overflow="fold")
-    table.add_column("effect of the repair", overflow="fold")
+def _table(findings: list[Finding]) -> PlainTable:
+    table = PlainTable("Findings")
+    table.words("severity", "check", fold=False)
+    table.numbers("line")
+    table.words("where", "effect of the repair")
     for finding in findings:
         colour = _COLOURS[finding.severity]
         line = f"{finding.file}:{finding.line}" if finding.file else str(finding.line or "")
-        table.add_row(
-            Text(finding.severity, colour), finding.check, line, Text(finding.where), Text(str(finding.effect))
-        )
+        table.row(Text(finding.severity, colour), finding.check, line, finding.where, str(finding.effect))
     return table
 
 

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-
 from ... import robots
 from ...errors import UnknownNameError
 from ...robots.finding import FoundRobot, known_robots, plain_name
+from .plain_table import PlainTable
 
 _BUNDLED = "twistwrench"
 
 
-def robot_tables(word: str = "") -> Iterator[Table]:
+def robot_tables(word: str = "") -> Iterator[PlainTable]:
     """The bundled robots that have ``word`` in their name or description, and the others that have it in their name.
 
     Raises
@@ -37,27 +35,26 @@ def robot_tables(word: str = "") -> Iterator[Table]:
         yield _others(source, found)
 
 
-def _bundled(chosen: list[str], described: Mapping[str, str]) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("robot", no_wrap=True, style="bold")
-    for head in ("q", "dq", "kg"):
-        table.add_column(head, justify="right", no_wrap=True)
-    table.add_column("what it is")
+def _bundled(chosen: list[str], described: Mapping[str, str]) -> PlainTable:
+    table = PlainTable()
+    table.words("robot", fold=False, style="bold")
+    table.numbers("q", "dq", "kg")
+    table.words("what it is")
     for name in chosen:
         robot = getattr(robots, name)()
         mass = sum(body.inertia.mass for body in robot.model.bodies)
-        table.add_row(name, str(robot.nq), str(robot.nv), f"{mass:.4g}", described[name].partition("; options as")[0])
+        table.row(name, robot.nq, robot.nv, mass, described[name].partition("; options as")[0])
     return table
 
 
-def _others(source: str, found: list[FoundRobot]) -> Table:
+def _others(source: str, found: list[FoundRobot]) -> PlainTable:
     """One row a file, whatever it is called."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column(f"of {source}", no_wrap=True, style="bold")
-    table.add_column("file", overflow="fold")
+    table = PlainTable()
+    table.words(f"of {source}", fold=False, style="bold")
+    table.words("file")
     by_file: dict[str, list[str]] = {}
     for robot in found:
         by_file.setdefault("/".join(robot.path.parts[-3:]), []).append(robot.name)
     for file, called in by_file.items():
-        table.add_row(", ".join(called), file)
+        table.row(", ".join(called), file)
     return table

@@ -5,39 +5,38 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 from rich.text import Text
 
-from ...model.limits import TOLERANCE
+from ...core.printed_numbers import number
+from ...model.limits import over_limit
 from ...report.motors import Demand, MotorUse
+from .plain_table import PlainTable, share_cell
 
 _SHORT = {"peak current": "peak", "rms current": "rms"}
+_DIGITS, _ROUNDING = 3, 6
+"""Of currents, voltages, speeds and powers; what is smaller than that many decimals is rounding."""
 
 
-def motors_table(motors: Sequence[MotorUse]) -> Table:
+def motors_table(motors: Sequence[MotorUse]) -> PlainTable:
     """A row per motor; limits stand behind the values, what passes one is red."""
-    table = Table(box=SIMPLE_HEAD, title="Motors", title_justify="left", title_style="bold", pad_edge=False)
-    table.add_column("joint", overflow="fold")
-    heads = [f"{_SHORT.get(d.what, d.what)} \\[{d.unit}]" for d in motors[0].demands]
-    for head in (*heads, "power \\[W]", "heat \\[W]", "used"):
-        table.add_column(head, justify="right", no_wrap=True)
+    table = PlainTable("Motors")
+    table.words("joint")
+    table.numbers(
+        *(f"{_SHORT.get(d.what, d.what)} [{d.unit}]" for d in motors[0].demands), "power [W]", "heat [W]", "used"
+    )
     for use in motors:
-        share = use.tightest.share
-        style = "red" if use.too_small else "yellow" if share > 0.8 else "green"
-        used = Text(f"{100 * share:.0f} %" if share else "–", style=style)
-        table.add_row(Text(use.joint), *map(_cell, use.demands), _figure(use.power), _figure(use.heat), used)
+        used = share_cell(use.tightest.share or math.nan)
+        table.row(use.joint, *map(_cell, use.demands), _figure(use.power), _figure(use.heat), used)
     return table
 
 
 def _cell(demand: Demand) -> Text:
-    limit = f" / {demand.limit:.3g}" if math.isfinite(demand.limit) else ""
-    return Text.assemble((_figure(demand.value), "red" if demand.share > 1 + TOLERANCE else ""), (limit, "dim"))
+    limit = f" / {number(demand.limit, _DIGITS)}" if math.isfinite(demand.limit) else ""
+    return Text.assemble((_figure(demand.value), "red" if over_limit(demand.share) else ""), (limit, "dim"))
 
 
 def _figure(value: float) -> str:
-    """Three digits; 0 for what is only rounding in these units."""
-    return f"{value:.3g}" if abs(value) >= 1e-6 else "0"
+    return number(value, _DIGITS, decimals=_ROUNDING)
 
 
 def motors_verdict(motors: Sequence[MotorUse]) -> Text:

@@ -9,27 +9,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from ...core.csv_writer import CsvWriter
+from ...core.printed_numbers import number, percent, quantity, torque, without_noise
 from ...errors import ValueRangeError
-from ...model.limits import TOLERANCE
+from ...joints.units import heading_unit, unit_of
+from ...model.limits import over_limit
+from ...motion.coordinates import Coordinates
 from ...outputs import replacing
 from ...report.loaded_robot import Payload
-from ...screws.vector_text import without_noise
 from ...statics.force_directions import largest_wrench, weakest_direction
 from ...statics.joint_stops import BeyondStop
 from ...statics.payload import LargestPayload
 from ...statics.payload_map import PayloadMap
 from ...typing import Array
+from .plain_table import PlainTable, share_bar
 
 if TYPE_CHECKING:
     from ...robot import Robot
 
-_BAR = 16
+_ROUNDING = 12
+"""Decimals below which a coordinate is zero."""
 
 
 def payload_view(
@@ -47,40 +49,26 @@ def payload_view(
 
     ``where`` the payload is, and what is ``carried`` already, in words.
     """
-    turning = np.array([turns for b in robot.model.leaders for turns in b.joint.turning])
-    unit = "N m" if turning.all() else "N" if not turning.any() else "N m, N"
-    table = Table(
-        box=SIMPLE_HEAD, title=f"Holding torques \\[{unit}]", title_justify="left", title_style="bold", pad_edge=False
-    )
-    table.add_column("joint", no_wrap=True)
-    headings = (
-        f"q \\[{'°' if degrees else 'rad'}]",
-        "alone",
-        "per kg",
-        "loaded",
-        "limit",
-        "up to \\[kg]",
-        "share",
-    )
-    for name in headings:
-        table.add_column(name, justify="right")
-    table.add_column("")
+    turning = Coordinates.of(robot.model).angular_velocity
+    table = PlainTable(f"Holding torques [{heading_unit('tau', turning)}]")
+    table.words("joint", fold=False)
+    table.numbers(f"q [{heading_unit('q', turning, degrees=degrees)}]", "alone", "per kg", "loaded", "limit")
+    table.numbers("up to [kg]", "share")
+    table.words("", fold=False)
     places = _places(robot, q, degrees=degrees)
     for k, name in enumerate(found.joint_names):
         share, worst = float(found.share[k]), k == int(found.joint)
-        style = "bold red" if share > 1 + TOLERANCE else "bold" if worst else ""
-        place = "" if np.isnan(places[k]) else _number(places[k], 1e-12)
-        table.add_row(
-            Text(name),
-            place,
-            _number(found.unloaded[k]),
-            _number(found.per_kilogram[k]),
-            _number(found.torques[k]),
-            "-" if math.isinf(found.limits[k]) else f"{found.limits[k]:g}",
-            "-" if not math.isfinite(found.per_joint[k]) else _number(max(found.per_joint[k], 0.0)),
-            f"{100 * share:.0f} %" if math.isfinite(found.limits[k]) else "",
-            Text("█" * round(_BAR * min(share, 1.0)), style="red" if worst or share > 1 else "cyan"),
-            style=style,
+        over, limited = bool(over_limit(share)), math.isfinite(found.limits[k])
+        torques = (found.unloaded[k], found.per_kilogram[k], found.torques[k])
+        table.row(
+            name,
+            number(places[k], decimals=_ROUNDING, missing=""),
+            *map(torque, torques),
+            found.limits[k],
+            torque(max(found.per_joint[k], 0.0)),
+            percent(share if limited else None),
+            share_bar(share if limited else 0.0),
+            style="bold red" if over else "bold" if worst else "",
         )
     besides = f"  ·  carrying {carried} already" if carried else ""
     heading = Text.assemble((robot.name, "bold"), f"  ·  payload at {where}{besides}")
@@ -89,13 +77,13 @@ def payload_view(
 
 def place_words(frame: str, com: Array) -> str:
     """A point of a frame: tool0 + [0, 0, 0.1] m."""
-    return frame + (f" + [{', '.join(f'{x:g}' for x in com)}] m" if np.any(com) else "")
+    return frame + (f" + [{', '.join(number(x) for x in com)}] m" if np.any(com) else "")
 
 
 def carried_words(robot: Robot, payloads: Sequence[Payload]) -> str:
     """Point masses with their places: 1.2 kg at tool0 + [0, 0, 0.05] m."""
     return " and ".join(
-        f"{p.mass:g} kg at {place_words(str(p.frame or robot.tip), np.array(p.place))}" for p in payloads
+        f"{number(p.mass)} kg at {place_words(str(p.frame or robot.tip), np.array(p.place))}" for p in payloads
     )
 
 
@@ -135,7 +123,7 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> lis
         weakest = weakest_direction(robot, q, frame=frame, limits=limits)
     except ValueRangeError:
         return lines
-    d = ", ".join(f"{0.0 if abs(x) < 5e-4 else x:.2f}" for x in weakest.wrench[3:])
+    d = ", ".join(number(x, 2, decimals=3) for x in weakest.wrench[3:])
     limited = f", limited by {weakest.joint_names[int(weakest.joint)]}" if weakest.joint >= 0 else ""
     return [*lines, Text(f"Weakest along ({d}): {_force(weakest.magnitude)} N{limited}."), Text()]
 
@@ -152,9 +140,9 @@ def _verdict(found: LargestPayload, carried: str) -> Text:
     k = int(found.joint)
     side = "upper" if found.side > 0 else "lower"
     return Text.assemble(
-        (f"{found.mass:.4g} kg", "bold green"),
+        (f"{number(found.mass)} kg", "bold green"),
         f": the largest payload held at rest, limited by {found.joint_names[k]} at its {side} limit "
-        f"({_number(found.torques[k])}, of which {_number(found.unloaded[k])} hold {itself}).",
+        f"({torque(found.torques[k])}, of which {torque(found.unloaded[k])} hold {itself}).",
     )
 
 
@@ -162,10 +150,11 @@ def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
     """Which joints the pose puts beyond their stops, and by how much; ``degrees`` for those that turn."""
     said = []
     for b in beyond:
-        scale, unit = ((180 / math.pi, "°") if degrees else (1.0, " rad")) if b.turns else (1.0, " m")
+        scale = math.degrees(1.0) if degrees and b.turns else 1.0
+        unit = unit_of("q", b.turns, degrees=degrees)
         side = "above its upper" if b.value > b.stop else "below its lower"
-        value, far, stop = (_number(scale * x, 1e-12) for x in (b.value, b.by, b.stop))
-        said.append(f"{b.joint} at {value}{unit} is {far}{unit} {side} position limit, {stop}{unit}")
+        value, far, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in (b.value, b.by, b.stop))
+        said.append(f"{b.joint} at {value} is {far} {side} position limit, {stop}")
     return Text.assemble(("OVER LIMIT", "bold red"), f": the robot cannot be in this pose: {'; '.join(said)}.")
 
 
@@ -195,10 +184,4 @@ def write_payload(robot: Robot, found: LargestPayload, q: Array, path: str | Pat
 
 
 def _force(value: Any) -> str:
-    return "unbounded" if math.isinf(value) else f"{value:.4g}"
-
-
-def _number(value: Any, least: float = 5e-4) -> str:
-    if abs(value) < least:
-        return "0"
-    return f"{value:.4g}"
+    return number(value, missing="unbounded")

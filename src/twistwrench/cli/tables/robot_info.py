@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
 
+from ...core.printed_numbers import number
+from ...joints.units import heading_unit
 from ...model.model import BASE, Body, Model
 from ...model.remark import grouped
 from ...motion.coordinates import Coordinates
 from ...report.robot_summary import link_of
+from .plain_table import PlainTable, remarks
 
 if TYPE_CHECKING:
     from ...robot import Robot
@@ -30,18 +31,18 @@ def info_view(robot: Robot, *, degrees: bool = False) -> RenderableType:
     parts: list[RenderableType] = [
         _heading(model), _joints(model, degrees=degrees), *actuators, _inertias(model), _tree(model)
     ]  # fmt: skip
-    return Group(*parts, *(Text.assemble(("! ", "yellow"), remark) for remark in grouped(model.defects)))
+    return Group(*parts, *remarks(grouped(model.defects)))
 
 
 def _heading(model: Model) -> Text:
     moving, fixed = sum(b.inertia.mass for b in model.bodies), model.base_inertia.mass
-    gravity = " ".join(f"{g:g}" for g in model.gravity)
+    gravity = " ".join(map(number, model.gravity))
     rotors = sum(not b.joint.moves_body for b in model.bodies)
     bodies = f"{len(model.bodies) - rotors} moving bodies" + (f" and {rotors} rotors" if rotors else "")
     counts = f"{bodies}, {model.nq} coordinates, {model.nv} velocities, {len(model.frames)} frames"
     return Text.assemble(
         (model.name, "bold"),
-        f"  {counts}\nmass {moving:.4g} kg moving, {fixed:.4g} kg fixed  ·  gravity [{gravity}] m/s²  ·  tip ",
+        f"  {counts}\nmass {number(moving)} kg moving, {number(fixed)} kg fixed  ·  gravity [{gravity}] m/s²  ·  tip ",
         _tip(model),
     )
 
@@ -55,15 +56,13 @@ def _tip(model: Model) -> str:
     return f"{model.tip} (beside it: {', '.join(others)})" if others else model.tip
 
 
-def _joints(model: Model, *, degrees: bool) -> Table:
-    angle = "deg" if degrees else "rad"
-    table = _plain_table(f"Joints (angles in {angle}, lengths in m, efforts in N m or N)")
-    for name in ("joint", "kind", "carries"):
-        table.add_column(name, overflow="fold")
+def _joints(model: Model, *, degrees: bool) -> PlainTable:
+    units = (heading_unit(part, (True, False), degrees=degrees) for part in ("q", "dq", "tau"))
+    table = PlainTable("Joints: positions in {}, velocities in {}, efforts in {}".format(*units))
+    table.words("joint", "kind", "carries")
     extra, drives = model.friction.any, bool(model.armature.any())
-    more = (*(("damping", "friction") if extra else ()), *(("armature",) if drives else ()))
-    for name in ("lower", "upper", "velocity", "effort", *more):
-        table.add_column(name, justify="right", no_wrap=True)
+    table.numbers("lower", "upper", "velocity", "effort")
+    table.numbers(*(("damping", "friction") if extra else ()), *(("armature",) if drives else ()))
     c, limits = Coordinates.of(model), model.limits
     for i, b in enumerate(model.bodies):
         for k in range(b.v_index, b.v_index + b.joint.nv):
@@ -72,29 +71,27 @@ def _joints(model: Model, *, degrees: bool) -> Table:
                 continue
             if b.follows:
                 kind = f"{b.joint.kind},\n{_rule(b, c.velocity_names[k], factor, degrees=degrees)}"
-                table.add_row(*map(Text, (b.joint.name, kind, link_of(model, i))))
+                table.row(b.joint.name, kind, link_of(model, i))
                 continue
             first = k == b.v_index
             cells = [factor * limits.lower[k], factor * limits.upper[k], factor * limits.velocity[k], limits.effort[k]]
             cells += [model.friction.viscous[k], model.friction.coulomb[k]] if extra else []
             cells += [model.armature[k]] if drives else []
             words = (c.velocity_names[k], b.joint.kind if first else "", link_of(model, i) if first else "")
-            table.add_row(*map(Text, words), *map(_figure, cells))
+            table.row(*words, *cells)
     return table
 
 
-def _actuators(model: Model) -> Table:
+def _actuators(model: Model) -> PlainTable:
     """Gears, rotors and motors; what is not known stays empty."""
-    table = _plain_table("Actuators (SI units)")
-    table.add_column("joint", overflow="fold")
-    heads = ("ratio", "η", "rotor", "stiffness", "k_t", "R", "V", "A", "A peak", "speed")
-    for name in heads:
-        table.add_column(name, justify="right", no_wrap=True)
+    table = PlainTable("Actuators (SI units)")
+    table.words("joint")
+    table.numbers("ratio", "η", "rotor", "stiffness", "k_t", "R", "V", "A", "A peak", "speed")
     for a in model.actuators.values():
         m = a.motor
         known = [m.torque_constant, m.resistance, m.voltage, m.current_continuous, m.current_peak, m.speed] if m else []
         cells = [a.ratio, a.efficiency, a.rotor.inertia if a.rotor else math.inf, a.stiffness, *known]
-        table.add_row(Text(a.joint), *(f"{x:.3g}" if math.isfinite(x) else "–" for x in cells))
+        table.row(a.joint, *cells)
     return table
 
 
@@ -102,26 +99,22 @@ def _rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -
     """What a mimic joint does, in the table's units: it has no limits, damping and friction, but its leader has."""
     factor = math.degrees(1.0) if degrees and follower.joint.axes[0, :3].any() else 1.0
     ratio = follower.ratio * (factor / leader_factor)
-    share = "" if ratio == 1.0 else f"{ratio:.5g} × "
-    offset = f" {factor * follower.offset:+.5g}" if follower.offset else ""
+    share = "" if ratio == 1.0 else f"{number(ratio)} × "
+    offset = f" {'+' if follower.offset > 0 else ''}{number(factor * follower.offset)}" if follower.offset else ""
     return f"follows {share}{leader}{offset}"
 
 
-def _inertias(model: Model) -> Table:
-    table = _plain_table("Links with mass, each in its own frame (kg, m, kg m²)")
-    table.add_column("link", overflow="fold")
-    table.add_column("moves with", overflow="fold")
-    table.add_column("mass", justify="right", no_wrap=True)
-    for name in ("centre of mass", "principal moments"):  # three numbers each: these break between numbers
-        table.add_column(name, justify="right", min_width=10)
+def _inertias(model: Model) -> PlainTable:
+    table = PlainTable("Links with mass, each in its own frame (kg, m, kg m²)")
+    table.words("link", "moves with")
+    table.numbers("mass")
+    table.numbers("centre of mass", "principal moments", min_width=10)  # three numbers each
     for link, inertia in model.link_inertias.items():
         if not inertia.parameters.any():
             continue
         body = model.frames[link].body if link in model.frames else BASE
-        com = " ".join(f"{x:.4g}" for x in inertia.com)
-        moments = " ".join(f"{x:.3g}" for x in inertia.principal()[0])
-        carrier = link_of(model, body)
-        table.add_row(Text(link), Text(carrier), f"{inertia.mass:.4g}", com, moments)
+        com, moments = (" ".join(map(number, x)) for x in (inertia.com, inertia.principal()[0]))
+        table.row(link, link_of(model, body), inertia.mass, com, moments)
     return table
 
 
@@ -150,11 +143,3 @@ def _tree(model: Model) -> Tree:
 def _branch(link: str, frames: list[str]) -> Text:
     others = [name for name in frames if name != link]
     return Text.assemble((link, "bold"), (f"  + {', '.join(others)}" if others else "", "dim"))
-
-
-def _plain_table(title: str) -> Table:
-    return Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
-
-
-def _figure(value: float) -> str:
-    return f"{value:.5g}" if math.isfinite(value) else "–"

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core.text import spread
+from ...core.printed_numbers import deviation, number, percent, seconds
+from ...joints.units import unit_of
 from ...model.model import BASE
+from ...motion.coordinates import Coordinates
 from ...report.torque_findings import NEGLIGIBLE, TorqueReport
 
 _NOISY = 0.02
@@ -30,8 +32,8 @@ def notes(report: TorqueReport) -> Iterator[str]:
     if report.gaps.count:
         times = "time" if report.gaps.count == 1 else "times"
         yield (
-            f"Time jumps {report.gaps.count} {times} by more than {report.gaps.threshold / q.step:.0f} usual steps; "
-            f"the longest gap is {report.gaps.longest:.4g} s, after t = {report.gaps.longest_at:.4f} s."
+            f"Time jumps {report.gaps.count} {times} by more than {number(report.gaps.threshold / q.step)} usual steps; "
+            f"the longest gap is {number(report.gaps.longest)} s, after t = {seconds(report.gaps.longest_at, 4)} s."
             + (" Derived rates near gaps are guesses." if d.derives else "")
         )
     floating = {b.joint.name for b in report.load.bare.model.bodies if not b.joint.driven}
@@ -63,7 +65,7 @@ def notes(report: TorqueReport) -> Iterator[str]:
 def _friction_notes(report: TorqueReport) -> Iterator[str]:
     friction = report.load.bare.model.friction.static
     found = [
-        f"{j.joint} (±{friction[k]:.3g} {j.unit}, {100 * report.still[k]:.3g} % of the rows)"
+        f"{j.joint} (±{number(friction[k])} {j.unit}, {percent(report.still[k], 3)} of the rows)"
         for k, j in enumerate(report.joints)
         if friction[k] > 0 and report.still[k] > 0
     ]
@@ -97,8 +99,8 @@ def _stray_notes(report: TorqueReport) -> Iterator[str]:
         size = s.off / d.trajectory.columns.factors["dq" if d.source == "velocities" else "q"][s.column]
         count = f", {s.count} samples, the farthest" if s.count > 1 else ""
         shown.append(
-            f"{d.trajectory.columns.header[place]}{count} at t = {s.time:.4f} s off by {size:.3g} "
-            f"({abs(s.sigmas):.0f} σ)"
+            f"{d.trajectory.columns.header[place]}{count} at t = {seconds(s.time, 4)} s off by {number(size)} "
+            f"({number(abs(s.sigmas), 2)} σ)"
         )
     if shown:
         more = f"; and {len(report.strays) - len(shown)} columns more" if len(report.strays) > len(shown) else ""
@@ -117,21 +119,25 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
     if d.source == "given":
         return
     if not report.noisy:
-        yield f"Noise of the log moves no torque by more than {100 * NEGLIGIBLE:g} % of its peak."
+        yield f"Noise of the log moves no torque by more than {percent(NEGLIGIBLE, 1)} of its peak."
         return
     derived = d if report.derived is None else report.derived.differentiation
     worst = int(q.noise.argmax())
-    grid = f", on a grid of {q.quantum[worst]:.3g}" if q.quantum[worst] else ""
+    grid = f", on a grid of {number(q.quantum[worst])}" if q.quantum[worst] else ""
     joint = report.joints[int(derived.sigma_ddq.argmax())]
-    unit = "rad/s²" if joint.unit == "N m" else "m/s²"
+    unit = unit_of("ddq", bool(Coordinates.of(d.model).angular_velocity[derived.sigma_ddq.argmax()]))
     loudest = max(report.joints, key=lambda j: j.noise)
     late = d.errors.stamp
-    stamps = f", and stamps that are off by {1e3 * np.median(late[late > 0]):.2g} ms" if _stamps_matter(report) else ""
+    stamps = (
+        f", and stamps that are off by {number(1e3 * np.median(late[late > 0]), 2)} ms"
+        if _stamps_matter(report)
+        else ""
+    )
     yield (
-        f"The log has noise of {q.noise[worst]:.2g} (1 σ, {d.trajectory.columns.header[d.places[worst]]}, "
+        f"The log has noise of {number(q.noise[worst], 2)} (1 σ, {d.trajectory.columns.header[d.places[worst]]}, "
         f"in the file's unit{grid}){stamps}. {'As it is, it' if report.derived else 'Smoothed, it still'} makes accelerations "
-        f"unsure by {derived.sigma_ddq.max():.2g} {unit} ({joint.joint}) and single torques by up to "
-        f"{spread(loudest.noise)} {loudest.unit} ({loudest.joint})."
+        f"unsure by {number(derived.sigma_ddq.max(), 2)} {unit} ({joint.joint}) and single torques by up to "
+        f"{deviation(loudest.noise)} {loudest.unit} ({loudest.joint})."
     )
     beside = "" if report.derived is None else " The raw peak is that of the log as it is, at an instant of its own."
     yield (
@@ -145,7 +151,7 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
         )
     if any(report.reach(j) > _NOISY * report.reference(j) for j in report.joints):
         yield (
-            f"Noise leaves more than {100 * _NOISY:.0f} % of a peak unknown. Log velocities and accelerations as well, if the "
+            f"Noise leaves more than {percent(_NOISY)} of a peak unknown. Log velocities and accelerations as well, if the "
             "controller has them, or more slowly changing motions."
         )
 

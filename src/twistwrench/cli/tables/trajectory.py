@@ -6,17 +6,19 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
+from ...core.printed_numbers import number, percent, seconds, torque
+from ...joints.units import heading_unit
+from ...model.limits import over_limit
+from ...motion.bounds import Bounds
 from ...motion.coordinates import Coordinates
+from ...motion.violations import Violation
 from ...trajectories.fastest import Fastest
-from ...trajectories.limit_checks import Bounds, Violation
 from ...trajectories.trajectory import Trajectory
+from .plain_table import PlainTable, remarks, share_bar
 
-_BAR = 12
 _SAMPLES = 2001
 _LISTED = 12
 
@@ -68,40 +70,29 @@ def move_view(
     robot = trajectory.robot
     names = Coordinates.of(robot.model)
     unit = np.where(names.angular_velocity & degrees, math.degrees(1.0), 1.0)
-    turning = bool(names.angular_velocity.all())
-    angle = "°" if degrees else "rad" if turning else "rad, m"
-    torque = "N m" if turning else "N m, N"
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("joint", no_wrap=True)
+    way, speed, force = (heading_unit(part, names.angular_velocity, degrees=degrees) for part in ("q", "dq", "tau"))
+    table = PlainTable()
+    table.words("joint", fold=False)
     fast = isinstance(trajectory, Fastest)
-    for heading in (
-        f"way \\[{angle}]",
-        f"peak \\[{angle}/s]",
-        "share",
-        f"peak \\[{torque}]",
-        "share",
-        *(["at limit"] * fast),
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("")
+    table.numbers(f"way [{way}]", f"peak [{speed}]", "share", f"peak [{force}]", "share", *(["at limit"] * fast))
+    table.words("", fold=False)
     for k, use in enumerate(joint_uses(trajectory, bounds, friction=friction)):
         most = max((x for x in (use.velocity_share, use.torque_share) if not math.isnan(x)), default=0.0)
-        over = most > 1 + 1e-6
-        table.add_row(
-            Text(use.joint),
-            f"{use.way * unit[k]:.4g}",
-            f"{use.velocity * unit[k]:.4g}",
-            _share(use.velocity_share),
-            f"{use.torque:.4g}",
-            _share(use.torque_share),
-            *([f"{100 * use.limiting:.0f} %"] * fast),
-            Text("█" * round(_BAR * min(most, 1.0)), style="red" if over or most > 1 - 1e-6 else "cyan"),
-            style="bold red" if over else "",
+        table.row(
+            use.joint,
+            number(use.way * unit[k], decimals=3),
+            number(use.velocity * unit[k], decimals=3),
+            percent(use.velocity_share),
+            torque(use.torque),
+            percent(use.torque_share),
+            *([percent(use.limiting)] * fast),
+            share_bar(most),
+            style="bold red" if over_limit(most) else "",
         )
     s = trajectory.path.name
     first = Text.assemble(
         (robot.name, "bold"),
-        f"  ·  {s}, {trajectory.scaling.name} timing: {trajectory.duration:.6g} s",
+        f"  ·  {s}, {trajectory.scaling.name} timing: {number(trajectory.duration, 6)} s",
         f"  ·  carrying {carried}" if carried else "",
     )
     parts: list[RenderableType] = [first, table]
@@ -110,28 +101,16 @@ def move_view(
     return Group(*parts, *_verdict(trajectory, bounds, violations))
 
 
-def _share(x: float) -> str:
-    return "–" if math.isnan(x) else f"{100 * x:.0f} %"
-
-
 def _timeline(trajectory: Fastest) -> list[RenderableType]:
-    table = Table(
-        box=SIMPLE_HEAD, title="What limits it when", title_justify="left", title_style="bold", pad_edge=False
-    )
-    for name, justify in (
-        ("from \\[s]", "right"),
-        ("to \\[s]", "right"),
-        ("joint", "left"),
-        ("limit", "left"),
-        ("", "left"),
-    ):
-        table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    table = PlainTable("What limits it when")
+    table.numbers("from [s]", "to [s]")
+    table.words("joint", "limit", "", fold=False)
     T, touches = trajectory.duration, trajectory.touches
     shown = sorted(sorted(touches, key=lambda t: t.begin - t.end)[:_LISTED], key=lambda t: t.begin)
     for t in shown:
         a, b = round(24 * t.begin / T), max(round(24 * t.end / T), round(24 * t.begin / T) + 1)
         bar = Text("·" * min(a, 23) + "█" * (min(b, 24) - min(a, 23)) + "·" * (24 - min(b, 24)), style="cyan")
-        table.add_row(f"{t.begin:.4f}", f"{t.end:.4f}", Text(t.joint), f"{'+' if t.side > 0 else '−'} {t.kind}", bar)
+        table.row(seconds(t.begin, 4), seconds(t.end, 4), t.joint, f"{'+' if t.side > 0 else '-'} {t.kind}", bar)
     rest = len(touches) - len(shown)
     return [table, *([Text(f"and {rest} shorter parts", style="dim")] if rest else [])]
 
@@ -144,7 +123,7 @@ def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation
     within = "Within the limits that are known" if unknown else "Within all limits"
     if isinstance(trajectory, Fastest):
         within += ", and at one of them at all times: it cannot be done faster on this path"
-    return [Text(f"{within}.", style="bold"), *(Text(f"! {text}") for text in unknown)]
+    return [Text(f"{within}.", style="bold"), *remarks(unknown)]
 
 
 def _unknown_limits(trajectory: Trajectory, bounds: Bounds) -> list[str]:

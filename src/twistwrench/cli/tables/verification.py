@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
+from ...core.printed_numbers import residual
 from ...verify import VerifyReport
+from .plain_table import PlainTable
 
 
-def verification_table(report: VerifyReport) -> Table:
+def verification_table(report: VerifyReport) -> PlainTable:
     """A row per check: what it compares, the residual, and what is allowed."""
-    title = f"{escape(report.robot)}: {report.states} random states, seed {report.seed}"
-    table = Table("check", "compares", "residual", "allowed", "", title=title, title_justify="left")
+    table = PlainTable(f"{report.robot}: {report.states} random states, seed {report.seed}")
+    table.words("check", "compares")
+    table.numbers("residual", "allowed")
+    table.words("")
     for check in report.checks:
         if check.skipped:
-            reason = f"{check.compares}\n[dim]skipped: {escape(check.skipped)}[/dim]"
-            table.add_row(check.name, reason, "", "", "[dim]skipped[/dim]")
+            reason = Text.assemble(f"{check.compares}\n", (f"skipped: {check.skipped}", "dim"))
+            table.row(check.name, reason, "", "", Text("skipped", "dim"))
         else:
-            verdict = "[green]agrees[/green]" if check.passed else "[bold red]DISAGREES[/bold red]"
-            table.add_row(check.name, check.compares, f"{check.residual:.1e}", f"{check.tolerance:.0e}", verdict)
+            verdict = Text("agrees", "green") if check.passed else Text("DISAGREES", "bold red")
+            table.row(check.name, check.compares, residual(check.residual), residual(check.tolerance), verdict)
     return table

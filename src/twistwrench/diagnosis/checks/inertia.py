@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...core.printed_numbers import number, percent
 from ...model.inertia_checks import reasons
 from ...model.model import BASE
 from ...typing import Array
@@ -84,8 +85,8 @@ def check_too_large(robot: DescribedRobot, _options: Options) -> Iterator[Findin
         radius = float(np.sqrt(written.tensor[axis, axis] / written.mass))
         yield Finding(
             "too-large", severity, f"link {link.name!r}", written.line,
-            f"its tensor is too large for its shapes: {name} is {written.tensor[axis, axis]:.4g} kg m², a gyration radius of "
-            f"{radius:.3g} m, and {written.mass:.4g} kg in their box have {most[axis]:.3g} at most{more}",
+            f"its tensor is too large for its shapes: {name} is {number(written.tensor[axis, axis])} kg m², a gyration radius "
+            f"of {number(radius, 3)} m, and {number(written.mass)} kg in their box have {number(most[axis], 3)} at most{more}",
             {"factor": factor, "gyration_radius": radius, "largest": float(most[axis])}, effect, repair, written.file,
         )  # fmt: skip
 
@@ -103,7 +104,8 @@ def check_too_small(robot: DescribedRobot, _options: Options) -> Iterator[Findin
         effect = robot.effects.of(repair.inertias)
         yield Finding(
             "too-small", Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"its tensor is too small for its shapes: its gyration radius is {radius:.2g} m, their diagonal {diagonal:.2g} m",
+            f"its tensor is too small for its shapes: its gyration radius is {number(radius, 2)} m, their diagonal "
+            f"{number(diagonal, 2)} m",
             {"gyration_radius": radius, "diagonal": diagonal}, effect, repair, written.file,
         )  # fmt: skip
 
@@ -152,7 +154,7 @@ def nearest_repair(link: DescribedLink, metric: str, reference: Array | None) ->
     tensor = nearest(link.written.tensor, metric, reference)
     change = float(np.linalg.norm(tensor - link.written.tensor) / np.linalg.norm(link.written.tensor))
     sentence = (
-        f"no one slip explains it; the nearest tensor that can exist ({METRICS[metric]}) is {100 * change:.2g} % away"
+        f"no one slip explains it; the nearest tensor that can exist ({METRICS[metric]}) is {percent(change, 2)} away"
     )
     return _repair(link, "nearest" if metric == "frobenius" else metric, sentence, tensor, METRICS[metric])
 

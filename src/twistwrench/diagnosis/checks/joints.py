@@ -7,6 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...core.printed_numbers import number
+from ...model.limits import margin
 from ..described import DescribedJoint, DescribedRobot
 from ..findings import Edit, FileRepair, Finding, Severity
 from .options import Options
@@ -71,7 +73,7 @@ def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
             yield from _of_several(robot, "effort", large, f"the limit of {what} stands for none")
     limits, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
     names = robot.model.velocity_names
-    weak = [names[k] for k in range(robot.model.nv) if np.isfinite(limits[k]) and torques[k] > limits[k]]
+    weak = [names[k] for k in range(robot.model.nv) if torques[k] > limits[k] + margin(limits[k])]
     yield from _of_several(robot, "effort", weak, "the robot's own weight takes more than the effort at some pose")
 
 
@@ -83,7 +85,7 @@ def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         text = " ".join(f"{x:.10g}" for x in joint.axis / length)
         repair = FileRepair("number", "the axis with unit length", edits=(Edit(joint.places["axis"], text),))
         yield _finding(
-            joint, "axis", Severity.NOTE, f"its axis has the length {length:.4g}, not 1", {"length": length}, repair
+            joint, "axis", Severity.NOTE, f"its axis has the length {number(length)}, not 1", {"length": length}, repair
         )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.printed_numbers import number
 from ...model.massless import massless_links
 from ..described import DescribedLink, DescribedRobot
 from ..findings import FileRepair, Finding, Severity
@@ -33,7 +34,7 @@ def check_placeholder(robot: DescribedRobot, _options: Options) -> Iterator[Find
         heavy = robot.heavy(link) and effect.reaches(MATTERS)
         yield Finding(
             "placeholder", Severity.WARNING if heavy else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"its moments are {written.tensor[0, 0]:g} kg m² about every axis at {written.mass:.4g} kg, which looks like a "
+            f"its moments are {written.tensor[0, 0]:g} kg m² about every axis at {number(written.mass)} kg, which looks like a "
             "placeholder", {"moment": float(written.tensor[0, 0]), "mass": written.mass}, effect, repair, written.file,
         )  # fmt: skip
 
@@ -50,7 +51,7 @@ def check_no_inertia(robot: DescribedRobot, _options: Options) -> Iterator[Findi
         largest = float(np.abs(written.tensor).max())
         yield Finding(
             "no-inertia", Severity.WARNING if heavy else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"it has {written.mass:.4g} kg and no rotational inertia ({largest:.1g} kg m²), as a point mass has",
+            f"it has {number(written.mass)} kg and no rotational inertia ({number(largest, 1)} kg m²), as a point mass has",
             {"mass": written.mass, "largest": largest}, effect, repair, written.file,
         )  # fmt: skip
 
@@ -65,7 +66,7 @@ def check_no_mass(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
         effect = robot.effects.of(repair.inertias)
         yield Finding(
             "no-mass", Severity.WARNING if effect.reaches(MATTERS) else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"it has rotational inertia, {float(written.tensor.diagonal().max()):.3g} kg m², and no mass",
+            f"it has rotational inertia, {number(float(written.tensor.diagonal().max()), 3)} kg m², and no mass",
             {"largest": float(written.tensor.diagonal().max())}, effect, repair, written.file,
         )  # fmt: skip
 
@@ -128,6 +129,7 @@ def check_density(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
             continue
         yield Finding(
             "density", Severity.NOTE, f"link {link.name!r}", written.line,
-            f"{written.mass:.4g} kg in a hull of {1e3 * volume:.3g} litres is {density:.3g} kg/m³; parts of robots have "
+            f"{number(written.mass)} kg in a hull of {number(1e3 * volume, 3)} litres is {number(density, 3)} kg/m³; parts of "
+            "robots have "
             f"{least:g} to {most:g}", {"density": density, "volume": volume}, file=written.file,
         )  # fmt: skip

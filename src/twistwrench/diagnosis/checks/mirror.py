@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.printed_numbers import number, percent
 from ...model.inertia_checks import reasons
 from ...typing import Array
 from ..described import DescribedLink, DescribedRobot, about_com
@@ -67,7 +68,10 @@ def _evidence(pair: Pair) -> str:
     if min(away) > 0.5 * max(away) or max(away) - min(away) < _COM:
         return unknown
     side, near, far = ("left" if away[0] < away[1] else "right"), 1e3 * min(away), 1e3 * max(away)
-    return f"the shapes speak for the {side} one, whose centre of mass is {near:.2g} mm from theirs, not {far:.2g}"
+    return (
+        f"the shapes speak for the {side} one, whose centre of mass is {number(near, 2)} mm from theirs, not "
+        f"{number(far, 2)}"
+    )
 
 
 def mirrored(inertia: SpatialInertia, D: Array) -> SpatialInertia:
@@ -80,9 +84,9 @@ def _differences(given: SpatialInertia, image: SpatialInertia) -> tuple[list[str
     com = float(np.linalg.norm(given.com - image.com))
     I, J = given.moment_about_com, image.moment_about_com
     tensor = float(np.linalg.norm(I - J) / max(I.trace(), J.trace(), 1e-300))
-    said = [f"masses {image.mass:.4g} and {given.mass:.4g} kg"] if mass > _MASS else []
-    said += [f"centres of mass {1e3 * com:.3g} mm apart"] if com > _COM else []
-    said += [f"tensors {100 * tensor:.2g} % of their trace apart"] if tensor > _TENSOR else []
+    said = [f"masses {number(image.mass)} and {number(given.mass)} kg"] if mass > _MASS else []
+    said += [f"centres of mass {number(1e3 * com, 3)} mm apart"] if com > _COM else []
+    said += [f"tensors {percent(tensor, 2)} of their trace apart"] if tensor > _TENSOR else []
     return said, {"mass_share": mass, "com_distance": com, "tensor_share": tensor}
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...core.printed_numbers import number
 from ...model.inertia_checks import reasons
 from ...model.model import BASE
 from ...typing import Array
@@ -40,12 +41,13 @@ def check_com(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         effect = robot.effects.of({link.name: moved})
         regrouped = identified(written) and away <= _REGROUPED * robot.span
         matters = effect.reaches(MATTERS) and not regrouped and not reasons(written.inertia)
-        listed = " ".join(f"{x:.4g}" for x in written.com)
+        listed = " ".join(number(x) for x in written.com)
         fitting = _fitting(robot, link, written.com, low, high)
         hint = f"; read in the frame of {fitting!r} it would be inside" if fitting else ""
         yield Finding(
             "com-outside", Severity.WARNING if matters else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"its centre of mass, {listed} m, is {away:.3g} m outside its shapes{hint}; the effect is that of moving it to "
+            f"its centre of mass, {listed} m, is {number(away, 3)} m outside its shapes{hint}; the effect is that of moving "
+            "it to "
             "their edge", {"distance": away, "diagonal": link.shapes.diagonal}, effect,
             FileRepair("advice", "measure the centre of mass in the frame of the link"), written.file,
         )  # fmt: skip
@@ -80,7 +82,7 @@ def check_units(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
             factor = "millimetres" if link.shapes.diagonal > _LARGEST else "metres written as millimetres"
             yield Finding(
                 "units", Severity.WARNING, f"link {link.name!r}", link.line,
-                f"its shapes are {link.shapes.diagonal:.3g} m long: are they in {factor}?",
+                f"its shapes are {number(link.shapes.diagonal, 3)} m long: are they in {factor}?",
                 {"diagonal": link.shapes.diagonal},
                 repair=FileRepair("advice", "scale its shapes to metres"), file=link.file,
             )  # fmt: skip
@@ -106,6 +108,6 @@ def _giant(robot: DescribedRobot, link: DescribedLink, written: WrittenInertia, 
     yield Finding(
         "units", Severity.WARNING if effect.reaches(MATTERS) and robot.heavy(link) else Severity.NOTE,
         f"link {link.name!r}", written.line,
-        f"its gyration radius is {radius:.3g} m, more than the whole robot's span of {span:.3g} m",
+        f"its gyration radius is {number(radius, 3)} m, more than the whole robot's span of {number(span, 3)} m",
         {"gyration_radius": radius, "span": span}, effect, repair, written.file,
     )  # fmt: skip

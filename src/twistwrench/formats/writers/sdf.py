@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.gravity import GRAVITY
 from ...errors import ModelError
 from ...lie import se3
 from ...model.assembly import ROOT_JOINT
@@ -21,7 +22,6 @@ from ..xml_text import figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, screw_of, unused
 
 WORLD = "world"
-_USUAL = (0.0, 0.0, -9.81)
 _NONE = 1e16
 """What stands for no limit."""
 
@@ -55,7 +55,7 @@ class _SdfWriter:
         """Links with their joints, depth first, then frames."""
         found = self.found
         world = self.root
-        if not np.array_equal(found.gravity, _USUAL):
+        if not np.array_equal(found.gravity, GRAVITY):
             world = new("world", self.root, name="world")
             new("gravity", world, figures(found.gravity))
         world.add(self.model)

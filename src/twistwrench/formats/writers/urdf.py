@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.gravity import GRAVITY
 from ...model.description import JointEntry
 from ...model.limits import Limits
 from ...model.model import Model
@@ -18,7 +19,6 @@ from .written import Losses, Written, configurations_of, drive_of, moved, screw_
 
 _NONE = 1e16
 """What stands for no limit where the format wants a number."""
-_USUAL = (0.0, 0.0, -9.81)
 
 
 def write_urdf(model: Model) -> Written:
@@ -180,7 +180,7 @@ class _UrdfWriter:
         for spring in more.springs:
             joints = ", ".join(repr(joint) for joint, _ in spring.terms)
             self.losses.say(f"the spring of {joints} is left out: the format has none")
-        if not np.array_equal(found.gravity, _USUAL):
+        if not np.array_equal(found.gravity, GRAVITY):
             self.losses.say(
                 f"gravity {found.gravity.tolist()} is left out, which is no part of the format: load with gravity=…"
             )

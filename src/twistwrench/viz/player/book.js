@@ -59,14 +59,14 @@ class Book {
 
   list(section, { key, rows }) {
     const list = section.appendChild(document.createElement("ul")), { panel, robot } = this.viewer;
-    const numbered = rows.length === robot.torques.length && key !== "wrench";
+    const numbered = rows.length === robot.torques.length && !["wrench", "motor"].includes(key);
     this.state[key] = rows.map(({ start }) => start);
-    this.sliders[key] = rows.map(({ name, unit: unit_, most }, k) => {
+    this.sliders[key] = rows.map(({ name, unit: unit_, least, most }, k) => {
       const slider = document.createElement("input"), row = list.appendChild(document.createElement("li")), number = panel.cell("number");
-      Object.assign(slider, { type: "range", id: `${key}-${k}`, min: -most, max: most, step: "any" });
+      Object.assign(slider, { type: "range", id: `${key}-${k}`, min: least ?? -most, max: most, step: "any" });
       slider.setAttribute("aria-label", `${name} [${unit_}]`);
       slider.addEventListener("input", () => { this.state[key][k] = Number(slider.value); this.viewer.set(key); });
-      slider.addEventListener("dblclick", () => { this.state[key][k] = 0; this.viewer.set(key); });
+      slider.addEventListener("dblclick", () => { this.state[key][k] = least ?? 0; this.viewer.set(key); });
       row.append(panel.cell("name", `${numbered ? `${k + 1} ` : ""}${name.replace(/_joint$/, "")}`), slider, number);
       const digits = Math.max(0, 2 - Math.floor(Math.log10(most)));
       return { slider, tell: (x) => { slider.value = x; number.textContent = `${signed(x, digits)} ${unit_}`; } };
@@ -90,11 +90,13 @@ class Book {
     return this.found.tau || viewer.robot.torques.map(() => 0);
   }
 
+  get velocities() { return this.found.dq || this.state.dq; } // where a wall is, those along it
+
   legend() { // the arrows that are drawn, by colour
     const list = document.createElement("p"), seen = new Set();
     list.className = "legend";
-    for (const { name, colour, along } of this.found.arrows) {
-      if (seen.has(name) || norm(along) < 1e-9) continue;
+    for (const { name, colour, along } of [...(this.found.solids || []), ...this.found.arrows]) {
+      if (seen.has(name) || (along && norm(along) < 1e-9)) continue;
       seen.add(name);
       const chip = list.appendChild(document.createElement("span"));
       chip.appendChild(document.createElement("i")).style.background = this.lines[colour % this.lines.length];
@@ -121,6 +123,8 @@ class Book {
     for (const [, T] of found.frames || [])
       robot.colours.axes.forEach((colour, k) => items.push({ kept: axis, model: mul(T, mul(AXES[k], scaling(0.14 * robot.size))), colour: [...colour, 1] }));
     this.label();
+    for (const { p, shape, colour } of found.solids || [])
+      items.push({ kept: viewer.ball, model: pose(shape, p), colour: [...rgb(this.lines[colour % this.lines.length]), 0.3], closed: true });
     for (const { p, along, most, colour } of found.arrows) {
       const share = Math.min(1, norm(along) / most), length = Math.round(60 * share) / 200;
       if (length < 0.01) continue;
@@ -135,7 +139,7 @@ const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 25
 function shownNumber(x, digits) {
   if (x === null) return "";
   if (x === 0) return "0";
-  return Math.abs(x) < 1e5 ? signed(x, digits) : x === Infinity ? "∞" : x.toExponential(1).replace("-", "−");
+  return Math.abs(x) < 1e5 ? signed(x, digits) : x === Infinity ? "∞" : x.toExponential(1).replaceAll("-", "−");
 }
 
 const digitsOf = (most) => Math.min(3, Math.max(0, 2 - Math.floor(Math.log10(most))));
@@ -176,6 +180,7 @@ class NumberTable {
 
 function valueOf([name, x, unit_]) {
   const line = document.createElement("p");
-  line.innerHTML = `${name}: <b>${Math.abs(x) < 1e-9 && x ? x.toExponential(0).replace("-", "−") : signed(x, 4)} ${unit_}</b>`;
+  const small = Math.abs(x) < 1e-9 && x, shown = x === Infinity ? "∞" : small ? x.toExponential(0).replaceAll("-", "−") : Number.isInteger(x) && !unit_ ? x : signed(x, 4);
+  line.innerHTML = `${name}: <b>${shown} ${unit_}</b>`;
   return line;
 }

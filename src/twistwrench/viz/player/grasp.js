@@ -8,15 +8,15 @@ class Grasp {
     this.can = mechanics.run.jacobian !== undefined && mechanics.run.rates !== undefined && mechanics.pushed >= 0
       && robot.hands.every(({ turn: turns }) => turns === undefined); // a base that floats would come along
     if (!this.can) return;
-    viewer.stage.grasp = (x, y) => this.hold(x, y);
+    viewer.stage.grasp = (x, y, near) => this.hold(x, y, near);
     this.ends = new Map(robot.hands.map((hand) => [hand.q, [hand.least ?? -Infinity, hand.most ?? Infinity]]));
   }
 
   get tip() { return place(this.viewer.mechanics.tipPose(this.viewer.q)); }
 
-  hold(x, y) { // null, or what moves the tip by pixels along the screen
+  hold(x, y, near) { // null, or what moves the tip by pixels along the screen
     const { stage } = this.viewer, [a, b] = stage.project(this.tip);
-    if (Math.hypot(a - x, b - y) > 20) return null;
+    if (Math.hypot(a - x, b - y) > near) return null;
     let wanted = this.tip;
     return (dx, dy) => {
       const { right, up } = stage.camera(), p = this.tip, step = 1e-3 * stage.size, [u, v] = stage.project(p);

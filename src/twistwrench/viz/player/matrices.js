@@ -5,6 +5,7 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const add = (a, b) => a.map((x, k) => x + b[k]);
 const times = (s, a) => a.map((x) => s * x);
+const inner = (a, b) => a.reduce((sum, x, k) => sum + x * b[k], 0); // of any length
 const norm = (a) => Math.sqrt(dot(a, a));
 const unit = (a) => times(1 / (norm(a) || 1), a);
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
@@ -25,4 +26,10 @@ const scaling = (s) => [s, 0, 0, 0, 0, s, 0, 0, 0, 0, s, 0, 0, 0, 0, 1];
 function alongZ(a) { // a turn that takes z onto the direction of a
   const z = unit(a), x = unit(cross(Math.abs(z[0]) < 0.7 ? [1, 0, 0] : [0, 1, 0], z)), y = cross(z, x);
   return pose([x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]], [0, 0, 0]);
+}
+
+// What takes the unit ball to the ellipsoid with semi-axes of these lengths along these unit vectors, by rows.
+function ellipsoidOf(lengths, axes) {
+  const [a, b, c] = axes, right = dot(cross(a, b), c) < 0 ? [a, b, times(-1, c)] : axes;
+  return [0, 1, 2].flatMap((i) => right.map((axis, k) => axis[i] * lengths[k]));
 }

@@ -11,7 +11,7 @@ class Mechanics {
     this.push = [0, 0, 0]; // on the tip, in the base's axes [N]
     this.tau = robot.torques.map(() => 0); // of the motors, while it is let go
     const [n, nv] = [16 * (robot.bodies.length + robot.frames.length + 1), robot.torques.length];
-    this.scratch = { poses: new Float64Array(n), with: new Float64Array(nv), without: new Float64Array(nv) };
+    this.scratch = { poses: new Float64Array(n), with: new Float64Array(nv), without: new Float64Array(nv), lambda: [0], pivots: [0] };
     this.still = robot.wrenchFrames.map(() => NO_WRENCH);
     const names = robot.frames.map((frame) => frame.name);
     this.given = robot.wrenchFrames.map((name) => {
@@ -65,12 +65,19 @@ class Mechanics {
     return this.run.mass(q, ...this.load);
   }
 
+  accelerations(q, dq, wrenches, out) { // by the torques that are set; on a page with a wall, along it
+    const { run, scratch, tau } = this;
+    if (!run.constrained) return run.acceleration(q, dq, tau, ...wrenches, ...this.load, out);
+    run.constrained(q, dq, tau, ...wrenches, ...this.load, { ddq: out, lambda: scratch.lambda, pivots: scratch.pivots });
+    return out;
+  }
+
   // d(entries of q)/dt, dv/dt, and the power of the wrenches and the motors; y is q, v, and one entry more.
   motion(y, slope) {
     const nq = this.robot.coordinates.length, nv = this.robot.torques.length, { scratch } = this;
     const v = y.subarray(nq), wrenches = this.wrenches(y);
     this.run.rates(y, v, slope);
-    this.run.acceleration(y, v, this.tau, ...wrenches, ...this.load, slope.subarray(nq));
+    this.accelerations(y, v, wrenches, slope.subarray(nq));
     slope[nq + nv] = 0;
     for (let k = 0; k < nv; k++) slope[nq + nv] += v[k] * this.tau[k];
     if (!this.any && wrenches === this.given) return slope;

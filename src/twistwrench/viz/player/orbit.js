@@ -1,4 +1,4 @@
-// A camera that orbits what it looks at, steered by mouse, fingers and wheel; how it draws is for those who extend it.
+// A camera that orbits what it looks at, steered by mouse, fingers, wheel and keys; how it draws is for those who extend it.
 "use strict";
 
 class Orbit {
@@ -6,7 +6,7 @@ class Orbit {
     Object.assign(this, { canvas, size, target: [0, 0, 0], covered: { right: 0, bottom: 0 } });
     this.home = { azimuth: -0.9, elevation: 0.35, distance: 2.05 * size };
     Object.assign(this, this.home);
-    this.grasp = null; // takes (x, y) of a press: null, or a function of (dx, dy) that moves what was pressed on
+    this.grasp = null; // takes (x, y) of a press, and how far off it may be: null, or a function of (dx, dy) that moves what was pressed on
     this.steer();
   }
 
@@ -23,6 +23,12 @@ class Orbit {
     if (aspect < 1) [lens[0], lens[5]] = [f, f * aspect];
     [lens[2], lens[6]] = [this.covered.right / width, -this.covered.bottom / height]; // the middle of what nothing covers
     return { camera: mul(lens, view), eye, right, up };
+  }
+
+  // All that the view depends on.
+  get signs() {
+    const { azimuth, elevation, distance, target, covered, canvas } = this;
+    return [azimuth, elevation, distance, ...target, covered.right, covered.bottom, canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio].join();
   }
 
   // Where on the canvas a point is, in its own pixels.
@@ -46,7 +52,7 @@ class Orbit {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       const box = canvas.getBoundingClientRect();
-      held = event.button === 0 && !fingers.size && this.grasp ? this.grasp(event.clientX - box.x, event.clientY - box.y) : null;
+      held = event.button === 0 && !fingers.size && this.grasp ? this.grasp(event.clientX - box.x, event.clientY - box.y, event.pointerType === "touch" ? 36 : 20) : null;
       fingers.set(event.pointerId, [event.clientX, event.clientY]);
     });
     canvas.addEventListener("pointermove", (event) => {
@@ -66,6 +72,16 @@ class Orbit {
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
     canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoom(Math.exp(0.0012 * event.deltaY)); }, { passive: false });
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    const keys = {
+      ArrowLeft: () => orbit(-12, 0), ArrowRight: () => orbit(12, 0), ArrowUp: () => orbit(0, -12), ArrowDown: () => orbit(0, 12),
+      "+": () => zoom(0.9), "-": () => zoom(1 / 0.9), Home: () => Object.assign(this, this.home),
+    };
+    canvas.addEventListener("keydown", (event) => {
+      const act = event.ctrlKey || event.metaKey || event.altKey ? undefined : keys[event.key];
+      if (!act) return;
+      event.preventDefault();
+      act();
+    });
     canvas.addEventListener("dblclick", () => Object.assign(this, this.home));
   }
 }

@@ -36,12 +36,19 @@ class Viewer {
     this.posed = true; // by the sliders, as opposed to a moment of the motion
     this.playing = false;
     this.speed = 1;
+    this.sharpness = new Sharpness();
+    this.changes = 0; // of what is drawn
     this.panel = new Panel(this);
     this.grasp = new Grasp(this);
     this.book = robot.book && new Book(this);
     if (this.motion) this.seek(this.time);
     else this.refresh();
-    const frame = (now) => { this.advance(now); this.draw(); requestAnimationFrame(frame); };
+    const frame = (now) => {
+      this.advance(now);
+      const fineness = this.sharpness.at(now, `${this.changes} ${this.stage.signs}`);
+      if (fineness) this.draw(fineness);
+      requestAnimationFrame(frame);
+    };
     requestAnimationFrame(frame);
   }
 
@@ -88,7 +95,7 @@ class Viewer {
   letGo() {
     this.setCoordinates(this.q);
     if (this.book) this.mechanics.tau = this.book.state.tau.slice();
-    this.fall = new Fall(this.mechanics, this.q, this.book ? this.book.state.dq : []);
+    this.fall = new Fall(this.mechanics, this.q, this.book ? this.book.velocities : []);
     this.refresh();
   }
 
@@ -116,6 +123,7 @@ class Viewer {
   }
 
   refresh() {
+    this.changes += 1;
     this.poses = this.mechanics.poses(this.q);
     if (this.book) this.tau = this.book.update();
     else if (this.posed) this.tau = this.fall ? this.robot.torques.map(() => 0) : Array.from(this.mechanics.holding(this.q));
@@ -148,7 +156,7 @@ class Viewer {
     return this.made.get(key);
   }
 
-  draw() {
+  draw(fineness = FINENESS[0]) {
     const { robot, poses, shown } = this, items = [], lines = [], size = robot.size;
     lines.push({ kept: this.floor, colour: [0.42, 0.48, 0.55, 0.42], reach: 2.4 * size });
     for (const { body, kept, colour, layer, pose: at } of this.shapes) {
@@ -164,9 +172,9 @@ class Viewer {
     if (shown.ellipsoid || shown.polytope) this.forceMarks(items);
     if (shown.mass) this.massMarks(items);
     if (this.book) this.book.marks(items);
-    if (this.grasp.can) items.push({ kept: this.ball, model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
+    if (this.grasp.can) items.push({ kept: this.cached("knob", () => ball(8)), model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
     if (shown.path && this.motion && this.motion.path) lines.push({ kept: this.motion.path, colour: [...robot.colours.path, 0.9], strip: true });
-    this.stage.draw(items, lines, robot.floor, this.sticks());
+    this.stage.draw(items, lines, robot.floor, this.sticks(), fineness);
   }
 
   sticks() { // from joint to joint, for where surfaces cannot be drawn
@@ -259,11 +267,13 @@ function grid(size, floor) { // lines a round length apart, under the robot and 
   return new Float32Array(found);
 }
 
+function fail(words) { // instead of the robot
+  Object.assign(document.getElementById("failure"), { hidden: false, textContent: words });
+}
+
 unpack(document.getElementById("data").textContent)
   .then(({ robot, array }) => { window.viewer = new Viewer(robot, array); })
   .catch((problem) => {
-    const place = document.getElementById("failure");
-    place.hidden = false;
-    place.textContent = String(problem.message || problem);
+    fail(String(problem.message || problem));
     console.error(problem);
   });

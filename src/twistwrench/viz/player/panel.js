@@ -81,7 +81,7 @@ class Panel {
   switch(key, label) {
     const button = document.getElementById("shown").appendChild(document.createElement("button"));
     Object.assign(button, { textContent: label, id: `show-${key}` });
-    const set = (on) => { this.viewer.shown[key] = on; this.load?.update(); button.setAttribute("aria-pressed", on); };
+    const set = (on) => { this.viewer.shown[key] = on; this.viewer.changes += 1; this.load?.update(); button.setAttribute("aria-pressed", on); };
     button.addEventListener("click", () => set(!this.viewer.shown[key]));
     set(this.viewer.shown[key]);
   }

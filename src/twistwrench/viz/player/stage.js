@@ -39,6 +39,22 @@ class Stage extends Orbit {
     this.plain = this.program(PLAIN);
   }
 
+  // Where several samples of each pixel are drawn; their mean goes to the canvas.
+  sampled(width, height, count) {
+    const gl = this.gl, now = `${width} ${height} ${count}`;
+    if (this.fine?.made !== now) {
+      if (this.fine) { gl.deleteFramebuffer(this.fine.place); this.fine.stores.forEach((store) => gl.deleteRenderbuffer(store)); }
+      this.fine = { made: now, place: gl.createFramebuffer(), stores: [gl.createRenderbuffer(), gl.createRenderbuffer()] };
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.fine.place);
+      [[gl.RGBA8, gl.COLOR_ATTACHMENT0], [gl.DEPTH24_STENCIL8, gl.DEPTH_STENCIL_ATTACHMENT]].forEach(([kind, part], k) => {
+        gl.bindRenderbuffer(gl.RENDERBUFFER, this.fine.stores[k]);
+        gl.renderbufferStorageMultisample(gl.RENDERBUFFER, Math.min(count, gl.getParameter(gl.MAX_SAMPLES)), kind, width, height);
+        gl.framebufferRenderbuffer(gl.FRAMEBUFFER, part, gl.RENDERBUFFER, this.fine.stores[k]);
+      });
+    }
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.fine.place);
+  }
+
   program([vertex, fragment]) {
     const gl = this.gl, program = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
@@ -81,11 +97,13 @@ class Stage extends Orbit {
     this.gl.deleteVertexArray(kept.array);
   }
 
-  // items: {kept, model, colour [r, g, b, a], shadow, closed, over}; lines: {kept, colour, reach, strip}.
-  draw(items, lines, floor) {
-    const gl = this.gl, canvas = this.canvas, ratio = Math.min(window.devicePixelRatio || 1, 2);
+  // items: {kept, model, colour [r, g, b, a], shadow, closed, over}; lines: {kept, colour, reach, strip}; fineness as Sharpness has it.
+  draw(items, lines, floor, _, { most, samples, shadows }) {
+    const gl = this.gl, canvas = this.canvas, ratio = Math.min(window.devicePixelRatio || 1, most);
     const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+    if (samples) this.sampled(width, height, samples);
+    else gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
@@ -109,7 +127,7 @@ class Stage extends Orbit {
     let at = use(this.shaded);
     items.filter((item) => item.colour[3] === 1 && !item.over).forEach((item) => solid(at, item));
     at = use(this.plain);
-    this.shadow(at, items, floor, solid);
+    if (shadows) this.shadow(at, items, floor, solid);
     gl.uniformMatrix4fv(at.model, true, IDENTITY);
     for (const { kept, colour, reach, strip } of lines) {
       gl.uniform4fv(at.colour, colour);
@@ -131,6 +149,9 @@ class Stage extends Orbit {
     gl.disable(gl.CULL_FACE);
     gl.depthMask(true);
     gl.bindVertexArray(null);
+    if (!samples) return;
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
   }
 
   // Everything that casts one, flattened along the light onto the floor; the stencil keeps it from darkening twice.

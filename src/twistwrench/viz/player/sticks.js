@@ -34,6 +34,7 @@ class Sticks extends Orbit {
 
 // What draws on the canvas: WebGL 2 where the browser has it.
 function stageOn(canvas, size) {
-  const gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true });
+  canvas.addEventListener("webglcontextlost", () => fail("The browser has taken the graphics away. Reload the page."));
+  const gl = canvas.getContext("webgl2", { antialias: false, alpha: true, stencil: true });
   return gl ? new Stage(canvas, size, gl) : new Sticks(canvas, size);
 }

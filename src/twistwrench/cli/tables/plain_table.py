@@ -1,0 +1,80 @@
+"""The one writer of tables: words at the left, numbers at the right, one look for all commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from ...core.printed_numbers import MISSING, number, percent
+from ...model.limits import over_limit
+from ...verdict import Word
+
+_NEAR = 0.8
+"""Share of a limit from which it is worth a colour."""
+
+
+class PlainTable(Table):
+    """A table without lines but that under the heads. No text in it is taken for markup.
+
+    Parameters
+    ----------
+    title : str, on one line also where the table is narrower
+    style : str, of the title
+    """
+
+    def __init__(self, title: str = "", style: str = "bold") -> None:
+        heading = Text(title, style=style, no_wrap=True, overflow="ignore") if title else None
+        super().__init__(box=SIMPLE_HEAD, title=heading, title_justify="left", pad_edge=False)
+
+    def words(self, *heads: str, fold: bool = True, style: str = "") -> None:
+        """Columns of words, which fold where there is no room unless told not to."""
+        for head in heads:
+            self.add_column(Text(head), overflow="fold", no_wrap=not fold, style=style)
+
+    def numbers(self, *heads: str, min_width: int | None = None) -> None:
+        """Columns of numbers, which are never cut; those with a width may break between numbers."""
+        for head in heads:
+            self.add_column(Text(head), justify="right", no_wrap=min_width is None, min_width=min_width)
+
+    def row(self, *cells: Any, style: str = "") -> None:
+        """Words as they are, numbers as :func:`~twistwrench.core.printed_numbers.number` has them, whole ones in full."""
+        self.add_row(*map(_cell, cells), style=style)
+
+
+def _cell(value: Any) -> RenderableType:
+    if isinstance(value, Text):
+        return value
+    return Text(value if isinstance(value, str) else str(value) if isinstance(value, int) else number(value))
+
+
+def verdict_word(word: str) -> Text:
+    """The word of a verdict in its colour."""
+    colours: dict[str, str] = {Word.OK: "bold green", Word.UNSURE: "bold yellow"}
+    return Text(word, colours.get(word, "bold red"))
+
+
+def limit_style(share: float) -> str:
+    """The colour of a share of a limit: red beyond it, yellow near it."""
+    return "red" if over_limit(share) else "yellow" if share > _NEAR else "green"
+
+
+def share_bar(share: float, length: int = 12) -> Text:
+    """A share of a limit as a bar of that many characters, in its colour."""
+    filled = min(length, round(share * length))
+    return Text.assemble(("━" * filled, limit_style(share)), ("─" * (length - filled), "dim"))
+
+
+def share_cell(share: float) -> Text:
+    """A share of a limit, in its colour; a dash where there is no limit."""
+    text = percent(share)
+    return Text(text, style="" if text == MISSING else limit_style(share))
+
+
+def remarks(sentences: Iterable[str]) -> list[Text]:
+    """A line each."""
+    return [Text.assemble(("! ", "yellow"), sentence) for sentence in sentences]

@@ -1,0 +1,165 @@
+"""How numbers are printed for a person, in every table, report, picture and ``repr``: the one place of these rules.
+
+* A number has four significant digits and no zeros at its end; below a million its whole part stands in full.
+* A computed torque has four as well, with zeros at the end, and three decimals at most.
+* A standard deviation has two digits, zeros at the end included, and what it belongs to has as many decimals.
+* What is not known, or has no limit, is :data:`MISSING`.
+* A share of something is a whole percentage, or has the digits that are asked for.
+* A time within a motion has milliseconds. A residual has two digits and its power of ten.
+* Signs are ASCII, so that ``float`` reads back what is copied.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, SupportsFloat
+
+import numpy as np
+
+from ..typing import Array
+
+MISSING = "–"
+"""What stands in place of a number that is not known, or of a limit that there is not."""
+DIGITS = 4
+"""Significant digits of a number where no other count is asked for."""
+_IN_FULL = 1e6
+_NOISE = 1e-12
+
+
+def number(
+    value: SupportsFloat | None, digits: int = DIGITS, *, decimals: int | None = None, missing: str = MISSING
+) -> str:
+    """A number for a person.
+
+    Parameters
+    ----------
+    value : float or None
+    digits : int, significant digits
+    decimals : int, optional, the most after the point: what is smaller is rounding, or nothing that anybody looks at
+    missing : str, what to print for None, nan and infinity
+
+    Returns
+    -------
+    text : str
+
+    Examples
+    --------
+    >>> number(-62.2648), number(12345.6), number(0.5, decimals=3), number(2e-5, decimals=3), number(float("inf"))
+    ('-62.26', '12346', '0.5', '0', '–')
+    """
+    if value is None or not math.isfinite(x := float(value)):
+        return missing
+    x = (x if decimals is None else round(x, decimals)) + 0.0  # no minus zeros
+    if 10.0**digits - 0.5 <= abs(x) < _IN_FULL:
+        return f"{x:.0f}"
+    return f"{x:.{digits}g}"
+
+
+def torque(value: float) -> str:
+    """A computed torque, force, angle or length, zeros at the end included, so that a column is read at a glance.
+
+    Three decimals at most: nobody looks closer in N m, N, rad and m.
+
+    >>> torque(-62.2001), torque(0.0123456), torque(1e-5), torque(float("inf"))
+    ('-62.20', '0.012', '0', '–')
+    """
+    if not math.isfinite(value) or abs(value) < 5e-4:
+        return number(value, decimals=3)
+    return f"{value:.{min(max(DIGITS - 1 - math.floor(math.log10(abs(value))), 0), 3)}f}"
+
+
+def quantity(value: SupportsFloat | None, unit: str, digits: int = DIGITS, *, decimals: int | None = None) -> str:
+    """A number with its unit; what is not known has none.
+
+    >>> quantity(62.2648, "N m"), quantity(-90.0, "°"), quantity(None, "N m")
+    ('62.26 N m', '-90°', '–')
+    """
+    text = number(value, digits, decimals=decimals)
+    return text if text == MISSING else f"{text}{unit if unit == '°' else f' {unit}'}"
+
+
+def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
+    """A share of one as a percentage: a whole one, or with significant ``digits``.
+
+    >>> percent(0.7649), percent(0.03217, 3), percent(float("nan"))
+    ('76 %', '3.22 %', '–')
+    """
+    if share is None or not math.isfinite(x := 100.0 * float(share)):
+        return MISSING
+    return f"{x:.0f} %" if digits is None else f"{number(x, digits)} %"
+
+
+def deviation(sigma: float, decimals: int = 3) -> str:
+    """A standard deviation: two digits, zeros included, and ``decimals`` at most.
+
+    >>> deviation(123.4), deviation(0.01234), deviation(0.0996), deviation(2e-6), deviation(0.0)
+    ('120', '0.012', '0.10', '<0.001', '0')
+    """
+    if not math.isfinite(sigma):
+        return MISSING
+    least = 10.0**-decimals
+    if sigma < 0.5 * least:
+        return f"<{least:.{decimals}f}" if sigma > 0 else "0"
+    return f"{float(f'{sigma:.1e}'):.{min(max(_decimals(sigma), 0), decimals)}f}"
+
+
+def estimate(value: float, sigma: float) -> tuple[str, str]:
+    """An estimate and its standard deviation, or half of its interval: both end at the deviation's second digit.
+
+    >>> estimate(2.00345, 0.0123), estimate(3452.0, 123.0), estimate(1.5, float("inf"))
+    (('2.003', '0.012'), ('3450', '120'), ('1.5', '–'))
+    """
+    if not (math.isfinite(sigma) and sigma > 0 and math.isfinite(value)):
+        return number(value), number(sigma, 2)
+    places = _decimals(sigma)
+    if places > 6:
+        return number(value), number(sigma, 2)
+    return tuple(f"{round(x, places) + 0.0:.{max(places, 0)}f}" for x in (value, sigma))  # type: ignore[return-value]
+
+
+def plus_minus(value: float, sigma: float, unit: str = "") -> str:
+    """An estimate with its standard deviation, or half of its interval, in one text.
+
+    >>> plus_minus(2.00345, 0.0123, "kg")
+    '2.003 ± 0.012 kg'
+    """
+    return " ± ".join(estimate(float(value), float(sigma))) + (f" {unit}" if unit else "")
+
+
+def seconds(time: float, decimals: int = 3) -> str:
+    """A time within a motion, without its unit; four decimals tell the rows of a fast log apart.
+
+    >>> seconds(1.80849), seconds(1.80849, 4)
+    ('1.808', '1.8085')
+    """
+    return f"{time:.{decimals}f}"
+
+
+def residual(value: float) -> str:
+    """What is left of what should be zero.
+
+    >>> residual(0.00000123), residual(0.0)
+    ('1.2e-06', '0')
+    """
+    return f"{value:.1e}" if value else "0"
+
+
+def vector(x: Array, digits: int = 6) -> str:
+    """A vector (n,) of numbers or symbols in brackets, without the noise of rounding beside what is large.
+
+    >>> vector(np.array([0.1 + 0.2, 1e-17, -2.0]))
+    '(0.3, 0, -2)'
+    """
+    entries: Any = x if x.dtype == object else [number(value, digits) for value in without_noise(x)]
+    return f"({', '.join(map(str, entries))})"
+
+
+def without_noise(x: Array, scale: float | None = None) -> Array:
+    """Numbers with what is below 1e-12 of ``scale``, of the largest of them if None, made zero: what rounding left there."""
+    size = np.abs(x[np.isfinite(x)]).max(initial=0.0) if scale is None else scale
+    return np.where(np.abs(x) <= _NOISE * size, 0.0, x) + 0.0  # no minus zeros
+
+
+def _decimals(sigma: float) -> int:
+    """After the point, of a deviation's second digit; below 0 before it."""
+    return 1 - math.floor(math.log10(float(f"{sigma:.1e}")) + 1e-9)

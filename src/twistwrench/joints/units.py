@@ -1,0 +1,55 @@
+"""Units of what joints do: radians and N m where they turn, metres and N where they slide. The one place of these words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal, TypeAlias
+
+Part: TypeAlias = Literal["q", "dq", "ddq", "tau"]
+"""Coordinates, velocities, accelerations, and torques or forces."""
+
+_UNITS: dict[str, tuple[str, str]] = {
+    "q": ("rad", "m"),
+    "dq": ("rad/s", "m/s"),
+    "ddq": ("rad/s²", "m/s²"),
+    "tau": ("N m", "N"),
+}
+"""Of what turns, and of what slides."""
+
+
+def unit_of(part: str, turns: bool, *, degrees: bool = False) -> str:
+    """The unit of one entry of q, dq, ddq or tau, of a joint that turns there or slides; angles in ``degrees`` if so.
+
+    >>> unit_of("tau", True), unit_of("dq", False), unit_of("dq", True, degrees=True)
+    ('N m', 'm/s', '°/s')
+    """
+    unit = _UNITS[part][not turns]
+    return unit.replace("rad", "°") if degrees else unit
+
+
+def units_of(part: str, turning: Iterable[bool]) -> tuple[str, ...]:
+    """The units of the entries of q, dq, ddq or tau, of what turns and what slides.
+
+    >>> units_of("tau", (True, False))
+    ('N m', 'N')
+    """
+    return tuple(unit_of(part, bool(turns)) for turns in turning)
+
+
+def heading_unit(part: str, turning: Iterable[bool], *, degrees: bool = False) -> str:
+    """What stands over a column of entries: their unit, or both.
+
+    >>> heading_unit("tau", (True, True)), heading_unit("q", (True, False), degrees=True)
+    ('N m', '°, m')
+    """
+    kinds = sorted({bool(turns) for turns in turning} or {True}, reverse=True)
+    return ", ".join(unit_of(part, turns, degrees=degrees) for turns in kinds)
+
+
+def torque_word(unit: str) -> str:
+    """What to write beside an axis of torques in that unit.
+
+    >>> torque_word("N m"), torque_word("N")
+    ('torque [N m]', 'force [N]')
+    """
+    return f"{'torque' if unit == _UNITS['tau'][0] else 'force'} [{unit}]"
