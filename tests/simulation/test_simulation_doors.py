@@ -285,7 +285,7 @@ def test_an_interrupt_before_the_first_step_keeps_the_first_state(arm, method, k
 @pytest.mark.parametrize("problem", [KeyboardInterrupt(), tw.SimulationError("no")])
 @pytest.mark.parametrize("method", ["dopri5", "rk4"])
 def test_what_ends_a_run_before_anything_was_computed_keeps_the_first_state(arm, monkeypatch, problem, method):
-    def begin(*_):
+    def begin(*_, **__):
         raise problem
 
     monkeypatch.setattr(Stepper, "__init__", begin)
@@ -608,7 +608,7 @@ def test_an_interrupted_command_shows_and_writes_what_there_is(tmp_path, monkeyp
 
 @pytest.mark.parametrize("problem", [KeyboardInterrupt(), tw.SimulationError("no")])
 def test_a_command_that_ends_before_its_first_step_shows_the_first_state(monkeypatch, problem):
-    def begin(*_):
+    def begin(*_, **__):
         raise problem
 
     monkeypatch.setattr(Stepper, "__init__", begin)

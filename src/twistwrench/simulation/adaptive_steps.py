@@ -37,11 +37,11 @@ def take_adaptively(run: Run, stepper: Stepper) -> None:
         while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
             kept += 1
         times = np.arange(begin, kept) * spacing
-        points = list(zip((times - t).tolist(), stepper.between(times), strict=True)) if len(times) else []
+        between = stepper.between(times) if len(times) else np.zeros((0, len(y)))
+        points = list(zip((times - t).tolist(), between, strict=True))
         if run.watch is not None and run.ended(t, y, [*points, (t1 - t, y1)], points):
             return
-        for s, between in points:
-            run.keep_at(t + s, between)
+        run.keep_all(t + (times - t), between)
         t, y = t1, y1
         run.advance(t, y)
         due = abs(kept * spacing - t) <= 1e-12 * end and t < end

@@ -134,6 +134,8 @@ class Loops:
 class ClosedSystem(System):
     """A closed robot and what acts on it: y' = f(t, y)."""
 
+    takes_many = False
+
     def __init__(self, loops: Loops, **acting: Any) -> None:
         super().__init__(loops.closed.robot, **acting)
         self.done = slice(self.size - len(WORKS), self.size)
@@ -156,8 +158,9 @@ class ClosedSystem(System):
         for frame, law in self.wrenches.items():
             total = total + self.robot.wrench_torques(q, law.values(times, q, dq), frame)
         for contact in self.contacts:
-            touched = [contact.torques(*state) for state in zip(q, dq, strict=True)]
-            total = total + np.array([np.zeros(self.nv) if push is None else push for push in touched])
+            touched = contact.torques(q, dq)
+            if touched is not None:
+                total = total + touched
         _, lam, pivots = self.loops.dynamics(q, dq, total)
         closed = self.loops.closed
         if len(closed.independent) == len(closed.sizes) and not doubtful(pivots, closed.sizes).any():

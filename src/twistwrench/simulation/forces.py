@@ -37,6 +37,9 @@ WORKS = ("torques", "friction", "wrenches", "contacts")
 class System:
     """A robot and what acts on it: y' = f(t, y)."""
 
+    takes_many = True
+    """Whether :meth:`of_many` serves."""
+
     def __init__(
         self,
         robot: Robot,
@@ -137,16 +140,23 @@ class System:
         force = self.forces(t, q, dq, powers)
         out[self.moving] = self.robot.forward_dynamics(q, dq, force)
 
-    def constant_accelerations(self, states: Array) -> Array:
-        """Of states (m, size) where nothing that acts is a function, (m, nv)."""
+    def of_many(self, times: Array, states: Array) -> tuple[Array, Array]:
+        """Accelerations and torques at the joints, (m, nv), at times (m,) and states (m, size); an open robot's."""
         self.evaluations += len(states)
         q, dq = states[:, : self.nq], states[:, self.moving]
-        total = np.broadcast_to(self.held, dq.shape)
+        tau = total = (
+            np.broadcast_to(self.held, dq.shape) if self.tau is None else self.held + self.tau.values(times, q, dq)
+        )
         if self.friction is not None:
             total = self.friction.left(dq, total)
-        for _, push in self._pushes(0.0, q, dq, q):
-            total = total + push
-        return np.asarray(self.robot.forward_dynamics(q, dq, total))
+        for frame, law in self.wrenches.items():
+            F = law.values(times, q, dq) if law.varies else law(0.0, q, dq)
+            total = total + self.robot.wrench_torques(q, F, frame)
+        for contact in self.contacts:
+            touched = contact.torques(q, dq)
+            if touched is not None:
+                total = total + touched
+        return np.asarray(self.robot.forward_dynamics(q, dq, total)), tau
 
     def accelerations(self, t: float, y: Array) -> Array:
         """Of a state, (nv,)."""

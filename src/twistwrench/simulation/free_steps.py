@@ -51,7 +51,7 @@ def take_freely(run: Run, stepper: Stepper, attempts: CompiledAttempts) -> None:
             return
         raise
     if not waiting.keep():
-        run.record.keep(t, y, system.constant_accelerations(y[None])[0], system.held)
+        run.keep_all(np.array([t]), y[None])
 
 
 class _Waiting:
@@ -100,7 +100,7 @@ class _Waiting:
                 states[:, mine] /= np.linalg.norm(states[:, mine], axis=1, keepdims=True)
             if run.watch is not None and self._ends(before, k, since, states):
                 return True
-            run.record.keep_block(t0[k] + since, states, system.constant_accelerations(states), system.held)
+            run.keep_all(t0[k] + since, states)
             self.kept += len(due)
             if run.watch is not None:
                 break
@@ -134,9 +134,7 @@ class _Waiting:
             kept = int(np.searchsorted(since[mine], end)) + first[j]
             some = slice(0, kept)
             times = np.array([step[0] for step in self.steps])[k[some]] + since[some]
-            run.record.keep_block(
-                times, between[some], run.system.constant_accelerations(between[some]), run.system.held
-            )
+            run.keep_all(times, between[some])
             run.finish(t, end, at)
             return True
         run.watch.stand(gaps[-1], margins[-1])

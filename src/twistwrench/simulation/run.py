@@ -195,6 +195,14 @@ class Run:
         self.system.rates(t, y, rate)
         self.record.keep(t, y, rate[self.system.moving], self.system.applied)
 
+    def keep_all(self, times: Array, states: Array) -> None:
+        """Keep states (m, size)."""
+        if len(times) and self.system.takes_many:
+            self.record.keep_block(times, states, *self.system.of_many(times, states))
+            return
+        for t, y in zip(times.tolist(), states, strict=True):
+            self.keep_at(t, y)
+
     def _keep_rough(self, t: float, y: Array) -> None:
         """Keep a state after something failed, which may fail again: then accelerations and torques are unknown there."""
         try:
@@ -236,9 +244,10 @@ class Run:
         end = self.looked(t, points, at)
         if end is None:
             return False
-        for s, between in kept:
-            if s < end:
-                self.keep_at(t + s, between)
+        before = [(t + s, between) for s, between in kept if s < end]
+        if before:
+            times, states = zip(*before, strict=True)
+            self.keep_all(np.array(times), np.array(states))
         self.finish(t, end, at)
         return True
 
