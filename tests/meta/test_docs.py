@@ -19,6 +19,9 @@ BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 EXIT = re.compile(r"\bexit=(\d+)")
 """Behind the language of a block of commands: what they end with, where that is not 0."""
 
+WANTS = {"bridges.md": ("jax", "casadi"), "coming-from.md": ("pinocchio", "mujoco", "modern_robotics")}
+"""Other packages that a page is about."""
+
 
 def blocks(page: Path, language: str) -> list[str]:
     return [text for text, _ in marked_blocks(page, language)]
@@ -35,6 +38,8 @@ def marked_blocks(page: Path, language: str) -> list[tuple[str, int]]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_python_blocks_run_one_after_another(page, capsys, tmp_path, monkeypatch):
+    for name in WANTS.get(page.name, ()):
+        pytest.importorskip(name)
     monkeypatch.chdir(tmp_path)
     scope: dict[str, object] = {}
     for text in blocks(page, "python"):
