@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
+_WIDTH = 110
+"""Columns of files and pipes, which have no width of their own: most tables need no more."""
+
+
 def console() -> Console:
-    """A console of the terminal's width, or of one that holds the tables; a pipe that breaks ends the program."""
+    """A console of the terminal's width. What needs more runs over it and is never cut; a broken pipe ends the program."""
     from rich.console import Console
 
     class Output(Console):
         def on_broken_pipe(self) -> None:
             raise
 
+        def print(self, *objects: Any, **options: Any) -> None:
+            super().print(*objects, **{"crop": False, **options})
+
     made = Output(highlight=False)
-    # Files and pipes have no width of their own; 110 columns hold the tables without folding.
-    return made if made.is_terminal else Output(highlight=False, width=110)
+    return made if made.is_terminal else Output(highlight=False, width=_WIDTH)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
-from rich.console import RenderableType
+from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
@@ -16,6 +16,10 @@ from ...verdict import Word
 
 _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""
+
+
+_LONGEST = 24
+"""Characters of a word that get room in any case: paths and names of links may be longer."""
 
 
 class PlainTable(Table):
@@ -30,23 +34,32 @@ class PlainTable(Table):
     def __init__(self, title: str = "", style: str = "bold") -> None:
         heading = Text(title, style=style, no_wrap=True, overflow="ignore") if title else None
         super().__init__(box=SIMPLE_HEAD, title=heading, title_justify="left", pad_edge=False)
+        self._whole: list[bool] = []
+        """By column, whether its cells are never broken. Rich's own option for this takes all room from other columns."""
 
     def words(self, *heads: str, fold: bool = True, style: str = "") -> None:
         """Columns of words, which fold where there is no room unless told not to."""
         for head in heads:
-            self.add_column(Text(head), overflow="fold", no_wrap=not fold, style=style)
+            self.add_column(Text(head), overflow="fold", style=style)
+            self._whole.append(not fold)
 
     def numbers(self, *heads: str, min_width: int | None = None) -> None:
         """Columns of numbers, which are never cut; those with a width may break between numbers."""
         for head in heads:
-            self.add_column(Text(head), justify="right", no_wrap=min_width is None, min_width=min_width)
+            self.add_column(Text(head), justify="right", min_width=min_width)
+            self._whole.append(min_width is None)
 
     def row(self, *cells: Any, style: str = "") -> None:
         """Words as they are, numbers as :func:`~twistwrench.core.printed_numbers.number` has them, whole ones in full."""
-        self.add_row(*map(_cell, cells), style=style)
+        texts = [_cell(cell) for cell in cells]
+        for column, whole, text in zip(self.columns, self._whole, texts, strict=False):
+            text.no_wrap = whole or None
+            parts = [text.plain] if whole else text.plain.split()
+            column.min_width = max([column.min_width or 0, *(min(cell_len(part), _LONGEST) for part in parts)])
+        self.add_row(*texts, style=style)
 
 
-def _cell(value: Any) -> RenderableType:
+def _cell(value: Any) -> Text:
     if isinstance(value, Text):
         return value
     return Text(value if isinstance(value, str) else str(value) if isinstance(value, int) else number(value))
