@@ -590,7 +590,9 @@ def test_without_memory_results_are_nan(monkeypatch):
     monkeypatch.setattr(step_loops, "ON_STACK", 0)
     text = llvm.assembly(recurrence.program, DOUBLE, host(), step_loops.loop_over(recurrence))
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
-    monkeypatch.setattr("twistwrench.targets.emitter_choice.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)])
+    monkeypatch.setattr(
+        "twistwrench.targets.emitter_choice.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)]
+    )
     kernel = make_ufunc(recurrence, "starved", "")
     out = np.zeros((3, 5, 2))
     kernel(np.ones((3, 2)), np.ones((3, 2)), np.ones(4), np.ones((4, 2)), out=(out[:, :4], np.empty((3, 4, 2))))
