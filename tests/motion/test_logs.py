@@ -678,7 +678,7 @@ def test_joints_are_locked_by_patterns_and_where_the_log_leaves_them_out(run, tm
         (["--lock", "*wheel*=0"], "no joint that fits the pattern named '*wheel*'"),
         (["--lock", "elb*=0", "--lock", "*bow*=1"], "both hold 'elbow_joint'"),
         (["--lock", "elbow_joint=90"], "If 90 are degrees, add --degrees, or write 1.5708"),
-        (["--lock", "elbow_joint=200", "--degrees"], "outside the joint's limits, -183.35 to 183.35 deg"),
+        (["--lock", "elbow_joint=200", "--degrees"], "outside the joint's limits, -183.346° to 183.346°"),
     ):
         code, text = run("torques", robot, "--trajectory", path, *flags)
         assert (code, said in text) == (2, True), text

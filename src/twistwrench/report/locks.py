@@ -93,6 +93,6 @@ def _check(model: Model, body: Body, value: float, told: str, *, degrees: bool) 
     if turns and not degrees and low <= math.radians(value) <= high:
         hint = f" If {value:g} are degrees, add --degrees, or write {number(math.radians(value), 6)}."
     raise ValueRangeError(
-        f"{told} is outside the joint's limits,{joint} {quantity(unit * low, shown)} to {quantity(unit * high, shown)}. "
+        f"{told} is outside the joint's limits,{joint} {quantity(unit * low, shown, 6)} to {quantity(unit * high, shown, 6)}. "
         f"Hold it within them.{hint}"
     )
