@@ -5,9 +5,6 @@ from __future__ import annotations
 import importlib as _importlib
 import typing as _typing
 
-from . import robots
-from .bodies.inertia import SpatialInertia
-from .bodies.rigid_body import RigidBody
 from .errors import (
     CacheWarning,
     ConstraintError,
@@ -29,15 +26,7 @@ from .errors import (
     UnknownNameError,
     ValueRangeError,
 )
-from .kernels.threads import get_threads, set_threads
-from .lie import se3, so3
-from .lie.adjoint import Ad, ad
 from .robot import Robot, from_dh, from_drake, from_mujoco, from_pinocchio, from_rtb, from_screws, load, save
-from .robot.differentiate import differentiate
-from .robots.finding import find
-from .screws.pose import Pose
-from .screws.twist import Twist
-from .screws.wrench import Wrench
 
 __version__ = "0.1.0"
 
@@ -96,6 +85,7 @@ if _typing.TYPE_CHECKING:
     from . import identification as identification
     from . import modern_robotics as modern_robotics
     from . import pointwise as pointwise
+    from . import robots as robots
     from . import sensing as sensing
     from . import simulation as simulation
     from . import statics as statics
@@ -103,37 +93,76 @@ if _typing.TYPE_CHECKING:
     from . import testing as testing
     from . import trajectories as trajectories
     from . import viz as viz
+    from .bodies.inertia import SpatialInertia as SpatialInertia
+    from .bodies.rigid_body import RigidBody as RigidBody
     from .diagnosis.examination import doctor as doctor
+    from .kernels.threads import get_threads as get_threads
+    from .kernels.threads import set_threads as set_threads
+    from .lie import se3 as se3
+    from .lie import so3 as so3
+    from .lie.adjoint import Ad as Ad
+    from .lie.adjoint import ad as ad
     from .motion.motion import Motion as Motion
+    from .robot.differentiate import differentiate as differentiate
+    from .robots.finding import find as find
+    from .screws.pose import Pose as Pose
+    from .screws.twist import Twist as Twist
+    from .screws.wrench import Wrench as Wrench
 
-_LATER = (
-    "control",
-    "convert",
-    "cuda",
-    "diagnosis",
-    "identification",
-    "modern_robotics",
-    "pointwise",
-    "sensing",
-    "simulation",
-    "statics",
-    "symbolic",
-    "testing",
-    "trajectories",
-    "viz",
-)
-"""Modules that ``tw.statics`` and its like import when first asked for: they need more than a robot does."""
+_MODULES = {
+    **{
+        name: name
+        for name in (
+            "control",
+            "convert",
+            "cuda",
+            "diagnosis",
+            "identification",
+            "modern_robotics",
+            "pointwise",
+            "robots",
+            "sensing",
+            "simulation",
+            "statics",
+            "symbolic",
+            "testing",
+            "trajectories",
+            "viz",
+        )
+    },
+    "se3": "lie.se3",
+    "so3": "lie.so3",
+}
+"""Modules that ``tw.statics`` and its like import when first asked for."""
+
+_NAMES = {
+    "Ad": "lie.adjoint",
+    "Motion": "motion.motion",
+    "Pose": "screws.pose",
+    "RigidBody": "bodies.rigid_body",
+    "SpatialInertia": "bodies.inertia",
+    "Twist": "screws.twist",
+    "Wrench": "screws.wrench",
+    "ad": "lie.adjoint",
+    "differentiate": "robot.differentiate",
+    "doctor": "diagnosis.examination",
+    "find": "robots.finding",
+    "get_threads": "kernels.threads",
+    "set_threads": "kernels.threads",
+}
+"""Where other names are, whose modules come when they are asked for: the first torque of a robot needs none of them."""
 
 
 def __getattr__(name: str) -> object:
-    if name in _LATER:
-        return _importlib.import_module(f"{__name__}.{name}")
-    if name == "Motion":
-        return _importlib.import_module(f"{__name__}.motion.motion").Motion
-    if name == "doctor":
-        return _importlib.import_module(f"{__name__}.diagnosis.examination").doctor
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in _MODULES:
+        found: object = _importlib.import_module(f"{__name__}.{_MODULES[name]}")
+    elif name in _NAMES:
+        found = getattr(_importlib.import_module(f"{__name__}.{_NAMES[name]}"), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found
+    return found
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *_LATER, *(name for name in globals() if name.startswith("__"))})
+    return sorted({*__all__, *_MODULES, *(name for name in globals() if name.startswith("__"))})

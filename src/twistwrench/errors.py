@@ -29,7 +29,6 @@ Each message names the offender, says what is allowed, and what to try.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 __all__ = [
@@ -109,6 +108,8 @@ class UnknownNameError(TwistWrenchError, KeyError):
         >>> print(UnknownNameError.of("joint", "elbo", ["elbow", "wrist"]))
         no joint named 'elbo'. Did you mean 'elbow'? Known: elbow, wrist.
         """
+        import difflib
+
         known, text = list(choices), repr(name)
         text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
         near = difflib.get_close_matches(str(name)[:_LONGEST], known, n=3, cutoff=0.5)

@@ -13,7 +13,7 @@ import numpy as np
 
 from .program.expr import Expr
 from .program.trace import Trace
-from .robot.derivative_options import is_symbolic
+from .robot.state_arguments import is_symbolic
 
 __all__ = ["clip", "maximum", "minimum", "where_positive"]
 

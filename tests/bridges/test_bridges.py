@@ -18,7 +18,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_row import CONFIGURATIONS
+from twistwrench.robot.quantity_types import CONFIGURATIONS
 
 PLAIN = [name for name, row in QUANTITIES.items() if "constraints" not in row.options]
 GRIPPER = """<robot name="gripper"><link name="palm"/>
@@ -235,6 +235,14 @@ def test_a_gpu_alone_asks_for_no_kernel_of_the_processor(jax):
     np.testing.assert_array_equal(jax.jit(robot.to_jax("mass_matrix"))(q), robot.mass_matrix(q))
 
 
+def test_later_calls_trace_no_program(jax, monkeypatch):
+    robot = tw.robots.planar_2r()
+    slope, q = jax.grad(robot.to_jax("potential_energy")), np.ones(2)
+    first = slope(q)
+    monkeypatch.setattr(type(robot.engine), "program", None)
+    np.testing.assert_array_equal(slope(q), first)
+
+
 def unit(xp, q):
     return xp.concatenate([q[:4] / xp.linalg.norm(q[:4]), q[4:]])
 
@@ -283,6 +291,12 @@ BAD = {
     "option": (lambda r: r.to_casadi("mass_matrix", frame="tip"), tw.KernelError, "frame"),
     "precision": (lambda r: r.to_jax("mass_matrix", precision="half"), tw.ValueRangeError, "half"),
     "count": (lambda r: r.to_jax("mass_matrix")(), tw.ShapeError, "q wanted"),
+    "batch": (
+        lambda r: r.to_jax("coriolis_forces")(np.zeros((3, 1)), np.zeros((4, 1))),
+        tw.ShapeError,
+        "do not broadcast",
+    ),
+    "complex": (lambda r: r.to_jax("mass_matrix")(np.zeros(1, complex)), tw.ValueRangeError, "q is complex128, real"),
     "shape": (lambda r: r.to_jax("mass_matrix")(np.zeros(3)), tw.ShapeError, "q has shape"),
 }
 

@@ -9,7 +9,7 @@ from fake_gpu import NEEDS_COMPILERS, Bare
 import twistwrench as tw
 from twistwrench.bridges.quantity import BridgedQuantity
 from twistwrench.robot.quantities import QUANTITIES
-from twistwrench.robot.quantity_row import CONFIGURATIONS
+from twistwrench.robot.quantity_types import CONFIGURATIONS
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")
 pytest_plugins = ("cuda_fixtures",)
@@ -85,6 +85,40 @@ def test_float32_stays_float32_and_memory_is_shared():
     assert robot.to_torch("gravity_forces")(torch.ones(1, dtype=torch.float32)).dtype == torch.float32
 
 
+@pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor:UserWarning")  # PyTorch itself looks at it
+def test_compiled_by_pytorch_it_is_the_same_function():
+    """The graph breaks at the kernel, which runs as it is; so do gradients."""
+    robot = tw.robots.planar_2r()
+    function = robot.to_torch("inverse_dynamics")  # not called before
+    q, dq, ddq = (torch.tensor(x) for x in states(robot, "inverse_dynamics", {}, (3,)))
+
+    def cost(q):
+        return function(q.sin(), dq, ddq).square().sum()
+
+    found = []
+    for run in (torch.compile(cost, backend="eager"), cost):
+        at = q.clone().requires_grad_()
+        value = run(at)
+        found.append((value.detach(), *torch.autograd.grad(value, at)))
+    for compiled, plain in zip(*found, strict=True):
+        np.testing.assert_array_equal(compiled, plain)
+
+
+def test_later_calls_trace_nothing(monkeypatch):
+    robot = tw.robots.planar_2r()
+    function = robot.to_torch("inverse_dynamics")
+    some = [x.requires_grad_() for x in some_states()]
+    slopes(function, *some)
+    monkeypatch.setattr(type(robot.engine), "program", None)
+    slopes(function, *some)
+
+
+def test_views_of_complex_tensors_are_real_numbers():
+    z = torch.tensor([1 + 2j, 3 - 1j], dtype=torch.complex128).conj()
+    function = tw.robots.planar_2r().to_torch("gravity_forces")
+    np.testing.assert_array_equal(function(z.imag), function(z.imag.resolve_neg()))
+
+
 def test_bad_input_is_named():
     robot = tw.robots.pendulum()
     function = robot.to_torch("gravity_forces")
@@ -92,6 +126,8 @@ def test_bad_input_is_named():
         function(torch.ones(3))
     with pytest.raises(tw.ShapeError, match="q wanted"):
         function()
+    with pytest.raises(tw.ShapeError, match=r"q \(3,\), dq \(4,\) do not broadcast"):
+        robot.to_torch("coriolis_forces")(torch.ones(3, 1), torch.ones(4, 1))
     with pytest.raises(tw.ValueRangeError, match=r"complex128"):
         function(torch.ones(1, dtype=torch.complex128))
     with pytest.raises(tw.ValueRangeError, match=r"meta.*\.cpu\(\)"):

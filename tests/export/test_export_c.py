@@ -16,7 +16,8 @@ from places import ROOT
 
 import twistwrench as tw
 from twistwrench.kernels.ufunc import make_ufunc
-from twistwrench.program.program import ARITY, Instruction, Port, Program
+from twistwrench.program.port import Port
+from twistwrench.program.program import ARITY, Instruction, Program
 from twistwrench.program.trace import trace
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.targets.c import FUSED_MACROS, CFunction

@@ -130,3 +130,9 @@ def test_the_longest_log_that_is_held_whole_stays_below_500_mb(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stdout.startswith("OK")
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 500 * 1024  # kB
+
+
+def test_a_robot_without_a_bundled_log_is_told_those_that_have_one():
+    found = CliRunner().invoke(main, ["identify", "ur5", "demo"])
+    assert found.exit_code == 2
+    assert "no log is bundled with 'ur5'. With: planar_2r. Give the path of a CSV file instead." in found.output

@@ -19,6 +19,9 @@ BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 EXIT = re.compile(r"\bexit=(\d+)")
 """Behind the language of a block of commands: what they end with, where that is not 0."""
 
+WANTS = {"bridges.md": ("jax", "casadi"), "coming-from.md": ("pinocchio", "mujoco", "modern_robotics")}
+"""Other packages that a page is about."""
+
 
 def blocks(page: Path, language: str) -> list[str]:
     return [text for text, _ in marked_blocks(page, language)]
@@ -35,6 +38,8 @@ def marked_blocks(page: Path, language: str) -> list[tuple[str, int]]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_python_blocks_run_one_after_another(page, capsys, tmp_path, monkeypatch):
+    for name in WANTS.get(page.name, ()):
+        pytest.importorskip(name)
     monkeypatch.chdir(tmp_path)
     scope: dict[str, object] = {}
     for text in blocks(page, "python"):
@@ -80,6 +85,28 @@ def test_the_page_of_quantities_is_the_table():
     assert counts.sub("", committed) == counts.sub("", written), "run `python docs/quantities.py`"
     for old, new in zip(counts.findall(committed), counts.findall(written), strict=True):
         assert abs(int(old.replace(",", "")) - int(new.replace(",", ""))) <= 0.02 * int(new.replace(",", "")) + 2
+
+
+SAID = [
+    pytest.param(command, text, id=command)
+    for page in PAGES
+    for command, text in re.findall(
+        r"^```console[^\n]*\n\$ ([^\n]+)\n```\n\n```text\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+]
+
+
+@pytest.mark.parametrize(("command", "text"), SAID)
+def test_commands_say_what_is_shown(command, text, tmp_path, monkeypatch):
+    """Every line that the page shows below a command is in its output, but for … and for how large rounding is."""
+
+    def plain(words):
+        return re.sub(r"[0-9.]+e-1[0-9]", "0", " ".join(words.split()))
+
+    monkeypatch.chdir(tmp_path)
+    said = plain(CliRunner().invoke(main, shlex.split(command)[1:]).output)
+    for line in text.splitlines():
+        assert line == "…" or plain(line) in said, line
 
 
 def kept(name: str) -> dict:

@@ -18,6 +18,7 @@ from twistwrench.robot.closed_robot import ClosedRobot
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import METHODS
 from twistwrench.simulation.preparation import prepare
+from twistwrench.simulation.rollout_inputs import cleaned
 
 SOURCE = Path(tw.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))
@@ -157,6 +158,10 @@ def test_options_of_simulations_stand_once():
     taken = inspect.signature(prepare).parameters
     assert [*taken] == ["robot", *[*asked][1:], "loops"]
     assert all(p.default is p.empty for p in taken.values())
+    rolled = [*inspect.signature(tw.Robot.rollout).parameters][1:]
+    taken = inspect.signature(cleaned).parameters
+    assert [*taken] == ["robot", *(name for name in rolled if name not in ("gradients", "out")), "step_of"]
+    assert [name for name, p in taken.items() if p.default is not p.empty] == ["step_of"]
 
 
 # ── the table of quantities ──

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import os
@@ -15,7 +16,26 @@ import pytest
 
 import twistwrench as tw
 
-LATER = ("llvmlite", "scipy", "matplotlib", "rich", "click", "mpmath", "mujoco", "pinocchio", "multiprocessing")
+LATER = (
+    "llvmlite",
+    "scipy",
+    "matplotlib",
+    "rich",
+    "click",
+    "mpmath",
+    "mujoco",
+    "pinocchio",
+    "multiprocessing",
+    "difflib",
+    "platformdirs",
+)
+LATER += (
+    "twistwrench.algorithms",
+    "twistwrench.formats",
+    "twistwrench.program",
+    "twistwrench.bodies",
+    "twistwrench.robots",
+)
 MODULES = sorted(
     info.name for info in pkgutil.walk_packages(tw.__path__, "twistwrench.") if not info.name.endswith("__main__")
 )
@@ -41,7 +61,7 @@ def imported(tmp_path_factory):
 def test_import_leaves_for_later_what_is_needed_later(imported, package):
     loaded, _ = imported
     assert "twistwrench" in loaded
-    assert not [name for name in loaded if name.partition(".")[0] == package]
+    assert not [name for name in loaded if f"{name}.".startswith(f"{package}.")]
 
 
 def test_import_makes_no_files(imported):
@@ -52,15 +72,35 @@ def test_import_makes_no_files(imported):
 def test_the_public_names_are_sorted_and_complete():
     assert list(tw.__all__) == sorted(tw.__all__)
     assert len(set(tw.__all__)) == len(tw.__all__)
+    everything = {name: getattr(tw, name) for name in tw.__all__}  # some are imported by this
     there = {
         name
         for name, value in vars(tw).items()
         if not name.startswith("_") and name != "annotations" and not isinstance(value, types.ModuleType)
     }
-    modules = {name for name in tw.__all__ if isinstance(getattr(tw, name), types.ModuleType)}
-    later = {"Motion", "doctor"}  # imported when first asked for
-    assert there | later == set(tw.__all__) - modules
+    modules = {name for name, value in everything.items() if isinstance(value, types.ModuleType)}
+    assert there == set(tw.__all__) - modules
     assert modules == {"robots", "se3", "so3"}
+
+
+def test_type_checkers_see_every_name_that_comes_later():
+    """What is imported when first asked for is imported for type checkers, from the same place."""
+    (block,) = [node for node in ast.parse(inspect.getsource(tw)).body if isinstance(node, ast.If)]
+    seen = {
+        alias.asname: f"{line.module or ''}.{alias.name}".strip(".")
+        for line in block.body
+        if isinstance(line, ast.ImportFrom)
+        for alias in line.names
+    }
+    assert seen == {**tw._MODULES, **{name: f"{where}.{name}" for name, where in tw._NAMES.items()}}
+    for name, where in seen.items():
+        module = importlib.import_module(f"twistwrench.{tw._NAMES.get(name, where)}")
+        assert getattr(tw, name) is (getattr(module, name) if name in tw._NAMES else module)
+
+
+def test_a_name_that_is_not_there_is_no_attribute():
+    with pytest.raises(AttributeError, match="'twistwrench' has no attribute 'nothing'"):
+        tw.nothing  # noqa: B018
 
 
 def test_dir_has_every_public_name_and_nothing_else():

@@ -416,9 +416,9 @@ def test_machines_that_share_a_cache_never_share_code_they_must_not(tmp_path):
     for name in choices():
         results[name] = everywhere(name, tmp_path)
         now = {entry.name for entry in tmp_path.iterdir()}
-        assert (
-            len(now - entries) == 7
-        )  # three loops, two of them in single precision too; one lane of one, and its builtin
+        new = [(tmp_path / name).read_bytes() for name in now - entries]
+        code = [kept for kept in new if len(kept) > 1500]  # what is kept of robots, kernels and LLVM is shorter
+        assert len(code) == 7  # three loops, two of them in single precision too; one lane of one, and its builtin
         assert entries <= now
         entries = now
         again = everywhere(name, tmp_path)

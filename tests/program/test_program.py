@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twistwrench import robots
@@ -128,6 +128,7 @@ def evaluate(tree, leaf):
     return -a[0] if op == "neg" else a[0] + a[1] if op == "add" else a[0] - a[1] if op == "sub" else a[0] * a[1]
 
 
+@settings(deadline=None)
 @given(TREES)
 def test_a_program_computes_what_was_written(tree):
     program = traced(

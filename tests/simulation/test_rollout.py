@@ -574,7 +574,7 @@ def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(monkeypatch)
         raise tw.KernelError("on purpose")
 
     x, dt, tau = np.ones((5, 2), np.float32), np.full(6, 1e-3, np.float32), np.zeros((6, 2), np.float32)
-    monkeypatch.setattr("twistwrench.kernels.ufunc.compiled", fails)
+    monkeypatch.setattr("twistwrench.kernels.kept_kernels.compiled", fails)
     told = []
     monkeypatch.setattr("sys.unraisablehook", lambda what: told.append(what.exc_type))
     out = np.zeros((5, 4, 2), np.float32)
@@ -590,7 +590,9 @@ def test_without_memory_results_are_nan(monkeypatch):
     monkeypatch.setattr(step_loops, "ON_STACK", 0)
     text = llvm.assembly(recurrence.program, DOUBLE, host(), step_loops.loop_over(recurrence))
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
-    monkeypatch.setattr("twistwrench.kernels.jit.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)])
+    monkeypatch.setattr(
+        "twistwrench.targets.emitter_choice.modules", lambda *_: [text.replace("declare ptr @malloc(i64)", none)]
+    )
     kernel = make_ufunc(recurrence, "starved", "")
     out = np.zeros((3, 5, 2))
     kernel(np.ones((3, 2)), np.ones((3, 2)), np.ones(4), np.ones((4, 2)), out=(out[:, :4], np.empty((3, 4, 2))))

@@ -34,37 +34,13 @@ def fly(
     V0: ArrayLike,
     duration: float,
     dt: float,
-    wrench: ArrayLike | WrenchLaw | None = None,
+    wrench: ArrayLike | WrenchLaw | None,
     *,
-    order: int = 4,
-    tolerance: float | None = None,
-    every: int = 1,
+    order: int,
+    tolerance: float | None,
+    every: int,
 ) -> Flight:
-    """Free motion of a body from pose T0 (4, 4) and body twist V0 (6,).
-
-    Parameters
-    ----------
-    T0, V0: may be labelled, a Pose of {b} and a Twist in {b}.
-    duration, dt: s; ``dt`` is shortened so that a whole number of steps fills the duration: 0.3 s becomes 0.25 s in 1 s.
-    wrench: in {b}: constant (6,), or a function ``wrench(t, T, V)`` of time, T_sb and V_b; none is torque-free flight. It may
-        be labelled, or give a labelled one; T and V are plain arrays.
-    order: 2, 4 or 6: the error of the motion falls as that power of dt. A body with two equal moments moves exactly.
-    tolerance: relative error per step; given, the steps are SciPy's DOP853 and adapt, and ``dt`` only spaces the record.
-        The spatial momentum of torque-free flight stays exact, the energy slowly drifts.
-    every: keep one state in so many, and the last.
-
-    A wrench that is a function is asked at further times within each step, eight at least, less than ``dt`` and a thousandth
-    of the duration apart; with a tolerance, steps are short enough for that. A shorter pulse may be missed. Steps that were
-    shortened, in which the body turns by more than 1 rad, in which the wrench changes unseen, or that lose more than 1 % of the
-    energy, are said in ``flight.remarks`` and wherever a flight or its drift is printed. No warning is raised.
-
-    Raises
-    ------
-    ShapeError, ValueRangeError: for arguments of the wrong shape, not finite, a T0 that is not a pose, or a function that
-        does not take (t, T, V).
-    FrameError: for labels that name two body frames, or a twist for a wrench.
-    InertiaError: for a body without inertia about some axis.
-    """
+    """The motion of a body by the arguments of :meth:`twistwrench.RigidBody.fly`."""
     moments, axes = inertia.principal()
     if not (inertia.mass > 0 and moments[0] > 1e-14 * moments[2]):
         raise InertiaError(

@@ -311,9 +311,9 @@ class RigidBody:
         duration : float [s]
         dt : float, step, shortened where no whole number of steps fills the duration [s]
         wrench : (6,) array_like, Wrench, or function ``wrench(t, T, V)``, optional, in {b} [N m, N]
-        order : 2, 4 or 6, of the steps
-        tolerance : float, optional; with it the steps adapt and ``dt`` only spaces the record
-        every : int, keep one step in so many
+        order : 2, 4 or 6: the error of the motion falls as that power of ``dt``
+        tolerance : float, optional, relative error of a step; with it the steps adapt (DOP853), ``dt`` only spaces the record
+        every : int, keep one state in so many, and the last
 
         Returns
         -------
@@ -325,12 +325,17 @@ class RigidBody:
             Labelled poses, twists and wrenches do not agree on {b}.
         ShapeError, ValueRangeError
             An argument is invalid.
+        InertiaError
+            The body has no inertia about some axis.
         SimulationError
             A step is unstable.
 
         Notes
         -----
-        See :func:`~twistwrench.bodies.flight.fly`.
+        Without a wrench the spatial momentum is constant, and a body with two equal moments moves exactly. A wrench that is a
+        function is asked at further times within each step, eight at least, less than ``dt`` and a thousandth of the duration
+        apart; a shorter pulse may be missed. Steps that were shortened, in which the body turns by more than 1 rad, in which
+        the wrench changes unseen, or that lose more than 1 % of the energy, are said in ``flight.remarks``.
 
         Examples
         --------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..errors import MissingExtraError
-from ..program.program import Port
+from ..program.port import Port
 from ..targets.c import identifier
 from ..targets.elementwise import evaluated, functions_of
 from .quantity import BridgedQuantity

@@ -14,8 +14,9 @@ from collections.abc import Callable, Sequence
 from math import prod
 from typing import Any
 
-from ..errors import MissingExtraError, ModelWarning
-from ..program.program import Port, Program
+from ..errors import MissingExtraError, ModelWarning, ValueRangeError
+from ..program.port import Port
+from ..program.program import Program
 from ..targets.elementwise import batch_shape, evaluated, functions_of
 from .jax_operation import JaxOperation
 from .quantity import BridgedQuantity
@@ -63,9 +64,12 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
 
     def function(*arrays: Any) -> Any:
         dtype = _dtype(jax, jnp, precision)
-        given = [jnp.asarray(a, dtype) for a in arrays]
+        given = [jnp.asarray(a) for a in arrays]
         quantity.require_shapes("to_jax", [a.shape for a in given])
-        return values(*given)
+        for a, port in zip(given, inputs, strict=True):
+            if jnp.issubdtype(a.dtype, jnp.complexfloating):
+                raise ValueRangeError(f"to_jax {quantity.name}: {port.name} is {a.dtype}, real numbers wanted.")
+        return values(*(a.astype(dtype) for a in given))
 
     function.__name__ = function.__qualname__ = quantity.name
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)

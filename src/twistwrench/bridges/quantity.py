@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..algorithms.coordinate_rates import velocity_map
 from ..core import arguments
 from ..errors import KernelError, ShapeError
-from ..program.program import Port, Program
+from ..program.port import Port
+from ..program.program import Program
 from ..program.trace import trace
-from ..robot.quantity_row import CONFIGURATIONS
+from ..robot.quantity_types import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -22,11 +26,12 @@ PRECISIONS = ("double", "single")
 
 @dataclass(frozen=True, eq=False)
 class BridgedQuantity:
-    """One quantity and the options that were asked for."""
+    """One quantity and the options that were asked for. What it is made of is made once: functions ask in every call."""
 
     robot: Robot
     name: str
     options: Mapping[str, Any]
+    _derivatives: dict[Any, BridgedQuantity] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str) -> BridgedQuantity:
@@ -46,24 +51,28 @@ class BridgedQuantity:
         """The robot's."""
         return self.robot.engine
 
-    @property
+    @cached_property
     def program(self) -> Program:
         """The program of the quantity."""
         return self.engine.program((self.name,), self.options)
 
-    @property
+    @cached_property
     def kernel(self) -> Any:
         """The compiled function of the same program."""
         return self.engine.kernel((self.name,), self.options)
 
-    @property
+    @cached_property
     def cuda_kernel(self) -> Any:
         """The same program as a kernel of a GPU."""
         return self.robot.cuda.kernel(self.name, **self.options)
 
     def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
         """The same quantity's derivative by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
-        return BridgedQuantity(self.robot, self.name, {**self.options, "by": tuple(by), "form": form, "values": values})
+        key = tuple(by), form, values
+        if key not in self._derivatives:
+            asked = {**self.options, "by": tuple(by), "form": form, "values": values}
+            self._derivatives[key] = BridgedQuantity(self.robot, self.name, asked)
+        return self._derivatives[key]
 
     @property
     def inputs(self) -> tuple[Port, ...]:
@@ -71,7 +80,7 @@ class BridgedQuantity:
         return self.program.inputs
 
     def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
-        """Raise ShapeError unless these are the inputs' shapes behind any batch shape."""
+        """Raise ShapeError unless these are the inputs' shapes behind batch shapes that broadcast."""
         ports = self.inputs
         if len(shapes) != len(ports):
             names = ", ".join(port.name for port in ports)
@@ -80,6 +89,12 @@ class BridgedQuantity:
             if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
                 wanted = ", ".join(["…", *map(str, port.shape)])
                 raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
+        batches = [shape[: len(shape) - len(port.shape)] for shape, port in zip(shapes, ports, strict=True)]
+        try:
+            np.broadcast_shapes(*set(batches))
+        except ValueError:
+            listed = ", ".join(f"{port.name} {batch}" for port, batch in zip(ports, batches, strict=True))
+            raise ShapeError(f"{what} {self.name}: batch shapes {listed} do not broadcast.") from None
 
     @property
     def curved(self) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
     except ImportError:
         raise MissingExtraError.of("torch", "torch", "robot.to_torch") from None
     compute = _Differentiable(torch, quantity).apply
-    inputs = quantity.inputs
+    inputs, _ = quantity.inputs, quantity.kernel  # made now: torch.compile cannot follow how a kernel is made
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
 
     def function(*tensors: Any) -> Any:
@@ -137,7 +137,7 @@ def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> An
     """The kernel on tensors, whose memory NumPy shares; on a GPU, the GPU's kernel."""
     if tensors[0].device.type == "cuda":
         return quantity.cuda_kernel(*_laid_out(tensors, quantity.program))
-    found = quantity.kernel(*(t.detach().numpy() for t in tensors))
+    found = quantity.kernel(*(t.numpy(force=True) for t in tensors))  # a conjugate's imaginary part is no plain memory
     if isinstance(found, tuple):
         return tuple(torch.as_tensor(x) for x in found)
     return torch.as_tensor(found)

@@ -223,12 +223,12 @@ def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
     folder = Path(__file__).parents[1] / "robots"
     path = folder / f"{robot}_{_DEMO}{suffix}"
     if not path.is_file():
-        have = [p.stem.removesuffix(f"_{_DEMO}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
+        have = [p.name.removesuffix(f"_{_DEMO}{suffix}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
         near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise UnknownNameError(
             f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
-            f"Give the path of a {suffix[1:].upper()} file instead."
+            f"Give the path of a {suffix.rpartition('.')[2].upper()} file instead."
         )
     return path
 

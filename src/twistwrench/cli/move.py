@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from ..robot import Robot
     from ..trajectories.paths import JointPath
+    from ..trajectories.trajectory import Trajectory
 
 
 move_options = option_group(
@@ -65,8 +66,6 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     from ..motion.bounds import bounds_of
     from ..report.joint_values import degrees_hint
     from ..report.loaded_robot import LoadedRobot, parse_payload
-    from ..trajectories.fastest import fastest
-    from ..trajectories.trajectory import Trajectory
     from .tables.trajectory import move_view
 
     carried = [parse_payload(text) for text in given["payloads"]]
@@ -90,13 +89,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         return False
     friction = given["friction"]
     try:
-        if given["fastest"] and trouble is None:
-            limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
-                moving: Trajectory = fastest(robot, path, friction=friction, **limits)
-        else:
-            moving = Trajectory(robot, path, _scaling(robot, path, bounds, given))
+        moving = _timed(robot, path, bounds, given, whole=trouble is None)
     except PathError as problem:
         show(f"CANNOT: {problem}")
         return False
@@ -118,6 +111,19 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     if trouble is not None:
         show(f"CANNOT: {trouble} The motion above, and in the files, is the path until there.")
     return not over and trouble is None
+
+
+def _timed(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any], *, whole: bool) -> Trajectory:
+    """The motion along the path: as fast as may be, where that is asked and the path is ``whole``, else by its scaling."""
+    from ..trajectories.fastest import fastest
+    from ..trajectories.trajectory import Trajectory
+
+    if not (given["fastest"] and whole):
+        return Trajectory(robot, path, _scaling(robot, path, bounds, given))
+    limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
+        return fastest(robot, path, friction=given["friction"], **limits)
 
 
 def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any]) -> Any:

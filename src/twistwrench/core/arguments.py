@@ -56,6 +56,16 @@ def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _N
     return made
 
 
+def of_plain(given: Sequence[Any]) -> tuple[Array, ...] | None:
+    """The arrays, where each is NumPy's or a plain list, tuple or number that makes one; None where a closer look is needed."""
+    if not all(type(x) in (np.ndarray, list, tuple, float, int) for x in given):
+        return None
+    try:
+        return tuple([np.asarray(x) for x in given])
+    except Exception:  # which brought() explains
+        return None
+
+
 def plain(x: Any, what: str, names: Sequence[str] = ()) -> Array:
     """The same as an ndarray: a Dask array is computed."""
     return np.asarray(brought(x, what, names))

@@ -22,14 +22,14 @@ _PATIENCE = 10.0
 """Seconds that a named pipe is waited for until somebody opens its other end."""
 
 
-def as_path(path: Any, what: str = "path") -> Path:
+def as_path(path: Any) -> Path:
     """The path that a caller gives, a text or a Path. Raises ValueRangeError for anything else, and for an empty text.
 
     >>> as_path("motion.csv").suffix
     '.csv'
     """
     if not isinstance(path, str | os.PathLike) or isinstance(path, bytes) or not str(path):
-        raise ValueRangeError(f"{what} is {shown(path)}: give the path of a file, a text or a pathlib.Path.")
+        raise ValueRangeError(f"path is {shown(path)}: give the path of a file, a text or a pathlib.Path.")
     return Path(path)
 
 

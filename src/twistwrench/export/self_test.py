@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.gravity import STRENGTH
 from ..errors import KernelError
-from ..program.program import Port
+from ..program.port import Port
 from ..targets.c import PRECISIONS
 from ..typing import Array
 from .document import comment

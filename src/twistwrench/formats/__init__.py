@@ -26,6 +26,7 @@ FORMATS = {"urdf": "robot", "mjcf": "mujoco", "sdf": "sdf"}
 def load_model(
     source: str | os.PathLike[str],
     *,
+    data: bytes | None = None,
     format: str | None = None,  # noqa: A002  what it is called everywhere
     floating_base: bool | None = None,
     keep: str | None = None,
@@ -39,7 +40,7 @@ def load_model(
     snap: float = DEFAULT_SNAP,
     gravity: ArrayLike | None = None,
 ) -> Model:
-    """The model in a robot file, or in XML text; options as in :func:`twistwrench.load`.
+    """The model in a robot file, or in XML text; options as in :func:`twistwrench.load`. ``data``: the file's bytes, if read.
 
     Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` for what is no readable file, other
     :class:`~twistwrench.ModelError` for what no robot can mean, each with the file's name and the line.
@@ -53,7 +54,7 @@ def load_model(
     if isinstance(max_bodies, bool) or not isinstance(max_bodies, int) or max_bodies < 1:
         raise ValueRangeError(f"max_bodies={max_bodies!r} is not allowed: a whole number above zero.")
     usd = usd_path(source)
-    text, origin = ("", str(usd)) if usd is not None else read_robot_text(source)
+    text, origin = ("", str(usd)) if usd is not None else read_robot_text(source, data)
     home = None if is_text(source) else Path(source).parent
     try:
         if usd is None:

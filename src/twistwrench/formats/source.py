@@ -22,11 +22,11 @@ _NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode
 _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
 
 
-def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
+def read_robot_text(source: str | os.PathLike[str], data: bytes | None = None) -> tuple[str, str]:
     """The text of a robot description, and a name for it in messages: the path, or "the text given".
 
     ``source`` is a path, or the XML text itself, told by its first non-blank character being "<". A path may lead to a pipe,
-    which can be read once.
+    which can be read once. ``data``: the bytes of the file, where they are read already.
     Raises :class:`~twistwrench.NotFoundError`, naming similar files, or :class:`~twistwrench.RobotFileError`.
     """
     if is_text(source):
@@ -41,7 +41,7 @@ def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
         beginning = f"it begins with {source.strip()[:20]!r}" if source.strip() else "it is empty"
         raise RobotFileError(f"the text given is neither XML nor a path: {beginning}. XML text begins with '<'.")
     path = Path(source)
-    return robot_file(path)[1], str(path)
+    return _decoded(bytes_of(path) if data is None else data, str(path)), str(path)
 
 
 def robot_file(path: Path) -> tuple[bytes, str]:

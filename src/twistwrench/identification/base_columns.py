@@ -14,7 +14,7 @@ import numpy as np
 
 from ..algorithms.regressor import regressor
 from ..program.trace import trace
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .parameter_groups import BaseParameters
 

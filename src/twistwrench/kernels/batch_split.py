@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..program.column_groups import ColumnGroups
-from ..program.forms import Form, program_of
-from ..program.program import Port, Program
 from ..targets.processor import SINGLE
 from ..typing import Array
 from .results import room
+
+if TYPE_CHECKING:
+    from ..program.forms import Form
+    from ..program.port import Port
+    from ..program.program import Program
 
 Arrays = tuple[Array, ...]
 
@@ -51,6 +53,9 @@ class Part(NamedTuple):
 
 def effort(form: Form) -> int:
     """Operations of a sample, or of its step; arms and quadrupeds do 12 to 30 a nanosecond in lanes of four doubles."""
+    from ..program.column_groups import ColumnGroups
+    from ..program.forms import program_of
+
     program = program_of(form)
     entries = sum(port.size for port in (*program.inputs, *program.outputs))
     columns = form.groups if isinstance(form, ColumnGroups) else ()

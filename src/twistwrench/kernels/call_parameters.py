@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..program.forms import Form
-from ..program.program import Port
+from ..program.port import Port
 from ..targets.call_way import Way
 from ..targets.processor import DOUBLE, SINGLE
 from .call_form import CallForm
+from .kept_kernels import KernelOutline
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class CallParameters:
         return f"{name}({', '.join(shown)})\n--\n\n{method.__func__.__doc__ or ''}"
 
 
-def way_of(program: Form, parameters: CallParameters, asked: CallForm) -> Way | None:
+def way_of(program: Form | KernelOutline, parameters: CallParameters, asked: CallForm) -> Way | None:
     """How the builtin is called; None where none can be."""
     ports = (*program.inputs, *program.outputs)
     count = len(program.inputs) - len(asked.keys)

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import KernelError, ShapeError, ValueRangeError
-from ..program.program import Port, Program
+from ..program.port import Port
+from ..program.program import Program
 from ..targets.cuda_text import CudaFunction
 from . import nvrtc
 from .cuda_driver import Driver, driver

@@ -147,7 +147,7 @@ def calls_before(ufunc: Any) -> int:
     owner = owner_of(ufunc)
     if owner is None or not understood():
         return 0
-    length = len(owner.program.instructions)
+    length = owner.length
     return 2 if length < LONG else length // EACH
 
 

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..core import cache
 from ..errors import KernelError
-from ..program.forms import Form
-from ..targets.emitter_choice import modules
-from ..targets.llvm import LOOP
+from ..targets.compiler import LOOP, compiler
 from ..targets.processor import Machine, Precision, chosen
-from . import cache
+from .placed_code import Unplaced, placed
+
+if TYPE_CHECKING:
+    from ..program.forms import Form
 
 
-@dataclass(frozen=True)
-class Code:
+class Code(NamedTuple):
     """A function in memory; the code is freed with this object."""
 
     address: int
@@ -28,6 +27,8 @@ class Code:
     """Bytes of object code."""
     cached: bool
     """Whether it came from the disk."""
+    keys: tuple[str, ...] = ()
+    """Those of its entries in the cache."""
 
 
 class _Jit:
@@ -70,9 +71,23 @@ LOCK = _JIT.lock
 
 def compiled(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
     """Code for ``program`` on the machine, or the chosen one, from the cache if it is there."""
+    from ..targets.emitter_choice import modules
+
     machine = machine or chosen()
     with _JIT.lock:
         return _linked(lambda: modules(program, precision, machine), LOOP, machine)
+
+
+def found(keys: Sequence[str], machine: Machine) -> Code | None:
+    """The code of a kernel by the keys of its entries in the cache; None where one is lost, or they do not link."""
+    objects = [code for key in keys if (code := cache.load(key)) is not None]
+    if len(objects) < len(keys):
+        return None
+    with _JIT.lock:
+        try:
+            return _loaded(objects, LOOP, machine, cached=True)._replace(keys=tuple(keys))
+        except RuntimeError:
+            return None
 
 
 def assembled(text: str, symbol: str, machine: Machine) -> Code:
@@ -99,23 +114,26 @@ def _linked(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -
         for key, code, cached in objects:
             if not cached:
                 cache.store(key, code)
-        return loaded
+        return loaded._replace(keys=tuple(key for key, *_ in objects))
 
 
 def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
     """The cache's key of a module, its object code, and whether that was in the cache."""
     import llvmlite
-    import llvmlite.binding as llvm
 
-    versions = f"{llvmlite.__version__} {llvm.llvm_version_info} {machine}"
-    key = hashlib.sha256(f"{versions}\n{text}".encode()).hexdigest()
+    key = cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()
     code = None if afresh else cache.load(key)
     if code is not None:
         return key, code, True
+    import llvmlite.binding as llvm
+
     module = llvm.parse_assembly(text, llvm.create_context())  # in the global context its constants would live for ever
     return key, _JIT.target(machine).emit_object(module), False
 
 
 def _loaded(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
-    library = _JIT.link(objects, symbol, machine)
+    try:
+        library: Any = placed(objects)
+    except Unplaced:
+        library = _JIT.link(objects, symbol, machine)
     return Code(library[symbol], library, sum(map(len, objects)), cached)

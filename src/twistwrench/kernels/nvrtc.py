@@ -6,7 +6,6 @@ It comes as a wheel (the extra ``cuda``, and with PyTorch or CuPy), or with the 
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import importlib.util
 import os
 import sys
@@ -15,8 +14,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ..core import cache as disk
 from ..errors import KernelError, MissingExtraError
-from . import cache as disk
 
 _SYSTEM = ("nvrtc64_130_0.dll", "nvrtc64_120_0.dll") if sys.platform == "win32" else (
     "libnvrtc.so", "libnvrtc.so.13", "libnvrtc.so.12"
@@ -29,7 +28,7 @@ def compiled(source: str, name: str, options: tuple[str, ...], capability: tuple
     Raises MissingExtraError where there is no compiler, KernelError with what it said where it refuses.
     """
     making = compiler()
-    key = hashlib.sha256(f"NVRTC {making.version} {capability} {options}\n{source}".encode()).hexdigest()
+    key = disk.digest(f"NVRTC {making.version} {capability} {options}", source).hex()
     code = disk.load(key)
     if code is None:
         code = making.compile(source, name, options, capability)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import KernelError
-from ..program.program import axes_of
+from ..program.port import axes_of
 from ..targets.processor import DOUBLE, Machine
 from ..targets.row_call_text import CALL, POINTERS, row_call_assembly
 from ..typing import Array

@@ -8,19 +8,21 @@ the other. Everything the ufunc points to belongs to one owner object that the u
 from __future__ import annotations
 
 import ctypes
-from dataclasses import replace
 from functools import cache, cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import KernelError
-from ..program.forms import Form, program_of
-from ..program.program import axes_of
-from ..targets.processor import DOUBLE, SINGLE, Precision, chosen
+from ..program.port import axes_of
+from ..targets.processor import DOUBLE, SINGLE, Machine, Precision, chosen
 from . import interpreter
-from .batch_split import effort
-from .jit import LOCK, Code, compiled
+from .jit import LOCK, Code, compiled, found
+from .kept_kernels import KernelOutline, code_of
+
+if TYPE_CHECKING:
+    from ..program.forms import Form
+    from ..program.program import Program
 
 _LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
@@ -61,15 +63,19 @@ class _UFuncObject(ctypes.Structure):
 class _Owner:
     """All memory and code behind one ufunc."""
 
-    def __init__(self, program: Form, name: str, doc: str, *, lone: bool) -> None:
+    def __init__(self, program: Form | KernelOutline, name: str, doc: str, *, lone: bool) -> None:
         operands = len(program.inputs) + len(program.outputs)
         if operands > _MOST_OPERANDS:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
-        self.given, self.program = program, program_of(program)
-        self.machine = replace(chosen(), vector_bits=DOUBLE.bits) if lone else chosen()
-        self.code: dict[str, Code] = {"d": compiled(program, DOUBLE, self.machine)}
+        self.machine = chosen().narrowed(DOUBLE.bits) if lone else chosen()
+        known = found(program.code, self.machine) if isinstance(program, KernelOutline) else None
+        self.given = program.form() if isinstance(program, KernelOutline) and known is None else program
+        self.description = doc
+        self.kept = program.key if isinstance(program, KernelOutline) else ""
+        """The key of what is kept of the kernel; empty where nothing is."""
+        self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
         self.lone: dict[str, Code] = {}
         self.stand_in = _LOOP(self._single)
         # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
@@ -84,9 +90,28 @@ class _Owner:
             self.address(SINGLE)
 
     @cached_property
+    def form(self) -> Form:
+        """The program, with its loop if it has one."""
+        return self.given.form() if isinstance(self.given, KernelOutline) else self.given
+
+    @cached_property
+    def program(self) -> Program:
+        """The program without its loop."""
+        from ..program.forms import program_of
+
+        return program_of(self.form)
+
+    @cached_property
+    def length(self) -> int:
+        """Instructions of the program."""
+        return self.given.length if isinstance(self.given, KernelOutline) else len(self.program.instructions)
+
+    @cached_property
     def effort(self) -> int:
         """Operations that a sample takes, in one step if there are several."""
-        return effort(self.given)
+        from .batch_split import effort
+
+        return self.given.effort if isinstance(self.given, KernelOutline) else effort(self.given)
 
     @cached_property
     def row(self) -> int:
@@ -124,23 +149,26 @@ class _Owner:
         with LOCK:
             code = self.code.get(precision.char)
             if code is None:
-                code = self.code[precision.char] = compiled(self.given, precision, self.machine)
+                code = self.code[precision.char] = self._further(precision, self.machine)
                 self.functions[0] = code.address
         return code.address
 
     def alone(self, precision: Precision) -> Code:
         """Code for single samples: a lane of its own, unless the program is so long that one compilation is enough."""
         with LOCK:
-            if len(self.program.instructions) > LONGEST_ALONE or self.machine.lanes(precision) == 1:
+            if self.length > LONGEST_ALONE or self.machine.lanes(precision) == 1:
                 self.address(precision)
                 return self.code[precision.char]
             if precision.char not in self.lone:
-                one_lane = replace(self.machine, vector_bits=precision.bits)
-                self.lone[precision.char] = compiled(self.given, precision, one_lane)
+                one_lane = self.machine.narrowed(precision.bits)
+                self.lone[precision.char] = self._further(precision, one_lane)
             return self.lone[precision.char]
 
+    def _further(self, precision: Precision, machine: Machine) -> Code:
+        return code_of(self.kept, precision, machine, lambda: self.form)
 
-def make_ufunc(program: Form, name: str, doc: str, *, lone: bool = False) -> np.ufunc:
+
+def make_ufunc(program: Form | KernelOutline, name: str, doc: str, *, lone: bool = False) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
     That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is

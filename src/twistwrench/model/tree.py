@@ -18,6 +18,10 @@ class Tree:
     leaves: tuple[str, ...]
 
 
+_SHOWN = 12
+"""Names that an error lists."""
+
+
 def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> Tree:
     """Order the joints depth first; :class:`~twistwrench.ModelError` unless they join all links into one tree."""
     if not links:
@@ -66,9 +70,9 @@ def _root(links: Mapping[str, LinkEntry], parent_joint: Mapping[str, JointEntry]
     return roots[0]
 
 
-def _listed(items: Iterable[str], most: int = 12) -> str:
+def _listed(items: Iterable[str]) -> str:
     items = list(items)
-    return ", ".join(items[:most]) + (f", … ({len(items)} in all)" if len(items) > most else "")
+    return ", ".join(items[:_SHOWN]) + (f", … ({len(items)} in all)" if len(items) > _SHOWN else "")
 
 
 def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tuple[JointEntry, ...]:

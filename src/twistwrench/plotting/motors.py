@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.printed_numbers import percent
+from ..model.limits import margin
 from ..report.motors import MotorUse
 from ..typing import Array
 from .panels import panel_grid, panels
@@ -95,4 +96,5 @@ def _top_speed(use: MotorUse) -> float:
 
 def _within(use: MotorUse) -> Array:
     motor, w, torque = use.motor, use.speed, use.torque
-    return (torque <= motor.greatest_torque(w)) & (-torque <= motor.greatest_torque(-w))
+    most, least = motor.greatest_torque(w), motor.greatest_torque(-w)
+    return np.asarray((torque <= most + margin(most)) & (-torque <= least + margin(least)))

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from .program import Port, Program, signature_of
+from .port import Port, signature_of
+from .program import Program
 
 NEITHER, BEFORE, AFTER = 0, 1, 2
 """Of an entry: nothing there; its row's joint carries its column's; it is the other way about, or they are the same."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import NamedTuple
+
+from .port import Port, signature_of
 
 FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
 """The fused products: ``fma`` is a b + c; the two signs are those of the product and of c. One rounding each."""
@@ -29,19 +28,6 @@ class Instruction(NamedTuple):
     op: str
     args: tuple[int, ...]
     value: float
-
-
-@dataclass(frozen=True)
-class Port:
-    """A named array that goes in or comes out."""
-
-    name: str
-    shape: tuple[int, ...]
-
-    @property
-    def size(self) -> int:
-        """Number of elements."""
-        return math.prod(self.shape)
 
 
 @dataclass(frozen=True, repr=False)
@@ -112,27 +98,3 @@ class Program:
     def signature(self) -> str:
         """The gufunc signature with the program's own sizes, as in ``(7),(7)->(7,7)``."""
         return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
-
-
-def signature_of(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequence[int | str]]) -> str:
-    """The gufunc signature of operands with those sizes."""
-    ins, outs = (
-        ",".join("(" + ",".join(map(str, sizes)) + ")" for sizes in operands) for operands in (inputs, outputs)
-    )
-    return f"{ins}->{outs}"
-
-
-@cache
-def axes_of(signature: str) -> list[list[int]]:
-    """By operand, where NumPy puts the size of each axis in a loop's ``dims``: by names and numbers as they first appear.
-
-    >>> axes_of("(7),(k,7)->(m,7)")
-    [[1], [2, 1], [3, 1]]
-    """
-    names: list[str] = []
-    operands = []
-    for operand in re.findall(r"\(([^)]*)\)", signature):
-        sizes = [size for size in operand.split(",") if size]
-        names += [size for size in dict.fromkeys(sizes) if size not in names]
-        operands.append([1 + names.index(size) for size in sizes])
-    return operands

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from .program import Port, Program, signature_of
+from .port import Port, signature_of
+from .program import Program
 
 STEPS, KEPT = "k", "m"
 """The names of the two sizes in the signature."""

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .expr import Expr
-from .program import FUSED, Instruction, Port, Program
+from .port import Port
+from .program import FUSED, Instruction, Program
 
 
 def build(results: Sequence[Expr], inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> Program:

@@ -11,7 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from .program import Port, Program, signature_of
+from .port import Port, signature_of
+from .program import Program
 
 PLACES = 64
 """Starts that a table has, beside the first."""

@@ -18,7 +18,8 @@ from ..errors import KernelError
 from ..typing import Array
 from .composed import Composed
 from .expr import Expr
-from .program import Port, Program
+from .port import Port
+from .program import Program
 from .schedule import build
 
 LARGEST = 2_000_000

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.motor_side import MotorLoads, motor_loads
-from ..algorithms.power import PowerBalance, power_balance
 from ..core import lazy
 from ..errors import ModelError
 from .state_arguments import states
-from .wrench_arguments import Wrenches
+
+if TYPE_CHECKING:
+    from ..algorithms.motor_side import MotorLoads
+    from ..algorithms.power import PowerBalance
+    from .wrench_arguments import Wrenches
+
+
+def _of_motors(*found: Any) -> MotorLoads:
+    from ..algorithms.motor_side import MotorLoads
+
+    return MotorLoads(*found)
+
+
+def _of_powers(*found: Any) -> PowerBalance:
+    from ..algorithms.power import PowerBalance
+
+    return PowerBalance(*found)
 
 
 class ActuationMethods:
@@ -29,7 +43,7 @@ class ActuationMethods:
         """q̈ under torques τ, and what friction leaves of them, None where that is still to be found."""
         return self.forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
 
-    @lazy.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, MotorLoads)
+    @lazy.by_blocks(lambda robot, _: [(len(robot._open().actuators),)] * 6, _of_motors)
     def motor_loads(
         self: Any,
         q: ArrayLike,
@@ -90,11 +104,13 @@ class ActuationMethods:
         if not robot.actuators:
             raise ModelError(f"robot {robot.name!r} has no actuators. Describe them: robot.with_actuators(file).")
         given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        from ..algorithms.motor_side import motor_loads
+
         carried, rotor = self._loads(q, dq, ddq, friction, given)
         (dq,) = states(robot.model, "motor_loads", dq=dq)
         return motor_loads(robot.model, dq.astype(float), carried, rotor)
 
-    @lazy.by_blocks(lambda *_: [()] * 4, PowerBalance)
+    @lazy.by_blocks(lambda *_: [()] * 4, _of_powers)
     def power_balance(
         self: Any,
         q: ArrayLike,
@@ -143,6 +159,8 @@ class ActuationMethods:
         >>> round(float(balance.joints), 9), abs(float(sum(balance))) < 1e-12
         (25.0, True)
         """
+        from ..algorithms.power import power_balance
+
         robot, wrenches = self._open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         ddq, left = self._moved(q, dq, tau, friction, wrenches)
         dq, tau = states(robot.model, "power_balance", dq=dq, tau=tau)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from .quantity_options import KernelOptions
+if TYPE_CHECKING:
+    from .quantity_options import KernelOptions
 
 
 class BridgeMethods:

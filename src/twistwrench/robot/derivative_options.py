@@ -223,13 +223,3 @@ def _filled(shape: Shape, entries: Sequence[Any]) -> Array:
     array = np.empty(math.prod(shape), object)
     array[:] = entries
     return array.reshape(shape)
-
-
-def is_symbolic(arrays: Sequence[Any]) -> bool:
-    """Whether any of the arrays holds symbols of a trace."""
-    return any(
-        isinstance(x, Expr)
-        or (isinstance(x, np.ndarray) and x.dtype == object and any(isinstance(e, Expr) for e in x.flat))
-        or (isinstance(x, list | tuple) and is_symbolic(x))
-        for x in arrays
-    )

@@ -13,7 +13,7 @@ from ..errors import KernelError, ShapeError, TwistWrenchError
 from ..program.expr import Expr
 from ..program.trace import Trace, trace
 from .derivative_options import Chart, Derivative, Shape
-from .engine import compiled
+from .model_kernels import compiled
 from .robot import Robot
 
 _ADVICE = (

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..core.html_table import html_table
-from ..core.printed_numbers import number
-
 _SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
 
 
@@ -33,6 +30,8 @@ class DisplayMethods:
         return summary(self)
 
     def _repr_html_(self: Any) -> str:
+        from ..core.html_table import html_table
+        from ..core.printed_numbers import number
         from ..report.robot_summary import joint_rows
 
         rows = joint_rows(self.model)

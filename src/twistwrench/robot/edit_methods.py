@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bodies.inertia import SpatialInertia
 from ..core import arguments
 from ..errors import ShapeError
-from ..model import edit
 from .robot_argument import require_robot
 
 if TYPE_CHECKING:
+    from ..bodies.inertia import SpatialInertia
     from .robot import Robot
 
 
@@ -53,6 +52,9 @@ class EditMethods:
         >>> bool(abs(loaded.gravity_forces(ur5.neutral)[1]) > abs(ur5.gravity_forces(ur5.neutral)[1]))
         True
         """
+        from ..bodies.inertia import SpatialInertia
+        from ..model import edit
+
         if not isinstance(payload, SpatialInertia):
             raise ShapeError(
                 f"a payload is a SpatialInertia, got {payload!r}: for a point mass, tw.SpatialInertia.from_com(mass, com)."
@@ -82,6 +84,8 @@ class EditMethods:
         >>> arm.with_gravity([0, 0, -1.62]).gravity_forces([0, 0]).round(2).tolist()
         [4.86, 1.62]
         """
+        from ..model import edit
+
         return self._of_model(edit.with_gravity(self.model, gravity))
 
     def with_actuators(self: Any, source: str | Path | Mapping[str, Any], *, stiff: bool = False) -> Robot:
@@ -150,6 +154,8 @@ class EditMethods:
         """
         if not isinstance(joints, Mapping):
             raise ShapeError(f"with_armature takes a dict {{joint: kg m² or kg}}, got {joints!r}.")
+        from ..model import edit
+
         return self._of_model(edit.with_armature(self.model, joints))
 
     def lock(self: Any, joints: Mapping[str, float | Sequence[float]]) -> Robot:
@@ -178,6 +184,8 @@ class EditMethods:
         """
         if not isinstance(joints, Mapping):
             raise ShapeError(f"lock takes a dict {{joint: position}}, got {joints!r}.")
+        from ..model import edit
+
         return self._of_model(edit.lock(self.model, joints))
 
     def attach(

@@ -10,10 +10,7 @@ import numpy as np
 
 from ..kernels.interpreter import compiles
 from ..lie import compiled as lie
-from ..lie import exponentials
-from ..program.trace import trace
 from ..typing import Array
-from .engine import compiled
 
 SHAPES = {
     "rotation_exp": ((3,), (3, 3)),
@@ -63,10 +60,15 @@ class ExponentialKernel:
 
     @property
     def _text(self) -> Callable[[Array], tuple[Array, Any]]:
+        from ..lie import exponentials
+
         found: Callable[[Array], tuple[Array, Any]] = getattr(exponentials, self.name)
         return found
 
     def _compiled(self, text: Callable[[Array], Any], outputs: list[str]) -> Any:
+        from ..program.trace import trace
+        from .model_kernels import compiled
+
         return compiled(trace(text, [("x", self.given)], outputs), self.name, f"{self.name}, compiled.")
 
 

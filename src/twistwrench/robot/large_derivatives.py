@@ -16,7 +16,7 @@ from ..typing import Array
 
 if TYPE_CHECKING:
     from ..model.model import Model
-    from .engine import Engine
+    from .model_kernels import ModelKernels
 
 FROM = 64
 """Velocities of the smallest robot whose derivatives are put together this way; unrolled they would be a million operations."""
@@ -31,7 +31,7 @@ def applies(model: Model, wanted: Mapping[str, Mapping[str, Any]]) -> bool:
 class LargeDerivatives:
     """Callable like the kernel of ``forward_dynamics_derivatives``: broadcasting, ``out=``, float32 in and out."""
 
-    def __init__(self, engine: Engine, options: Mapping[str, Any]) -> None:
+    def __init__(self, engine: ModelKernels, options: Mapping[str, Any]) -> None:
         self._mass, self._acceleration = (
             engine.kernel(["mass_matrix"], {}),
             engine.kernel(["forward_dynamics"], options),

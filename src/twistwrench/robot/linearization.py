@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.coordinate_rates import brackets
 from ..typing import Array
 
 
@@ -57,6 +56,8 @@ class LinearizationMethods:
         by_q, by_dq, by_tau = self.forward_dynamics_derivatives(q, dq, tau)
         n, batch = self.nv, by_q.shape[:-2]
         A, B = np.zeros((*batch, 2 * n, 2 * n)), np.zeros((*batch, 2 * n, n))
+        from ..algorithms.coordinate_rates import brackets
+
         A[..., :n, :n] = np.einsum("bad,...a->...db", brackets(self.model), np.asarray(dq, float))
         A[..., :n, n:] = np.eye(n)
         A[..., n:, :n], A[..., n:, n:], B[..., n:, :] = by_q, by_dq, by_tau

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
-from typing import Literal, TypedDict
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 from numpy.typing import ArrayLike
 
 from ..core.gravity import GRAVITY
 from ..model.rounding import DEFAULT_SNAP
+from .kept_robots import KeptModel, keep_file, known_file
 from .robot import Robot
+
+if TYPE_CHECKING:
+    from ..model.model import Model
 
 Mimic = Literal["follow", "independent"]
 Inertia = Literal["error", "accept", "repair"]
@@ -104,25 +109,37 @@ def load(
     >>> robot.nv, robot.tip
     (6, 'tool0')
     """
+    options = LoadOptions(
+        format=format,
+        floating_base=floating_base,
+        keep=keep,
+        model=model,
+        include_paths=include_paths,
+        max_bodies=max_bodies,
+        lock=lock,
+        tip=tip,
+        mimic=mimic,
+        inertia=inertia,
+        snap=snap,
+        gravity=gravity,
+    )
+    known = known_file(source, options)
+    if known is None:
+        return Robot(_read(source, None, options))
+    if known.sound:
+        mine = deepcopy(options)  # as they are now
+        return Robot(KeptModel(known.key, lambda: _read(source, known.data, mine)))
+    found = _read(source, known.data, options)
+    if found.defects:
+        return Robot(found)
+    keep_file(known)
+    return Robot(KeptModel(known.key, lambda: found))
+
+
+def _read(source: str | Path, data: bytes | None, options: LoadOptions) -> Model:
     from ..formats import load_model
 
-    return Robot(
-        load_model(
-            source,
-            format=format,
-            floating_base=floating_base,
-            keep=keep,
-            model=model,
-            include_paths=include_paths,
-            max_bodies=max_bodies,
-            lock=lock,
-            tip=tip,
-            mimic=mimic,
-            inertia=inertia,
-            snap=snap,
-            gravity=gravity,
-        )
-    )
+    return load_model(source, data=data, **options)
 
 
 def from_screws(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import ShapeError
-from ..program.program import Program
+
+if TYPE_CHECKING:
+    from ..program.program import Program
 
 
 def refuse_lazy(name: str, out: Any) -> None:

@@ -14,11 +14,11 @@ from ..kernels.batch_split import Part
 from ..kernels.fast_call import make_call
 from ..model.configuration import random_configuration
 from ..model.model import Model
-from ..program.program import Port
+from ..program.port import Port
 from ..program.search import PLACES, Search
 from ..program.trace import trace
 from ..typing import Array
-from .engine import compiled
+from .model_kernels import compiled
 
 if TYPE_CHECKING:
     from .searched_loops import SearchedLoops

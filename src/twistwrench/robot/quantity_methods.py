@@ -5,13 +5,14 @@ Shapes in docstrings are those of one state; any leading batch shape goes, and b
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import UnknownNameError
-from ..screws.wrench import Wrench
 from .derivative_methods import DerivativeMethods
 from .quantity_types import In, Kind, Out, Wrenches
-from .wrench_arguments import unlabelled
+
+if TYPE_CHECKING:
+    from ..screws.wrench import Wrench
 
 
 class QuantityMethods(DerivativeMethods[In, Out]):
@@ -731,6 +732,9 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         >>> arm.wrench_torques([0, 0], [0, 0, 0, 0, 0, 10.0]).round(12).tolist()
         [0.0, 0.0]
         """
+        from ..screws.wrench import Wrench
+        from .wrench_arguments import unlabelled
+
         if isinstance(wrench_by_robot, Wrench):
             frame = wrench_by_robot.frame if frame is None else frame
             F: Any = unlabelled(wrench_by_robot, frame)

@@ -16,7 +16,8 @@ from ..program.trace import Trace, trace
 from .derivative_options import Chart
 from .quantities import QUANTITIES
 from .quantity_options import input_shapes
-from .quantity_row import CONFIGURATIONS, Quantity
+from .quantity_row import Quantity
+from .quantity_types import CONFIGURATIONS
 
 
 def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:

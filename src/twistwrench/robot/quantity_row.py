@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..model.model import Model
+from .quantity_types import CONFIGURATIONS
 
 Shape = tuple[int, ...]
-CONFIGURATIONS = ("q", "q0", "q1")
-"""Inputs that are configurations, by which derivatives are along :meth:`twistwrench.Robot.add`."""
 
 
 @dataclass(frozen=True)

@@ -1,28 +1,17 @@
-"""Robot: a model with an engine of compiled kernels. What it is, its configurations, its edits, its kernels.
-
-Every method takes any leading batch shape and broadcasts, as NumPy does. Shapes in docstrings are those of one state.
-"""
+"""Robot: a model with an engine of compiled kernels. What it is, its configurations, its edits, its kernels."""
 
 from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 from weakref import WeakMethod
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.regressor import PARAMETER_NAMES
 from ..errors import ValueRangeError
-from ..kernels.call_form import CallForm
-from ..model import configuration
-from ..model.actuator import Actuator
-from ..model.closure import OfferedClosure
-from ..model.limits import Limits
-from ..model.model import Model
-from ..model.variable_parameters import matching, nominal
-from ..program.program import Program
 from ..typing import Array
 from .actuation_methods import ActuationMethods
 from .bridge_methods import BridgeMethods
@@ -32,12 +21,18 @@ from .engine import Engine
 from .file_methods import FileMethods
 from .linearization import LinearizationMethods
 from .quantity_methods import QuantityMethods
-from .quantity_options import KernelOptions
 from .shortcuts import Shortcuts
 from .task_space_methods import TaskSpaceMethods
 
 if TYPE_CHECKING:
-    pass
+    from ..kernels.call_form import CallForm
+    from ..model.actuator import Actuator
+    from ..model.closure import OfferedClosure
+    from ..model.limits import Limits
+    from ..model.model import Model
+    from ..program.program import Program
+    from .kept_robots import KeptModel
+    from .quantity_options import KernelOptions
 
 
 class Robot(
@@ -69,10 +64,14 @@ class Robot(
     [[3.0, 1.0], [1.0, 1.0]]
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model | KeptModel) -> None:
         self.engine = Engine(model, WeakMethod(self._put_in_front))  # a robot that nobody holds is freed at once
         self._call, self._with_wrenches = self.engine.call, self.engine.call_with_wrenches
+
+    @cached_property
+    def model(self) -> Model:
+        """The robot as data: its bodies, joints, frames and limits."""
+        return self.engine.model
 
     def __repr__(self) -> str:
         tip = "no single tip" if self.tip is None else f"tip {self.tip!r}"
@@ -205,6 +204,8 @@ class Robot(
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
+        from ..algorithms.regressor import PARAMETER_NAMES
+
         return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
 
     @property
@@ -268,6 +269,8 @@ class Robot(
         >>> tw.robots.planar_2r().coordinates(joint2=0.5).tolist()
         [0.0, 0.5]
         """
+        from ..model import configuration
+
         return configuration.from_names(self.model, joints)
 
     def random_configuration(
@@ -295,6 +298,8 @@ class Robot(
         >>> tw.robots.ur5().random_configuration(rng=0, size=(2, 3)).shape
         (2, 3, 6)
         """
+        from ..model import configuration
+
         try:
             shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
             generator = np.random.default_rng(rng)
@@ -386,6 +391,8 @@ class Robot(
         >>> holding([0, -1, 1, 0, 0, 0], payloads)[:, 1].round(2).tolist()
         [-39.18, -69.68]
         """
+        from ..model.variable_parameters import matching, nominal
+
         known = nominal(self.model)
         return {name: known[name] for name in matching(self.model, patterns or ("*",))}
 

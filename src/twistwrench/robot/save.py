@@ -7,7 +7,6 @@ from pathlib import Path
 
 from ..core.files import as_path
 from ..errors import ValueRangeError
-from ..formats import load_model
 from .robot import Robot
 from .robot_argument import require_robot
 
@@ -68,6 +67,8 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False) -> list[str
 
 def _tip_lost(robot: Robot, path: Path) -> list[str]:
     """A sentence where the file's default tip is another one: no format has a word for it."""
+    from ..formats import load_model
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what reading remarks on is in the robot that was written
         tip = load_model(path).tip

@@ -15,7 +15,7 @@ from .common_methods import CommonMethods
 from .quantity_types import Rows
 from .simulation_methods import Method, SimulationMethods
 from .state_arguments import names_of, states
-from .wrench_arguments import Wrenches, check_mapping, wrench_at
+from .wrench_arguments import check_mapping, wrench_at
 
 if TYPE_CHECKING:
     from ..algorithms.closed_form import ClosedForm
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .explanation import Explanation
     from .reached_poses import InverseKinematics
     from .robot import Robot
+    from .wrench_arguments import Wrenches
 
 
 class Shortcuts(CommonMethods, SimulationMethods[Method, "SimulationResult", "Rollout"]):

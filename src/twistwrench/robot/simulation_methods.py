@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from numpy.typing import ArrayLike
 
-from ..screws.wrench import Wrench
 from ..typing import Array
 
 if TYPE_CHECKING:
+    from ..screws.wrench import Wrench
     from ..simulation import Event, JointStops, Plane
     from ..simulation.torque_laws import TorqueLaw
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,13 +11,25 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.labelled_arrays import is_table
 from ..errors import ShapeError
-from ..model.model import Model
 from ..typing import Array
-from . import quantity_programs
-from .derivative_options import is_symbolic
-from .quantities import QUANTITIES
-from .quantity_options import checked_options
-from .quantity_row import CONFIGURATIONS
+from .quantity_types import CONFIGURATIONS
+
+if TYPE_CHECKING:
+    from ..model.model import Model
+
+
+def is_symbolic(arrays: Sequence[Any]) -> bool:
+    """Whether any of the arrays holds symbols of a trace."""
+    if all(isinstance(x, np.ndarray) and x.dtype != object for x in arrays):
+        return False
+    from ..program.expr import Expr
+
+    return any(
+        isinstance(x, Expr)
+        or (isinstance(x, np.ndarray) and x.dtype == object and any(isinstance(e, Expr) for e in x.flat))
+        or (isinstance(x, list | tuple) and is_symbolic(x))
+        for x in arrays
+    )
 
 
 def names_of(model: Model, label: str) -> tuple[str, ...]:
@@ -29,12 +41,17 @@ def names_of(model: Model, label: str) -> tuple[str, ...]:
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
     """Names and shapes of what the kernel of a quantity takes."""
+    from . import quantity_programs
+    from .quantity_options import checked_options
+
     wanted = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
     return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
 
 
 def brought(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
     """The arrays of a quantity as NumPy's, or Dask's, tables in the robot's order."""
+    from .quantities import QUANTITIES
+
     labels, found = QUANTITIES[name].inputs, []
     for k, array in enumerate(arrays):
         label, names = labels[k] if k < len(labels) else f"input {k + 1}", None

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..algorithms.operational_space import ROWS, row_numbers
-from ..algorithms.weighted_svd import Reach, doubtful, independent_rows, usual_sizes
 from ..core import arguments, lazy
 from ..errors import ModelWarning
 from ..typing import Array
@@ -20,10 +19,16 @@ if TYPE_CHECKING:
     from .robot import Robot
 
 
+def _count(given: Mapping[str, Any]) -> int:
+    from ..algorithms.operational_space import row_numbers
+
+    return len(row_numbers(given.get("rows")))
+
+
 class TaskSpaceMethods:
     """The methods of a robot that see its dynamics from a frame."""
 
-    @lazy.by_blocks(lambda _, given: [(len(row_numbers(given.get("rows"))),) * 2])
+    @lazy.by_blocks(lambda _, given: [(_count(given),) * 2])
     def task_inertia(
         self: Any, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
@@ -71,7 +76,7 @@ class TaskSpaceMethods:
         """
         return _by_kernel(self, "task_inertia", (q,), frame, kind, rows)
 
-    @lazy.by_blocks(lambda _, given: [(len(row_numbers(given.get("rows"))),)])
+    @lazy.by_blocks(lambda _, given: [(_count(given),)])
     def task_bias(
         self: Any, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
@@ -150,6 +155,9 @@ class TaskSpaceMethods:
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
+        from ..algorithms.operational_space import row_numbers
+        from ..algorithms.weighted_svd import Reach
+
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
         sizes = _usual_ways(self, frame, kind)[2][chosen]
@@ -160,6 +168,9 @@ def _by_kernel(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
     """Λ or η by the kernel; where its pivots are near zero, once more by singular values."""
+    from ..algorithms.operational_space import row_numbers
+    from ..algorithms.weighted_svd import Reach, doubtful
+
     chosen = row_numbers(rows)
     arrays = brought(robot.model, name, arrays, {})
     if robot.nv == 0:
@@ -190,6 +201,7 @@ def _by_kernel(
 
 def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
     """J (8, 6, nv) and M (8, nv, nv) at some configurations, and how large the rows of J usually are through M; (6,)."""
+    from ..algorithms.weighted_svd import usual_sizes
 
     def found() -> tuple[Array, Array, Array]:
         robot.engine.require_invertible()
@@ -204,6 +216,9 @@ def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Arr
 
 def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
     """Warn, the first time, of rows that are lost at every configuration."""
+    from ..algorithms.operational_space import ROWS
+    from ..algorithms.weighted_svd import independent_rows
+
     told = robot.engine.kept(("lost rows told", frame, kind, chosen), list)
     if told:
         return

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..errors import FrameError, ShapeError
-from ..model.model import Model
-from ..screws.wrench import Wrench
 from ..typing import Array
 from .state_arguments import numbers
 
-Wrenches = Mapping[str, ArrayLike | Wrench]
+if TYPE_CHECKING:
+    from ..model.model import Model
+    from ..screws.wrench import Wrench
+
+Wrenches: TypeAlias = "Mapping[str, ArrayLike | Wrench]"
 
 
 def check_mapping(wrenches: Any) -> None:
@@ -36,6 +38,8 @@ def unlabelled(F: Wrench, frame: str) -> Array:
 
 def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
     """The six numbers (..., 6) of a wrench at a frame, float64 or float32."""
+    from ..screws.wrench import Wrench
+
     model.frame(frame)
     F = unlabelled(F, frame) if isinstance(F, Wrench) else F
     given = arguments.brought(F, f"the wrench at {frame!r}")

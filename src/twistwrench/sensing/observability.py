@@ -26,15 +26,15 @@ _UNITS = {
 }
 
 
-def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float, load: Array | None = None) -> list[str]:
+def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]:
     """Each combination of unknowns that no reading of this log changes with, as a sentence; empty if all can be told.
 
     >>> upright = ReadingLog.of(np.zeros((3, 6)), gravity=[0, 0, -9.81])
     >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
     mass +1 kg with bias fz +9.81 N changes no reading: these cannot be told apart.
     """
-    if unknowns.curved and load is None:
-        load = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)])  # a load whose moments depend on every turn
+    # A load whose moments depend on every turn, where the rows depend on the load.
+    load = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)]) if unknowns.curved else None
     A = unknowns.design(log, factor, SensorState(load=load)).reshape(6 * len(log), -1) * unknowns.scales
     names = unknowns.names
     # Load first, bias last: each combination is then told as a change of the load that the bias can hide.

@@ -11,7 +11,7 @@ from ..algorithms.velocity_step import velocity_step
 from ..model.base_parameters import regrouped
 from ..program.program import Program
 from ..program.trace import trace
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .eased_friction import rubs_dry
 from .manifold import Manifold

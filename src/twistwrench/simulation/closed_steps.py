@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .closed_step import FASTEST, GOOD, KEPT, PIVOT, WIDEST
 from .closed_system import ClosedSystem, Loops

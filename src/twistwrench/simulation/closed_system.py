@@ -20,7 +20,7 @@ from ..kernels.ufunc import owner_of
 from ..program.trace import trace
 from ..robot import closed_robot_checks as checks
 from ..robot.constraint_sizes import CLOSED, gap_units
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .adaptive import Stepper
 from .closed_step import SMALL, ClosedStep, lost

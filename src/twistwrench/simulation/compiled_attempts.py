@@ -9,7 +9,7 @@ import numpy as np
 
 from ..kernels.row_calls import Rows, calls_rows, row_calls
 from ..kernels.ufunc import owner_of
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .attempt_program import STAGES, AttemptedStep
 from .compiled_steps import acts_by_itself, constants, rubs

@@ -10,7 +10,7 @@ import numpy as np
 from ..kernels.interpreter import compiles
 from ..kernels.ufunc import owner_of
 from ..program.recurrence import Recurrence
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .forces import System
 from .simulated_step import SIMULATED, SimulatedStep

@@ -13,7 +13,7 @@ from ..algorithms.friction import eased, torque_past_eased_friction
 from ..errors import ValueRangeError
 from ..model.model import Model
 from ..program.trace import trace
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 
 if TYPE_CHECKING:

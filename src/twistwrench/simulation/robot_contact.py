@@ -13,7 +13,7 @@ from ..algorithms.contact_forces import plane_contact, stop_contact
 from ..errors import UnknownNameError, ValueRangeError
 from ..model.model import Model
 from ..program.trace import trace
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .contact import JointStops, Plane
 

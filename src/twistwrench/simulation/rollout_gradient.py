@@ -17,7 +17,7 @@ from ..algorithms.friction import rubbing
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..kernels.results import room
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..typing import Array
 from .rollout_inputs import Inputs
 from .rollout_kernel import kernel_of, take

@@ -14,7 +14,7 @@ from ..kernels.batch_split import Part
 from ..kernels.results import room
 from ..kernels.ufunc import owner_of
 from ..program.recurrence import Recurrence
-from ..robot.engine import compiled
+from ..robot.model_kernels import compiled
 from ..targets.processor import SINGLE
 from ..typing import Array
 from .rollout_inputs import Inputs

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..program.program import Port, Program
+from ..program.port import Port
+from ..program.program import Program
 from .buffers import LINE, ON_STACK, buffer_size, call_block, call_copy, copying, spoiling, streaming, take
 from .llvm_text import LlvmWriter
 from .processor import Precision

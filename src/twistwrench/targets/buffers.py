@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..program.program import Port
+from ..program.port import Port
 from .llvm_text import LlvmWriter
 from .processor import Precision
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..program.program import Port
+from ..program.port import Port
 from .call_way import SIZE, TUPLE_ITEMS
 from .call_writer import BACK, CONTIGUOUS_AND_ALIGNED, WARNS, WRITABLE, CallWriter
 from .fast_call_checks import spoiled

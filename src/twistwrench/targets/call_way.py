@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..program.program import Port
+from ..program.port import Port
 from .processor import Precision
 
 POINTERS = (

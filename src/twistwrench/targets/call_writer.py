@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..program.program import Port
+from ..program.port import Port
 from .call_way import BYTES_DATA, FIELDS, POINTERS, Way
 from .llvm_text import LlvmWriter
 

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from ..program.program import Port, Program
+from ..program.port import Port
+from ..program.program import Program
 from .c import FUSED_MACROS, PRECISIONS, CFunction, statements
 from .cuda_prelude import PLACE, PRELUDE, ROWS_IN, ROWS_OUT, TABLE_OUT
 

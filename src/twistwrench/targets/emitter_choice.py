@@ -13,7 +13,8 @@ from ..program.products import Products
 from ..program.program import Program
 from ..program.recurrence import Recurrence
 from .batch_loop import Loop, loop
-from .llvm import LOOP, assembly
+from .compiler import LOOP
+from .llvm import assembly
 from .processor import Machine, Precision
 
 SHORT, SHORT_WITH_DIVISIONS = 400, 1500

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..program.program import Port
+from ..program.port import Port
 from .call_results import ResultWriter
 from .call_way import FIELDS, LIST_ITEMS, POINTERS, SIZE, TUPLE_ITEMS, Way, loop_steps
 from .fast_call_checks import helpers

@@ -10,14 +10,12 @@ from collections.abc import Mapping, Sequence
 
 from ..program.program import FUSED, Program
 from .batch_loop import Loop, loop
+from .compiler import LOOP
 from .exp import exp
 from .lanes import RowLoader, RowStorer
 from .llvm_text import LlvmWriter
 from .processor import Machine, Precision
 from .sincos import sincos, wrap, wrapper
-
-LOOP = "loop"
-"""Name of the function that has the shape of a ufunc's inner loop."""
 
 CUT = 500
 """Instructions in a basic block of a large program."""

@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 import os
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 from ..errors import ValueRangeError
+from .compiler import compiler
 
 VARIABLE = "TWISTWRENCH_CPU"
 
@@ -58,6 +59,10 @@ class Machine:
     fused: bool = True
     """Whether it multiplies and adds with one rounding. Where not, code rounds twice: emulating it takes hundreds of cycles."""
 
+    def narrowed(self, bits: int) -> Machine:
+        """The same with vectors of so many bits."""
+        return replace(self, vector_bits=bits)
+
     def lanes(self, precision: Precision) -> int:
         """Samples computed side by side."""
         return self.vector_bits // precision.bits
@@ -75,11 +80,8 @@ X86_LEVELS = {
 @cache
 def host() -> Machine:
     """The processor this process runs on."""
-    import llvmlite.binding as llvm
-
-    features = llvm.get_host_cpu_features()
-    present = frozenset(name for name, there in features.items() if there)
-    return _machine(llvm.get_process_triple(), llvm.get_host_cpu_name(), features.flatten(), present)
+    about = compiler()
+    return _machine(about.triple, about.cpu, about.features, about.present)
 
 
 def choices() -> dict[str, Machine]:
@@ -131,9 +133,6 @@ def _is_x86(triple: str) -> bool:
 
 def _lacking(level: str) -> list[str]:
     """The features of an x86-64 level, and of those below it, that the host has not."""
-    import llvmlite.binding as llvm
-
-    features = llvm.get_host_cpu_features()
-    names = list(X86_LEVELS)
+    present, names = compiler().present, list(X86_LEVELS)
     wanted = [f for name in names[: names.index(level) + 1] for f in X86_LEVELS[name]]
-    return [f for f in wanted if not features.get(f)]
+    return [f for f in wanted if f not in present]

@@ -7,8 +7,9 @@ The order of sums is that of the factors, so an entry's bits depend on no tile.
 
 from __future__ import annotations
 
+from ..program.port import Port
 from ..program.products import AFTER, BEFORE, NEITHER, Product, Products
-from ..program.program import Port, Program
+from ..program.program import Program
 from .batch_loop import BEYOND_CACHES, SHORTEST_PIECE, Loop
 from .buffers import LINE, Step, buffer_size, call_block, call_copy, copying, spoiling, streaming, take
 from .llvm_text import LlvmWriter

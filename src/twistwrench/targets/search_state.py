@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..program.program import Port
+from ..program.port import Port
 from ..program.search import ATTEMPTS, PLACES, TIMES, Search
 from .buffers import LINE, ON_STACK, Step, buffer_size, call_copy, take
 from .llvm_text import LlvmWriter

@@ -17,8 +17,9 @@ from .batch_loop import SHORTEST_PIECE, Loop
 from .buffers import LINE
 from .column_loop import column_loop, column_programs
 from .columns_of_one import programs_for_columns_of_one, work_on_columns_of_one
+from .compiler import LOOP
 from .lanes import RowStorer
-from .llvm import CUT_OUTPUTS, LOOP, Emitter, declarations
+from .llvm import CUT_OUTPUTS, Emitter, declarations
 from .llvm_text import LlvmWriter
 from .places import FramePlaces, RowPlaces
 from .processor import Machine, Precision

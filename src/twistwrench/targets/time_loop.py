@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..program.program import Port, Program, axes_of
+from ..program.port import Port, axes_of
+from ..program.program import Program
 from ..program.recurrence import Recurrence
 from .batch_loop import Loop
 from .buffers import LINE, ON_STACK, Step, buffer_size, call_block, call_copy, copying, spoiling, take

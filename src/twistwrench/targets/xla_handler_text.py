@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..program.program import Port
+from ..program.port import Port
 from .call_way import loop_steps
 from .processor import Precision
 

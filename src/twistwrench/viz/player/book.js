@@ -139,7 +139,7 @@ const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 25
 function shownNumber(x, digits) {
   if (x === null) return "";
   if (x === 0) return "0";
-  return Math.abs(x) < 1e5 ? signed(x, digits) : x === Infinity ? "∞" : x.toExponential(1).replace("-", "−");
+  return Math.abs(x) < 1e5 ? signed(x, digits) : x === Infinity ? "∞" : x.toExponential(1).replaceAll("-", "−");
 }
 
 const digitsOf = (most) => Math.min(3, Math.max(0, 2 - Math.floor(Math.log10(most))));
@@ -180,7 +180,7 @@ class NumberTable {
 
 function valueOf([name, x, unit_]) {
   const line = document.createElement("p");
-  const small = Math.abs(x) < 1e-9 && x, shown = x === Infinity ? "∞" : small ? x.toExponential(0).replace("-", "−") : Number.isInteger(x) && !unit_ ? x : signed(x, 4);
+  const small = Math.abs(x) < 1e-9 && x, shown = x === Infinity ? "∞" : small ? x.toExponential(0).replaceAll("-", "−") : Number.isInteger(x) && !unit_ ? x : signed(x, 4);
   line.innerHTML = `${name}: <b>${shown} ${unit_}</b>`;
   return line;
 }

@@ -162,7 +162,7 @@ const READOUTS = {
       ],
       dq: free, tau, title: "Torques τ, as they are set",
       solids: [{ name: "wall", p, shape: ellipsoidOf([wide, wide, 0.004 * wide], [...across, normal]), colour: 4 }],
-      arrows: [{ name: "force λ on the wall", p, along: times(lambda[0], normal), most: m.robot.push, colour: 3 }],
+      arrows: [{ name: "force λ on the wall", p, along: times(lambda[0], normal), most: m.robot.push / 4, colour: 3 }],
     };
   },
 

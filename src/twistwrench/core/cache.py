@@ -1,4 +1,4 @@
-"""The disk cache of machine code: private to the user, verified before use, never in the way.
+"""The disk cache of machine code, and of what is asked of LLVM: private to the user, verified before use, never in the way.
 
 Entries live under the user's cache folder, or where ``TWISTWRENCH_CACHE_DIR`` says; ``TWISTWRENCH_CACHE_DIR=off`` turns the
 cache off. A folder that others could write to, an unreadable entry and a full disk all mean the same: compile again. A
@@ -8,22 +8,28 @@ cache off. A folder that others could write to, an unreadable entry and a full d
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import re
 import stat
-import tempfile
+import sys
 import warnings
 from contextlib import suppress
 from pathlib import Path
 
 from ..errors import CacheWarning
 
-MAGIC = b"twistwrench code 1\n"
+try:  # hashlib loads OpenSSL, which takes longer than the hash
+    from _blake2 import blake2b
+except ImportError:
+    from hashlib import blake2b
+
+MAGIC = b"twistwrench code 2\n"
 MOST_ENTRIES = 2000
 MOST_BYTES = 2**28
 """Of an entry; the code of the largest robots has a few MiB."""
 VARIABLE = "TWISTWRENCH_CACHE_DIR"
+
+_CHECKSUM = 32
 
 _OURS = re.compile(r"[0-9a-f]{64}|\.new-\w+")
 """Names of entries, and of those that are being written: a folder may hold other files, which are none of our business."""
@@ -63,7 +69,19 @@ def folder() -> Path | None:
     return place
 
 
+def digest(*parts: bytes | str) -> bytes:
+    """A hash (32,) of several parts together, for keys and checksums."""
+    state = blake2b(digest_size=_CHECKSUM)
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        state.update(len(data).to_bytes(8, "little") + data)
+    return state.digest()
+
+
 def _usual() -> Path:
+    if str(sys.platform) == "linux":  # what platformdirs says, whose import takes longer than all of a hit
+        given = os.environ.get("XDG_CACHE_HOME", "").strip()
+        return (Path(given) if given else Path("~/.cache").expanduser()) / "twistwrench" / "kernels"
     import platformdirs
 
     return Path(platformdirs.user_cache_dir("twistwrench", appauthor=False)) / "kernels"
@@ -89,8 +107,8 @@ def load(key: str) -> bytes | None:
             _clear(entry)
         return None
     head = len(MAGIC)
-    checksum, code = raw[head : head + 32], raw[head + 32 :]
-    if raw[:head] == MAGIC and hashlib.sha256(key.encode() + code).digest() == checksum:
+    checksum, code = raw[head : head + _CHECKSUM], raw[head + _CHECKSUM :]
+    if raw[:head] == MAGIC and digest(key, code) == checksum:
         return code
     _clear(entry)
     return None
@@ -121,11 +139,13 @@ def store(key: str, code: bytes) -> None:
     place = folder()
     if place is None:
         return
+    import tempfile
+
     temporary = None
     try:
         handle, temporary = tempfile.mkstemp(dir=place, prefix=".new-")
         with os.fdopen(handle, "wb") as file:
-            file.write(MAGIC + hashlib.sha256(key.encode() + code).digest() + code)
+            file.write(MAGIC + digest(key, code) + code)
         Path(temporary).replace(place / key)
         temporary = None
         _prune(place)
