@@ -20,9 +20,10 @@ from .contact_steps import Touches
 from .events import Watch
 from .force_probes import ForceProbes, UnseenForces
 from .forces import WORKS, System
+from .instability import instability
 from .record import Record
 from .result import SimulationResult
-from .schemes import ADAPTIVE, OneByOne, Scheme
+from .schemes import OneByOne, Scheme
 from .step_blocks import FASTEST, take_blocks
 from .step_doubling import Flow, StepDoubling
 from .user_functions import Law
@@ -219,22 +220,9 @@ class Run:
 
     def require_stable(self, t0: float, t1: float, y: Array) -> None:
         """Raise SimulationError where a step was unstable, by the state after it."""
-        s = self.system
-        speed = np.abs(y[s.moving])
+        speed = np.abs(y[self.system.moving])
         if not (speed.max() < FASTEST and np.isfinite(y).all()):
-            bad = int(np.argmax(np.where(np.isfinite(speed), speed, np.inf)))
-            advice = f"Take a smaller dt than {self.h:g} s, or method={ADAPTIVE!r}."
-            if self.method == ADAPTIVE:
-                advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
-                if self.controller is not None:  # held for h, a damping kd turns dq into (1 - kd h / M) dq
-                    advice += (
-                        f" The controller's torques are held for {self.h:g} s each, too long for a damping above twice the "
-                        "inertia over that time: take a smaller dt, less damping, or tau= in place of controller=."
-                    )
-            raise SimulationError(
-                f"the step from {t0:.9g} s to {t1:.9g} s is unstable: joint {self.robot.model.velocity_names[bad]!r} moves at "
-                f"{y[s.moving][bad]:.3g} rad/s or m/s after it. {advice}"
-            )
+            raise SimulationError(instability(self, t0, t1, y))
 
     def ended(
         self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
