@@ -24,4 +24,5 @@ def test_numbers_names_and_heads_are_never_cut(width, capsys):
     printer.print(Group(table))
     shown = printer.file.getvalue()
     assert all(number in shown for number in NUMBERS)
-    assert "shoulder_pan_joint" in shown and shown.count("peak") == len(NUMBERS) and "…" not in shown
+    names = "".join(line.split()[0] for line in shown.splitlines() if line.split() and "title" not in line)
+    assert "shoulder_pan_joint" in names and shown.count("peak") == len(NUMBERS) and "…" not in shown

@@ -18,8 +18,8 @@ _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""
 
 
-_LONGEST = 24
-"""Characters of a word that get room in any case: paths and names of links may be longer."""
+_LEAST = 8
+"""Characters of a word that stay together in any case: names fold where there is no room."""
 
 
 class PlainTable(Table):
@@ -54,8 +54,8 @@ class PlainTable(Table):
         texts = [_cell(cell) for cell in cells]
         for column, whole, text in zip(self.columns, self._whole, texts, strict=False):
             text.no_wrap = whole or None
-            parts = [text.plain] if whole else text.plain.split()
-            column.min_width = max([column.min_width or 0, *(min(cell_len(part), _LONGEST) for part in parts)])
+            needs = [cell_len(text.plain)] if whole else [min(cell_len(part), _LEAST) for part in text.plain.split()]
+            column.min_width = max([column.min_width or 0, *needs])
         self.add_row(*texts, style=style)
 
 
