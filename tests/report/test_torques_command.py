@@ -326,11 +326,23 @@ def test_a_floating_base_is_held_up_against_gravity_and_its_acceleration(run, tm
     table = np.column_stack([t, still, 0.5 * np.sin(2 * t)])
     np.savetxt(path, table, "%.17g", ",", header="time," + ",".join(box.coordinate_names), comments="")
     code, text = run("torques", "floating_box", "--trajectory", path, "--csv", out)
-    assert code == 0, text
-    assert "torque limits are not known" in text
+    assert code == 1, text
+    assert text.startswith(
+        "UNSURE: nothing drives the base, but the motion needs 70.86 N there, 120 % of the robot's weight"
+    )
+    assert "IS A CONTACT MISSING?" in text and "--wrench-on-robot" in text
     force = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:]
     np.testing.assert_allclose(force[5:-5, 5], 6.0 * (9.81 - 2.0 * np.sin(2 * t[5:-5])), rtol=1e-5)
     np.testing.assert_allclose(force[:, :5], 0, atol=1e-7)
+
+
+@pytest.mark.parametrize(("up", "code"), [(6.0 * 9.81, 0), (0.96 * 6.0 * 9.81, 0), (0.94 * 6.0 * 9.81, 1)])
+def test_a_base_at_rest_whose_weight_contacts_take_is_fine(run, tmp_path, up, code):
+    box = robots.floating_box()
+    path = write_positions(tmp_path / "box.csv", box, np.arange(50) * 0.01, np.tile(box.neutral, (50, 1)))
+    push = f"{box.tip}:0,0,0,0,0,{up}"
+    found, text = run("torques", "floating_box", "--trajectory", path, "--wrench-on-robot", push)
+    assert found == code and ("IS A CONTACT MISSING?" in text) == bool(code), text
 
 
 # ── friction ──

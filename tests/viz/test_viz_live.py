@@ -139,7 +139,7 @@ def test_the_page_in_a_browser(demo):
         _until(lambda: view.posed and view.q[1] > start[1] + 0.1)
         np.testing.assert_array_equal(np.delete(view.q, 1), np.delete(start, 1))
         page.wait("document.body.innerText.includes('Torques that hold this pose')")
-        _until(lambda: f"{view.tau[1]:.2f}".replace("-", "−") in page.run("document.body.innerText"))
+        _until(lambda: f"{view.tau[1]:.2f}" in page.run("document.body.innerText"))
         np.testing.assert_allclose(places(view), view.nodes.scene.body_poses(view.q)[:, :3, 3], atol=1e-6)
         page.run("[...document.querySelectorAll('button')].find((b) => b.innerText.trim() === 'Play').click()")
         _until(lambda: view.playing and view.time > 0.3)

@@ -8,6 +8,7 @@ from ..core.printed_numbers import deviation, number, percent, seconds, torque
 from ..model.limits import over_limit
 from ..model.massless import massless_links
 from ..verdict import Verdict
+from .base_force import force_in_words, missing_force
 from .estimates import INTERVAL
 from .loaded_robot import cause_label
 from .torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
@@ -47,6 +48,9 @@ def verdict_of(report: TorqueReport) -> Verdict:
             f"{_listed(massless)} {'have' if len(massless) > 1 else 'has'} no mass, so "
             f"{'their' if len(massless) > 1 else 'its'} weight is missing from the torques"
         )
+    if force := missing_force(report.load.loaded.model, report.joints):
+        words = force_in_words(report.load.loaded.model, force)
+        unsure.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
     if report.strays:
         unsure.append("samples were flattened that are no noise")
     contradicted = [m.words for m in report.measured if m.contradicts]
