@@ -15,6 +15,9 @@ WIDEST_STORE = 64
 class FramePlaces:
     """Every home is a vector of the frame."""
 
+    pointer = "ptr noalias"
+    """A pointer's type: where it shares memory with no other, loads are moved before stores."""
+
     def __init__(self, columns: ColumnGroups) -> None:
         self.inputs = len(columns.inputs)
 
@@ -30,6 +33,9 @@ class FramePlaces:
 
 class RowPlaces(FramePlaces):
     """The homes of entries of results are the entries, where a vector is one number; the frame has the others."""
+
+    pointer = "ptr"
+    """Loads of results that were moved before stores would take registers for longer, which one lane wants for itself."""
 
     def __init__(self, columns: ColumnGroups) -> None:
         super().__init__(columns)

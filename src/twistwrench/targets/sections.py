@@ -145,8 +145,7 @@ def _section(
 ) -> str:
     w = _writer(precision, machine)
     _Section(w, frame, places).walk(*bounds, frame.entries, large=False)
-    # Pointers that may share memory keep loads in their order: moved before stores, they take registers for longer.
-    arguments = ", ".join(f"ptr {pointer}" for pointer in places.pointers)
+    arguments = ", ".join(f"{places.pointer} {pointer}" for pointer in places.pointers)
     body = "\n".join(w.lines)
     return f'define void @section{number}({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
