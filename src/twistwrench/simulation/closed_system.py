@@ -150,6 +150,11 @@ class ClosedSystem(System):
         self.manifold.rates(q, dq, out[: self.nq])
         out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
 
+    def allowed_velocities(self, y: Array) -> Array:
+        """As :meth:`.System.allowed_velocities`: by the projection that ends a step."""
+        with np.errstate(all="ignore"):  # a state that is no numbers has none
+            return self.loops.projected(y[..., : self.nq], y[..., self.moving])[1]
+
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """λ of states under the torques tau and all else that acts, (n, k); wrenches that are functions are asked again."""
         if not len(times):

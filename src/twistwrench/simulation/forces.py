@@ -69,6 +69,10 @@ class System:
         """q and dq of a state."""
         return y[: self.nq], y[self.moving]
 
+    def allowed_velocities(self, y: Array) -> Array:
+        """The velocities (..., nv) of states (..., size), what violates constraints taken away; an open robot has none."""
+        return y[..., self.moving]
+
     def forces(self, t: float, q: Array, dq: Array, powers: Array) -> Array:
         """The generalised force of everything but gravity and springs, (nv); its powers are written to ``powers`` (4,) [W]."""
         tau = self._torques(t, q, dq)

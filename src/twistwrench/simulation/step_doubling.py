@@ -189,13 +189,15 @@ class StepDoubling:
 
         Taken for errors, these differences would add up over a run, while they cancel: the velocities are brought from the
         one time to the other before the halves, and back after them, by the accelerations over a half step. Those after the
-        whole step are known then.
+        whole step are known then. A velocity brought to another time violates constraints by as much as these turn: that is no
+        error, and is taken away.
         """
         v, start, end, half = (..., system.moving), step.y.copy(), step.after, 0.5 * self.h
         start[v] += 0.5 * half * step.begun
         halves, _ = self._halves(system, flow, replace(step, y=start))
         later, begun = flow.begun(step.t + self.h, end, half)
         halves[v] -= 0.5 * (later[v] - end[v])
+        halves[v] = system.allowed_velocities(halves)
         return halves, begun
 
 
