@@ -38,7 +38,7 @@ def times(rounds: int = ROUNDS) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "poses.npz"
         np.savez(file, T=T[:POSES], near=near[:POSES], q=q[:POSES])
-        peer = _peer(file)
+        peer, version = _peer(file)
         for way, ours in zip(WAYS, _ours(robot, T, near), strict=True):
             ours[0](2)
             pair = [Contender("ours", ours[0], ours[1])]
@@ -52,7 +52,7 @@ def times(rounds: int = ROUNDS) -> dict[str, Any]:
         if peer is not None:
             peer.kill()
             peer.wait()
-    return {"date": where["date"], "cpu": where["cpu"], "rounds": rounds, "rows": rows}
+    return {"date": where["date"], "cpu": where["cpu"], "rounds": rounds, "rows": rows, "toolbox": version}
 
 
 def _ours(robot: tw.Robot, T: np.ndarray, near: np.ndarray) -> list[tuple[Sweep, int, float]]:
@@ -79,15 +79,16 @@ def _ours(robot: tw.Robot, T: np.ndarray, near: np.ndarray) -> list[tuple[Sweep,
     return list(zip((many, far, nearby), (MANY, POSES, POSES), shares, strict=True))
 
 
-def _peer(file: Path) -> subprocess.Popen[str] | None:
-    """The Toolbox's process, once it has the poses; None where there is none."""
+def _peer(file: Path) -> tuple[subprocess.Popen[str] | None, str]:
+    """The Toolbox's process, once it has the poses, and its version; None where there is none."""
     python = os.environ.get(VARIABLE, sys.executable)
     script = str(Path(__file__).with_name("peer_rtb.py"))
     try:
         peer = subprocess.Popen([python, script, str(file)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     except OSError:
-        return None
-    return peer if peer.stdout is not None and peer.stdout.readline().strip() == "ready" else None
+        return None, ""
+    said = "" if peer.stdout is None else peer.stdout.readline()
+    return (peer, said.split()[1]) if said.startswith("ready ") else (None, "")
 
 
 def _asked(peer: subprocess.Popen[str], text: str) -> str:

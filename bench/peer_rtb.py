@@ -24,7 +24,7 @@ def main() -> None:
     if np.abs(chain.fkine(poses["q"][0]).A - poses["T"][0]).max() > 1e-9:
         print("another robot", flush=True)
         return
-    print("ready", flush=True)
+    print("ready", rtb.__version__, flush=True)
     targets, starts = list(poses["T"]), list(poses["near"])
     for line in sys.stdin:
         which, count = line.split()

@@ -236,9 +236,17 @@ def inverse_kinematics(results: dict[str, Any]) -> str:
         rows.append(row)
     text = (
         f"{measured_on(found)}: a random reachable pose of the panda within its limits, to 1e-10 rad and m, means over the same"
-        " poses. The Toolbox's `ik_LM` is C++ that is called from Python, a pose at a time."
+        " poses. The Toolbox's `ik_LM` is C++ that is called from Python, a pose at a time; later versions put more Python"
+        " around it."
     )
-    head = ("", "twistwrench", "reached", "Robotics Toolbox, `ik_LM`", "reached", "times as fast")
+    head = (
+        "",
+        "twistwrench",
+        "reached",
+        f"Robotics Toolbox {found.get('toolbox', '')}, `ik_LM`",
+        "reached",
+        "times as fast",
+    )
     return section("Inverse kinematics", text, head, rows)
 
 

