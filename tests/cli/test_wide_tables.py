@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 
+import numpy as np
 import pytest
 from rich.console import Group
 
 from twistwrench.cli.console import console
 from twistwrench.cli.tables.plain_table import PlainTable
+from twistwrench.core import printed_numbers
 
 NUMBERS = [f"{1234.5678 + k:.4f} N m" for k in range(14)]
 
@@ -26,3 +28,26 @@ def test_numbers_names_and_heads_are_never_cut(width, capsys):
     assert all(number in shown for number in NUMBERS)
     names = "".join(line.split()[0] for line in shown.splitlines() if line.split() and "title" not in line)
     assert "shoulder_pan_joint" in names and shown.count("peak") == len(NUMBERS) and "…" not in shown
+
+
+@pytest.mark.parametrize("huge", [3e9, -1.5e120, 1e300])
+def test_huge_numbers_have_four_digits_and_their_power_of_ten(huge):
+    said = [
+        printed_numbers.torque(huge),
+        printed_numbers.percent(huge),
+        printed_numbers.percent_of_limit(huge),
+        printed_numbers.deviation(abs(huge)),
+        *printed_numbers.estimate(huge, abs(huge) / 7),
+    ]
+    assert max(map(len, said)) <= 12, said
+    assert all(float(text.removesuffix(" %")) != 0 for text in said)
+
+
+def test_whole_numbers_of_numpy_stand_in_full_as_those_of_python():
+    table = PlainTable()
+    table.numbers("python", "numpy")
+    table.row(12345678, np.int64(12345678))
+    printer = console()
+    printer.width, printer.file = 80, io.StringIO()
+    printer.print(table)
+    assert printer.file.getvalue().count("12345678") == 2

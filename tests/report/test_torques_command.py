@@ -345,6 +345,40 @@ def test_a_base_at_rest_whose_weight_contacts_take_is_fine(run, tmp_path, up, co
     assert found == code and ("IS A CONTACT MISSING?" in text) == bool(code), text
 
 
+@pytest.mark.parametrize(("share", "code", "said"), [(0.996, 0, "99.6 %"), (1.0, 0, "100 %"), (1.003, 1, "100.3 %")])
+@pytest.mark.parametrize("width", ["60", "140"])
+def test_what_is_nearly_at_a_limit_or_just_beyond_is_not_said_to_be_at_it(
+    run, tmp_path, monkeypatch, share, code, said, width
+):
+    """100 % beside an OK, or beside an OVER LIMIT, is the limit itself."""
+    monkeypatch.setenv("COLUMNS", width)
+    arm = robots.planar_2r()
+    path = write_positions(tmp_path / "still.csv", arm, np.arange(50) * 0.01, np.zeros((50, 2)))
+    limit = np.abs(arm.gravity_forces(np.zeros(2)))[0] / share
+    limits = tmp_path / "limits.csv"
+    limits.write_text(f"joint,effort\n{arm.joint_names[0]},{float(limit)!r}\n{arm.joint_names[1]},1e4\n")
+    found, text = run("torques", "planar_2r", "--trajectory", path, "--limits", limits)
+    assert found == code, text
+    shown = re.findall(r"[\d.]+ %", re.sub(r"gravity[\s(]+\d+ %", "", text))
+    assert {said} <= {*shown} and (said == "100 %" or "100 %" not in shown), text
+
+
+@pytest.mark.parametrize(("acceleration", "code"), [(0.0, 0), (0.1, 1)])
+def test_what_drifts_without_gravity_needs_no_contact(run, tmp_path, acceleration, code):
+    """A body that goes straight on needs no force. A log of six decimals says so to rounding; a push it does tell."""
+    box = robots.floating_box()
+    file = tmp_path / "box.xml"
+    file.write_text(box.with_gravity((0, 0, 0)).to_mjcf())
+    t = np.arange(300) * 0.01
+    q = np.tile(box.neutral, (300, 1))
+    q[:, 4], q[:, 5] = 0.1 * t + 0.5 * acceleration * t**2, 0.1 - 0.03 * t
+    path = tmp_path / "drift.csv"
+    header = "time," + ",".join(box.coordinate_names)
+    np.savetxt(path, np.column_stack([t, q]), "%.6f", ",", header=header, comments="")
+    found, text = run("torques", file, "--trajectory", path)
+    assert found == code and ("IS A CONTACT MISSING?" in text) == bool(code), text
+
+
 # ── friction ──
 
 

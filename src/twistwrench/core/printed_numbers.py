@@ -5,6 +5,7 @@
 * A standard deviation has two digits, zeros at the end included, and what it belongs to has as many decimals.
 * What is not known, or has no limit, is :data:`MISSING`.
 * A share of something is a whole percentage, or has the digits that are asked for.
+* A share of a limit is 100 % only at the limit: what is nearly there, or just beyond, has the digits that say so.
 * A time within a motion has milliseconds. A residual has two digits and its power of ten.
 * Signs are ASCII, so that ``float`` reads back what is copied.
 """
@@ -23,6 +24,7 @@ MISSING = "–"
 DIGITS = 4
 """Significant digits of a number where no other count is asked for."""
 _IN_FULL = 1e6
+_WHOLE = 100.0
 _NOISE = 1e-12
 
 
@@ -60,10 +62,10 @@ def torque(value: float) -> str:
 
     Three decimals at most: nobody looks closer in N m, N, rad and m.
 
-    >>> torque(-62.2001), torque(0.0123456), torque(1e-5), torque(float("inf"))
-    ('-62.20', '0.012', '0', '–')
+    >>> torque(-62.2001), torque(0.0123456), torque(1e-5), torque(3e9), torque(float("inf"))
+    ('-62.20', '0.012', '0', '3e+09', '–')
     """
-    if not math.isfinite(value) or abs(value) < 5e-4:
+    if not 5e-4 <= abs(value) < _IN_FULL:
         return number(value, decimals=3)
     return f"{value:.{min(max(DIGITS - 1 - math.floor(math.log10(abs(value))), 0), 3)}f}"
 
@@ -84,9 +86,23 @@ def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
     >>> percent(0.7649), percent(0.03217, 3), percent(float("nan"))
     ('76 %', '3.22 %', '–')
     """
-    if share is None or not math.isfinite(x := 100.0 * float(share)):
+    if share is None or not math.isfinite(x := _WHOLE * float(share)):
         return MISSING
-    return f"{x:.0f} %" if digits is None else f"{number(x, digits)} %"
+    if digits is None and abs(x) < _IN_FULL:
+        return f"{x:.0f} %"
+    return f"{number(x, DIGITS if digits is None else digits)} %"
+
+
+def percent_of_limit(share: SupportsFloat | None) -> str:
+    """A share of a limit as a percentage: a whole one, with decimals where that would take it for the limit itself.
+
+    >>> percent_of_limit(0.7649), percent_of_limit(0.996), percent_of_limit(1.00004), percent_of_limit(1.0)
+    ('76 %', '99.6 %', '100.004 %', '100 %')
+    """
+    if share is None or not 0.99 < abs(float(share)) < 1.01:
+        return percent(share)
+    tried = [f"{_WHOLE * float(share):.{decimals}f}" for decimals in range(5)]  # four: limits are checked to as many
+    return f"{next((text for text in tried if abs(float(text)) != _WHOLE), tried[0])} %"
 
 
 def deviation(sigma: float, decimals: int = 3) -> str:
@@ -100,6 +116,8 @@ def deviation(sigma: float, decimals: int = 3) -> str:
     least = 10.0**-decimals
     if sigma < 0.5 * least:
         return f"<{least:.{decimals}f}" if sigma > 0 else "0"
+    if sigma >= _IN_FULL:
+        return number(sigma, 2)
     return f"{float(f'{sigma:.1e}'):.{min(max(_decimals(sigma), 0), decimals)}f}"
 
 
@@ -112,7 +130,7 @@ def estimate(value: float, sigma: float) -> tuple[str, str]:
     if not (math.isfinite(sigma) and sigma > 0 and math.isfinite(value)):
         return number(value), number(sigma, 2)
     places = _decimals(sigma)
-    if places > 6:
+    if places > 6 or max(abs(value), sigma) >= _IN_FULL:
         return number(value), number(sigma, 2)
     return tuple(f"{round(x, places) + 0.0:.{max(places, 0)}f}" for x in (value, sigma))  # type: ignore[return-value]
 

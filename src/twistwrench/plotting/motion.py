@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..core.printed_numbers import number, percent, quantity
+from ..core.printed_numbers import number, percent, percent_of_limit, quantity
 from ..errors import UnknownNameError
 from ..joints.units import torque_word, unit_of
 from ..model.limits import over_limit
@@ -311,7 +311,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         angular = bool(coordinates.angular_velocity[k])
         axis.set_title(robot.model.velocity_names[k], loc="left", fontweight="bold")
         most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over every row, as torques says it
-        used = f"torque {percent(most)}" if some[k] else "no torque limit"
+        used = f"torque {percent_of_limit(most)}" if some[k] else "no torque limit"
         axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if over_limit(most) else QUIET)
         axis.set_ylabel(unit_of("dq", angular), fontsize=SMALL)
         axis.set_xlabel(unit_of("q", angular), fontsize=SMALL)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.printed_numbers import percent
+from ..core.printed_numbers import percent_of_limit
 from ..model.limits import margin
 from ..report.motors import MotorUse
 from ..typing import Array
@@ -84,7 +84,7 @@ def _draw(axis: Axes, use: MotorUse) -> None:
     axis.locator_params(axis="x", nbins=5)
     axis.set_title(use.joint, loc="left", fontweight="bold")
     d = use.tightest
-    used = f"{d.what} {percent(d.share)}" if d.share else ""
+    used = f"{d.what} {percent_of_limit(d.share)}" if d.share else ""
     axis.set_title(used, loc="right", fontsize=SMALL, color=OVER if use.too_small else QUIET)
 
 

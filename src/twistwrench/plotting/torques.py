@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ..core.printed_numbers import deviation, number, percent, seconds
+from ..core.printed_numbers import deviation, number, percent_of_limit, seconds
 from ..joints.units import torque_word
 from ..model.limits import over_limit
 from ..report.estimates import INTERVAL
@@ -149,7 +149,9 @@ def _draw_joint(axis: Axes, report: TorqueReport, k: int, *, last: bool) -> None
     )
     axis.set_title(joint.joint, loc="left", fontweight="bold")
     limit = (
-        f"{percent(joint.share)} of {number(joint.limit)} {joint.unit}" if math.isfinite(joint.limit) else joint.unit
+        f"{percent_of_limit(joint.share)} of {number(joint.limit)} {joint.unit}"
+        if math.isfinite(joint.limit)
+        else joint.unit
     )
     axis.set_title(limit, loc="right", color=OVER if over_limit(joint.share) else QUIET, fontsize=SMALL)
     axis.set_ylabel(joint.unit, color=QUIET, fontsize=SMALL)

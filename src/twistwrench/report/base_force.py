@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.gravity import STRENGTH
 from ..core.printed_numbers import percent, quantity
 from ..model.model import BASE, Model
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 _SHARE = 0.05
 """Of the robot's weight: less is what masses in files and derived accelerations are off by."""
+_WEIGHTLESS = 0.001
+"""Of what the robot would weigh on earth: less is rounding and noise of the log where gravity is weak, or none."""
 _SURE = 5.0
 """Standard deviations."""
 
@@ -29,7 +32,8 @@ def missing_force(model: Model, joints: Sequence[JointTorque]) -> float:
     ]
     forces = [max(abs(j.peak) - _SURE * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
     largest = max(forces, default=0.0)
-    return largest if largest > _SHARE * _weight(model) else 0.0
+    least = max(_SHARE * _weight(model), _WEIGHTLESS * STRENGTH * _mass(model))
+    return largest if largest > least else 0.0
 
 
 def force_in_words(model: Model, force: float) -> str:
@@ -51,4 +55,8 @@ def force_remarks(model: Model, joints: Sequence[JointTorque]) -> tuple[str, ...
 
 
 def _weight(model: Model) -> float:
-    return float(sum(body.inertia.mass for body in model.bodies) * np.linalg.norm(model.gravity))
+    return _mass(model) * float(np.linalg.norm(model.gravity))
+
+
+def _mass(model: Model) -> float:
+    return float(sum(body.inertia.mass for body in model.bodies))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.printed_numbers import number, percent, quantity, seconds
+from ..core.printed_numbers import number, percent_of_limit, quantity, seconds
 from ..model.limits import over_limit
 from ..motion.column_extremes import Extreme
 from ..typing import Array
@@ -71,7 +71,7 @@ class MotorUse:
         """What of the motor is nearest to its limit, or farthest beyond."""
         d = self.tightest
         when = "" if math.isnan(d.time) else f" at t = {seconds(d.time)} s"
-        return f"{self.joint}, {d.what} {quantity(d.value, d.unit)} of {number(d.limit)} ({percent(d.share)}){when}"
+        return f"{self.joint}, {d.what} {quantity(d.value, d.unit)} of {number(d.limit)} ({percent_of_limit(d.share)}){when}"
 
 
 class MotorTally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..core.printed_numbers import deviation, number, percent, seconds, torque
+from ..core.printed_numbers import deviation, number, percent, percent_of_limit, seconds, torque
 from ..model.limits import over_limit
 from ..model.massless import massless_links
 from ..verdict import Verdict
@@ -130,7 +130,7 @@ def _torque_in_words(report: TorqueReport, j: JointTorque) -> str:
     doubt = f" ± {deviation(reach)}" if reach > NEGLIGIBLE * report.reference(j) else ""
     return (
         f"{j.joint} at t = {seconds(j.time)} s takes {torque(j.peak)}{doubt} {j.unit}, limit {number(j.limit)} "
-        f"({percent(j.share)}){because(j)}"
+        f"({percent_of_limit(j.share)}){because(j)}"
     )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.printed_numbers import percent
+from ..core.printed_numbers import percent_of_limit
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .colours import share_colours
@@ -31,7 +31,7 @@ def torque_table(model: Model, title: str, torques: Array, shares: Array, colour
             f"<div style='position:absolute;top:0;bottom:0;left:{50 - wide if x < 0 else 50:.1f}%;width:{wide:.1f}%;"
             f"background:{colour}'></div></div>"
         )
-        share = "" if np.isnan(c) else percent(abs(c))
+        share = "" if np.isnan(c) else percent_of_limit(abs(c))
         cells = (html.escape(name.removesuffix("_joint")), bar, f"{tau + 0.0:.2f} {unit}", share)
         rows.append(f"<tr>{''.join(f'<td style={_CELL!r}>{cell}</td>' for cell in cells)}</tr>")
     return f"<div style='{TEXT}'><b>{title}</b><table style='width:100%'>{''.join(rows)}</table></div>"

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...core.printed_numbers import number, percent
+from ...core.printed_numbers import number, percent_of_limit
 from ...identification import ExcitingMotion
 from ...joints.units import heading_unit
 from ...motion.coordinates import Coordinates
@@ -50,7 +50,10 @@ def _joints(found: ExcitingMotion, *, degrees: bool) -> PlainTable:
     table.words("joint", fold=False)
     table.numbers(f"from [{place}]", "to", f"peak [{speed}]", "share", f"[{rate}]", f"[{torque}]", "share")
     shares = [
-        [percent(v / m if math.isfinite(m) and m > 0 else None) for v, m in zip(peaks[part], limits, strict=True)]
+        [
+            percent_of_limit(v / m if math.isfinite(m) and m > 0 else None)
+            for v, m in zip(peaks[part], limits, strict=True)
+        ]
         for part, limits in (("velocity", robot.limits.velocity), ("torque", robot.limits.effort))
     ]
     for k, name in enumerate(robot.model.velocity_names):

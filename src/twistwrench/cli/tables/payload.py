@@ -13,7 +13,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...core.csv_writer import CsvWriter
-from ...core.printed_numbers import number, percent, quantity, torque, without_noise
+from ...core.printed_numbers import number, percent_of_limit, quantity, torque, without_noise
 from ...errors import ValueRangeError
 from ...joints.units import heading_unit, unit_of
 from ...model.limits import over_limit
@@ -66,7 +66,7 @@ def payload_view(
             *map(torque, torques),
             found.limits[k],
             torque(max(found.per_joint[k], 0.0)),
-            percent(share if limited else None),
+            percent_of_limit(share if limited else None),
             share_bar(share if limited else 0.0),
             style="bold red" if over else "bold" if worst else "",
         )

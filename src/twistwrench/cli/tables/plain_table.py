@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-from ...core.printed_numbers import MISSING, number, percent
+from ...core.printed_numbers import MISSING, number, percent_of_limit
 from ...model.limits import over_limit
 from ...verdict import Word
 
@@ -62,7 +63,9 @@ class PlainTable(Table):
 def _cell(value: Any) -> Text:
     if isinstance(value, Text):
         return value
-    return Text(value if isinstance(value, str) else str(value) if isinstance(value, int) else number(value))
+    return Text(
+        value if isinstance(value, str) else str(value) if isinstance(value, int | np.integer) else number(value)
+    )
 
 
 def verdict_word(word: str) -> Text:
@@ -84,7 +87,7 @@ def share_bar(share: float, length: int = 12) -> Text:
 
 def share_cell(share: float) -> Text:
     """A share of a limit, in its colour; a dash where there is no limit."""
-    text = percent(share)
+    text = percent_of_limit(share)
     return Text(text, style="" if text == MISSING else limit_style(share))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.text import Text
 
-from ...core.printed_numbers import MISSING, deviation, number, percent, seconds, torque
+from ...core.printed_numbers import MISSING, deviation, number, percent, percent_of_limit, seconds, torque
 from ...joints.units import unit_of
 from ...report.base_force import force_remarks
 from ...report.loaded_robot import TERMS, cause_label
@@ -114,7 +114,7 @@ def _peaks(report: TorqueReport, *, bars: bool) -> PlainTable:
 def _share(joint: JointTorque, length: int) -> Text:
     if not math.isfinite(joint.limit):
         return Text(MISSING, style="dim")
-    said = percent(joint.share).rjust(7 if length else 0)
+    said = f"{'  ' if length else ''}{percent_of_limit(joint.share):>{5 if length else 0}}"
     return share_bar(joint.share, length).append(said, limit_style(joint.share))
 
 
@@ -197,4 +197,4 @@ def _nearest(report: TorqueReport) -> str:
     j = max(limited, key=lambda j: j.share)
     if report.is_zero(j.largest):
         return "no limit is passed, and no joint has a torque to give"
-    return f"nearest to its limit is {j.joint}, {percent(j.share)} at t = {seconds(j.time)} s{because(j)}"
+    return f"nearest to its limit is {j.joint}, {percent_of_limit(j.share)} at t = {seconds(j.time)} s{because(j)}"

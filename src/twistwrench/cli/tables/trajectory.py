@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...core.printed_numbers import number, percent, seconds, torque
+from ...core.printed_numbers import number, percent, percent_of_limit, seconds, torque
 from ...joints.units import heading_unit
 from ...model.limits import over_limit
 from ...motion.bounds import Bounds
@@ -82,9 +82,9 @@ def move_view(
             use.joint,
             number(use.way * unit[k], decimals=3),
             number(use.velocity * unit[k], decimals=3),
-            percent(use.velocity_share),
+            percent_of_limit(use.velocity_share),
             torque(use.torque),
-            percent(use.torque_share),
+            percent_of_limit(use.torque_share),
             *([percent(use.limiting)] * fast),
             share_bar(most),
             style="bold red" if over_limit(most) else "",
