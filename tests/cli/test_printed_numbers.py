@@ -37,6 +37,7 @@ def test_an_estimate_ends_where_its_deviation_does_which_has_two_digits(sigma):
         said, off = estimate(value, sigma)
         assert len(said.partition(".")[2]) == len(off.partition(".")[2])
         assert float(off) == float(f"{sigma:.1e}")
+        assert sigma > 99 or len(off.replace(".", "").lstrip("0")) == 2
         assert abs(float(said) - value) <= 0.05 * sigma * 1.1
     assert float(deviation(sigma, 9)) == float(f"{sigma:.1e}")
 
