@@ -69,6 +69,18 @@ def test_columns_of_one_state_side_by_side_have_the_bits_they_have_one_by_one(
     alone_as_in_a_batch(robot, [x.astype(precision) for x in states(robot)])
 
 
+def test_more_columns_side_by_side_than_a_vector_has_lanes(monkeypatch):
+    """Ten of one matrix follow each other, and eight numbers are a vector: none is left out."""
+    monkeypatch.setattr(column_loops, "FROM", 0)
+    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
+    bodies = "".join(
+        f'<body pos="0 0 0.1"><joint type="hinge" axis="{k % 2} {1 - k % 2} 0"/><geom type="sphere" size="0.1" mass="1"/>'
+        for k in range(10)
+    )
+    robot = tw.load(f"<mujoco><worldbody>{bodies}{10 * '</body>'}</worldbody></mujoco>")
+    alone_as_in_a_batch(robot, states(robot))
+
+
 def alone_as_in_a_batch(robot: Robot, arrays) -> None:
     """The calls after the first few go by code for one state."""
     whole = robot.forward_dynamics_derivatives(*arrays)

@@ -13,7 +13,9 @@ from twistwrench import load, robots
 from twistwrench.cli.main import main
 from twistwrench.cli.usage import in_shell_words
 from twistwrench.model.massless import massless_links
+from twistwrench.report.base_force import missing_force
 from twistwrench.report.loaded_robot import parse_payload, parse_wrenches
+from twistwrench.report.torque_findings import JointTorque
 
 pytest_plugins = ("torque_fixtures",)
 DEMO = Path(robots.__file__).parent / "ur5_demo.csv"
@@ -336,11 +338,11 @@ def test_a_floating_base_is_held_up_against_gravity_and_its_acceleration(run, tm
     np.testing.assert_allclose(force[:, :5], 0, atol=1e-7)
 
 
-@pytest.mark.parametrize(("up", "code"), [(6.0 * 9.81, 0), (0.96 * 6.0 * 9.81, 0), (0.94 * 6.0 * 9.81, 1)])
+@pytest.mark.parametrize(("up", "code"), [(1.0, 0), (0.96, 0), (0.94, 1), (1.04, 0), (1.06, 1)])
 def test_a_base_at_rest_whose_weight_contacts_take_is_fine(run, tmp_path, up, code):
     box = robots.floating_box()
     path = write_positions(tmp_path / "box.csv", box, np.arange(50) * 0.01, np.tile(box.neutral, (50, 1)))
-    push = f"{box.tip}:0,0,0,0,0,{up}"
+    push = f"{box.tip}:0,0,0,0,0,{up * 6.0 * 9.81}"
     found, text = run("torques", "floating_box", "--trajectory", path, "--wrench-on-robot", push)
     assert found == code and ("IS A CONTACT MISSING?" in text) == bool(code), text
 
@@ -377,6 +379,27 @@ def test_what_drifts_without_gravity_needs_no_contact(run, tmp_path, acceleratio
     np.savetxt(path, np.column_stack([t, q]), "%.6f", ",", header=header, comments="")
     found, text = run("torques", file, "--trajectory", path)
     assert found == code and ("IS A CONTACT MISSING?" in text) == bool(code), text
+
+
+@pytest.mark.parametrize(("noise", "needed"), [(0.0, True), (0.5, True), (3.0, False)])
+def test_noise_of_a_base_is_no_missing_contact(noise, needed):
+    """Of a force of 6 N beside a weight of 59 N five standard deviations are left out."""
+    box = robots.floating_box()
+    units = ["N m"] * 3 + ["N"] * 3
+    for k, sign in [(3, 1), (5, -1)]:
+        peaks = [6.0 * sign * (i == k) for i in range(6)]
+        joints = [JointTorque(f"j{i}", units[i], peaks[i], 0.0, 0.0, np.inf, {}, noise) for i in range(6)]
+        assert missing_force(box.model, joints) == pytest.approx(6.0 - 5.0 * noise if needed else 0.0)
+    turned = [JointTorque(f"j{i}", units[i], 600.0 * (i < 3), 0.0, 0.0, np.inf, {}, noise) for i in range(6)]
+    assert missing_force(box.model, turned) == 0.0
+
+
+def test_a_base_that_slides_and_is_driven_needs_no_contact(run, tmp_path):
+    cart = robots.cart_pole()
+    t = np.arange(200) * 0.01
+    q = np.column_stack([0.5 * np.sin(4 * t), np.zeros(200)])
+    path = write_positions(tmp_path / "cart.csv", cart, t, q)
+    assert "IS A CONTACT MISSING?" not in run("torques", "cart_pole", "--trajectory", path)[1]
 
 
 # ── friction ──
