@@ -77,6 +77,20 @@ def test_the_second_process_makes_nothing_and_finds_the_same_bits(file, place):
     assert second[1] is not True
 
 
+def test_what_is_kept_of_a_kernel_is_what_it_has(file, place):
+    """Its length decides when single calls get code of their own, its effort how batches are split between threads."""
+    code = (
+        "import sys, twistwrench as tw\nfrom twistwrench.kernels.ufunc import owner_of\n"
+        f"kernel = tw.load({str(file)!r}).kernel('inverse_dynamics')\nowner = owner_of(kernel)\n"
+        "print(owner.length, owner.effort, kernel.__name__, kernel.__doc__, 'twistwrench.model.builder' in sys.modules)"
+    )
+    (fresh, read), (kept, read_again) = (python(code, place).rsplit(" ", 1) for _ in range(2))
+    assert (read, read_again) == ("True", "False")
+    assert fresh == kept
+    length, effort, *_ = fresh.split()
+    assert length != effort
+
+
 def test_a_first_torque_imports_nothing_that_it_does_not_need(file, place):
     torque(file, place)
     code = TORQUE.format(path=str(file), options="", nv=2) + "print(*sys.modules)"
