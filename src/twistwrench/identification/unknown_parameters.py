@@ -178,7 +178,7 @@ class UnknownParameters:
             reach[i] = base + (float(np.linalg.norm(body.placement[:3, 3])) if body.parent != BASE else 0.0)
         coms = [float(np.linalg.norm(body.inertia.com)) for body in model.bodies]
         length = float(max((reach + coms).max(), _SMALLEST_LENGTH))
-        mass = float(sum(body.inertia.mass for body in model.bodies))
+        mass = model.moving_mass
         return max(mass, _SMALLEST_MASS) if mass > 0 else 1.0, length
 
     def scales(self, torque: Array, speed: Array, acceleration: Array) -> Array:

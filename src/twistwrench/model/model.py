@@ -181,6 +181,11 @@ class Model:
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
 
     @cached_property
+    def moving_mass(self) -> float:
+        """The mass of all moving bodies [kg]; what is fixed to the base is not among it."""
+        return float(sum(body.inertia.mass for body in self.bodies))
+
+    @cached_property
     def quaternions(self) -> tuple[slice, ...]:
         """Where quaternions stand in q."""
         found = [(b.q_index, b.joint.quaternion) for b in self.leaders]

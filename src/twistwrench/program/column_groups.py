@@ -67,6 +67,13 @@ class ColumnGroups:
             if not (nothing and all(self.program.zeros[self.entry(m, row, c)] for m, c in group.places))
         ]
 
+    def stored_entries(self, group: ColumnGroup) -> dict[int, list[int]]:
+        """The rows that each instruction of the group's program makes, of those that are stored."""
+        entries: dict[int, list[int]] = {}
+        for row in self.stored_rows(group):
+            entries.setdefault(group.program.results[row], []).append(row)
+        return entries
+
     @cached_property
     def zeros(self) -> tuple[bool, ...]:
         """Of each entry of the program's results whether it is zero in the end, whatever the inputs."""

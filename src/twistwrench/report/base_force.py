@@ -32,7 +32,7 @@ def missing_force(model: Model, joints: Sequence[JointTorque]) -> float:
     ]
     forces = [max(abs(j.peak) - _SURE * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
     largest = max(forces, default=0.0)
-    least = max(_SHARE * _weight(model), _WEIGHTLESS * STRENGTH * _mass(model))
+    least = max(_SHARE * _weight(model), _WEIGHTLESS * STRENGTH * model.moving_mass)
     return largest if largest > least else 0.0
 
 
@@ -43,20 +43,16 @@ def force_in_words(model: Model, force: float) -> str:
     return f"Nothing drives the base, but the motion needs {quantity(force, 'N')} there{share}"
 
 
-def force_remarks(model: Model, joints: Sequence[JointTorque]) -> tuple[str, ...]:
-    """What that means, and what to do about it."""
+def force_remark(model: Model, joints: Sequence[JointTorque]) -> str:
+    """What that means, and what to do about it; empty where no force is missing."""
     if not (force := missing_force(model, joints)):
-        return ()
+        return ""
     return (
         f"{force_in_words(model, force)}. The joints' torques lack what contacts take: constant wrenches are given with "
         "--wrench-on-robot FRAME:…, others in Python, to robot.inverse_dynamics. If something holds the base in truth, as a "
-        "stand does, the torques are right.",
+        "stand does, the torques are right."
     )
 
 
 def _weight(model: Model) -> float:
-    return _mass(model) * float(np.linalg.norm(model.gravity))
-
-
-def _mass(model: Model) -> float:
-    return float(sum(body.inertia.mass for body in model.bodies))
+    return model.moving_mass * float(np.linalg.norm(model.gravity))

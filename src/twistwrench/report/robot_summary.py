@@ -52,7 +52,7 @@ def summary(robot: Robot) -> dict[str, Any]:
         "nv": model.nv,
         "gravity": [float(g) for g in model.gravity],
         "tip": model.tip,
-        "moving_mass": float(sum(b.inertia.mass for b in model.bodies)),
+        "moving_mass": model.moving_mass,
         "fixed_mass": float(model.base_inertia.mass),
         "joints": joint_rows(model),
         "links": _links(model),

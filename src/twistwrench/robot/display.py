@@ -35,7 +35,7 @@ class DisplayMethods:
         from ..report.robot_summary import joint_rows
 
         rows = joint_rows(self.model)
-        mass = float(sum(b.inertia.mass for b in self.model.bodies))
         defects = f", {len(self.defects)} defects" if self.defects else ""
-        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {number(mass)} kg in motion, tip {self.tip}{defects}"
+        mass = number(self.model.moving_mass)
+        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {mass} kg in motion, tip {self.tip}{defects}"
         return html_table(title, _SHOWN, ([row[name] for name in _SHOWN] for row in rows))

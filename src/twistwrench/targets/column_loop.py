@@ -22,10 +22,7 @@ def column_programs(columns: ColumnGroups, writer: Callable[[], LlvmWriter]) -> 
         listed = ", ".join(f"i64 {place * w.lanes * w.precision.bytes}" for place in places)
         yield f"@columns{number} = internal constant [{len(places)} x i64] [{listed}]"
         e = _Column(w, columns, group)
-        entries: dict[int, list[int]] = {}
-        for row in columns.stored_rows(group):
-            entries.setdefault(group.program.results[row], []).append(row)
-        e.walk(0, len(group.program.instructions), entries, large=False)
+        e.walk(0, len(group.program.instructions), columns.stored_entries(group), large=False)
         body = "\n".join(w.lines)
         head = f'define internal void @column{number}(ptr noalias %frame, ptr noalias %column) noinline "stackrealign"'
         yield f"{head} {{\nentry:\n{body}\n  ret void\n}}\n"

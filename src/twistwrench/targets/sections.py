@@ -1,8 +1,8 @@
 """A long program as several functions, a section each, in modules of a few: compiled in linear time and memory.
 
-What crosses from a section to a later one, and all entries of the results, go through a :class:`~.frame.SpillFrame`; once the
-last section is done, rows of the results are made of it, tile by tile, in a loop. In one lane entries go into their rows at
-once. Instructions and their order stay the same, so results keep their bits.
+What crosses from a section to a later one, and all entries of the results, go through a :class:`~.spill_frame.SpillFrame`;
+once the last section is done, rows of the results are made of it, tile by tile, in a loop. In one lane entries go into their
+rows at once. Instructions and their order stay the same, so results keep their bits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..program.program import Program
 from .batch_loop import SHORTEST_PIECE, Loop
 from .buffers import LINE
 from .column_loop import column_loop, column_programs
-from .columns_of_one import programs_for_columns_of_one, work_on_columns_of_one
+from .columns_in_lanes import call_lane_columns, lane_column_programs
 from .compiler import LOOP
 from .lanes import RowStorer
 from .llvm import CUT_OUTPUTS, Emitter, declarations
@@ -88,13 +88,13 @@ def _head_of_one_lane(
     for first, count, value in frame.constants:
         places.fill(w, first, count, value)
     declared = _call_sections(w, frame, places.pointers)
-    work_on_columns_of_one(w, columns, places)
+    call_lane_columns(w, columns, places)
     room = max(frame.size - places.starts[-1], 1) * precision.bytes
     return "\n".join(
         [
             *declared,
             preparation(_writer(precision, machine), ()),
-            *programs_for_columns_of_one(columns, places, precision, fused=machine.fused),
+            *lane_column_programs(columns, places, precision, fused=machine.fused),
             _block(w, places.pointers),
             around(LOOP, replace(columns.program, outputs=columns.outputs), precision, w.lanes, room, 1, 0),
         ]

@@ -17,8 +17,6 @@ from ...verdict import Word
 
 _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""
-
-
 _LEAST = 8
 """Characters of a word that stay together in any case: names fold where there is no room."""
 

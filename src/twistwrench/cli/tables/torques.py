@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ...core.printed_numbers import MISSING, deviation, number, percent, percent_of_limit, seconds, torque
 from ...joints.units import unit_of
-from ...report.base_force import force_remarks
+from ...report.base_force import force_remark
 from ...report.loaded_robot import TERMS, cause_label
 from ...report.torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 from ...report.torque_verdict import because
@@ -184,7 +184,7 @@ def verdict_view(report: TorqueReport) -> Text:
         text.append(f"\n  - {reason}.")
     for hint in report.hints:
         text.append("\nIS THE UNIT RIGHT?", "bold yellow").append(f" {hint}.")
-    for remark in force_remarks(report.load.loaded.model, report.joints):
+    if remark := force_remark(report.load.loaded.model, report.joints):
         text.append("\nIS A CONTACT MISSING?", "bold yellow").append(f" {remark}")
     return text
 

@@ -1,4 +1,4 @@
-"""The columns of one sample's results, side by side: columns that follow each other lie in a row of the matrix as lanes do.
+"""The columns of one sample's results in SIMD lanes: columns that follow each other lie side by side in the rows of a matrix.
 
 Lanes compute what a block of samples computes with one column after the other, so the bits are the same.
 """
@@ -17,7 +17,7 @@ WIDTH = 64
 """Bytes of a vector of columns; processors with shorter ones take two or four in its place."""
 
 
-def programs_for_columns_of_one(
+def lane_column_programs(
     columns: ColumnGroups, places: RowPlaces, precision: Precision, *, fused: bool
 ) -> Iterator[str]:
     """A function for each group: so many columns, from the place of the first row of the first on."""
@@ -29,16 +29,13 @@ def programs_for_columns_of_one(
             f"shufflevector <{w.lanes} x i64> {first}, <{w.lanes} x i64> poison, <{w.lanes} x i32> zeroinitializer"
         )
         e = _Columns(w, columns, group, places, w.new(f"icmp ult <{w.lanes} x i64> <{lanes}>, {count}"))
-        entries: dict[int, list[int]] = {}
-        for row in columns.stored_rows(group):
-            entries.setdefault(group.program.results[row], []).append(row)
-        e.walk(0, len(group.program.instructions), entries, large=False)
+        e.walk(0, len(group.program.instructions), columns.stored_entries(group), large=False)
         body = "\n".join(w.lines)
         head = f"define internal void @column{number}(ptr noalias %frame, ptr noalias %column, i64 %count) noinline"
         yield f'{head} "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
-def work_on_columns_of_one(w: LlvmWriter, columns: ColumnGroups, places: RowPlaces) -> None:
+def call_lane_columns(w: LlvmWriter, columns: ColumnGroups, places: RowPlaces) -> None:
     """Call the functions."""
     for number, group in enumerate(columns.groups):
         for matrix, column, count in _runs(group, WIDTH // w.precision.bytes):
