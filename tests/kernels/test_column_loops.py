@@ -94,6 +94,20 @@ def alone_as_in_a_batch(robot: Robot, arrays) -> None:
     assert type(robot.forward_dynamics_derivatives) is type(len)
 
 
+def test_columns_that_follow_each_other_in_two_matrices_are_no_run(monkeypatch):
+    """Torques of a sprung hinge depend on its angle alone as they do on the velocity of the slide behind it."""
+    monkeypatch.setattr(column_loops, "FROM", 0)
+    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
+    hinge, slide = '<joint type="hinge" axis="0 0 1" stiffness="40"/>', '<joint type="slide" axis="1 0 0"/>'
+    ball = '<geom type="sphere" size="0.1" mass="2"/>'
+    robot = tw.load(
+        f'<mujoco><worldbody><body>{hinge}{ball}<body pos="0.4 0 0">{slide}{ball}</body></body></worldbody></mujoco>'
+    )
+    groups = column_loops.columns_of(robot.model, {NAME: {}}).groups
+    assert ((0, 0), (1, 1)) in [group.places for group in groups]
+    alone_as_in_a_batch(robot, states(robot))
+
+
 def test_constants_are_there_in_every_block(monkeypatch):
     """Springs are constants, which come where the solutions of the block before were left."""
     joint = '<joint name="{0}" type="{1}" axis="{2}" stiffness="{3}"/>'

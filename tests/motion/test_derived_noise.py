@@ -13,6 +13,7 @@ from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.log_noise import noise
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.motion.smoothing import smooth
+from twistwrench.report.loaded_robot import Payload
 
 
 def plan_of(robot, path, *, degrees=False, smoothing=False):
@@ -100,3 +101,13 @@ def test_the_main_cause_of_a_peak_is_along_it_whatever_its_sign(tmp_path, angle)
     report = report_of(robot, write_positions(tmp_path / "m.csv", robot, t, np.full((100, 1), angle)), friction=False)
     (joint,) = report.joints
     assert joint.main_cause == ("gravity", pytest.approx(1.0))
+
+
+def test_what_pulls_against_a_peak_is_not_its_main_cause_however_large(tmp_path):
+    """The rod takes 4.7 N m, its payload 1.2 times that, and a moment of 6 N m on it lifts both."""
+    robot = robots.pendulum()
+    path = write_positions(tmp_path / "m.csv", robot, np.arange(100) * 1e-2, np.full((100, 1), 0.5))
+    moment = np.array([0.0, 6.0, 0.0, 0.0, 0.0, 0.0])
+    (joint,) = report_of(robot, path, friction=False, payloads=(Payload(1.2),), wrenches={"bob": moment}).joints
+    assert joint.terms["wrench"] < -joint.terms["payload"] < -joint.terms["gravity"] < 0.0 < joint.peak
+    assert joint.main_cause == ("payload", pytest.approx(1.2 / 2.2))

@@ -114,6 +114,19 @@ def test_another_file_of_that_name_is_another_robot(file, place):
     assert torque(file, place) == (torque(file, "off")[0], False)
 
 
+def test_a_file_that_includes_others_is_read_again_whatever_it_is_called(file, place):
+    """MJCF may lie in several files, of which the name and the bytes of one say little."""
+    part = file.with_name("part.xml")
+    body = '<body><joint type="hinge" axis="0 1 0"/><geom type="sphere" size="0.1" pos="0.3 0 0" mass="{}"/></body>'
+    file.write_text('<mujoco><!-- once <robot name="arm"> --><include file="part.xml"/></mujoco>')
+    found = []
+    for mass in (1, 1, 2):
+        part.write_text(f"<mujoco><worldbody>{body.format(mass)}</worldbody></mujoco>")
+        found.append(torque(file, place, nv=1))
+    assert all(built for _, built in found)
+    assert found[0] == found[1] != found[2]
+
+
 @pytest.mark.parametrize(("options", "nv"), [(", gravity=[0, 0, -1.62]", 2), (", lock={'b': 0.5}", 1)])
 def test_other_options_are_another_robot(file, place, options, nv):
     torque(file, place)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..typing import Array
 from .shared_options import LIMITS, PAYLOADS, option_group
@@ -79,7 +79,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     if given["fastest"] and given["duration"] is not None:
         raise ValueRangeError("--fastest finds the duration, and --duration says it. Leave one of them out.")
     if not given["step"] > 0:
-        raise ValueRangeError(f"--step {given['step']:g}: give seconds above zero.")
+        raise ValueRangeError(f"--step {printed(given['step'])}: give seconds above zero.")
     for what, text in (("--from", given["begin"]), ("--to", given["to"])):
         if text is not None and (hint := degrees_hint(robot, _configuration(robot, text, what, degrees=degrees))):
             show(f"! {what}: {hint}")

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import in_file
 from ..model.model import BASE, Model
 from ..typing import Array
 from .effects import Effects
@@ -55,7 +56,7 @@ class WrittenInertia:
         No edits where an entry would have to change that has no place.
         """
         wanted = {
-            name: Edit(self.places[name], _text(tensor[_ENTRIES[name]])) for name in self.places if name in _ENTRIES
+            name: Edit(self.places[name], in_file(tensor[_ENTRIES[name]])) for name in self.places if name in _ENTRIES
         }
         found, written = [], self.tensor.copy()
         scale = float(np.abs(tensor).max())
@@ -81,7 +82,7 @@ class WrittenInertia:
         more = [name for name in wanted if abs(wanted[name] - given[name]) > 1e-12 * max(1.0, abs(given[name]))]
         if any(name not in self.places for name in more):
             return ()
-        return (*found, *(Edit(self.places[name], _text(wanted[name])) for name in more))
+        return (*found, *(Edit(self.places[name], in_file(wanted[name])) for name in more))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +173,3 @@ class DescribedRobot:
     def heavy(self, link: DescribedLink, share: float = 0.01) -> bool:
         """Whether it is of that share of the mass at least."""
         return link.written is not None and link.written.mass >= share * self.mass > 0
-
-
-def _text(value: float) -> str:
-    return f"{value:.10g}"

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed, residual
 from ..typing import Array
 from .described import WrittenInertia
 
@@ -101,7 +102,9 @@ def _entries(tensor: Array) -> Iterator[Slip]:
                 changed = _with(tensor, at, tensor[at] * factor)
                 if possible(changed):
                     way = "small" if up else "large"
-                    yield Slip("power", f"{name} is {10.0**k:g} times too {way}", changed, family=f"{name} {way}")
+                    yield Slip(
+                        "power", f"{name} is {printed(10.0**k)} times too {way}", changed, family=f"{name} {way}"
+                    )
 
 
 def _about_origin(tensor: Array, written: WrittenInertia) -> Iterator[Slip]:
@@ -154,8 +157,8 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
                 wrong, right = (r, radius) if name == "radius" else (h, length)
                 yield Slip(
                     "dimension",
-                    f"it is that of a solid cylinder of radius {r:g} m and length {h:g} m, whose {name} is {10**k} times "
-                    f"too large: {wrong:g} m for {right:g} m",
+                    f"it is that of a solid cylinder of radius {printed(r)} m and length {printed(h)} m, whose {name} is "
+                    f"{10**k} times too large: {printed(wrong)} m for {printed(right)} m",
                     np.diag(meant),
                     certain=k == 1,
                     family=name,
@@ -165,11 +168,11 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
         for axis, k in itertools.product(range(3), (1, 2, 3)):
             a = np.array(edges, float)
             a[axis] /= 10**k
-            listed = " x ".join(f"{e:g}" for e in edges)
+            listed = " x ".join(f"{printed(e)}" for e in edges)
             yield Slip(
                 "dimension",
-                f"it is that of a solid box of {listed} m, one edge of which is {10**k} times too large: {edges[axis]:g} m for "
-                f"{a[axis]:g} m",
+                f"it is that of a solid box of {listed} m, one edge of which is {10**k} times too large: "
+                f"{printed(edges[axis])} m for {printed(a[axis])} m",
                 np.diag(mass * (a @ a - a**2) / 12.0),
                 certain=k == 1,
                 family=f"edge {axis}",
@@ -178,7 +181,7 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
 
 def _round(value: float) -> float:
     """The number of two digits that it is; 0 where it is none."""
-    near = float(f"{value:.1e}")
+    near = float(f"{residual(value)}")
     return near if abs(value - near) <= _ROUND * near else 0.0
 
 

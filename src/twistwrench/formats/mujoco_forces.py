@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..lie import quaternion, se3
 from ..model.builder import ModelBuilder
 from ..model.closure import OfferedClosure
@@ -80,7 +81,7 @@ def mimics_of(model: Any, names: Sequence[str]) -> tuple[dict[str, Mimic], list[
         zero = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (follower, leader)]
         if leader < 0:
             remarks.append(
-                f"an equality holds joint {names[follower]!r} at {zero[0] + c0:g}, which is left out: lock it"
+                f"an equality holds joint {names[follower]!r} at {printed(zero[0] + c0)}, which is left out: lock it"
             )
         elif any(more) or c1 == 0 or names[follower] in _followed(names[leader], found) or names[follower] in found:
             remarks.append(f"the equality of joints {names[follower]!r} and {names[leader]!r} is left out")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core.gravity import GRAVITY
+from ..core.printed_numbers import printed
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..joints import Floating
 from ..joints.axes import number, numbers
@@ -203,7 +204,9 @@ class ModelBuilder:
         for what, value in loss.items():
             loss[what] = number(value, f"the {what} of {who}")
             if loss[what] < 0:
-                remarks.append(Remark(who, f"has a negative {what}, {value:g}, so it feeds energy into the robot"))
+                remarks.append(
+                    Remark(who, f"has a negative {what}, {printed(value)}, so it feeds energy into the robot")
+                )
         self._joints[name] = JointEntry(
             joint=joint,
             parent=parent,
@@ -380,7 +383,7 @@ class ModelBuilder:
         _check_choice("inertia", inertia, INERTIA_POLICIES)
         if not 0 <= snap < 0.1:
             raise ValueRangeError(
-                f"snap={snap!r} is not allowed: a small number such as {DEFAULT_SNAP:g}, or 0 for off."
+                f"snap={snap!r} is not allowed: a small number such as {printed(DEFAULT_SNAP)}, or 0 for off."
             )
         tree = find_tree(self._links, list(self._joints.values()))
         remarks = [*self._remarks, *self._floating_remarks(tree, floating_base)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import printed, seconds
 from ..typing import Array
 from .angle_units import AngleUnits
 from .coordinates import Coordinates
@@ -131,7 +132,7 @@ class Contradictions:
         found = np.flatnonzero((self._wraps > 0) & self._within_a_turn())
         return [
             f"{self._names[self._single[k]]} steps by a full turn {self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}, "
-            f"first at t = {self._wrapped[k][1]:.4f} s: the log keeps within a turn, so it is taken to turn on."
+            f"first at t = {seconds(self._wrapped[k][1], 4)} s: the log keeps within a turn, so it is taken to turn on."
             for k in found.tolist()
         ]
 
@@ -151,7 +152,7 @@ class Contradictions:
         found = list(self._angle_units(limits).hints)
         step = float(np.median(self._steps)) if self._steps else 0.0
         if step > _LONG_STEP and not self._time_stated and not tuple(self._of_time(limits)):
-            found.append(f"the usual time step is {step:.4g} s. Is time in ms? It is taken to be in seconds")
+            found.append(f"the usual time step is {printed(step, 4)} s. Is time in ms? It is taken to be in seconds")
         return tuple(found)
 
     def _angle_units(self, limits: Limits | None) -> AngleUnits:
@@ -184,14 +185,14 @@ class Contradictions:
         if self._rows < _FEWEST_STEPS or not moving.any():
             return None
         unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
-        usual = f"the usual step of time is {step:.4g} s"
+        usual = f"the usual step of time is {printed(step, 4)} s"
         if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
-            return f"{usual}, and within one no joint moves by more than {self._move.max():.2g} rad or m", unit
+            return f"{usual}, and within one no joint moves by more than {printed(self._move.max(), 2)} rad or m", unit
         if limits is not None and step >= _SLOW_STEP:
             shares = self._speed[moving] / limits.velocity[self._single[moving]]
             if np.isfinite(limits.velocity[self._single[moving]]).all() and shares.max() < _SLOW_SHARE:
                 return (
-                    f"{usual}, and no joint moves faster than {100 * shares.max():.2g} % of its limit of velocity",
+                    f"{usual}, and no joint moves faster than {printed(100 * shares.max(), 2)} % of its limit of velocity",
                     unit,
                 )
         return None
@@ -200,8 +201,8 @@ class Contradictions:
         for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
             if found.any():
                 names = _listed([self._names[self._single[k]] for k in np.flatnonzero(found).tolist()])
-                seconds = np.abs(delays[found])
-                size = f"{seconds.min():.3f}" + (f" to {seconds.max():.3f}" if np.ptp(seconds) > 5e-4 else "")
+                late = np.abs(delays[found])
+                size = seconds(late.min()) + (f" to {seconds(late.max())}" if np.ptp(late) > 5e-4 else "")
                 yield (
                     f"{names}: the velocity column is {size} s {way} against the positions: shift it, or leave it out, then it "
                     "is derived"
@@ -217,8 +218,9 @@ class Contradictions:
             known = float(limits.velocity[joint]) if limits is not None else math.inf
             if jump[0] > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
                 yield (
-                    f"{self._names[joint]} jumps by {jump[2]:.4g} rad after t = {jump[1]:.4f} s, at {jump[0]:.3g} rad/s, "
-                    "and is no joint that turns on for ever: remove the rows, or add the turns that the log left out"
+                    f"{self._names[joint]} jumps by {printed(jump[2], 4)} rad after t = {seconds(jump[1], 4)} s, at "
+                    f"{printed(jump[0], 3)} rad/s, and is no joint that turns on for ever: remove the rows, or add the "
+                    f"turns that the log left out"
                 )
 
     def _of_glitches(self) -> list[str]:

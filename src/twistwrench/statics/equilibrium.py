@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number, percent
+from ..core.printed_numbers import number, percent, printed
 from ..errors import FrameError, ValueRangeError
 from ..typing import Array
 from .contacts import Contact
@@ -73,7 +73,11 @@ class Equilibrium:
             return f"holds, with contact forces up to {number(largest)} N{used}"
         if self.holds is None:
             return f"marginal: cones of {self.edges} edges decide neither way"
-        moving = [f"{v:+.3g} {n}" for v, n in zip(np.asarray(self.motion), self.names, strict=True) if abs(v) > 1e-6]
+        moving = [
+            f"{printed(v, 3, signed=True)} {n}"
+            for v, n in zip(np.asarray(self.motion), self.names, strict=True)
+            if abs(v) > 1e-6
+        ]
         subject = "no contact resists" if len(np.asarray(self.velocities)) else "there is no contact to resist"
         return (
             f"cannot hold: {subject} the motion ({', '.join(moving)}), {self.frame}, "

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import ShapeError
 from ..model.limits import margin
 from ..typing import Array
@@ -72,7 +72,7 @@ class LargestPayload:
         if self.joint < 0:
             return "any payload: no joint with a limit feels it"
         k = int(self.joint)
-        return f"{number(self.mass)} kg, then {self.joint_names[k]} is at {self.side * self.limits[k]:+.4g}"
+        return f"{number(self.mass)} kg, then {self.joint_names[k]} is at {printed(self.side * self.limits[k], 4, signed=True)}"
 
 
 def torques_per_kilogram(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import ShapeError, ValueRangeError
 from ..model.limits import margin
 from ..typing import Array
@@ -49,7 +49,9 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
         effort[joint] = min(effort[joint], effort[motor])
     if np.isnan(effort).any() or (effort < 0).any():
         k = int(np.argmax(~(effort >= 0)))
-        raise ValueRangeError(f"the limit of {names[k]!r} is {effort[k]:g}. Give a torque or force of at least zero.")
+        raise ValueRangeError(
+            f"the limit of {names[k]!r} is {printed(effort[k])}. Give a torque or force of at least zero."
+        )
     if robot.nv and not free.all() and np.isinf(effort[~free]).all():
         raise ValueRangeError(
             f"robot {robot.name!r} gives no effort limits, so nothing bounds what it can hold. "

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core.printed_numbers import number
+from ...core.printed_numbers import in_file, number, printed
 from ...model.limits import margin
 from ..described import DescribedJoint, DescribedRobot
 from ..findings import Edit, FileRepair, Finding, Severity
@@ -35,12 +35,13 @@ def check_degrees(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
         if not joint.turns or robot.format != "urdf" or not _TURNS < largest < _ENDLESS or not whole:
             continue
         edits = tuple(
-            Edit(joint.places[name], f"{math.radians(joint.numbers[name]):.10g}")
+            Edit(joint.places[name], in_file(math.radians(joint.numbers[name])))
             for name in ("lower", "upper")
             if joint.numbers.get(name)
         )
         yield _finding(
-            joint, "degrees", Severity.WARNING, f"its limits, {limits[0]:g} to {limits[1]:g} rad, look like degrees",
+            joint, "degrees", Severity.WARNING,
+            f"its limits, {printed(limits[0])} to {printed(limits[1])} rad, look like degrees",
             {"lower": limits[0], "upper": limits[1]}, FileRepair("number", "the limits in radians", edits=edits),
         )  # fmt: skip
 
@@ -59,7 +60,7 @@ def check_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
             long.append(body.joint.name)
     said = "zero is outside the limits, so that the neutral configuration is not to be had"
     yield from _of_several(robot, "limits", outside, said)
-    yield from _of_several(robot, "limits", long, f"the stroke is more than {_STROKE:g} m")
+    yield from _of_several(robot, "limits", long, f"the stroke is more than {printed(_STROKE)} m")
 
 
 def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
@@ -82,7 +83,7 @@ def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
     for joint in robot.joints.values():
         if joint.axis is None or abs(length := float(np.linalg.norm(joint.axis))) == 0 or abs(length - 1.0) < 1e-3:
             continue
-        text = " ".join(f"{x:.10g}" for x in joint.axis / length)
+        text = " ".join(map(in_file, joint.axis / length))
         repair = FileRepair("number", "the axis with unit length", edits=(Edit(joint.places["axis"], text),))
         yield _finding(
             joint, "axis", Severity.NOTE, f"its axis has the length {number(length)}, not 1", {"length": length}, repair

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
-from ...core.printed_numbers import number
+from ...core.printed_numbers import number, printed
 from ...model.massless import massless_links
 from ..described import DescribedLink, DescribedRobot
 from ..findings import FileRepair, Finding, Severity
@@ -34,7 +34,8 @@ def check_placeholder(robot: DescribedRobot, _options: Options) -> Iterator[Find
         heavy = robot.heavy(link) and effect.reaches(MATTERS)
         yield Finding(
             "placeholder", Severity.WARNING if heavy else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"its moments are {written.tensor[0, 0]:g} kg m² about every axis at {number(written.mass)} kg, which looks like a "
+            f"its moments are {printed(written.tensor[0, 0])} kg m² about every axis at {number(written.mass)} kg, which "
+            f"looks like a "
             "placeholder", {"moment": float(written.tensor[0, 0]), "mass": written.mass}, effect, repair, written.file,
         )  # fmt: skip
 
@@ -131,5 +132,5 @@ def check_density(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
             "density", Severity.NOTE, f"link {link.name!r}", written.line,
             f"{number(written.mass)} kg in a hull of {number(1e3 * volume, 3)} litres is {number(density, 3)} kg/m³; parts of "
             "robots have "
-            f"{least:g} to {most:g}", {"density": density, "volume": volume}, file=written.file,
+            f"{printed(least)} to {printed(most)}", {"density": density, "volume": volume}, file=written.file,
         )  # fmt: skip

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.printed_numbers import printed
 from ...errors import RobotFileError
 from ...lie.identity import is_identity
 from .bodies import MjcfBody, PlacedElement
@@ -36,7 +37,7 @@ def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) 
             factor = settings.total_mass / total
             found = [SpatialInertia.from_parameters(factor * G.parameters) for G in found]
             remarks.append(
-                f"settotalmass={settings.total_mass:g}: all masses and inertias are multiplied by {factor:.6g}"
+                f"settotalmass={printed(settings.total_mass)}: all masses and inertias are multiplied by {printed(factor)}"
             )
     return Inertias(found, remarks)
 
@@ -94,16 +95,16 @@ def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: l
     mass = max(G.mass, settings.least_mass)
     moments, axes = np.linalg.eigh(G.moment_about_com)
     wanted = np.maximum(moments, settings.least_moment)
-    said = [f"boundmass={settings.least_mass:g}"] if mass > G.mass else []
-    said += [f"boundinertia={settings.least_moment:g}"] if (wanted > moments).any() else []
+    said = [f"boundmass={printed(settings.least_mass)}"] if mass > G.mass else []
+    said += [f"boundinertia={printed(settings.least_moment)}"] if (wanted > moments).any() else []
     if settings.balanced and wanted[0] + wanted[1] < wanted[2]:
         wanted = np.full(3, wanted.mean())
         said.append("balanceinertia")
     if not said:
         return G
     remarks.append(
-        f"{' and '.join(said)} of <compiler> change body {body.name!r} ({body.element.place}): mass {G.mass:g} to {mass:g} kg, "
-        f"principal moments {moments.round(12).tolist()} to {wanted.round(12).tolist()} kg m²"
+        f"{' and '.join(said)} of <compiler> change body {body.name!r} ({body.element.place}): mass {printed(G.mass)} to "
+        f"{printed(mass)} kg, principal moments {moments.round(12).tolist()} to {wanted.round(12).tolist()} kg m²"
     )
     com = G.com if G.mass else np.zeros(3)
     return SpatialInertia.from_com(mass, com, (axes * wanted) @ axes.T)
