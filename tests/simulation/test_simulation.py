@@ -343,6 +343,16 @@ def test_an_event_exactly_at_the_end_of_a_step_is_one_event(sign):
     assert [(e.name, e.time) for e in found.events] == [("half", 0.5)]
 
 
+@pytest.mark.parametrize("last", [1, 2])
+def test_events_of_one_step_happen_one_after_the_other(last):
+    """Whatever their order in the list; the first terminal one ends it, and what would have been later does not happen."""
+    times = [0.3, 0.1, 0.2]
+    events = [Event(lambda t, q, dq, at=at: t - at, f"{at}", terminal=k == last) for k, at in enumerate(times)]
+    found = tw.robots.pendulum().simulate([0.3], [0.0], 1.0, 0.5, method="rk4", events=events)
+    assert [e.name for e in found.events] == (["0.1"] if last == 1 else ["0.1", "0.2"])
+    assert found.times[-1] == pytest.approx(times[last], abs=1e-15)
+
+
 @pytest.mark.parametrize("acting", [{}, {"tau": lambda t, q, dq: 0.0 * dq}], ids=["compiled", "function"])
 def test_quaternions_of_every_state_have_unit_length(acting):
     """Those between two steps of the adaptive method too, which come from a polynomial."""

@@ -49,6 +49,19 @@ STEPS = "errors of its steps"
 # ── how far off ──
 
 
+@pytest.mark.parametrize("n", [20, 4000])
+def test_the_error_of_a_fall_by_eulers_steps_is_estimated_exactly(n):
+    """Each step falls short by g h²/2, in whichever halves it is taken again, and velocities are right."""
+    text = '<mujoco><worldbody><body><joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/></body>'
+    robot = tw.load(f"{text}</worldbody></mujoco>")
+    h, g = 1.0 / n, float(np.linalg.norm(robot.gravity))
+    found = robot.simulate([0.0], [0.0], 1.0, h, method="euler")
+    assert len(probed_steps(n)) < n or n == 20
+    fallen = -found.q[-1, 0]
+    assert fallen == pytest.approx(0.5 * g - n * g * h**2 / 2, rel=1e-12)
+    assert found.relative_error == pytest.approx(n * g * h**2 / 2 / fallen, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("method", "duration"),
     [*((m, 2.0) for m in METHODS), *((m, 20.0) for m in ("rk4", "midpoint", "semi_implicit"))],
