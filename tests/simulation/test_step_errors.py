@@ -62,6 +62,14 @@ def test_the_error_of_a_fall_by_eulers_steps_is_estimated_exactly(n):
     assert found.relative_error == pytest.approx(n * g * h**2 / 2 / fallen, rel=1e-9)
 
 
+@pytest.mark.parametrize("method", ["rk4", "semi_implicit", "dopri5"])
+def test_a_fall_to_the_other_side_is_as_far_off(pendulum, method):
+    """Half a swing: its velocities have one sign."""
+    there, back = (pendulum.simulate([q], [0.0], 0.6, 2e-2, method=method, rtol=1e-4) for q in (1.0, -1.0))
+    assert there.relative_error > 0.0
+    assert back.relative_error == pytest.approx(there.relative_error, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("method", "duration"),
     [*((m, 2.0) for m in METHODS), *((m, 20.0) for m in ("rk4", "midpoint", "semi_implicit"))],
