@@ -123,6 +123,15 @@ def test_weeks_add_up(log, tmp_path):
         Information.load(tmp_path / "week.npz", tw.robots.pendulum())
 
 
+def test_the_clock_of_a_log_with_a_gap_is_its_own():
+    """A pause of ten seconds between rows of a hundred hertz makes no slower clock."""
+    t = np.arange(1000) * 0.01
+    t[500:] += 10.0
+    found = SteadySamples.of(t, np.sin(t)[:, None], np.cos(t)[:, None], "log")
+    assert found.rate == pytest.approx(100.0, rel=1e-9) and len(found) == 2000
+    assert found.seconds == pytest.approx(t[-1] - t[0])
+
+
 def test_blocks_of_time_that_become_one_lose_no_row(log):
     """There are at most so many of them, however many logs are added."""
     one = gather(ARM, log[:15000], **FIXED).moments

@@ -62,6 +62,16 @@ def test_the_error_of_a_fall_by_eulers_steps_is_estimated_exactly(n):
     assert found.relative_error == pytest.approx(n * g * h**2 / 2 / fallen, rel=1e-9)
 
 
+def test_metres_are_not_measured_against_radians():
+    """Beside a wheel that turns by a hundred radians a fall of five metres is as far off as alone."""
+    slide = '<body><joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/></body>'
+    wheel = '<body><joint type="hinge" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/></body>'
+    alone = tw.load(f"<mujoco><worldbody>{slide}</worldbody></mujoco>").simulate([0], [0], 1.0, 0.05, method="euler")
+    both = tw.load(f"<mujoco><worldbody>{slide}{wheel}</worldbody></mujoco>")
+    found = both.simulate([0, 0], [0, 100], 1.0, 0.05, method="euler")
+    assert found.relative_error == pytest.approx(alone.relative_error, rel=1e-9)
+
+
 @pytest.mark.parametrize("method", ["rk4", "semi_implicit", "dopri5"])
 def test_a_fall_to_the_other_side_is_as_far_off(pendulum, method):
     """Half a swing: its velocities have one sign."""
