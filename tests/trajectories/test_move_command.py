@@ -43,7 +43,7 @@ def test_a_straight_line_in_degrees(run, tmp_path):
         "move", "ur5", "--degrees", "--from=0,-70,85,-20,85,0", "--by", "0.05,0.1,-0.1", "--csv", file, "--step", 0.1
     )
     assert code == 0, output
-    assert "Within all limits." in output
+    assert output.startswith("OK: within all limits.")
     rows = list(csv.reader(file.read_text().splitlines()))
     assert np.allclose([float(x) for x in rows[1][1:7]], [0, -70, 85, -20, 85, 0])
 
@@ -81,7 +81,7 @@ def test_where_no_limit_is_known_it_is_said(run, tmp_path):
     code, output = run("move", "planar_2r", "--to", "1,0", "--duration", "2", "--limits", limits)
     words = " ".join(output.split())
     assert code == 0, output
-    assert "Within all limits" not in words
+    assert "within all limits" not in words
     assert "Within the limits that are known." in words
     assert "No torque limit of joint2 is known" in words
     assert "No velocity limit of joint2 is known" in words

@@ -95,7 +95,10 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         return False
     over = moving.violations(bounds, friction=friction)
     words = " and ".join(f"{number(p.mass)} kg" for p in carried)
-    show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words))
+    if trouble is not None:
+        show(f"CANNOT: {trouble} The motion below, and in the files, is the path until there.")
+    whole = trouble is None
+    show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words, whole=whole))
     if robot.model.friction.any and not friction:
         show("! Joint friction is left out, and 'twistwrench torques' counts it: add --friction.")
     if friction and not robot.model.friction.any:
@@ -108,9 +111,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         moving.plot(given["plot_path"], bounds, friction=friction)
     for written in filter(None, (given["csv_path"], given["plot_path"])):
         show(f"wrote {written}")
-    if trouble is not None:
-        show(f"CANNOT: {trouble} The motion above, and in the files, is the path until there.")
-    return not over and trouble is None
+    return not over and whole
 
 
 def _timed(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any], *, whole: bool) -> Trajectory:

@@ -26,23 +26,20 @@ _ROUNDING = 12
 
 
 def simulation_view(robot: Robot, result: SimulationResult, *, degrees: bool = False) -> RenderableType:
-    """Heading, a row for each coordinate and for each velocity, energies, how exact it is, events, and the verdict."""
+    """The verdict, heading, a row for each coordinate and for each velocity, energies, how exact it is, and events."""
     c = Coordinates.of(robot.model)
     heading = Text.assemble(
         (result.robot, "bold"),
         f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
         f", {result.rejected} taken again" if result.rejected else "",
     )
-    parts: list[RenderableType] = [heading, _coordinates(result, c, degrees=degrees)]
+    verdict = Text.assemble(("DONE" if result.completed else "STOPPED", "bold"), f": {result.stopped}.")
+    parts: list[RenderableType] = [verdict, Text(), heading, _coordinates(result, c, degrees=degrees)]
     parts += [_velocities(result, c, degrees=degrees), _energies(result), _accuracy(result)]
     parts += [Text(f"· {event}") for event in result.events[:_MOST]]
     if len(result.events) > _MOST:
         parts.append(Text(f"· … {len(result.events)} events in all"))
-    parts += remarks(result.remarks)
-    parts.append(
-        Text.assemble((" STOPPED " if not result.completed else " DONE ", "bold reverse"), f"  {result.stopped}")
-    )
-    return Group(*parts)
+    return Group(*parts, *remarks(result.remarks))
 
 
 def _coordinates(result: SimulationResult, c: Coordinates, *, degrees: bool) -> PlainTable:

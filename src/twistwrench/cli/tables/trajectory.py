@@ -65,8 +65,9 @@ def move_view(
     friction: bool,
     degrees: bool,
     carried: str = "",
+    whole: bool = True,
 ) -> RenderableType:
-    """Heading, a row per joint, what limits the fastest motion when, and the verdict."""
+    """The verdict, heading, a row per joint, and what limits the fastest motion when; ``whole``: no part of a path."""
     robot = trajectory.robot
     names = Coordinates.of(robot.model)
     unit = np.where(names.angular_velocity & degrees, math.degrees(1.0), 1.0)
@@ -95,10 +96,10 @@ def move_view(
         f"  ·  {s}, {trajectory.scaling.name} timing: {number(trajectory.duration, 6)} s",
         f"  ·  carrying {carried}" if carried else "",
     )
-    parts: list[RenderableType] = [first, table]
+    parts: list[RenderableType] = [*_verdict(trajectory, bounds, violations, whole=whole), Text(), first, table]
     if isinstance(trajectory, Fastest):
         parts.extend(_timeline(trajectory))
-    return Group(*parts, *_verdict(trajectory, bounds, violations))
+    return Group(*parts)
 
 
 def _timeline(trajectory: Fastest) -> list[RenderableType]:
@@ -115,12 +116,12 @@ def _timeline(trajectory: Fastest) -> list[RenderableType]:
     return [table, *([Text(f"and {rest} shorter parts", style="dim")] if rest else [])]
 
 
-def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...]) -> list[Text]:
+def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...], *, whole: bool) -> list[Text]:
     if violations:
         lines = [Text(f"OVER LIMIT: {v}", style="bold red") for v in violations[:6]]
         return [*lines, *([Text(f"and {len(violations) - 6} more")] if len(violations) > 6 else [])]
     unknown = _unknown_limits(trajectory, bounds)
-    within = "Within the limits that are known" if unknown else "Within all limits"
+    within = f"{'OK' if whole else 'until there'}: within {'the limits that are known' if unknown else 'all limits'}"
     if isinstance(trajectory, Fastest):
         within += ", and at one of them at all times: it cannot be done faster on this path"
     return [Text(f"{within}.", style="bold"), *remarks(unknown)]
