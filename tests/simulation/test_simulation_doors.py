@@ -402,6 +402,15 @@ SAID_WRONGLY = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("lost", [1, 3, 40])
+def test_a_csv_that_ends_within_its_last_line_is_refused(tmp_path, lost):
+    """A number that has lost its last digits is a number."""
+    path = tw.robots.pendulum().simulate([0.3], [0.0], 0.1, 0.01).to_csv(tmp_path / "run.csv")
+    path.write_bytes(path.read_bytes()[:-lost])
+    with pytest.raises(tw.TrajectoryError, match="cut short"):
+        SimulationResult.load(path)
+
+
 @pytest.mark.parametrize("kind", ["csv", "npz"])
 @pytest.mark.parametrize(("word", "value"), SAID_WRONGLY, ids=[f"{k}-{w}" for k, (w, _) in enumerate(SAID_WRONGLY)])
 def test_files_whose_words_are_of_another_type_are_refused(result, tmp_path, kind, word, value):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..typing import Array
 from .shared_options import LIMITS, PAYLOADS, option_group
@@ -92,7 +92,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     if given["fastest"] and given["duration"] is not None:
         raise ValueRangeError("--fastest finds the duration, and --duration says it. Leave one of them out.")
     if not given["step"] > 0:
-        raise ValueRangeError(f"--step {given['step']:g}: give seconds above zero.")
+        raise ValueRangeError(f"--step {printed(given['step'])}: give seconds above zero.")
     begin = parse_configuration(robot, given["begin"], degrees=degrees, option="--from")
     end = parse_configuration(robot, given["to"], degrees=degrees, option="--to", start=begin)
     for what, q in (("--from", begin), ("--to", end)):

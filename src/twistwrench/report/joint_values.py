@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import UnknownNameError, ValueRangeError
 from ..motion.coordinates import Coordinates
 from ..typing import Array
@@ -78,7 +78,7 @@ def degrees_hint(robot: Robot, q: Array) -> str:
     if angular[k] < _PLAINLY_DEGREES:
         return ""
     name = robot.coordinate_names[k]
-    return f"{name} is at {q[k]:g} rad, {number(angular[k] / math.tau, 3)} turns. For degrees add --degrees."
+    return f"{name} is at {printed(q[k])} rad, {number(angular[k] / math.tau, 3)} turns. For degrees add --degrees."
 
 
 def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: bool) -> Array:

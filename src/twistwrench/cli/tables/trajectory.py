@@ -11,6 +11,7 @@ from rich.text import Text
 
 from ...core.printed_numbers import number, percent, percent_of_limit, seconds, torque
 from ...joints.units import heading_unit
+from ...listing import listed
 from ...model.limits import over_limit
 from ...motion.bounds import Bounds
 from ...motion.coordinates import Coordinates
@@ -143,8 +144,7 @@ def _unknown_limits(trajectory: Trajectory, bounds: Bounds) -> list[str]:
         missing = names[~np.isfinite(most)]
         if not len(missing):
             continue
-        listed = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
-        of = "any joint" if len(missing) == len(names) else listed
+        of = "any joint" if len(missing) == len(names) else listed(missing, 6)
         column = "effort" if kind == "torque" else kind
         found.append(
             f"No {kind} limit of {of} is known, so none was asked for: --limits FILE.csv gives them ({column})."
