@@ -94,6 +94,21 @@ def test_a_peak_at_either_end_of_a_log_is_said_to_want_for_neighbours(tmp_path, 
     assert report.at_an_end(joint)
 
 
+def test_late_stamps_of_velocities_matter_where_the_joint_accelerates(tmp_path):
+    """A velocity read e late is off by ddq e, and not by dq e, which is largest where the acceleration is none."""
+    robot, rng = robots.pendulum().with_gravity([0, 0, 0]), np.random.default_rng(4)
+    t = np.arange(4000) * 1e-3
+    read = t + 1e-4 * rng.normal(size=len(t))
+    table = np.column_stack([t, -np.cos(3 * t) / 3, np.sin(3 * read)])
+    (name,) = robot.joint_names
+    np.savetxt(tmp_path / "m.csv", table, "%.17g", ",", header=f"time,{name},{name}.vel", comments="")
+    plan = plan_of(robot, tmp_path / "m.csv")
+    assert plan.source == "velocities"
+    (states,) = plan.states(10_000)
+    sigma, share = plan.sigma_at(states)[:, 0], np.abs(np.cos(3 * t))
+    assert sigma[share > 0.9].min() > 2 * sigma[share < 0.1].max()
+
+
 @pytest.mark.parametrize("angle", [0.5, -0.5])
 def test_the_main_cause_of_a_peak_is_along_it_whatever_its_sign(tmp_path, angle):
     robot = robots.pendulum()

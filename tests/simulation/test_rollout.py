@@ -236,6 +236,10 @@ def test_layouts_and_broadcasting_change_no_bit():
     held = robot.rollout(q0, dq0, taus[:, :1], steps=4)
     assert np.array_equal(held.q, robot.rollout(q0, dq0, np.repeat(taus[:, :1], 4, axis=1)).q)
     assert np.array_equal(robot.rollout(q0, dq0, taus[0, 0], steps=4).q[0], held.q[0])
+    q0, dq0 = some_states(robot, 2 * host().lanes(DOUBLE) + 3)  # whole vectors of samples are copied in another way
+    taus = np.random.default_rng(4).normal(size=(len(q0), 4, robot.nv))
+    turned = [np.asfortranarray(x) for x in (q0, dq0, taus)]
+    assert np.array_equal(robot.rollout(*turned).q, robot.rollout(q0, dq0, taus).q)
 
 
 def test_every_keeps_some_of_the_same_states():

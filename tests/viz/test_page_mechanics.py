@@ -57,6 +57,14 @@ def test_what_is_held_and_where_are_the_kernels(tmp_path, name):
         np.testing.assert_allclose(placed, robot.link_poses(q), atol=1e-12)
 
 
+def test_angles_of_sliders_are_roll_pitch_and_yaw(tmp_path):
+    page = write_page(EVERY["pendulum"], tmp_path / "page.html")
+    angles = np.random.default_rng(3).uniform(-1.5, 1.5, (5, 3))
+    found = under_node(page, "(m, given) => given.map((a) => fromQuaternion(toQuaternion(...a)))", angles.tolist())
+    turns = [[tw.so3.exp(x * axis) for x, axis in zip(row, np.eye(3), strict=True)] for row in angles]
+    np.testing.assert_allclose(np.reshape(found, (5, 3, 3)), [Z @ Y @ X for X, Y, Z in turns], atol=1e-14)
+
+
 @pytest.mark.parametrize("name", ["quadruped", "planar and mimic", "ur5"])
 def test_between_two_samples_is_the_middle_of_the_short_way(tmp_path, name):
     """Whatever the sign of a quaternion, and however often an angle of the log has turned."""

@@ -10,14 +10,13 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.printed_numbers import in_file
+from ..formats.inertia_entries import ENTRIES
 from ..model.model import BASE, Model
 from ..typing import Array
 from .effects import Effects
 from .findings import Edit, Place
 from .problems import FileProblem
 from .shapes import LinkShapes
-
-_ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
 def about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
@@ -56,11 +55,11 @@ class WrittenInertia:
         No edits where an entry would have to change that has no place.
         """
         wanted = {
-            name: Edit(self.places[name], in_file(tensor[_ENTRIES[name]])) for name in self.places if name in _ENTRIES
+            name: Edit(self.places[name], in_file(tensor[ENTRIES[name]])) for name in self.places if name in ENTRIES
         }
         found, written = [], self.tensor.copy()
         scale = float(np.abs(tensor).max())
-        for name, (i, j) in _ENTRIES.items():
+        for name, (i, j) in ENTRIES.items():
             if abs(tensor[i, j] - self.tensor[i, j]) <= 1e-12 * scale:
                 continue
             if name not in wanted:

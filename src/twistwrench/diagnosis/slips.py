@@ -14,13 +14,14 @@ import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..core.printed_numbers import printed, residual
+from ..formats.inertia_entries import ENTRIES, IN_MJCF
 from ..typing import Array
 from .described import WrittenInertia
 
 _POWERS = range(1, 7)
 UNITS = {3: "g m²", 4: "kg cm²", 6: "kg mm²", 7: "g cm²", 9: "g mm²"}
 """By the power of ten: the unit that numbers in kg m² are mistaken for."""
-_PRODUCTS = {"ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+_PRODUCTS = {name: ENTRIES[name] for name in IN_MJCF[3:]}
 _NEARER, _NEAR, _FAR = 0.5, 0.5, 3.0
 """Of distances to the tensor of the shapes, relative to it: how much nearer than all others a slip has to be, how near, and
 from where it is none."""
@@ -95,7 +96,7 @@ def _signs(tensor: Array) -> Iterator[Slip]:
 
 def _entries(tensor: Array) -> Iterator[Slip]:
     """One entry a power of ten off, either way for moments, down for products, the least power first."""
-    for name, at in {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), **_PRODUCTS}.items():
+    for name, at in ((name, ENTRIES[name]) for name in IN_MJCF):
         for up in (False, True) if at[0] == at[1] else (False,):
             for k in _POWERS if tensor[at] else ():
                 factor = 10.0**k if up else 10.0**-k

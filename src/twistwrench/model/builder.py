@@ -14,6 +14,7 @@ from ..core.printed_numbers import printed
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..joints import Floating
 from ..joints.axes import number, numbers
+from ..listing import listed
 from .assembly import ROOT_JOINT, Additions, assemble
 from .closure import OfferedClosure
 from .default_tip import check_tip
@@ -429,9 +430,8 @@ def _on_massless(links: list[str]) -> list[str]:
     """One remark on all moving links that ought to have a mass and have none."""
     if not links:
         return []
-    listed = ", ".join(links[:12]) + (f" and {len(links) - 12} more" if len(links) > 12 else "")
     verb, whose = ("has", "its") if len(links) == 1 else ("have", "their")
-    return [f"{listed} {verb} no mass: {whose} weight and inertia are missing from every torque"]
+    return [f"{listed(links)} {verb} no mass: {whose} weight and inertia are missing from every torque"]
 
 
 def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | None) -> None:

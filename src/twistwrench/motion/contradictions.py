@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.printed_numbers import printed, seconds
+from ..listing import listed
 from ..typing import Array
 from .angle_units import AngleUnits
 from .coordinates import Coordinates
@@ -200,7 +201,7 @@ class Contradictions:
     def _of_delays(self, delays: Array) -> Iterable[str]:
         for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
             if found.any():
-                names = _listed([self._names[self._single[k]] for k in np.flatnonzero(found).tolist()])
+                names = listed([self._names[self._single[k]] for k in np.flatnonzero(found).tolist()])
                 late = np.abs(delays[found])
                 size = seconds(late.min()) + (f" to {seconds(late.max())}" if np.ptp(late) > 5e-4 else "")
                 yield (
@@ -247,7 +248,7 @@ class Contradictions:
                 what = described_gain(float(gains[k]), bool(angular[k]), base, per)
                 said.setdefault(what, []).append(self._names[joints[k]])
             for what, names in said.items():
-                yield f"{_listed(names)}: the {rate} column {what}"
+                yield f"{listed(names)}: the {rate} column {what}"
 
 
 def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) -> tuple[str, str] | None:
@@ -255,7 +256,3 @@ def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) 
     found = Contradictions(coordinates)
     found.look_at_steps(time, q[:, found.at])
     return found.slow_steps(limits)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:8]) + (f", … ({len(names)} in all)" if len(names) > 8 else "")

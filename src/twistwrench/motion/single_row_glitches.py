@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from ..core.printed_numbers import printed, seconds
+from ..listing import listed
 from ..typing import Array
 
 _BEYOND = 5.0
@@ -73,10 +74,9 @@ class SingleRowGlitches:
         said = []
         for k, wrong in self.result():
             size = f"{printed(math.degrees(wrong[0][0]), 3)} degrees" if angular[k] else f"{printed(wrong[0][0], 3)} m"
-            when = ", ".join(f"{seconds(time, 4)}" for _, time in wrong[:_LISTED])
-            more = f" and {len(wrong) - _LISTED} more" if len(wrong) > _LISTED else ""
+            when = listed((f"{seconds(time, 4)} s" for _, time in wrong), _LISTED)
             said.append(
-                f"{names[k]} leaves its path by {size} for a single row, and is back in the next, at t = {when} s{more}: "
+                f"{names[k]} leaves its path by {size} for a single row, and is back in the next, at t = {when}: "
                 "remove the row"
             )
         return said

@@ -144,13 +144,13 @@ def proposal_view(
     if verdict is not None and not known[-1, 0] < mass:
         return verdict
     return Group(
+        *([verdict, Text()] if verdict else []),
         table,
         Text(
             "Orientations R_wf of the sensor's frame and gravity's direction in it; turns about the vertical are free.\n"
             f"± is what will be known (95 %) with all poses up to there, for a load of {number(mass)} kg; that of the centre\n"
             "is across the line to the sensor, along it add the share of the mass."
         ),
-        *([Text(), verdict] if verdict else []),
     )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...core.printed_numbers import in_file, number, printed
+from ...listing import listed
 from ...model.limits import margin
 from ..described import DescribedJoint, DescribedRobot
 from ..findings import Edit, FileRepair, Finding, Severity
@@ -112,11 +113,9 @@ def _of_several(robot: DescribedRobot, check: str, names: list[str], sentence: s
     """One note on all joints of which the same is to be said."""
     if not names:
         return
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     first = robot.joints.get(names[0])
-    listed = ", ".join(map(repr, names[:_NAMED]))
     noun = "joint" if len(names) == 1 else "joints"
     yield Finding(
-        check, Severity.NOTE, f"{noun} {listed}{more}", first.line if first else 0,
+        check, Severity.NOTE, f"{noun} {listed(map(repr, names), _NAMED)}", first.line if first else 0,
         sentence, {"joints": float(len(names))}, file=first.file if first else "",
     )  # fmt: skip

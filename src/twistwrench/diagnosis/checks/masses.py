@@ -8,6 +8,7 @@ import numpy as np
 
 from ...bodies.inertia import SpatialInertia
 from ...core.printed_numbers import number, printed
+from ...listing import listed
 from ...model.massless import massless_links
 from ..described import DescribedLink, DescribedRobot
 from ..findings import FileRepair, Finding, Severity
@@ -85,19 +86,15 @@ def check_massless(robot: DescribedRobot, _options: Options) -> Iterator[Finding
         link = robot.links.get(names[0], DescribedLink(names[0], 0))
         joints = [robot.model.bodies[robot.model.frames[name].body].joint.name for name in names]
         singular = kind == "singular"
-        what = f"; M is singular, as {_listed(joints)} move nothing" if singular else ""
+        what = f"; M is singular, as {listed(map(repr, joints), _NAMED)} move nothing" if singular else ""
         yield Finding(
-            "massless", Severity.WARNING if singular else Severity.NOTE, f"link{'s' * (len(names) > 1)} {_listed(names)}",
-            link.line, f"no mass, and a joint of its own: weight and inertia are missing from every torque{what}",
+            "massless", Severity.WARNING if singular else Severity.NOTE,
+            f"link{'s' * (len(names) > 1)} {listed(map(repr, names), _NAMED)}", link.line,
+            f"no mass, and a joint of its own: weight and inertia are missing from every torque{what}",
             {"links": float(len(names))},
             repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, lock={{{joints[0]!r}: 0, …}}"),
             file=link.file,
         )  # fmt: skip
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(map(repr, names[:_NAMED])) + more
 
 
 def check_assumed(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:

@@ -11,6 +11,9 @@ from ...bodies.inertia import SpatialInertia
 from ...core.printed_numbers import printed
 from ...errors import RobotFileError
 from ...lie.identity import is_identity
+from ...typing import Array
+from ..element import Element
+from ..inertia_entries import IN_MJCF, tensor_of
 from .bodies import MjcfBody, PlacedElement
 from .geoms import inertia_of_geom, weighs
 from .meshes import Meshes
@@ -77,8 +80,7 @@ def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
     elif said[0] == "diaginertia":
         moments = np.diag(inertial.numbers("diaginertia", 3))
     else:
-        xx, yy, zz, xy, xz, yz = inertial.numbers("fullinertia", 6)
-        moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        moments = full_inertia(inertial)
         if set(inertial.attributes) & {"quat", "axisangle", "xyaxes", "zaxis", "euler"}:
             raise RobotFileError(
                 f"{inertial} has fullinertia, which is along the body's axes, and an orientation. Keep one."
@@ -86,6 +88,11 @@ def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
     R = T[:3, :3]
     G = SpatialInertia.from_com(mass, T[:3, 3], R @ moments @ R.T)
     return G if is_identity(given.frame) else G.in_frame(given.frame)
+
+
+def full_inertia(inertial: Element) -> Array:
+    """The tensor (3, 3) of a ``fullinertia``."""
+    return tensor_of(dict(zip(IN_MJCF, inertial.numbers("fullinertia", 6).tolist(), strict=True)).__getitem__)
 
 
 def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:
