@@ -117,7 +117,7 @@ def test_weeks_add_up(log, tmp_path):
     found = both.identified()
     assert (found.standard_deviations < first.identified().standard_deviations).mean() > 0.8
     assert found.held_out.all < 0.05
-    with pytest.raises(tw.ValueRangeError, match="do not add up"):
+    with pytest.raises(tw.ValueRangeError, match=r"do not add up: their cut-offs \[Hz\] differ"):
         first + gather(ARM, log[15000:], cutoff=3.0)
     with pytest.raises(tw.ValueRangeError, match="is of 'planar_2r'"):
         Information.load(tmp_path / "week.npz", tw.robots.pendulum())
