@@ -339,6 +339,8 @@ def test_jax_without_64_bits_computes_in_float32_and_says_so(jax):
     single = robot.to_jax("gravity_forces", precision="single")
     assert single(np.ones((20, 1))).dtype == np.float32
     np.testing.assert_allclose(single(np.ones((20, 1))), robot.gravity_forces(np.ones((20, 1))), rtol=1e-6)
+    double = function(np.ones((20, 1)))  # of the same kernel, which has a loop for each type
+    np.testing.assert_allclose(double, robot.gravity_forces(np.ones((20, 1))), rtol=1e-14)
 
 
 def test_wrenches_and_frames_go_in_as_for_kernels(jax):
