@@ -205,8 +205,9 @@ def test_rms_weighs_uneven_steps_by_their_length():
 def test_gaps_are_counted_across_portions():
     gaps = Gaps(0.5)
     for part in ([0.0, 0.1], [1.1, 1.2, 3.2], [3.3]):
-        gaps.add(np.array(part))
+        gaps.add(np.array(part), np.minimum(part, 1.1)[:, None])
     assert (gaps.count, gaps.longest, gaps.longest_at) == (2, pytest.approx(2.0), pytest.approx(1.2))
+    assert (gaps.hidden, gaps.hidden_at) == (pytest.approx(1.0), pytest.approx(0.1))  # the longer one stands
 
 
 @pytest.mark.parametrize("portion", [1, 7, 64, 5000])

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 import twistwrench as tw
+from twistwrench.robot import kept_robots
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -151,6 +153,27 @@ def test_an_error_is_the_same_each_time(file, place):
     file.unlink()
     code = code.replace("UnknownNameError", "NotFoundError")
     assert "no file" in python(code, place)
+
+
+def test_a_library_in_an_archive_reads_files_as_any_other(file, place, tmp_path):
+    """As applications in one file have it; what tells its versions apart is no file there, so nothing is kept of robots."""
+    package, archive = Path(tw.__file__).parent, tmp_path / "library.zip"
+    with zipfile.ZipFile(archive, "w") as packed:
+        for path in package.rglob("*.py"):
+            packed.write(path, path.relative_to(package.parent))
+    code = f"import sys; sys.path.insert(0, {str(archive)!r})" + TORQUE.format(path=str(file), options="", nv=2)
+    bits, built, _ = python(code, place, PYTHONPATH="").split()
+    assert (bits, built == "True") == torque(file, "off")
+
+
+def test_another_version_is_another_one_where_only_compiled_files_are_there(tmp_path, monkeypatch):
+    for part in kept_robots._PARTS:
+        (tmp_path / part).mkdir(exist_ok=True)
+        (tmp_path / part / "module.pyc").write_bytes(b"old")
+    monkeypatch.setattr(kept_robots, "__file__", str(tmp_path / "robot" / "kept_robots.pyc"))
+    before = kept_robots._version.__wrapped__()
+    (tmp_path / "model" / "module.pyc").write_bytes(b"newer")
+    assert kept_robots._version.__wrapped__() != before
 
 
 DAMAGE = {

@@ -650,6 +650,22 @@ def test_the_ground_of_the_command_has_the_friction_it_was_given(tmp_path, mu):
     assert lost == pytest.approx(mu * 9.81 * 0.5, rel=0.1, abs=1e-9)  # it comes down on its feet first
 
 
+def test_the_command_says_first_how_it_ended_and_what_was_not_simulated(tmp_path):
+    """A joint that falls past its stop, with friction in the file: both are said above all numbers."""
+    text = tw.robots.path_of("pendulum").read_text()
+    stop = '<limit lower="-0.2" upper="2"/><dynamics damping="0.1"/></joint>'
+    (tmp_path / "r.urdf").write_text(text.replace("</joint>", stop, 1).replace('type="continuous"', 'type="revolute"'))
+    done = twistwrench(tmp_path / "r.urdf", "--at", "1.0", "--duration", 1.5, "--dt", 0.01)
+    words = " ".join(done.stdout.split())
+    assert words.startswith("DONE: reached the end, 1.5 s. ! Joints were not held at their limits: hinge: position -1 ")
+    assert words.index("! Joint friction is left out") < words.index("dopri5")
+    held = twistwrench(tmp_path / "r.urdf", "--at", "1.0", "--duration", 1.5, "--stop-at-limits", "--friction")
+    words = " ".join(held.stdout.split())
+    assert words.startswith("STOPPED: joint 'hinge' reaches its lower limit -0.2 rad")
+    assert "not held" not in words
+    assert "left out" not in words
+
+
 def test_the_command_writes_what_it_has_when_a_step_is_unstable(tmp_path):
     done = twistwrench("ur5", "--method", "rk4", "--dt", 0.3, "--duration", 30, "--csv", tmp_path / "a.csv")
     assert done.exit_code == 1, done.output
