@@ -126,7 +126,7 @@ def test_torques_of_a_folder(folder, tmp_path):
 
 
 def test_every_file_of_a_folder_is_judged_as_the_options_say(tmp_path):
-    """As it would be alone: smoothed, with its payload, against the limits of a file."""
+    """As it would be alone: with its payload, against the limits of a file, noise taken off."""
     folder, rng, t = tmp_path / "motions", np.random.default_rng(0), np.arange(400) * 5e-3
     folder.mkdir()
     paths = [
