@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.printed_numbers import printed
 from ..errors import ModelWarning, TwistWrenchError, UnknownNameError, ValueRangeError
 from ..report.locks import joints_beside, joints_held
 from ..verdict import ExitCode
@@ -104,7 +105,8 @@ class RobotOptions:
         found = {name: float(robot.neutral[single[name].q_index]) for name in names if name in single}
         if found:
             click.echo(
-                f"note: held still, as the motion has no column for them: {', '.join(f'{n}={v:g}' for n, v in found.items())}.",
+                f"note: held still, as the motion has no column for them: "
+                f"{', '.join(f'{n}={printed(v)}' for n, v in found.items())}.",
                 err=True,
             )
         return found

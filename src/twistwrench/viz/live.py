@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import seconds
 from ..errors import MissingExtraError, ValueRangeError
 from ..typing import Array
 from .live_server import check_port, private_server, silence
@@ -177,7 +178,9 @@ class LiveView:
                 self.tau = np.asarray(self.robot.holding_torques(self.q, wrench_on_robot=self.wrenches or None))
             shares, coloured = self.shares()
             self.nodes.update(self.q, shares, coloured)
-            title = "Torques that hold this pose" if self.posed else f"Torques of the motion at {self.time:.2f} s"
+            title = (
+                "Torques that hold this pose" if self.posed else f"Torques of the motion at {seconds(self.time, 2)} s"
+            )
             self.torque_panel.content = torque_table(self.robot.model, title, self.tau, shares, coloured)
             for hand, slider in zip(self.hands, self.sliders, strict=True):
                 value = slider_value(hand, self.q)
