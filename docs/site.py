@@ -179,7 +179,9 @@ def _api() -> dict[str, str]:
         pages[f"api-{module}.md"] = _listed(found.__name__, found.__name__, own)
     said = {n: (inspect.getdoc(getattr(tw, n)) or "").splitlines()[0] for n in (*classes, *_MODULES)}
     rows = "".join(f"| [`{n}`](api-{n.lower()}.md) | {text} |\n" for n, text in said.items())
-    table = f"| name | what it is |\n| --- | --- |\n{rows}| [errors](api-errors.md) | The tree of errors and warnings. |\n"
+    table = (
+        f"| name | what it is |\n| --- | --- |\n{rows}| [errors](api-errors.md) | The tree of errors and warnings. |\n"
+    )
     pages["api.md"] = _listed("twistwrench", "API", functions).replace("\n\n", f"\n\n{table}\n", 1)
     return pages
 
