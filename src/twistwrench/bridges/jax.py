@@ -133,11 +133,13 @@ def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Po
 
 def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
     """J v, of a result of that shape: over the last ``rank`` axes of J, which are those of v; batch shapes broadcast."""
-    size = prod(J.shape[J.ndim - rank :])
-    rows = J.reshape((*J.shape[: J.ndim - rank - len(shape)], prod(shape), size))
-    columns = v.reshape((*v.shape[: v.ndim - rank], size, 1))
-    whole = jnp.matmul(rows, columns, precision="highest")  # a GPU would round to fewer digits
-    return whole.reshape((*whole.shape[:-2], *shape))
+    split = J.ndim - rank
+    size = prod(J.shape[split:])
+    rows = J.reshape((*J.shape[:split], size))
+    steps = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
+    return jnp.sum(
+        rows * steps, axis=-1
+    )  # XLA makes less of a product of matrices: rows of the identity are no special case
 
 
 def _listed(found: Any) -> tuple[Any, ...]:

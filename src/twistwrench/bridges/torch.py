@@ -5,8 +5,8 @@ With f the quantity, w the gradient that comes back from its results, and v the 
     backward        G(x, w) = d(w . f)/dx                          form "weighted"
     backward of G   d(G . v)/dx = d2(w . f)/dx2 v,  d(G . v)/dw = (df/dx) v      forms "hessian_along", "along"
 
-Third derivatives are PyTorch's, of the programs of second ones. Derivatives along the joint twists become derivatives by the entries of q, which differ where there are quaternions. There the
-backward of G is PyTorch's own, of the program in PyTorch's operations.
+Derivatives along the joint twists become derivatives by the entries of q, which differ where there are quaternions. There the
+backward of G is PyTorch's own, of the program in PyTorch's operations; elsewhere third derivatives are.
 """
 
 from __future__ import annotations
