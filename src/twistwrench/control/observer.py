@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from ..algorithms.jacobians import KINDS
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..robot import Robot
 from ..robot.quantity_types import Kind, Rows
@@ -326,8 +326,8 @@ class MomentumObserver:
         dt = t1 - t0
         if not dt > 0:
             raise ValueRangeError(
-                f"MomentumObserver: t = {t1:g} s is not after the last time, {t0:g} s. Give samples in order, and begin a new "
-                "motion with reset()."
+                f"MomentumObserver: t = {printed(t1)} s is not after the last time, {printed(t0)} s. Give samples in "
+                "order, and begin a new motion with reset()."
             )
         if self.friction:
             # What friction leaves of the torques; that which grows with the load grows with what it leaves.

@@ -9,10 +9,12 @@ import numpy as np
 
 from ..errors import RobotFileError
 from ..formats.element import Element
+from ..formats.inertia_entries import IN_MJCF
 from ..formats.mjcf.bodies import MjcfBody, PlacedElement, survey
 from ..formats.mjcf.defaults import Defaults
 from ..formats.mjcf.geoms import shape_of
 from ..formats.mjcf.includes import Folders, expand
+from ..formats.mjcf.inertial import full_inertia
 from ..formats.mjcf.joints import joints_of, names_given
 from ..formats.mjcf.placement import placement
 from ..formats.mjcf.settings import Settings
@@ -21,7 +23,6 @@ from .described import DescribedJoint, DescribedLink, DescribedRobot, WrittenIne
 from .findings import Place
 from .shapes import LinkShapes, ShapeReader, ShapeSpec
 
-_FULL = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _NONE = ("plane", "hfield")
 
 
@@ -78,10 +79,9 @@ def _tensor(element: Element, number: int | None) -> tuple[np.ndarray, dict[str,
             places |= {name: Place(number, "diaginertia", k) for k, name in enumerate(("ixx", "iyy", "izz"))}
         return np.diag(moments), places
     if "fullinertia" in element.attributes:
-        xx, yy, zz, xy, xz, yz = element.numbers("fullinertia", 6)
         if number is not None:
-            places |= {name: Place(number, "fullinertia", k) for k, name in enumerate(_FULL)}
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), places
+            places |= {name: Place(number, "fullinertia", k) for k, name in enumerate(IN_MJCF)}
+        return full_inertia(element), places
     return np.zeros((3, 3)), places
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..core.files import as_path
-from ..core.printed_numbers import percent
+from ..core.printed_numbers import percent, printed
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..robot import Robot
@@ -127,7 +127,7 @@ class IdentifiedRobot:
 
         if strength is not None and not STRENGTHS[-1] <= strength <= STRENGTHS[0]:
             raise ValueRangeError(
-                f"a strength of {strength!r} is not offered. Give one from {STRENGTHS[-1]:g} to {STRENGTHS[0]:g}."
+                f"a strength of {strength!r} is not offered. Give one from {printed(STRENGTHS[-1])} to {printed(STRENGTHS[0])}."
             )
         folds = [fold.together() for fold in self.folds]
         return consistent_robot(self.base, self.values, self.sizes, folds, self.prior, strength)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed
 from ..errors import InertiaError, ModelError, UnknownNameError, ValueRangeError
 from ..joints import Joint, RotorJoint
 from ..lie import se3
@@ -63,7 +64,9 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
             )
         total = {name: own[name] + full[name] for name in _LAWS if name != "stribeck"}
         if total["load"] >= 1:
-            raise ValueRangeError(f"load friction of joint {joint!r} adds up to {total['load']:g}; it must be below 1.")
+            raise ValueRangeError(
+                f"load friction of joint {joint!r} adds up to {printed(total['load'])}; it must be below 1."
+            )
         friction = friction.replaced(k, **total, stribeck=(fading or [own])[0]["stribeck"])
     return replace(model, friction=friction)
 
@@ -83,12 +86,13 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
     for name, value in full.items():
         if not 0 <= value <= LARGEST:
             raise ValueRangeError(
-                f"{name} friction of joint {joint!r} is {value:g}; it must be at least 0 and at most {LARGEST:g}."
+                f"{name} friction of joint {joint!r} is {printed(value)}; it must be at least 0 and at most {printed(LARGEST)}."
             )
     if full["static"] < coulomb or full["stribeck"] == 0 or full["load"] >= 1:
         raise ValueRangeError(
-            f"the friction of joint {joint!r} cannot be meant: static {full['static']:g} must be at least coulomb "
-            f"{coulomb:g}, the Stribeck speed {full['stribeck']:g} above 0, and load {full['load']:g} below 1."
+            f"the friction of joint {joint!r} cannot be meant: static {printed(full['static'])} must be at least coulomb "
+            f"{printed(coulomb)}, the Stribeck speed {printed(full['stribeck'])} above 0, and load {printed(full['load'])} "
+            f"below 1."
         )
     return full
 
@@ -116,9 +120,9 @@ def _driven(model: Model, actuator: Actuator) -> Model:
     name = f"{actuator.joint}.motor" if flexible else actuator.joint
     if actuator.rotor is not None and model.armature[driven.v_index]:
         raise ModelError(
-            f"joint {actuator.joint!r} has an armature of {model.armature[driven.v_index]:g}, and its actuator a rotor: the "
-            f"inertia of the drive would count twice. Keep one: robot.with_armature({{{actuator.joint!r}: 0}}), or leave out "
-            "the rotor."
+            f"joint {actuator.joint!r} has an armature of {printed(model.armature[driven.v_index])}, and its actuator a "
+            f"rotor: the inertia of the drive would count twice. Keep one: robot.with_armature({{{actuator.joint!r}: 0}}), "
+            "or leave out the rotor."
         )
     if actuator.rotor is None:
         if flexible:
@@ -175,9 +179,9 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
     I = whole.moment_about_com
     if np.linalg.eigvalsh(I - spinning).min() < -1e-9 * np.abs(I).max():
         raise InertiaError(
-            f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {J:g} kg m² about its axis: all of the link "
-            f"has {axis @ I @ axis:.3g} kg m² about that direction. Check the unit; if the link was weighed without its "
-            "motor, say extra: true."
+            f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {printed(J)} kg m² about its axis: all of "
+            f"the link has {printed(axis @ I @ axis, 3)} kg m² about that direction. Check the unit; if the link was weighed "
+            "without its motor, say extra: true."
         )
 
 

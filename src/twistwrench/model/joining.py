@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import FrameError, ModelError, UnknownNameError
 from ..joints.fixed import Fixed
+from ..listing import listed
 from ..typing import Array
 from .actuator import Actuator
 from .assembly import ROOT_JOINT
@@ -98,13 +99,10 @@ def _check_names(whole: Outline, part: Outline, prefix: str) -> None:
     ):
         both = [name for name in theirs if name in ours]
         if both:
-            listed = ", ".join(map(repr, both[:_LISTED])) + (
-                f" and {len(both) - _LISTED} more" if len(both) > _LISTED else ""
-            )
             advice = (
                 "another prefix" if prefix else "a prefix for the names of the one attached, such as prefix='hand_'"
             )
-            raise ModelError(f"both robots have a {what} called {listed}. Give {advice}.")
+            raise ModelError(f"both robots have a {what} called {listed(map(repr, both), _LISTED)}. Give {advice}.")
 
 
 def _renamed(part: Outline, prefix: str) -> Outline:

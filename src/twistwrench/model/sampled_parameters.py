@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed
 from ..errors import InertiaError, ValueRangeError
 from ..typing import Array
 from .inertia_checks import moved_moments, reasons
@@ -82,7 +83,7 @@ def _refuse_tensor(model: Model, link: str, given: Mapping[str, Array]) -> None:
 def _at(name: str, values: Array, bad: Array, unit: str = "") -> str:
     sample = tuple(np.argwhere(bad)[0])
     place = f" in sample {_index(sample)}" if sample else ""
-    return f"{name!r} is {float(values[sample]):g}{unit}{place}"
+    return f"{name!r} is {printed(float(values[sample]))}{unit}{place}"
 
 
 def _index(sample: tuple[int, ...]) -> str:

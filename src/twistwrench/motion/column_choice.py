@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import TrajectoryError, UnknownNameError
+from ..listing import listed
 from ..typing import Array
 from .column_names import PARTS, ROS_TIME, NamedJoints, numbered, time_meaning
 from .column_suffixes import READ
 from .column_units import ros_nanoseconds, time_factor
 from .coordinates import Coordinates
 from .csv_dialect import is_number
-from .header import Choice, Header, listed
+from .header import Choice, Header
 from .missing_columns import check_complete
 
 

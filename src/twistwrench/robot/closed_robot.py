@@ -22,6 +22,7 @@ from ..algorithms.loop_closure import closure_gaps, settled
 from ..algorithms.operational_space import ROWS
 from ..algorithms.weighted_svd import independent_rows
 from ..core import arguments, lazy
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 from . import closed_robot_checks as checks
@@ -208,9 +209,13 @@ class ClosedRobot(
         """
         (q,) = finite_states(self.robot.model, "consistent", q=q)
         if not arguments.number(tolerance, "tolerance") > 0:
-            raise ValueRangeError(f"tolerance={tolerance!r} is not allowed: a positive number, such as {CLOSED:g}.")
+            raise ValueRangeError(
+                f"tolerance={tolerance!r} is not allowed: a positive number, such as {printed(CLOSED)}."
+            )
         if not arguments.number(within, "within") >= 0:
-            raise ValueRangeError(f"within={within!r} is not allowed: rad or m, 0 or more, such as {checks.NEAR:g}.")
+            raise ValueRangeError(
+                f"within={within!r} is not allowed: rad or m, 0 or more, such as {printed(checks.NEAR)}."
+            )
         flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
         checks.require_found(self, left, tolerance, q.shape[:-1])
         found = flat.reshape(q.shape).astype(q.dtype, copy=False)

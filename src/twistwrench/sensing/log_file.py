@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.gravity import GRAVITY
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..motion.csv_file import CsvFile, table_errors
 from ..motion.row_block import Block
@@ -98,8 +99,8 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
     columns = {name: table[:, k] for k, name in enumerate(names)}
     if "time" in columns and (k := late(columns["time"])) is not None:
         raise ValueRangeError(
-            f"{path}: {_place(blocks, k)}: time {columns['time'][k]:g} s is not after the {columns['time'][k - 1]:g} s of the "
-            "row before. Times must increase: sort the rows, or remove the column."
+            f"{path}: {_place(blocks, k)}: time {printed(columns['time'][k])} s is not after the "
+            f"{printed(columns['time'][k - 1])} s of the row before. Times must increase: sort the rows, or remove the column."
         )
     return replace(_log(path, columns, gravity), notes=_notes(ignored))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.printed_numbers import printed
 from ...errors import RobotFileError
 from ...lie import se3
 from ...lie.identity import product
@@ -51,7 +52,9 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
         return G.in_frame(product(part.frame, placement(geom, settings)))
     T, size = shape_of(geom, kind, settings)
     if min(size) <= 0:
-        raise RobotFileError(f"{geom} is a {kind} of size {' '.join(f'{x:g}' for x in size)}; sizes are above zero.")
+        raise RobotFileError(
+            f"{geom} is a {kind} of size {' '.join(f'{printed(x)}' for x in size)}; sizes are above zero."
+        )
     return _solid(kind, size, given).in_frame(product(part.frame, T))
 
 
@@ -74,7 +77,7 @@ def _mass_or_density(geom: Element) -> dict[str, float]:
         given = {"density": geom.floats("density", (_WATER,))[0]}
     for what, value in given.items():
         if value < 0:
-            raise RobotFileError(f"{geom} has a negative {what}, {value:g}.")
+            raise RobotFileError(f"{geom} has a negative {what}, {printed(value)}.")
     return given
 
 
