@@ -282,6 +282,22 @@ def test_axes_that_jax_maps_come_before_those_of_any_batch(jax):
     np.testing.assert_allclose(found, robot.coriolis_forces(q, dq[:, None]), rtol=0, atol=1e-11)
 
 
+def test_jax_differentiates_where_batches_of_other_ranks_broadcast(jax):
+    """As many states as batches: axes that were taken for each other would fit. Against differences, good to 1e-8."""
+    robot = robot_of("gripper")
+    function, rng = robot.to_jax("inverse_dynamics"), np.random.default_rng(0)
+    q, dq, ddq = (rng.normal(size=(*batch, robot.nv)) for batch in ((3, 3), (3,), ()))
+    for k, x in enumerate((q, dq, ddq)):
+        along = rng.normal(size=x.shape)
+
+        def moved(x, k=k):
+            return function(*(x if n == k else given for n, given in enumerate((q, dq, ddq))))
+
+        _, found = jax.jvp(moved, (x,), (along,))
+        expected = (moved(x + 1e-6 * along) - moved(x - 1e-6 * along)) / 2e-6
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * max(1, np.abs(expected).max()))
+
+
 def test_second_derivatives_of_the_kinetic_energy_are_the_mass_matrix(jax):
     robot = robot_of("ur5")
     q, dq = robot.random_configuration(0), np.linspace(-1, 1, robot.nv)
@@ -353,6 +369,10 @@ def test_wrenches_and_frames_go_in_as_for_kernels(jax):
     np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-11)
 
 
+def jax_zeros(kind):
+    return pytest.importorskip("jax").numpy.zeros(1, kind)
+
+
 BAD = {
     "quantity": (lambda r: r.to_jax("torque"), tw.UnknownNameError, "torque"),
     "by": (lambda r: r.to_jax("mass_matrix", by="q"), tw.KernelError, "robot.kernel"),
@@ -364,7 +384,15 @@ BAD = {
         tw.ShapeError,
         "do not broadcast",
     ),
-    "complex": (lambda r: r.to_jax("mass_matrix")(np.zeros(1, complex)), tw.ValueRangeError, "q is complex128, real"),
+    "complex": (lambda r: r.to_jax("mass_matrix")(np.zeros(1, complex)), tw.ValueRangeError, "q has .*complex numbers"),
+    "complex of JAX": (
+        lambda r: r.to_jax("mass_matrix")(jax_zeros(complex)),
+        tw.ValueRangeError,
+        "q is complex128, real",
+    ),
+    "text": (lambda r: r.to_jax("mass_matrix")(["a"]), tw.ValueRangeError, "to_jax mass_matrix: q has"),
+    "nothing": (lambda r: r.to_jax("mass_matrix")(None), tw.ShapeError, "to_jax mass_matrix: q has"),
+    "ragged": (lambda r: r.to_jax("mass_matrix")([[1.0], [1.0, 2.0]]), tw.TwistWrenchError, "to_jax mass_matrix: q"),
     "shape": (lambda r: r.to_jax("mass_matrix")(np.zeros(3)), tw.ShapeError, "q has shape"),
 }
 
