@@ -184,6 +184,20 @@ def test_more_relocations_than_a_header_can_count(library, bundled):
     )
 
 
+def test_distances_count_from_the_end_of_the_instruction(library, bundled):
+    """IMAGE_REL_AMD64_REL32_1 to _5 say how many bytes of it follow: the distance is less by as many."""
+    (code,) = objects(bundled("cart_pole").program("mass_matrix"))
+    at = first_relocation(code)
+    place = struct.unpack_from("<I", code, at)[0]  # the first section of the file is the first of the image
+    (image, _), *others = (
+        placed_code.linked([placed_code._read(changed(code, "<H", at + 8, kind))]) for kind in range(4, 10)
+    )
+    assert number_of(code, b".text") == 0
+    distance = image[place : place + 4].view("<i4")
+    for further, (other, _) in enumerate(others, start=1):
+        assert other[place : place + 4].view("<i4") == distance - further
+
+
 def test_pages_go_with_their_object():
     pages = CodePages.of(np.full(100, 0xC3, np.uint8))
     assert ctypes.string_at(pages.address, 100) == b"\xc3" * 100
