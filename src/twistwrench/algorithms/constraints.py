@@ -21,11 +21,11 @@ import numpy as np
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Frame, Model
+from ..screws.component_names import TWIST
 from ..typing import Array
 from .inverse_dynamics import Wrenches, bias_forces
 from .jacobians import jacobian, jacobian_rate
 from .mass_matrix import mass_matrix
-from .operational_space import ROWS
 from .recursion import ancestors, joint_poses, zeros
 from .tree_factorisation import factored, lowered, raised, solved
 
@@ -84,7 +84,7 @@ def names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
 
 def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
     """A name for each row of A: the constraint's and that of the row of a twist."""
-    return tuple(f"{name} {ROWS[k]}" for name, c in zip(names(constraints), constraints, strict=True) for k in c.rows)
+    return tuple(f"{name} {TWIST[k]}" for name, c in zip(names(constraints), constraints, strict=True) for k in c.rows)
 
 
 def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:

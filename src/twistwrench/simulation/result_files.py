@@ -21,6 +21,7 @@ from ..motion.column_names import time_column
 from ..motion.column_suffixes import DEGREES, SUFFIX
 from ..motion.coordinates import Coordinates
 from ..outputs import replacing
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .events import Happening
 from .forces import WORKS
@@ -46,7 +47,7 @@ _SAID = {
 """What is said in words, and of which kind it is; lists are of text. Events stand beside it."""
 _ADDED: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
 """What files from before lack: nothing is known of it."""
-_MOMENTUM = tuple(f"momentum.{x}" for x in ("mx", "my", "mz", "fx", "fy", "fz"))
+_MOMENTUM = tuple(f"momentum.{x}" for x in WRENCH)
 
 
 def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = False) -> Path:
