@@ -143,7 +143,7 @@ def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
     J = zeros(6, model.nv)
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
-        mine = slice(body.v_index, body.v_index + body.joint.nv)
+        mine = body.places[1]
         J[:, mine] = J[:, mine] + np.array([_at(p, V) for V in axes]).T
     return J
 
@@ -153,7 +153,7 @@ def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array
     V, dV = zeros(6), zeros(6)
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
-        mine = dq[body.v_index : body.v_index + body.joint.nv] @ axes
+        mine = dq[body.places[1]] @ axes
         dV = dV + ad(V) @ mine  # or with what is after it, for [mine, mine] = 0
         V = V + mine
     dp = _at(p, V)[3:]
