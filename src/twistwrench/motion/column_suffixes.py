@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ..screws.component_names import WRENCH
+
 SUFFIX = {"q": "", "dq": ".vel", "ddq": ".acc", "tau": ".torque"}
 """What our files write behind a joint's name, for each part of a motion."""
 
@@ -13,7 +15,7 @@ DEGREES = {"q": "deg", "dq": "deg/s", "ddq": "deg/s^2"}
 
 ENERGIES = ("kinetic_energy", "potential_energy")
 WORK = "work."
-MOMENTUM = tuple(f"momentum.{x}" for x in ("mx", "my", "mz", "fx", "fy", "fz"))
+MOMENTUM = tuple(f"momentum.{x}" for x in WRENCH)
 """What simulations write besides a motion: energies, the work of each cause, the momentum."""
 
 
