@@ -130,7 +130,7 @@ def failing(monkeypatch):
         def load(*_, **__):
             raise problem
 
-        monkeypatch.setattr("twistwrench.cli.common.RobotOptions.load", load)
+        monkeypatch.setattr("twistwrench.cli.robot_options.RobotOptions.load", load)
         return run(["verify", "ur5"], env=environment)
 
     return invoke
