@@ -748,3 +748,29 @@ def test_tiagos_columns_are_known_by_their_suffixes():
 def test_joints_without_a_column_are_found(model, write):
     assert joints_without_column(write("time,elbow_pos\n0,1\n"), model) == ("shoulder_joint",)
     assert joints_without_column(write("time,x\n0,1\n"), model, {"elbow_joint": "x"}) == ("shoulder_joint",)
+
+
+def test_a_gap_in_a_log_is_told_from_its_first_line_to_its_last(tmp_path):
+    """NaN stands in four lines one after another: no number is made up for them, and none has to be searched."""
+    rows = [f"{0.1 * k:g};{k % 7};{'NaN' if 3 <= k < 7 else k % 5}" for k in range(20)]
+    (tmp_path / "gap.csv").write_text("\n".join(["time;joint1 [deg];joint2 [deg]", *rows]))
+    arm = tw.robots.planar_2r()
+    with pytest.raises(tw.TrajectoryError) as caught:
+        tw.Motion.from_file(tmp_path / "gap.csv", arm)
+    told = "line 5, column 'joint2 [deg]' is 'NaN', and so on to line 8. Samples must be finite: fill or remove these rows."
+    assert told in str(caught.value)
+    frame = pytest.importorskip("pandas").read_csv(tmp_path / "gap.csv", sep=";")
+    with pytest.raises(tw.TrajectoryError) as caught:
+        tw.Motion.from_dataframe(frame, arm)
+    assert "row 4, column 'joint2 [deg]' is nan, and 3 more rows here" in str(caught.value)
+    assert "frame.dropna()" in str(caught.value)
+    assert len(tw.Motion.from_dataframe(frame.dropna(), arm)) == 16
+
+
+def test_what_a_simulation_wrote_is_read_back_without_a_word(tmp_path):
+    """Energies, works and momenta follow from the motion: that they are no coordinates is no news."""
+    arm = tw.robots.planar_2r()
+    fall = arm.simulate([0.3, 0.2], duration=0.1, dt=0.01)
+    motion = tw.Motion.from_file(fall.to_csv(tmp_path / "fall.csv"), arm)
+    assert motion.notes == ()
+    assert (motion.ddq == fall.ddq).all()

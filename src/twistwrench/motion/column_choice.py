@@ -9,7 +9,7 @@ from ..errors import TrajectoryError, UnknownNameError
 from ..listing import listed
 from ..typing import Array
 from .column_names import PARTS, ROS_TIME, NamedJoints, numbered, time_meaning
-from .column_suffixes import READ
+from .column_suffixes import READ, is_result
 from .column_units import ros_nanoseconds, time_factor
 from .coordinates import Coordinates
 from .csv_dialect import is_number
@@ -70,7 +70,8 @@ def choose(
         given["tau"] = {}
     taken = {c.column for found in given.values() for c in found.values()} | ({time.column} if time else set())
     taken |= {c.column for c in followers.values()}
-    extra = [cell for k, cell in enumerate(cells) if cell and k not in taken and k not in of_locked]
+    unread = [cell for k, cell in enumerate(cells) if cell and k not in taken and k not in of_locked]
+    extra = [cell for cell in unread if not is_result(cell)]
     check_complete(header, names, given, extra)
     if unnamed := [str(k + 1) for k, cell in enumerate(cells) if not cell]:
         notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
