@@ -31,6 +31,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from .listing import listed
+
 __all__ = [
     "CacheWarning",
     "ConstraintError",
@@ -113,9 +115,8 @@ class UnknownNameError(TwistWrenchError, KeyError):
         known, text = list(choices), repr(name)
         text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
         near = difflib.get_close_matches(str(name)[:_LONGEST], known, n=3, cutoff=0.5)
-        listed = ", ".join(known[:40]) + (f", … ({len(known)} in all)" if len(known) > 40 else "")
         hint = f" Did you mean {' or '.join(repr(n) for n in near)}?" if near else ""
-        return cls(f"no {kind} named {text}.{hint} Known: {listed or '(none)'}.")
+        return cls(f"no {kind} named {text}.{hint} Known: {listed(known, 40) or '(none)'}.")
 
 
 class FrameError(TwistWrenchError, ValueError):

@@ -12,6 +12,7 @@ import numpy as np
 
 from .bodies.inertia import SpatialInertia
 from .core.foreign_output import captured_stderr
+from .core.printed_numbers import printed
 from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
 from .formats import format_of_file, load_model
 from .formats.source import read_robot_text
@@ -82,7 +83,7 @@ def _check_bodies(robot: Robot, model: Any) -> None:
         )
         gap = np.abs(theirs.parameters - G.parameters).max()
         if gap > 1e-9 * np.abs(G.parameters).max():
-            raise ModelError(f"MuJoCo changes the body of joint {body.joint.name!r}, by up to {gap:.2g} kg m².")
+            raise ModelError(f"MuJoCo changes the body of joint {body.joint.name!r}, by up to {printed(gap, 2)} kg m².")
 
 
 def _for_mujoco(path: Path, *, floating: bool) -> str:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..typing import Array
 
 
@@ -24,7 +25,7 @@ class PowerBalance(NamedTuple):
     def __str__(self) -> str:
         if np.ndim(self.joints):
             return f"<PowerBalance of states {np.shape(self.joints)}>"
-        parts = ", ".join(f"{name} {float(value):+.4g} W" for name, value in self._asdict().items())
+        parts = ", ".join(f"{name} {printed(float(value), 4, signed=True)} W" for name, value in self._asdict().items())
         return f"into the mechanism from: {parts}"
 
 

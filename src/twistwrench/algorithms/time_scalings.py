@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 
@@ -273,14 +274,15 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
         v = named["v"]
         if not 1.0 < v * T <= 2.0 * (1 + 1e-12):
             raise ValueRangeError(
-                f"v = {v:g} over T = {T:g} covers no trapezoid: 1 < v T ≤ 2 is needed, so "
-                f"v above {1 / T:g} and up to {2 / T:g}."
+                f"v = {printed(v)} over T = {printed(T)} covers no trapezoid: 1 < v T ≤ 2 is needed, so "
+                f"v above {printed(1 / T)} and up to {printed(2 / T)}."
             )
         return Trapezoid(v, max(v * v / (v * T - 1.0), v * v))  # MR eq. 9.18
     a = named["a"]
     if a * T * T < 4.0 * (1 - 1e-12):
         raise ValueRangeError(
-            f"a = {a:g} over T = {T:g} does not arrive: a T² ≥ 4 is needed, so a from {4 / T**2:g} or T from {2 / a**0.5:g}."
+            f"a = {printed(a)} over T = {printed(T)} does not arrive: a T² ≥ 4 is needed, so a from {printed(4 / T**2)} or "
+            f"T from {printed(2 / a**0.5)}."
         )
     return Trapezoid(0.5 * (a * T - float(np.sqrt(max(a * (a * T * T - 4.0), 0.0)))), a)  # MR eq. 9.19
 
@@ -288,5 +290,5 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
 def _positive(x: Any, name: str) -> float:
     value = arguments.number(x, name)
     if not 0 < value < np.inf:
-        raise ValueRangeError(f"{name} is {value:g}: a motion takes a finite {name} above zero.")
+        raise ValueRangeError(f"{name} is {printed(value)}: a motion takes a finite {name} above zero.")
     return value

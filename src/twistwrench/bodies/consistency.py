@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, percent, printed
 from ..errors import InertiaError
 from ..typing import Array
 from .second_moments import clipped, rotational_inertia, second_moments
@@ -43,7 +43,7 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
     if not np.isfinite(G.parameters).all():
         return ["has a value that is not a finite number"]
     if G.mass < 0:
-        return [f"negative mass {G.mass:g} kg"]
+        return [f"negative mass {printed(G.mass)} kg"]
     if G.mass == 0:
         if np.any(G.parameters != 0):
             return ["zero mass but nonzero inertia or first moment"]
@@ -168,8 +168,6 @@ class Repair:
             [
                 *self.reasons,
                 f"  principal moments  {moments[0]}  →  {moments[1]} kg m²",
-                f"  largest change     {number(change, 6)} kg m², {self.largest:.1%} of the largest moment".replace(
-                    "%", " %"
-                ),
+                f"  largest change     {number(change, 6)} kg m², {percent(self.largest, 3)} of the largest moment",
             ]
         )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..core.probe_rule import probe_spacing
 from ..errors import InertiaError, ValueRangeError
 from ..lie import se3
@@ -44,8 +45,8 @@ def fly(
     moments, axes = inertia.principal()
     if not (inertia.mass > 0 and moments[0] > 1e-14 * moments[2]):
         raise InertiaError(
-            f"a body of mass {inertia.mass:g} kg with principal moments {moments.tolist()} kg m² has no definite rotation. "
-            "Give it mass, and some thickness."
+            f"a body of mass {printed(inertia.mass)} kg with principal moments {moments.tolist()} kg m² has no definite "
+            "rotation. Give it mass, and some thickness."
         )
     body = FreeBody(float(inertia.mass), moments, se3.pose(axes, inertia.com))
     n = steps(duration, dt, every)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 from .labelled_arguments import common_frame
@@ -25,8 +26,8 @@ def steps(duration: float, dt: float, every: int) -> int:
         raise ValueRangeError(f"every is {every}, and must be a whole number of steps, at least 1.")
     if not float(duration) < 1e8 * every * dt:
         raise ValueRangeError(
-            f"a duration of {duration:g} s in steps of {dt:g} s, one in {every} kept, makes more than 1e8 states. Keep fewer "
-            "with every, or take a larger dt."
+            f"a duration of {printed(duration)} s in steps of {printed(dt)} s, one in {every} kept, makes more than 1e8 "
+            "states. Keep fewer with every, or take a larger dt."
         )
     return max(1, int(np.ceil(duration / dt * (1.0 - 1e-12))))
 

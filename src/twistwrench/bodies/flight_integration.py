@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..lie import quaternion, se3, so3
 from ..typing import Array
@@ -129,7 +130,7 @@ def _countable(l: Array, t: float) -> None:
     """Refuse an angular momentum whose turns per step cannot be told."""
     if not np.abs(l).max() < 1e100:
         raise ValueRangeError(
-            f"at t = {t:g} s the angular momentum is {l.tolist()} N m s. Take a smaller V0 or wrench."
+            f"at t = {printed(t)} s the angular momentum is {l.tolist()} N m s. Take a smaller V0 or wrench."
         )
 
 
@@ -148,8 +149,8 @@ def _midpoint(
         if change > 2.0 * before:
             break
     raise ValueRangeError(
-        f"at t = {t:g} s the wrench depends on the twist so steeply that a step of {abs(h):g} s finds no balance. "
-        "Take a smaller dt, or a tolerance."
+        f"at t = {printed(t)} s the wrench depends on the twist so steeply that a step of {printed(abs(h))} s finds no "
+        "balance. Take a smaller dt, or a tolerance."
     )
 
 
@@ -176,7 +177,7 @@ def adaptive(
     y0 = np.concatenate([q, p, l, f, np.zeros(7)])
     out = solve_ivp(rate, (0.0, T), y0, method="DOP853", t_eval=times, rtol=tolerance, atol=atol, max_step=longest)
     if not out.success:
-        raise ValueRangeError(f"the adaptive integration stopped at t = {out.t[-1]:g} s: {out.message}")
+        raise ValueRangeError(f"the adaptive integration stopped at t = {printed(out.t[-1])} s: {out.message}")
     y = out.y.T
     return y[:, :4], y[:, 4:7], y[:, 7:10], y[:, 10:13], y[:, 13:19], y[:, 19]
 

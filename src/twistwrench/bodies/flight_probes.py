@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..core.probe_rule import ProbeRule, left_out
 from ..typing import Array
 
@@ -48,6 +49,6 @@ class Unseen:
         if not (self.sum[3:].max() > _REMARKED * linear or self.sum[:3].max() > _REMARKED * angular):
             return ""
         return (
-            f"the wrench changes within steps of {self.h:.3g} s in a way that the method does not see, most of all about "
-            f"t = {self.when:.6g} s: take a smaller dt"
+            f"the wrench changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all "
+            f"about t = {printed(self.when)} s: take a smaller dt"
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..core.printed_numbers import number, percent, residual
+from ..core.printed_numbers import number, percent, printed, residual
 from ..typing import Array
 
 _LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
@@ -32,8 +32,8 @@ class Drift:
     def __str__(self) -> str:
         return "; note: ".join(
             (
-                f"momentum {residual(self.momentum)}, energy {residual(self.energy)} (trend {self.energy_trend:+.1e}), "
-                f"rotation {residual(self.rotation)}",
+                f"momentum {residual(self.momentum)}, energy {residual(self.energy)} (trend "
+                f"{printed(self.energy_trend, 2, signed=True)}), rotation {residual(self.rotation)}",
                 *self.remarks,
             )
         )
@@ -75,7 +75,7 @@ class Flight:
 
     def __repr__(self) -> str:
         steps = "" if np.isnan(self.step) else f", steps of {number(self.step, 6)} s"
-        return f"Flight of {self.times[-1]:g} s: {len(self.times)} states{steps}; drift: {self.drift}"
+        return f"Flight of {printed(self.times[-1])} s: {len(self.times)} states{steps}; drift: {self.drift}"
 
     def __post_init__(self) -> None:
         R, p = self.poses[:, :3, :3], self.poses[:, :3, 3]
@@ -97,7 +97,7 @@ class Flight:
         if abs(self.step - self.dt) > 1e-9 * self.dt:
             yield (
                 f"steps of {number(self.step, 6)} s, not {number(self.dt, 6)} s, so that a whole number fills "
-                f"{self.times[-1]:g} s"
+                f"{printed(self.times[-1])} s"
             )
         if self.turn > _LARGE_TURN:
             yield (

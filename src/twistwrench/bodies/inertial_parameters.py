@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import InertiaError, ValueRangeError
 from ..lie import so3
 from ..typing import Array
@@ -65,14 +66,14 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     gap = np.abs(found.matrix - G)
     if not (gap <= 1e-6 * np.outer(root, root)).all():
         raise InertiaError(
-            f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by {gap.max():.3g}. Is "
-            "its linear part first? Then swap the blocks."
+            f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by "
+            f"{printed(gap.max(), 3)}. Is its linear part first? Then swap the blocks."
         )
     if moment > _GIANT**2 * mass > 0:
         raise InertiaError(
-            f"read with the angular part first, this spatial inertia is of {found.mass:.3g} kg spread over "
-            f"{np.sqrt(moment / mass):.3g} m. Is its linear part first? Then swap the blocks. A body so large is described "
-            "by from_com."
+            f"read with the angular part first, this spatial inertia is of {printed(found.mass, 3)} kg spread over "
+            f"{printed(np.sqrt(moment / mass), 3)} m. Is its linear part first? Then swap the blocks. A body so large is "
+            "described by from_com."
         )
     return found
 
@@ -176,7 +177,7 @@ def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialIne
         U = np.array([[np.exp(d1), s12, s13], [0.0, np.exp(d2), s23], [0.0, 0.0, np.exp(d3)]])
         S = m * U @ U.T
     if not np.isfinite([m, S.trace()]).all():
-        raise ValueRangeError(f"log-Cholesky parameters overflow: mass exp(2 α) = {m:.3g} kg; got {x}.")
+        raise ValueRangeError(f"log-Cholesky parameters overflow: mass exp(2 α) = {printed(m, 3)} kg; got {x}.")
     return cls.from_com(m, t, rotational_inertia(S))
 
 

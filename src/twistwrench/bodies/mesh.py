@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.foreign_errors import foreign_errors
+from ..core.printed_numbers import printed
 from ..errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, ShapeError, ValueRangeError
 from ..typing import Array
 from .second_moments import rotational_inertia
@@ -101,7 +102,7 @@ def mesh(
     six = signs[shell] * six
     volume = six.sum() / 6.0
     if not math.isfinite(volume) or not math.cbrt(volume) > 1e-5 * extent:
-        raise ModelError(f"{name} encloses no volume ({volume:.3g} m³).")
+        raise ModelError(f"{name} encloses no volume ({printed(volume, 3)} m³).")
     sums = a.sum(axis=1)
     h = six @ sums / 24.0
     S = (np.einsum("k,kia,kib->ab", six, a, a) + np.einsum("k,ka,kb->ab", six, sums, sums)) / 120.0
@@ -132,7 +133,7 @@ def _remark_on_size(name: str, extent: float, density: float, mass: float) -> No
     """Warn of what is most likely another unit of length."""
     small, large = _USUAL_SIZE
     light, heavy = _USUAL_DENSITY
-    text = f"{name} is {extent:.3g} m long and weighs {mass:.3g} kg, {density:.3g} kg/m³"
+    text = f"{name} is {printed(extent, 3)} m long and weighs {printed(mass, 3)} kg, {printed(density, 3)} kg/m³"
     if not small <= extent <= large:
         unit = "Is it in millimetres? Then say scale=0.001" if extent > large else "Check scale"
         warnings.warn(f"{text}: no usual size of a part of a robot. {unit}.", ModelWarning, stacklevel=3)

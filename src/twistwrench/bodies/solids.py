@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..typing import Array
 from .second_moments import rotational_inertia
@@ -57,7 +58,9 @@ def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike)
     bad = np.flatnonzero(~((m >= 0) & (m < np.inf) & np.isfinite(r).all(axis=1)))
     if bad.size:
         i = bad[0]
-        raise ValueRangeError(f"point {i}, mass {m[i]:g} kg at {r[i]}, must be finite with a mass of at least 0.")
+        raise ValueRangeError(
+            f"point {i}, mass {printed(m[i])} kg at {r[i]}, must be finite with a mass of at least 0."
+        )
     S = (m * r.T) @ r  # second moments; -[r]² = r'r 1 - r r'
     I = rotational_inertia(S)
     return cls.from_parameters([m.sum(), *(m @ r), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])

@@ -13,7 +13,8 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
-from .common import RobotOptions, motion_path, picture, plain_errors, robot_command
+from .bundled_files import motion_path
+from .command_texts import about
 from .console import console
 from .convert import convert_options
 from .derive import derive_options
@@ -24,6 +25,9 @@ from .identify import answer_identify, identify_options
 from .log import log
 from .move import move_options
 from .payload import payload_options
+from .picture_paths import picture
+from .plain_errors import plain_errors
+from .robot_options import RobotOptions, robot_command
 from .sensor import sensor
 from .simulate import simulate_options
 from .torques import answer_torques, torques_options
@@ -34,13 +38,13 @@ _FOUND_A_PROBLEM = ExitCode.NO
 _DEMO = "demo"
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, **about(""))
 @click.version_option(package_name="twistwrench")
 def main() -> None:
     """Robot dynamics from robot files. ROBOT is a path, or a name that `twistwrench robots` lists, such as ur5."""
 
 
-@main.command()
+@main.command(**about("torques"))
 @torques_options
 @robot_command
 def torques(options: RobotOptions, **given: Any) -> None:
@@ -52,7 +56,7 @@ def torques(options: RobotOptions, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command()
+@main.command(**about("info"))
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON, in SI units and radians.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the joints as CSV, in SI units and radians.")
 @robot_command
@@ -63,7 +67,7 @@ def info(options: RobotOptions, as_json: bool, as_csv: bool) -> None:
     answer_info(options, console().print, as_json=as_json, as_csv=as_csv)
 
 
-@main.command(name="robots")
+@main.command(name="robots", **about("robots"))
 @click.argument("word", default="")
 def list_robots(word: str) -> None:
     """The robots that have a name: bundled, or of packages that are installed; with WORD, those that have it in theirs."""
@@ -75,23 +79,23 @@ def list_robots(word: str) -> None:
             screen.print(table)
 
 
-@main.command()
+@main.command(**about("verify"))
 @robot_command
 def verify(options: RobotOptions) -> None:
     """Check the robot's dynamics against independent formulas and libraries; exit code 1 if any disagrees."""
     from ..verify import verify as checked
-    from .tables.verification import verification_table
+    from .tables.verification import verification_view
 
     robot = options.load()
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to check: {robot.name!r} has no joint that moves; load with --floating-base.")
     report = checked(robot)
-    console().print(verification_table(report))
+    console().print(verification_view(report))
     if not report.passed:
         sys.exit(_FOUND_A_PROBLEM)
 
 
-@main.command()
+@main.command(**about("payload"))
 @payload_options
 @robot_command
 def payload(options: RobotOptions, **given: Any) -> None:
@@ -112,7 +116,7 @@ def payload(options: RobotOptions, **given: Any) -> None:
         sys.exit(_FOUND_A_PROBLEM)
 
 
-@main.command()
+@main.command(**about("simulate"))
 @simulate_options
 @robot_command
 def simulate(options: RobotOptions, **given: Any) -> None:
@@ -130,7 +134,7 @@ def simulate(options: RobotOptions, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command()
+@main.command(**about("view"))
 @view_options
 @robot_command
 def view(options: RobotOptions, trajectory: str | None, **given: Any) -> None:
@@ -145,7 +149,7 @@ def view(options: RobotOptions, trajectory: str | None, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command()
+@main.command(**about("plot"))
 @plot_options
 @robot_command
 def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
@@ -160,7 +164,7 @@ def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command()
+@main.command(**about("move"))
 @move_options
 @robot_command
 def move(options: RobotOptions, **given: Any) -> None:
@@ -180,7 +184,7 @@ def move(options: RobotOptions, **given: Any) -> None:
         sys.exit(_FOUND_A_PROBLEM)
 
 
-@main.command()
+@main.command(**about("derive"))
 @derive_options
 @robot_command
 def derive(options: RobotOptions, **given: Any) -> None:
@@ -191,7 +195,7 @@ def derive(options: RobotOptions, **given: Any) -> None:
         click.echo(part)
 
 
-@main.command()
+@main.command(**about("convert"))
 @robot_command
 @convert_options
 def convert(options: RobotOptions, **given: Any) -> None:
@@ -205,7 +209,7 @@ def convert(options: RobotOptions, **given: Any) -> None:
         sys.exit(_FOUND_A_PROBLEM)
 
 
-@main.command()
+@main.command(**about("export"))
 @export_options
 @robot_command
 def export(options: RobotOptions, **given: Any) -> None:
@@ -216,7 +220,7 @@ def export(options: RobotOptions, **given: Any) -> None:
         click.echo(line)
 
 
-@main.command()
+@main.command(**about("doctor"))
 @doctor_options
 def doctor(**given: Any) -> None:
     """What is wrong with a robot file, what it does to M and to gravity torques, and the repair.
@@ -231,7 +235,7 @@ def doctor(**given: Any) -> None:
             sys.exit(code)
 
 
-@main.command()
+@main.command(**about("identify"))
 @robot_command
 @identify_options
 def identify(options: RobotOptions, **given: Any) -> None:
@@ -244,7 +248,7 @@ def identify(options: RobotOptions, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command()
+@main.command(**about("excite"))
 @robot_command
 @excite_options
 def excite(options: RobotOptions, **given: Any) -> None:

@@ -42,7 +42,15 @@ WRENCHES = click.option(
     help="What the world does to it there.",
 )
 NO_FRICTION = click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
-CONFIGURATION = click.option("--configuration", metavar="v,v,…", help="All coordinates at once.")
+CONFIGURATION = click.option(
+    "--configuration", metavar="v,v,…|NAME", help="All coordinates at once, or a configuration of the file by its name."
+)
+AT = click.option(
+    "--at",
+    metavar="JOINT=VALUE|v,v,…",
+    multiple=True,
+    help="A joint's place, others at zero or as --configuration says, or all coordinates; may be repeated.",
+)
 COLUMNS = click.option(
     "--columns",
     metavar="JOINT=COLUMN",
@@ -63,3 +71,12 @@ FRICTION_LAWS = click.option(
 NO_MOTOR_INERTIA = click.option(
     "--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."
 )
+
+
+def parse_friction(text: str) -> tuple[str, ...]:
+    """Laws of friction, ``viscous,coulomb``; ``none`` is none of them.
+
+    >>> parse_friction("viscous, offset"), parse_friction("none")
+    (('viscous', 'offset'), ())
+    """
+    return () if text.strip() == "none" else tuple(name.strip() for name in text.split(","))

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.control_laws import undriven
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
@@ -58,7 +59,7 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
     if least < -_SYMMETRIC * scale or (definite and not least > 0.0):
         wanted = "be above zero" if definite else "not be negative"
         raise ValueRangeError(
-            f"{what} has the eigenvalue {least:.4g}, and must {wanted}: a gain holds back, never pushes on."
+            f"{what} has the eigenvalue {printed(least, 4)}, and must {wanted}: a gain holds back, never pushes on."
         )
     full.setflags(write=False)
     return full

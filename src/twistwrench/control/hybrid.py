@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..robot.closed_robot import ClosedRobot
 from ..typing import Array
@@ -96,7 +97,7 @@ class HybridMotionForce:
         """τ (nv,)."""
         closed, robot = self.closed, self.closed.robot
         q, dq = one_state(robot, "HybridMotionForce", q, dq)
-        tau = arguments.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {t:g} s", robot.nv)
+        tau = arguments.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {printed(t)} s", robot.nv)
         free = robot.forward_dynamics(q, dq, tau)
         ddq = closed.project_acceleration(q, dq, free)  # M ddq = P (τ - h) - A'(A M⁻¹ A')⁻¹ dA/dt dq
         pressed = closed.constraint_jacobian(q).T @ self._commanded(t, q, dq)
@@ -105,8 +106,8 @@ class HybridMotionForce:
     def _commanded(self, t: float, q: Array, dq: Array) -> Array:
         """λ_d + K_f (λ_d - λ)."""
         k = len(self.closed.sizes)
-        lam = arguments.one(self._force(t), f"force of HybridMotionForce at t = {t:g} s", k)
+        lam = arguments.one(self._force(t), f"force of HybridMotionForce at t = {printed(t)} s", k)
         if self.measured is None:
             return lam
-        felt = arguments.one(self.measured(t, q, dq), f"measured of HybridMotionForce at t = {t:g} s", k)
+        felt = arguments.one(self.measured(t, q, dq), f"measured of HybridMotionForce at t = {printed(t)} s", k)
         return lam + self._gain @ (lam - felt)

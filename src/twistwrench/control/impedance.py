@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 from .control_arguments import gain, one_state
@@ -81,7 +82,7 @@ class Impedance(TaskLaw):
         if self.wrench_on_robot is None:
             return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
         measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
-        F = self._felt(q, arguments.one(measured, f"wrench_on_robot of Impedance at t = {t:g} s", 6), now)
+        F = self._felt(q, arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6), now)
         a = now.feedforward + self._inverse_mass @ (pull + F)
         return self._torques(t, q, dq, now, now.Lambda @ a - F)
 

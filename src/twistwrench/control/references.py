@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.pose_paths import PosePath
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import FrameError, ShapeError, ValueRangeError
 from ..lie import se3, so3
 from ..model.model import BASE
@@ -93,7 +94,7 @@ def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
 
     def motion(t: float) -> tuple[Array, Array, Array]:
         q, dq, ddq = _three(given, what, t)
-        named = f"{what} at t = {t:g} s"
+        named = f"{what} at t = {printed(t)} s"
         return (
             arguments.one(q, f"q of {named}", robot.nq, names=robot.coordinate_names),
             arguments.one(dq, f"dq of {named}", robot.nv, names=robot.model.velocity_names),
@@ -139,7 +140,7 @@ def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) ->
 
     def of_pose(t: float) -> tuple[Array, Array, Array]:
         T, V, dV = _three(given, what, t)
-        named = f"{what} at t = {t:g} s"
+        named = f"{what} at t = {printed(t)} s"
         pose = arguments.pose(arguments.one(T, f"T of {named}", 4, 4), f"T of {named}")
         return pose, arguments.one(V, f"V of {named}", 6), arguments.one(dV, f"dV of {named}", 6)
 
@@ -180,7 +181,7 @@ def _three(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, An
     if not isinstance(found, tuple | list) or len(found) != 3:
         given = f"an array of shape {np.shape(found)}" if isinstance(found, np.ndarray) else repr(found)[:60]
         raise ShapeError(
-            f"{what} gave {given} at t = {t:g} s. A motion gives three: position, velocity, acceleration, as a "
+            f"{what} gave {given} at t = {printed(t)} s. A motion gives three: position, velocity, acceleration, as a "
             "Trajectory does; for a pose (T, V, dV), twists of the body."
         )
     return found[0], found[1], found[2]

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import UnknownNameError, ValueRangeError
+from ..listing import listed
 
 _PLAIN = (list, tuple, float, int)
-_LISTED = 12
 
 
 def is_table(x: Any) -> bool:
@@ -32,7 +32,7 @@ def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
     if not names:
         if any(isinstance(label, str) for label in labels):
             raise ValueRangeError(
-                f"{what} has named columns ({_listed(labels)}), and is read by position. Give its numbers alone, in the order "
+                f"{what} has named columns ({listed(labels)}), and is read by position. Give its numbers alone, in the order "
                 "that is meant: for a data frame, df.to_numpy()."
             )
         return _contents(x)
@@ -43,10 +43,10 @@ def in_order(x: Any, what: str, names: Sequence[str]) -> Any:
     twice = [label for k, label in enumerate(labels) if label in labels[:k]]
     if foreign or missing or twice:
         said = [("foreign", foreign), ("missing", missing), ("twice", twice)]
-        wrong = "; ".join(f"{word}: {_listed(some)}" for word, some in said if some)
+        wrong = "; ".join(f"{word}: {listed(some)}" for word, some in said if some)
         raise UnknownNameError(
             f"{what} has columns that are not the robot's. {wrong[0].upper()}{wrong[1:]}. Its columns must be "
-            f"{_listed(names)}, in any order. Choose them: df[list(names)] with names = robot.coordinate_names for "
+            f"{listed(names)}, in any order. Choose them: df[list(names)] with names = robot.coordinate_names for "
             "q, robot.velocity_names for rates and torques; or give df.to_numpy() if they are in the robot's order already."
         )
     return _contents(x)[..., [labels.index(name) for name in names]]
@@ -71,8 +71,3 @@ def _contents(x: Any) -> Any:
     if getattr(x, "dims", None) is not None and hasattr(x, "data"):
         return x.data
     return x.to_numpy()
-
-
-def _listed(labels: Sequence[Any]) -> str:
-    more = f", … ({len(labels)} in all)" if len(labels) > _LISTED else ""
-    return ", ".join(map(str, labels[:_LISTED])) + more

@@ -4,9 +4,11 @@
 * A computed torque has four as well, with zeros at the end, and three decimals at most.
 * A standard deviation has two digits, zeros at the end included, and what it belongs to has as many decimals.
 * What is not known, or has no limit, is :data:`MISSING`.
+* Within a sentence, of an error above all, a number has six digits or as many as are asked for, and nan and inf are said.
 * A share of something is a whole percentage, or has the digits that are asked for.
 * A share of a limit is 100 % only at the limit: what is nearly there, or just beyond, has the digits that say so.
 * A time within a motion has milliseconds. A residual has two digits and its power of ten.
+* In files that programs read, a number has ten digits.
 * Signs are ASCII, so that ``float`` reads back what is copied.
 """
 
@@ -55,6 +57,25 @@ def number(
     if 10.0**digits - 0.5 <= abs(x) < _IN_FULL:
         return f"{x:.0f}"
     return f"{x:.{digits}g}"
+
+
+def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> str:
+    """A number within a sentence, such as an error's: what was given, or with fewer ``digits`` what was computed.
+
+    >>> printed(0.1234567), printed(1e-9), printed(12.3456, 3), printed(2.0, signed=True), printed(float("nan"))
+    ('0.123457', '1e-09', '12.3', '+2', 'nan')
+    """
+    x = float(value)
+    return ("+" if signed and x >= 0.0 else "") + number(x, digits, missing=f"{x:g}")
+
+
+def in_file(value: float) -> str:
+    """A number in a text that programs read: ten digits.
+
+    >>> in_file(1 / 3), in_file(-9.81), in_file(2.0)
+    ('0.3333333333', '-9.81', '2')
+    """
+    return f"{value:.10g}"
 
 
 def torque(value: float) -> str:

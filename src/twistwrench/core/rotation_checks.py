@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import ValueRangeError
 from ..typing import Array
+from .printed_numbers import printed
 
 TOLERANCE = 1e-6
 """How far the entries of R' R may be from the identity where a rotation is needed: a rounded float32 rotation passes."""
@@ -20,7 +21,7 @@ def refuse(gaps: Array, allowed: float, complaint: str) -> None:
     worst = int(np.nanargmax(gaps))
     row = tuple(int(i) for i in np.unravel_index(worst, gaps.shape))[:-2]
     place = f" (row {', '.join(map(str, row))} of the batch)" if row else ""
-    raise ValueRangeError(f"{complaint.format(gap=float(gaps.flat[worst]), allowed=allowed)}{place}.")
+    raise ValueRangeError(f"{complaint.format(gap=printed(gaps.flat[worst], 3), allowed=printed(allowed))}{place}.")
 
 
 def rotation(R: Array, what: str) -> Array:
@@ -34,10 +35,10 @@ def rotation(R: Array, what: str) -> Array:
     refuse(
         np.where(np.isinf(R).any(axis=(-2, -1), keepdims=True), np.inf, off),
         allowed,
-        f"{what} is not a rotation: R' R is {{gap:.3g}} off the identity, allowed {{allowed:g}}; "
+        f"{what} is not a rotation: R' R is {{gap}} off the identity, allowed {{allowed}}; "
         "so3.project gives the nearest one",
     )
-    refuse(reflected, 0.5, f"{what} is not a rotation but a reflection: det R = -{{gap:.3g}}; negate one axis")
+    refuse(reflected, 0.5, f"{what} is not a rotation but a reflection: det R = -{{gap}}; negate one axis")
     return R
 
 
@@ -71,4 +72,4 @@ def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
     if T.ndim == 2 and T[3].tolist() == [0.0, 0.0, 0.0, 1.0]:
         return
     off = np.abs(T[..., 3:, :] - np.array([0.0, 0.0, 0.0, 1.0]))
-    refuse(off, allowed, f"{what} is not a pose: its last row is {{gap:.3g}} off (0, 0, 0, 1), allowed {{allowed:g}}")
+    refuse(off, allowed, f"{what} is not a pose: its last row is {{gap}} off (0, 0, 0, 1), allowed {{allowed}}")

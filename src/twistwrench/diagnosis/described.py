@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import in_file
+from ..formats.inertia_entries import ENTRIES
 from ..model.model import BASE, Model
 from ..typing import Array
 from .effects import Effects
 from .findings import Edit, Place
 from .problems import FileProblem
 from .shapes import LinkShapes
-
-_ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
 def about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
@@ -55,11 +55,11 @@ class WrittenInertia:
         No edits where an entry would have to change that has no place.
         """
         wanted = {
-            name: Edit(self.places[name], _text(tensor[_ENTRIES[name]])) for name in self.places if name in _ENTRIES
+            name: Edit(self.places[name], in_file(tensor[ENTRIES[name]])) for name in self.places if name in ENTRIES
         }
         found, written = [], self.tensor.copy()
         scale = float(np.abs(tensor).max())
-        for name, (i, j) in _ENTRIES.items():
+        for name, (i, j) in ENTRIES.items():
             if abs(tensor[i, j] - self.tensor[i, j]) <= 1e-12 * scale:
                 continue
             if name not in wanted:
@@ -81,7 +81,7 @@ class WrittenInertia:
         more = [name for name in wanted if abs(wanted[name] - given[name]) > 1e-12 * max(1.0, abs(given[name]))]
         if any(name not in self.places for name in more):
             return ()
-        return (*found, *(Edit(self.places[name], _text(wanted[name])) for name in more))
+        return (*found, *(Edit(self.places[name], in_file(wanted[name])) for name in more))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ class DescribedRobot:
         model, q = self.model, self.model.neutral
         bodies: list[Array] = []
         for body in model.bodies:
-            own = body.ratio * q[body.q_index : body.q_index + body.joint.nq] + body.offset
+            own = body.ratio * q[body.places[0]] + body.offset
             T = body.placement @ body.joint.pose(own)
             bodies.append(T if body.parent == BASE else bodies[body.parent] @ T)
         return {
@@ -172,7 +172,3 @@ class DescribedRobot:
     def heavy(self, link: DescribedLink, share: float = 0.01) -> bool:
         """Whether it is of that share of the mass at least."""
         return link.written is not None and link.written.mass >= share * self.mass > 0
-
-
-def _text(value: float) -> str:
-    return f"{value:.10g}"

@@ -9,10 +9,12 @@ import numpy as np
 
 from ..errors import RobotFileError
 from ..formats.element import Element
+from ..formats.inertia_entries import IN_MJCF
 from ..formats.mjcf.bodies import MjcfBody, PlacedElement, survey
 from ..formats.mjcf.defaults import Defaults
-from ..formats.mjcf.geoms import shape_of
+from ..formats.mjcf.geoms import WITHOUT_MASS, shape_of
 from ..formats.mjcf.includes import Folders, expand
+from ..formats.mjcf.inertial import full_inertia
 from ..formats.mjcf.joints import joints_of, names_given
 from ..formats.mjcf.placement import placement
 from ..formats.mjcf.settings import Settings
@@ -20,9 +22,6 @@ from ..model.model import Model
 from .described import DescribedJoint, DescribedLink, DescribedRobot, WrittenInertia
 from .findings import Place
 from .shapes import LinkShapes, ShapeReader, ShapeSpec
-
-_FULL = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_NONE = ("plane", "hfield")
 
 
 def describe_mjcf(root: Element, model: Model, reader: ShapeReader, path: Path | None) -> DescribedRobot:
@@ -78,10 +77,9 @@ def _tensor(element: Element, number: int | None) -> tuple[np.ndarray, dict[str,
             places |= {name: Place(number, "diaginertia", k) for k, name in enumerate(("ixx", "iyy", "izz"))}
         return np.diag(moments), places
     if "fullinertia" in element.attributes:
-        xx, yy, zz, xy, xz, yz = element.numbers("fullinertia", 6)
         if number is not None:
-            places |= {name: Place(number, "fullinertia", k) for k, name in enumerate(_FULL)}
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), places
+            places |= {name: Place(number, "fullinertia", k) for k, name in enumerate(IN_MJCF)}
+        return full_inertia(element), places
     return np.zeros((3, 3)), places
 
 
@@ -111,7 +109,7 @@ def _spec(
 ) -> ShapeSpec | None:
     geom = part.element
     kind = geom.attributes.get("type", "sphere").strip()
-    if kind in _NONE:
+    if kind in WITHOUT_MASS:
         return None
     try:
         if "mesh" in geom.attributes:

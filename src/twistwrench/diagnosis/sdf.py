@@ -9,10 +9,10 @@ import numpy as np
 
 from ..errors import RobotFileError, TwistWrenchError
 from ..formats.element import Element
+from ..formats.inertia_entries import ENTRIES
 from ..formats.sdf.frames import unpacked
 from ..formats.sdf.reader import chosen_model
-from ..formats.sdf.values import held, number, pose, vector, word
-from ..formats.urdf import PRODUCTS
+from ..formats.sdf.values import held, moments, number, pose, vector, word
 from ..model.model import Model
 from .described import DescribedJoint, DescribedLink, DescribedRobot, WrittenInertia
 from .findings import Place
@@ -56,18 +56,16 @@ def _inertia(link: Element, numbers: dict[int, int]) -> WrittenInertia:
     inertial = link.child("inertial")
     tensor = inertial.child("inertia") if inertial is not None else None
     places: dict[str, Place] = {}
-    for name in PRODUCTS if tensor is not None else ():
+    for name in ENTRIES if tensor is not None else ():
         child = tensor.child(name) if tensor is not None else None
         if child is not None:
             places[name] = Place(numbers[id(child)])
     mass = inertial.child("mass") if inertial is not None else None
     if mass is not None:
         places["mass"] = Place(numbers[id(mass)])
-    xx, xy, xz, yy, yz, zz = (number(tensor, name, float(name in ("ixx", "iyy", "izz"))) for name in PRODUCTS)
     T = pose(inertial.child("pose") if inertial is not None else None)
-    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     line = tensor.line if tensor is not None else link.line
-    return WrittenInertia(number(inertial, "mass", 1.0), T[:3, 3], T[:3, :3], I, places, line)
+    return WrittenInertia(number(inertial, "mass", 1.0), T[:3, 3], T[:3, :3], moments(tensor), places, line)
 
 
 def _shapes(link: Element, reader: ShapeReader) -> LinkShapes:

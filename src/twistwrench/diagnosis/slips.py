@@ -13,13 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed, residual
+from ..formats.inertia_entries import ENTRIES, IN_MJCF
 from ..typing import Array
 from .described import WrittenInertia
 
 _POWERS = range(1, 7)
 UNITS = {3: "g m²", 4: "kg cm²", 6: "kg mm²", 7: "g cm²", 9: "g mm²"}
 """By the power of ten: the unit that numbers in kg m² are mistaken for."""
-_PRODUCTS = {"ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+_PRODUCTS = {name: ENTRIES[name] for name in IN_MJCF[3:]}
 _NEARER, _NEAR, _FAR = 0.5, 0.5, 3.0
 """Of distances to the tensor of the shapes, relative to it: how much nearer than all others a slip has to be, how near, and
 from where it is none."""
@@ -94,14 +96,16 @@ def _signs(tensor: Array) -> Iterator[Slip]:
 
 def _entries(tensor: Array) -> Iterator[Slip]:
     """One entry a power of ten off, either way for moments, down for products, the least power first."""
-    for name, at in {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), **_PRODUCTS}.items():
+    for name, at in ((name, ENTRIES[name]) for name in IN_MJCF):
         for up in (False, True) if at[0] == at[1] else (False,):
             for k in _POWERS if tensor[at] else ():
                 factor = 10.0**k if up else 10.0**-k
                 changed = _with(tensor, at, tensor[at] * factor)
                 if possible(changed):
                     way = "small" if up else "large"
-                    yield Slip("power", f"{name} is {10.0**k:g} times too {way}", changed, family=f"{name} {way}")
+                    yield Slip(
+                        "power", f"{name} is {printed(10.0**k)} times too {way}", changed, family=f"{name} {way}"
+                    )
 
 
 def _about_origin(tensor: Array, written: WrittenInertia) -> Iterator[Slip]:
@@ -154,8 +158,8 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
                 wrong, right = (r, radius) if name == "radius" else (h, length)
                 yield Slip(
                     "dimension",
-                    f"it is that of a solid cylinder of radius {r:g} m and length {h:g} m, whose {name} is {10**k} times "
-                    f"too large: {wrong:g} m for {right:g} m",
+                    f"it is that of a solid cylinder of radius {printed(r)} m and length {printed(h)} m, whose {name} is "
+                    f"{10**k} times too large: {printed(wrong)} m for {printed(right)} m",
                     np.diag(meant),
                     certain=k == 1,
                     family=name,
@@ -165,11 +169,11 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
         for axis, k in itertools.product(range(3), (1, 2, 3)):
             a = np.array(edges, float)
             a[axis] /= 10**k
-            listed = " x ".join(f"{e:g}" for e in edges)
+            listed = " x ".join(f"{printed(e)}" for e in edges)
             yield Slip(
                 "dimension",
-                f"it is that of a solid box of {listed} m, one edge of which is {10**k} times too large: {edges[axis]:g} m for "
-                f"{a[axis]:g} m",
+                f"it is that of a solid box of {listed} m, one edge of which is {10**k} times too large: "
+                f"{printed(edges[axis])} m for {printed(a[axis])} m",
                 np.diag(mass * (a @ a - a**2) / 12.0),
                 certain=k == 1,
                 family=f"edge {axis}",
@@ -178,7 +182,7 @@ def _dimensions(tensor: Array, mass: float) -> Iterator[Slip]:
 
 def _round(value: float) -> float:
     """The number of two digits that it is; 0 where it is none."""
-    near = float(f"{value:.1e}")
+    near = float(f"{residual(value)}")
     return near if abs(value - near) <= _ROUND * near else 0.0
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import RobotFileError
 from ..formats.element import Element
-from ..formats.urdf import PRODUCTS, origin_of
+from ..formats.inertia_entries import ENTRIES, tensor_of
+from ..formats.urdf import origin_of
 from ..model.model import Model
 from .described import DescribedJoint, DescribedLink, DescribedRobot, WrittenInertia
 from .findings import Place
@@ -41,15 +42,13 @@ def _inertia(link: Element, numbers: dict[int, int]) -> WrittenInertia | None:
         return None
     mass = inertial.required("mass", "a mass")
     tensor = inertial.required("inertia", "an inertia")
-    xx, xy, xz, yy, yz, zz = (tensor.number(name) for name in PRODUCTS)
     T = origin_of(inertial)
-    places = {name: Place(numbers[id(tensor)], name) for name in PRODUCTS}
+    places = {name: Place(numbers[id(tensor)], name) for name in ENTRIES}
     places["mass"] = Place(numbers[id(mass)], "value")
     origin = inertial.child("origin")
     if origin is not None and "xyz" in origin.attributes:
         places |= {axis: Place(numbers[id(origin)], "xyz", k) for k, axis in enumerate("xyz")}
-    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return WrittenInertia(mass.number("value"), T[:3, 3], T[:3, :3], I, places, tensor.line)
+    return WrittenInertia(mass.number("value"), T[:3, 3], T[:3, :3], tensor_of(tensor.number), places, tensor.line)
 
 
 def _shapes(link: Element, reader: ShapeReader) -> LinkShapes:

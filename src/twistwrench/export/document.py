@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from ..core.printed_numbers import in_file
 from ..joints.units import unit_of
 from ..model.variable_parameters import nominal
 from ..program.program import FUSED, Program
@@ -40,7 +41,7 @@ write, so an output may be an input's array; two outputs must not overlap."""
 def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) -> str:
     """The .h file: conventions, the order of the joints, a prototype with its meaning and its cost for each function."""
     precision = requests[0].function.precision
-    gx, gy, gz = (f"{g:.10g}" for g in robot.gravity)
+    gx, gy, gz = map(in_file, robot.gravity)
     about = [
         f"Dynamics of the robot {robot.name} in C99, numbers of type {precision}.",
         f"Written by twistwrench {version('twistwrench')}.",
@@ -135,7 +136,7 @@ def _about(robot: Robot, request: Request) -> list[str]:
     if names := full.get("parameters"):
         usual, wide = nominal(robot.model), max(map(len, names))
         lines.append("Entries of parameters, and the robot's own numbers:")
-        lines += [f"  {k:3}  {name:{wide}}  {usual[name]:.10g}" for k, name in enumerate(names)]
+        lines += [f"  {k:3}  {name:{wide}}  {in_file(usual[name])}" for k, name in enumerate(names)]
     return lines
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 
+from ..core.printed_numbers import printed
 from ..errors import ModelError
 
 _TURN = 2 * math.pi
@@ -44,7 +45,9 @@ def in_si(value: object, kind: str, where: str) -> float:
     known = UNITS[kind]
     first = next(iter(known))
     if isinstance(value, int | float) and not isinstance(value, bool):
-        raise ModelError(f"{where} is {value:g} without a unit. Write {value:g} {first}, or one of {_listed(known)}.")
+        raise ModelError(
+            f"{where} is {printed(value)} without a unit. Write {printed(value)} {first}, or one of {_listed(known)}."
+        )
     found = _NUMBER.fullmatch(value) if isinstance(value, str) else None
     if found is None:
         raise ModelError(f"{where} is {value!r}, expected a number with a unit, such as 1.5 {first}.")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import InertiaError, ShapeError, UnknownNameError, ValueRangeError
 from ..lie import se3
 from ..model.builder import ModelBuilder
@@ -51,8 +52,8 @@ def from_dh(
     for column, angles in (("theta", theta), ("alpha", alpha)):
         if (big := np.flatnonzero(np.abs(angles) > TURN)).size:
             builder.remark(
-                f"{column} of row {big[0] + 1} of the Denavit–Hartenberg table is {angles[big[0]]:g}, more than a whole turn; "
-                f"angles are radians? If these are degrees: np.radians({column})"
+                f"{column} of row {big[0] + 1} of the Denavit–Hartenberg table is {printed(angles[big[0]])}, more than a "
+                f"whole turn; angles are radians? If these are degrees: np.radians({column})"
             )
     builder.add_link("link0")
     for i in range(n):

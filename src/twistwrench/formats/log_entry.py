@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..core.printed_numbers import printed
 from ..errors import ModelError, UnknownNameError, ValueRangeError
 from ..model.model import Model
 from .actuator_file import check_entries
@@ -79,6 +80,6 @@ def _log_side(model: Model, file: Section) -> LogSide:
         if "sign" in entry.content:
             sign = entry.number("sign", "")
             if abs(sign) != 1.0:
-                raise ModelError(f"{entry.where('sign')} is {sign:g}, expected 1 or -1.")
+                raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
             given["sign"][name] = sign
     return LogSide(side == "motor", ratios, given["coupled"], given["zero"], given["sign"], given["gain"])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed
 from ..errors import InertiaError, ModelError, ShapeError
 from ..lie import se3
 from ..lie.adjoint import Ad
@@ -127,8 +128,8 @@ def _check_unit(S: Array, i: int, joint: str) -> None:
     length, part = (w, "turning part") if w > 0 else (v, "sliding part")
     if abs(length - 1.0) > 1e-6:
         raise ModelError(
-            f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {length:.6g}, not 1. Divide it by that, "
-            "or pass non_unit_screws=True to keep it, knowing that its coordinate is then no angle in radians."
+            f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {printed(length)}, not 1. Divide it by "
+            "that, or pass non_unit_screws=True to keep it, knowing that its coordinate is then no angle in radians."
         )
 
 
@@ -138,6 +139,6 @@ def _check_home(given: Array, product: Array) -> None:
     gap = float(np.abs(given - product).max())
     if not gap <= 1e-6:
         raise ModelError(
-            f"M and the product of Mlist differ by up to {gap:.3g}: they must describe the same end-effector frame at zero. "
-            "Pass M=None to take the product."
+            f"M and the product of Mlist differ by up to {printed(gap, 3)}: they must describe the same end-effector frame "
+            "at zero. Pass M=None to take the product."
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..core.files import read_bytes, read_standard_input
 from ..core.foreign_errors import foreign_errors
+from ..core.printed_numbers import printed
 from ..errors import NotFoundError, RobotFileError
 
 MAX_BYTES = 64 * 2**20
@@ -84,7 +85,7 @@ def bytes_of(path: Path) -> bytes:
 def _check_size(size: int, name: str) -> None:
     if size > MAX_BYTES:
         raise RobotFileError(
-            f"{name} has {size / 2**20:.0f} MiB; robot files of more than {MAX_BYTES // 2**20} MiB are refused. "
+            f"{name} has {printed(size / 2**20, 3)} MiB; robot files of more than {MAX_BYTES // 2**20} MiB are refused. "
             "Is it a mesh or a log? Pass the robot description."
         )
 

@@ -19,6 +19,7 @@ from ..model.description import Mimic
 from ..model.rounding import DEFAULT_SNAP, snap_rotation
 from ..typing import Array
 from .element import Element
+from .inertia_entries import tensor_of
 
 _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""
@@ -27,7 +28,6 @@ ENDLESS = 1e15
 
 _NOTHING = [0.0, 0.0, 0.0]
 
-PRODUCTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """The attributes of ``<inertia>``."""
 
 
@@ -57,8 +57,7 @@ def _inertia(link: Element, snap: float) -> SpatialInertia | None:
         return None
     mass = inertial.required("mass", '<mass value="1.0"/>').number("value")
     tensor = inertial.required("inertia", '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>')
-    xx, xy, xz, yy, yz, zz = (tensor.number(name) for name in PRODUCTS)
-    T, I = origin_of(inertial), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    T, I = origin_of(inertial), tensor_of(tensor.number)
     R = T[:3, :3]
     if R.tolist() != UPRIGHT:  # the tensor is about the centre of mass, in the axes of the inertial frame
         R = snap_rotation(R, snap)

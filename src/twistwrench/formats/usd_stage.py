@@ -13,6 +13,7 @@ import numpy as np
 from ..core.foreign_errors import foreign_errors
 from ..core.foreign_output import captured_stderr
 from ..core.gravity import STRENGTH
+from ..core.printed_numbers import printed
 from ..errors import MissingExtraError, RobotFileError
 from ..lie import quaternion, se3, so3
 from ..lie.identity import IDENTITY, pose_rows
@@ -72,7 +73,7 @@ class Stage:
         self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
         for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
             if not 0 < unit < math.inf:
-                raise RobotFileError(f"it has {name} = {unit:g}; a positive number is expected.")
+                raise RobotFileError(f"it has {name} = {printed(unit)}; a positive number is expected.")
         self.up = 2 if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else 1
         self.cache = UsdGeom.XformCache(Usd.TimeCode.Default())
         self.bodies: list[Any] = []

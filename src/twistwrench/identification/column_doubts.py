@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.printed_numbers import number, percent
+from ..core.printed_numbers import number, percent, printed
 from ..motion.log_noise import quantum
 from ..typing import Array
 from .evidence import Evidence, LogDoubt
@@ -94,7 +94,7 @@ def _coarse(seen: Evidence) -> list[LogDoubt]:
                 LogDoubt(
                     "quantised",
                     f"positions of {name} lie on a grid of {number(step, 3)}, which makes {percent(noise / size, 3)} of its "
-                    f"accelerations below {cutoff:g} Hz noise. Log more digits, move faster, or lower the cut-off.",
+                    f"accelerations below {printed(cutoff)} Hz noise. Log more digits, move faster, or lower the cut-off.",
                     (name,),
                 )
             )

@@ -10,16 +10,16 @@ import numpy as np
 from ..algorithms.regressor import PARAMETER_NAMES
 from ..bodies.inertia import SpatialInertia
 from ..core.printed_numbers import number
+from ..listing import listed
 from ..model.actuation import with_friction
 from ..robot import Robot
 from ..typing import Array
-from .normal_equations import Prior
+from .normal_equations import Information, Prior
 from .parameter_groups import BaseParameters
 from .positive_bodies import STRENGTHS, PositiveFit, PositivePrior, PositiveProblem
 
 _NEAR_BEST = 1.01
 """Times the least residual held out, that a stronger pull to the file may leave."""
-Information = tuple[Array, Array, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,14 +137,11 @@ class ConsistentRobot:
         worst = [int(k) for k in np.argsort(-out) if out[k] > 0]
         if not worst:
             return []
-        listed = "; ".join(
-            f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in worst[:3]
-        )
-        more = f", and {len(worst) - 3} more" if len(worst) > 3 else ""
+        groups = [f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in worst]
         return [
             f"bodies that can exist, pulled to the file's, put {len(worst)} of {len(values)} groups outside their 95 % "
-            f"intervals: {listed}{more}. Torques held out are predicted as well; a smaller pull (consistent_at, --keep-close) "
-            "stays nearer to the log"
+            f"intervals: {listed(groups, 3, '; ')}. Torques held out are predicted as well; a smaller pull (consistent_at, "
+            "--keep-close) stays nearer to the log"
         ]
 
     @property

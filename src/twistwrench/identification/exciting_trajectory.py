@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..motion.bounds import Bounds, bounds_of
 from ..robot import Robot
@@ -21,7 +22,7 @@ from .motion_room import Clear, MotionRoom, half_and_middle, shared_bounds
 from .motion_search import MotionSearch
 from .parameter_groups import BaseParameters
 from .rest_series import RestSeries
-from .unknown_parameters import UnknownParameters, check_speed
+from .unknown_parameters import FRICTION, UnknownParameters, check_speed
 
 _NOISE = 0.01
 """Share of a joint's torque limit that its torque's noise is taken for where none is told."""
@@ -41,7 +42,7 @@ def exciting_trajectory(
     clear_of_itself: bool = True,
     clear: Clear | None = None,
     motor_inertia: bool = True,
-    friction: Sequence[str] = ("viscous", "coulomb", "offset"),
+    friction: Sequence[str] = FRICTION,
     friction_speed: float = 0.05,
     noise: ArrayLike | None = None,
     criterion: Criterion = "log_det",
@@ -116,12 +117,14 @@ def exciting_trajectory(
     search = MotionSearch(series, information, room, *_sizes(robot, bounds, series))
     times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")
     if step > series.duration / 20:
-        raise ValueRangeError(f"step is {step:g} s: a motion of {series.duration:g} s needs 20 samples at least.")
+        raise ValueRangeError(
+            f"step is {printed(step)} s: a motion of {printed(series.duration)} s needs 20 samples at least."
+        )
     best = _best(search, rng, times, progress or (lambda _share: None))
     if best is None:
         raise ValueRangeError(
-            f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {share:g} of its torques, above the "
-            "floor and clear of things, near any of many random configurations. Give a larger share or a lower floor."
+            f"no motion of {robot.name!r} keeps all limits: it cannot hold itself within {printed(share)} of its torques, "
+            "above the floor and clear of things, near any of many random configurations. Give a larger share or a lower floor."
         )
     return ExcitingMotion(robot, series, search.coefficients(best), room, information, step)
 
@@ -175,7 +178,7 @@ def _bounds(
 ) -> Bounds:
     """The limits to keep, of which each joint has one at least that bounds how far it goes."""
     if not arguments.positive(share, "share") <= 1.0:
-        raise ValueRangeError(f"share is {share:g}: give a share of the robot's limits, above 0 and at most 1.")
+        raise ValueRangeError(f"share is {printed(share)}: give a share of the robot's limits, above 0 and at most 1.")
     bounds = shared_bounds(bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort), share)
     names = np.array(robot.model.velocity_names)
     still = (bounds.upper - bounds.lower <= 0) | (bounds.velocity <= 0) | (bounds.effort <= 0)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..core.files import as_path
-from ..core.printed_numbers import percent
+from ..core.printed_numbers import percent, printed
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..robot import Robot
@@ -26,15 +26,12 @@ from .evidence import LogDoubt
 from .held_out import HeldOut
 from .identified_payload import IdentifiedPayload, payload_from
 from .model_residuals import ModelResiduals, model_residuals
-from .normal_equations import NormalEquations, Prior
+from .normal_equations import Information, NormalEquations, Prior
 from .parameter_groups import BaseParameters
 from .setting_trial import FitSettings
 
 _VAGUE = 0.3
 """Share of its value, from which a group's deviation makes it vague."""
-
-Information = tuple[Array, Array, float]
-"""N, c and |τ|² of weighted rows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,6 +79,14 @@ class IdentifiedRobot:
             f"({self.held_out.kind}), {self.verdict.word}>"
         )
 
+    def _repr_html_(self) -> str:
+        from ..core.html_table import html_table
+
+        left = percent(self.held_out.all, 3)
+        title = f"{self.verdict}: {self.original.name}, {left} of the torques unexplained in rows held out"
+        rows = ((name, percent(x, 3)) for name, x in self.held_out.joints.items())
+        return html_table(title, ("joint", "unexplained"), rows)
+
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups in words."""
@@ -127,7 +132,7 @@ class IdentifiedRobot:
 
         if strength is not None and not STRENGTHS[-1] <= strength <= STRENGTHS[0]:
             raise ValueRangeError(
-                f"a strength of {strength!r} is not offered. Give one from {STRENGTHS[-1]:g} to {STRENGTHS[0]:g}."
+                f"a strength of {strength!r} is not offered. Give one from {printed(STRENGTHS[-1])} to {printed(STRENGTHS[0])}."
             )
         folds = [fold.together() for fold in self.folds]
         return consistent_robot(self.base, self.values, self.sizes, folds, self.prior, strength)

@@ -16,6 +16,7 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..errors import ModelError
 from ..formats.element import Element
+from ..formats.inertia_entries import ENTRIES, IN_MJCF
 from ..formats.mjcf.bodies import MjcfBody, survey
 from ..formats.mjcf.defaults import Defaults
 from ..formats.mjcf.includes import Folders, expand
@@ -28,7 +29,6 @@ from .text_changes import ELSEWHERE, FOUND, TextChanges, plain
 
 _PLACES = {"viscous": "damping", "coulomb": "frictionloss", "motor_inertia": "armature"}
 _TURNED = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
-_FULL = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _MOST_BODIES = 20_000
 _COMPILER = "so that inertias are as they are written"
 
@@ -107,7 +107,7 @@ class MjcfText:
         said = {
             "pos": plain(own.com) if some else "0 0 0",
             "mass": plain([own.mass]),
-            kept: plain([I[e] for e in _FULL]) if some else "0 0 0",
+            kept: plain([I[ENTRIES[name]] for name in IN_MJCF]) if some else "0 0 0",
         }
         if given is None:
             attributes = " ".join(f'{name}="{text}"' for name, text in said.items())

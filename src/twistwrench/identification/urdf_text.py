@@ -8,7 +8,8 @@ from pathlib import Path
 from ..bodies.inertia import SpatialInertia
 from ..errors import ModelError
 from ..formats.element import Element
-from ..formats.urdf import PRODUCTS, origin_of
+from ..formats.inertia_entries import ENTRIES, entries_of
+from ..formats.urdf import origin_of
 from ..typing import Array
 from .text_changes import ELSEWHERE, FOUND, TextChanges, plain
 
@@ -17,8 +18,7 @@ LAWS = {"viscous": "damping", "coulomb": "friction"}
 
 def products(moments: Array) -> dict[str, str]:
     """ixx, ixy, … of a tensor (3, 3) whose rounding need not be symmetric, as text."""
-    entries = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-    return {name: repr(float(0.5 * (moments[e] + moments[e[::-1]]))) for name, e in zip(PRODUCTS, entries, strict=True)}
+    return {name: repr(value) for name, value in entries_of(0.5 * (moments + moments.T)).items()}
 
 
 class UrdfText:
@@ -52,7 +52,7 @@ class UrdfText:
         if not inertia.parameters.any():
             if inertial is not None:
                 changes.set(inertial.required("mass", "a mass"), "value", "0", ELSEWHERE)
-                for name in PRODUCTS:
+                for name in ENTRIES:
                     changes.set(inertial.required("inertia", "an inertia"), name, "0", ELSEWHERE)
             return
         com = plain(inertia.com)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.printed_numbers import printed
 from ..errors import ModelError
 from ..lie import so3
 from ..typing import Array
@@ -45,7 +46,7 @@ def direction_of(axis: ArrayLike, who: str) -> Array:
 def no_pitch(kind: str, pitch: float, who: str) -> None:
     """Raise ModelError for a pitch where there can be none."""
     if number(pitch, f"the pitch of {who}"):
-        raise ModelError(f"{who} is {kind} and has a pitch of {pitch:g} m/rad; only helical joints have one.")
+        raise ModelError(f"{who} is {kind} and has a pitch of {printed(pitch)} m/rad; only helical joints have one.")
 
 
 def screw_of(kind: str, turning: bool, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:

@@ -274,7 +274,7 @@ def project(M: ArrayLike, within: float = 0.1) -> Array:
     rotation_checks.refuse(
         np.where(np.isinf(M), np.inf, np.abs(R - M)),
         within,
-        "so3.project: not a rotation with rounding: the nearest one is {gap:.3g} away, allowed {allowed:g}",
+        "so3.project: not a rotation with rounding: the nearest one is {gap} away, allowed {allowed}",
     )
     return np.asarray(R, M.dtype)
 

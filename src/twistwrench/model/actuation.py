@@ -12,17 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed
 from ..errors import InertiaError, ModelError, UnknownNameError, ValueRangeError
 from ..joints import Joint, RotorJoint
 from ..lie import se3
 from ..typing import Array
 from .actuator import Actuator, Rotor
 from .actuator_checks import LARGEST, check_actuator
+from .friction import LAWS
 from .limits import Limits
 from .model import BASE, Body, Model
 from .spring import Spring
-
-_LAWS = ("viscous", "coulomb", "static", "stribeck", "load")
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
@@ -54,16 +54,18 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
     friction = model.friction
     for joint, law in laws.items():
         k, full = _leader(model, joint).v_index, _full_law(joint, law)
-        own = {name: float(getattr(friction, name)[k]) for name in _LAWS}
+        own = {name: float(getattr(friction, name)[k]) for name in LAWS}
         fading = [x for x in (own, full) if x["static"] > x["coulomb"]]
         if len({x["stribeck"] for x in fading}) > 1:
             raise ModelError(
                 f"the friction and the link_friction of joint {joint!r}, on one coordinate as its gear is rigid, have two "
                 "Stribeck speeds. Give both the same one, or one of them no static friction."
             )
-        total = {name: own[name] + full[name] for name in _LAWS if name != "stribeck"}
+        total = {name: own[name] + full[name] for name in LAWS if name != "stribeck"}
         if total["load"] >= 1:
-            raise ValueRangeError(f"load friction of joint {joint!r} adds up to {total['load']:g}; it must be below 1.")
+            raise ValueRangeError(
+                f"load friction of joint {joint!r} adds up to {printed(total['load'])}; it must be below 1."
+            )
         friction = friction.replaced(k, **total, stribeck=(fading or [own])[0]["stribeck"])
     return replace(model, friction=friction)
 
@@ -71,8 +73,8 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
 def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
     """All numbers of a friction law, checked."""
     for name in law:
-        if name not in _LAWS:
-            raise UnknownNameError.of("friction law", name, _LAWS)
+        if name not in LAWS:
+            raise UnknownNameError.of("friction law", name, LAWS)
     coulomb = law.get("coulomb", 0.0)
     if law.get("static", coulomb) > coulomb and "stribeck" not in law:
         raise ValueRangeError(
@@ -83,12 +85,13 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
     for name, value in full.items():
         if not 0 <= value <= LARGEST:
             raise ValueRangeError(
-                f"{name} friction of joint {joint!r} is {value:g}; it must be at least 0 and at most {LARGEST:g}."
+                f"{name} friction of joint {joint!r} is {printed(value)}; it must be at least 0 and at most {printed(LARGEST)}."
             )
     if full["static"] < coulomb or full["stribeck"] == 0 or full["load"] >= 1:
         raise ValueRangeError(
-            f"the friction of joint {joint!r} cannot be meant: static {full['static']:g} must be at least coulomb "
-            f"{coulomb:g}, the Stribeck speed {full['stribeck']:g} above 0, and load {full['load']:g} below 1."
+            f"the friction of joint {joint!r} cannot be meant: static {printed(full['static'])} must be at least coulomb "
+            f"{printed(coulomb)}, the Stribeck speed {printed(full['stribeck'])} above 0, and load {printed(full['load'])} "
+            f"below 1."
         )
     return full
 
@@ -116,9 +119,9 @@ def _driven(model: Model, actuator: Actuator) -> Model:
     name = f"{actuator.joint}.motor" if flexible else actuator.joint
     if actuator.rotor is not None and model.armature[driven.v_index]:
         raise ModelError(
-            f"joint {actuator.joint!r} has an armature of {model.armature[driven.v_index]:g}, and its actuator a rotor: the "
-            f"inertia of the drive would count twice. Keep one: robot.with_armature({{{actuator.joint!r}: 0}}), or leave out "
-            "the rotor."
+            f"joint {actuator.joint!r} has an armature of {printed(model.armature[driven.v_index])}, and its actuator a "
+            f"rotor: the inertia of the drive would count twice. Keep one: robot.with_armature({{{actuator.joint!r}: 0}}), "
+            "or leave out the rotor."
         )
     if actuator.rotor is None:
         if flexible:
@@ -175,9 +178,9 @@ def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: flo
     I = whole.moment_about_com
     if np.linalg.eigvalsh(I - spinning).min() < -1e-9 * np.abs(I).max():
         raise InertiaError(
-            f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {J:g} kg m² about its axis: all of the link "
-            f"has {axis @ I @ axis:.3g} kg m² about that direction. Check the unit; if the link was weighed without its "
-            "motor, say extra: true."
+            f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {printed(J)} kg m² about its axis: all of "
+            f"the link has {printed(axis @ I @ axis, 3)} kg m² about that direction. Check the unit; if the link was weighed "
+            "without its motor, say extra: true."
         )
 
 

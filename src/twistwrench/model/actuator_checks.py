@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from .actuator import Actuator
 
@@ -19,34 +20,39 @@ def check_actuator(actuator: Actuator) -> None:
     who, motor, rotor = f"the actuator of joint {actuator.joint!r}", actuator.motor, actuator.rotor
     if not _RATIOS[0] <= abs(actuator.ratio) <= _RATIOS[1]:
         raise ValueRangeError(
-            f"{who} has the ratio {actuator.ratio:g}; it must be a number from {_RATIOS[0]:g} to {_RATIOS[1]:g}, or minus one."
+            f"{who} has the ratio {printed(actuator.ratio)}; it must be a number from {printed(_RATIOS[0])} to "
+            f"{printed(_RATIOS[1])}, or minus one."
         )
     if not 0 < actuator.efficiency <= 1:
-        raise ValueRangeError(f"{who} has the efficiency {actuator.efficiency:g}; it must be above 0 and at most 1.")
+        raise ValueRangeError(
+            f"{who} has the efficiency {printed(actuator.efficiency)}; it must be above 0 and at most 1."
+        )
     if not (_real(actuator.stiffness) or actuator.stiffness == np.inf):
         raise ValueRangeError(
-            f"{who} has the stiffness {actuator.stiffness:g}; it must be above 0 and at most {LARGEST:g}. Leave it out where "
-            "the gear is rigid."
+            f"{who} has the stiffness {printed(actuator.stiffness)}; it must be above 0 and at most {printed(LARGEST)}. "
+            "Leave it out where the gear is rigid."
         )
     if rotor is not None and not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST):
         raise ValueRangeError(f"{who} has a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite.")
     if rotor is not None and not (_real(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
         raise ValueRangeError(
-            f"{who} has a rotor of {rotor.inertia:g} kg m² and {rotor.mass:g} kg; give positive ones."
+            f"{who} has a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
         )
     if motor is not None:
         if motor.current_continuous > motor.current_peak:
             raise ValueRangeError(
-                f"{who} has current continuous {motor.current_continuous:g} A above current peak {motor.current_peak:g} A. "
-                "Are they exchanged?"
+                f"{who} has current continuous {printed(motor.current_continuous)} A above current peak "
+                f"{printed(motor.current_peak)} A. Are they exchanged?"
             )
         if not _real(motor.torque_constant):
-            raise ValueRangeError(f"{who} has the torque constant {motor.torque_constant:g} N m/A; it must be above 0.")
+            raise ValueRangeError(
+                f"{who} has the torque constant {printed(motor.torque_constant)} N m/A; it must be above 0."
+            )
         for field, value in vars(motor).items():
             may_be_zero = field in ("resistance", "inductance")
             if not (_real(value) or (value == 0 if may_be_zero else value == np.inf)):
-                allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {LARGEST:g}"
-                raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {value:g}; it must be {allowed}.")
+                allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {printed(LARGEST)}"
+                raise ValueRangeError(f"{who} has {field.replace('_', ' ')} {printed(value)}; it must be {allowed}.")
 
 
 def _real(x: float) -> bool:

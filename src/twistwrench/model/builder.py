@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
 from ..core.gravity import GRAVITY
+from ..core.printed_numbers import printed
 from ..errors import ModelError, ModelWarning, ValueRangeError
 from ..joints import Floating
 from ..joints.axes import number, numbers
+from ..listing import listed
 from .assembly import ROOT_JOINT, Additions, assemble
 from .closure import OfferedClosure
 from .default_tip import check_tip
@@ -203,7 +205,9 @@ class ModelBuilder:
         for what, value in loss.items():
             loss[what] = number(value, f"the {what} of {who}")
             if loss[what] < 0:
-                remarks.append(Remark(who, f"has a negative {what}, {value:g}, so it feeds energy into the robot"))
+                remarks.append(
+                    Remark(who, f"has a negative {what}, {printed(value)}, so it feeds energy into the robot")
+                )
         self._joints[name] = JointEntry(
             joint=joint,
             parent=parent,
@@ -380,7 +384,7 @@ class ModelBuilder:
         _check_choice("inertia", inertia, INERTIA_POLICIES)
         if not 0 <= snap < 0.1:
             raise ValueRangeError(
-                f"snap={snap!r} is not allowed: a small number such as {DEFAULT_SNAP:g}, or 0 for off."
+                f"snap={snap!r} is not allowed: a small number such as {printed(DEFAULT_SNAP)}, or 0 for off."
             )
         tree = find_tree(self._links, list(self._joints.values()))
         remarks = [*self._remarks, *self._floating_remarks(tree, floating_base)]
@@ -396,6 +400,7 @@ class ModelBuilder:
             source=self.source,
             additions=self._additions,
         )
+        remarks += model.defects
         model = _locked(model, lock) if lock else model
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         # Files that forget masses; a table of lengths alone, for kinematics, has none on purpose.
@@ -425,9 +430,8 @@ def _on_massless(links: list[str]) -> list[str]:
     """One remark on all moving links that ought to have a mass and have none."""
     if not links:
         return []
-    listed = ", ".join(links[:12]) + (f" and {len(links) - 12} more" if len(links) > 12 else "")
     verb, whose = ("has", "its") if len(links) == 1 else ("have", "their")
-    return [f"{listed} {verb} no mass: {whose} weight and inertia are missing from every torque"]
+    return [f"{listed(links)} {verb} no mass: {whose} weight and inertia are missing from every torque"]
 
 
 def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | None) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed
 from ..core.rotation_checks import gaps
 from ..errors import InertiaError, ModelError
 from ..joints import JOINT_TYPES, Fixed, Joint
@@ -99,7 +100,9 @@ def link_entry(
     if not all(map(math.isfinite, link.inertia.parameters.tolist())):
         raise InertiaError(f"{link} has an inertia that is not finite, {link.inertia.parameters.tolist()}.")
     if link.inertia.mass < 0:
-        raise InertiaError(f"{link} has a negative mass, {link.inertia.mass:g} kg. A mass must be zero or positive.")
+        raise InertiaError(
+            f"{link} has a negative mass, {printed(link.inertia.mass)} kg. A mass must be zero or positive."
+        )
     return link
 
 
@@ -117,7 +120,7 @@ def armature_of(armature: ArrayLike, who: str) -> float:
     value = number(armature, f"the armature of {who}")
     if value < 0:
         raise ModelError(
-            f"{who} has a negative armature, {value:g}. It is the inertia of the joint's drive: zero or positive."
+            f"{who} has a negative armature, {printed(value)}. It is the inertia of the joint's drive: zero or positive."
         )
     return value
 
@@ -169,7 +172,7 @@ def _bounds(
         return -np.inf, np.inf
     if low > high or low == np.inf or high == -np.inf:
         raise ModelError(
-            f"{who} has reversed limits: lower={low:g} is above upper={high:g}. "
+            f"{who} has reversed limits: lower={printed(low)} is above upper={printed(high)}. "
             "Exchange them, or leave both out where there are none, which some simulators mean by this."
         )
     return low, high
@@ -193,7 +196,7 @@ def _magnitude(what: str, value: float | None, who: str, remarks: list[str]) -> 
     value = _limit(what, value, who)
     if value < 0:
         raise ModelError(
-            f"{who} has {what}={value:g} as its limit; a limit is a positive number. Leave it out where there is none."
+            f"{who} has {what}={printed(value)} as its limit; a limit is a positive number. Leave it out where there is none."
         )
     if value == 0:
         remarks.append(Remark(who, f"has a limit {what}=0, taken to mean that none is given"))

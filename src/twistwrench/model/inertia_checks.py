@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed
 from ..errors import InertiaError
 from ..typing import Array
 from .model import Body, Model
@@ -99,7 +100,7 @@ def _repaired(body: Body) -> tuple[Body, str]:
     else:
         near = inertia.nearest_consistent()
     most = np.abs(near.parameters - inertia.parameters).max()
-    return replace(body, inertia=near), f"changing its moments by {most:.3g} kg m² at most"
+    return replace(body, inertia=near), f"changing its moments by {printed(most, 3)} kg m² at most"
 
 
 def _on_links(model: Model, bad: set[int], link: Callable[[str], str]) -> list[str]:

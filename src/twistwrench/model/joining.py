@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import FrameError, ModelError, UnknownNameError
 from ..joints.fixed import Fixed
+from ..listing import listed
 from ..typing import Array
 from .actuator import Actuator
 from .assembly import ROOT_JOINT
@@ -98,13 +99,10 @@ def _check_names(whole: Outline, part: Outline, prefix: str) -> None:
     ):
         both = [name for name in theirs if name in ours]
         if both:
-            listed = ", ".join(map(repr, both[:_LISTED])) + (
-                f" and {len(both) - _LISTED} more" if len(both) > _LISTED else ""
-            )
             advice = (
                 "another prefix" if prefix else "a prefix for the names of the one attached, such as prefix='hand_'"
             )
-            raise ModelError(f"both robots have a {what} called {listed}. Give {advice}.")
+            raise ModelError(f"both robots have a {what} called {listed(map(repr, both), _LISTED)}. Give {advice}.")
 
 
 def _renamed(part: Outline, prefix: str) -> Outline:
@@ -196,7 +194,7 @@ def _rotation(model: Model, link: str) -> Array:
     T, i = frame.pose, frame.body
     while i != BASE:
         body = model.bodies[i]
-        mine = q[body.q_index : body.q_index + body.joint.nq]
+        mine = q[body.places[0]]
         T = body.placement @ body.joint.pose(body.ratio * mine + body.offset if body.follows else mine) @ T
         i = body.parent
     return np.asarray(T[:3, :3], float)

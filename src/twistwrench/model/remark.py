@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable
 
+from ..listing import listed
+
 _NAMED = 4
 """Subjects that a grouped sentence names; the rest are counted, and stand in ``robot.defects``."""
 
@@ -46,8 +48,7 @@ def grouped(remarks: Iterable[str]) -> list[str]:
 def _together(remark: Remark, others: list[str]) -> str:
     if not others:
         return remark
-    more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
-    return f"{remark}; the same of {', '.join(others[:_NAMED])}{more}"
+    return f"{remark}; the same of {listed(others, _NAMED)}"
 
 
 def frames_to_user() -> int:

@@ -7,8 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed
 from ..errors import InertiaError, ValueRangeError
 from ..typing import Array
+from .friction import LAWS
 from .inertia_checks import moved_moments, reasons
 from .model import BASE, Model
 from .variable_parameters import nominal, varied
@@ -33,7 +35,7 @@ def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:
                 f"parameters: {_at(name, values, values < 0, ' kg')}: link {owner!r} cannot have a negative mass. "
                 "Give 0 or more."
             )
-        if what in ("viscous", "coulomb", "static", "stribeck", "load"):
+        if what in LAWS:
             _refuse_friction(name, what, values)
     for link in sorted(links & {name.rpartition(".")[0] for name in given if name.rpartition(".")[2] in _TENSOR}):
         _refuse_tensor(model, link, given)
@@ -82,7 +84,7 @@ def _refuse_tensor(model: Model, link: str, given: Mapping[str, Array]) -> None:
 def _at(name: str, values: Array, bad: Array, unit: str = "") -> str:
     sample = tuple(np.argwhere(bad)[0])
     place = f" in sample {_index(sample)}" if sample else ""
-    return f"{name!r} is {float(values[sample]):g}{unit}{place}"
+    return f"{name!r} is {printed(float(values[sample]))}{unit}{place}"
 
 
 def _index(sample: tuple[int, ...]) -> str:

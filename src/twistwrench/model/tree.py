@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import ModelError, UnknownNameError
+from ..listing import listed
 from .description import JointEntry, LinkEntry
 
 
@@ -16,10 +17,6 @@ class Tree:
     root: str
     joints: tuple[JointEntry, ...]
     leaves: tuple[str, ...]
-
-
-_SHOWN = 12
-"""Names that an error lists."""
 
 
 def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> Tree:
@@ -64,15 +61,10 @@ def _root(links: Mapping[str, LinkEntry], parent_joint: Mapping[str, JointEntry]
         raise ModelError("there is no root link: " + _cycle_message(next(iter(links)), parent_joint))
     if len(roots) > 1:
         raise ModelError(
-            f"{len(roots)} root links, where a robot has one: {_listed(str(links[r]) for r in roots)}. "
+            f"{len(roots)} root links, where a robot has one: {listed(str(links[r]) for r in roots)}. "
             "Join them with (fixed) joints, or remove those that do not belong to the robot."
         )
     return roots[0]
-
-
-def _listed(items: Iterable[str]) -> str:
-    items = list(items)
-    return ", ".join(items[:_SHOWN]) + (f", … ({len(items)} in all)" if len(items) > _SHOWN else "")
 
 
 def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tuple[JointEntry, ...]:

@@ -57,8 +57,8 @@ def skew(W: ArrayLike, name: str) -> Array:
     rotation_checks.refuse(
         off / largest,
         ROUNDED,
-        f"{name} is not skew-symmetric: with its transpose added it is {{gap:.3g}} of its largest entry, allowed "
-        "{allowed:g}; mr.VecToso3 and mr.VecTose3 make such matrices of vectors, mr.MatrixLog3 and mr.MatrixLog6 of rotations "
+        f"{name} is not skew-symmetric: with its transpose added it is {{gap}} of its largest entry, allowed "
+        "{allowed}; mr.VecToso3 and mr.VecTose3 make such matrices of vectors, mr.MatrixLog3 and mr.MatrixLog6 of rotations "
         "and poses",
     )
     return W
@@ -69,7 +69,7 @@ def twist_matrix(X: ArrayLike, name: str) -> Array:
     X = array(X, name, 4, 4)
     skew(X[..., :3, :3], name)
     if X.ndim != 2 or X[3].tolist() != [0.0, 0.0, 0.0, 0.0]:
-        complaint = f"{name} has no last row of zeros: an entry is {{gap:.3g}} off, allowed {{allowed:g}}"
+        complaint = f"{name} has no last row of zeros: an entry is {{gap}} off, allowed {{allowed}}"
         rotation_checks.refuse(np.abs(X[..., 3:, :]), rotation_checks.TOLERANCE, complaint)
     return X
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..typing import Array
 
 _FAR, _MANY_TURNS = 3.0, 4 * math.pi
@@ -88,7 +89,7 @@ class AngleUnits:
         reach = np.where(np.isfinite(self._reach), self._reach, 1.0)
         k = int(np.flatnonzero(far)[(self._size / reach)[far].argmax()])
         limit = (
-            f", and its limits are at {self.lower[k]:.3g} and {self.upper[k]:.3g}"
+            f", and its limits are at {printed(self.lower[k], 3)} and {printed(self.upper[k], 3)}"
             if np.isfinite(self._reach[k])
             else ""
         )
@@ -98,14 +99,14 @@ class AngleUnits:
         asked = "Did you mean --degrees? Or are" if degrees else "Are"
         counts = "" if degrees else ", or counts of an encoder"
         return (
-            f"{self.names[k]} goes to {self._size[k]:.4g} rad{limit}{more}: the angles seem to be in another unit. {asked} "
-            f"they those of the motors, before their gears{counts}? Positions are those of the joints, in radians, or in the "
-            "unit that a column names, as 'JOINT [deg]'"
+            f"{self.names[k]} goes to {printed(self._size[k], 4)} rad{limit}{more}: the angles seem to be in another unit. "
+            f"{asked} they those of the motors, before their gears{counts}? Positions are those of the joints, in radians, "
+            "or in the unit that a column names, as 'JOINT [deg]'"
         )
 
     def _too_small(self) -> str:
         largest = float((self._size / self.factor)[self._tiny].max())
         return (
-            f"read in degrees, no angle is beyond {largest:.3g} degrees: the file seems to be in radians. Leave --degrees out, "
-            "or name the unit of its columns, as 'JOINT [deg]'"
+            f"read in degrees, no angle is beyond {printed(largest, 3)} degrees: the file seems to be in radians. Leave "
+            "--degrees out, or name the unit of its columns, as 'JOINT [deg]'"
         )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..model.limits import Limits, margin
 from ..robot.robot_argument import require_robot
@@ -157,6 +158,8 @@ def bounds_of(
                 f"{', '.join(robot.model.velocity_names[:12])}."
             )
         if not (array > 0).all():
-            raise ValueRangeError(f"{name} has {array[~(array > 0)].flat[0]:g}: a limit is above 0, inf for none.")
+            raise ValueRangeError(
+                f"{name} has {printed(array[~(array > 0)].flat[0])}: a limit is above 0, inf for none."
+            )
         found[name] = np.broadcast_to(array, (robot.nv,)).copy()
     return Bounds(robot.limits.lower, robot.limits.upper, found["velocity"], found["acceleration"], found["effort"])

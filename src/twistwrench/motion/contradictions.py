@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import printed, seconds
+from ..listing import listed
 from ..typing import Array
 from .angle_units import AngleUnits
 from .coordinates import Coordinates
@@ -15,6 +17,7 @@ from .gain_text import described_gain, near
 from .rate_delay import RateDelay
 from .rate_gain import RateGain, segments
 from .single_row_glitches import SingleRowGlitches
+from .turns_left_out import TurnsLeftOut
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
@@ -67,6 +70,7 @@ class Contradictions:
         self._last: tuple[float, Array] | None = None
         self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
         self._wraps = np.zeros(count, int)
+        self._turned = TurnsLeftOut(self._bounded, _WRAP)
         self._jumps: dict[int, tuple[float, float, float]] = {}
         """Of each joint the fastest step beyond half a turn: speed, time before, size."""
         self._wrapped: dict[int, tuple[float, float, float]] = {}
@@ -103,6 +107,7 @@ class Contradictions:
             t, q = np.r_[self._last[0], t], np.concatenate([self._last[1][None], q])
         self._last = float(t[-1]), q[-1].copy()
         h, moved = np.diff(t), np.diff(q, axis=0)
+        self._turned.add(q, moved)
         if not len(h):
             return
         self._steps.append(float(np.median(h)))
@@ -128,7 +133,7 @@ class Contradictions:
         found = np.flatnonzero((self._wraps > 0) & self._within_a_turn())
         return [
             f"{self._names[self._single[k]]} steps by a full turn {self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}, "
-            f"first at t = {self._wrapped[k][1]:.4f} s: the log keeps within a turn, so it is taken to turn on."
+            f"first at t = {seconds(self._wrapped[k][1], 4)} s: the log keeps within a turn, so it is taken to turn on."
             for k in found.tolist()
         ]
 
@@ -136,7 +141,9 @@ class Contradictions:
         """A sentence for each contradiction; limits of velocity help to tell a jump from a fast motion."""
         of_time = tuple(self._of_time(limits))
         angles = self._angle_units(limits).contradictions
-        jumps = () if angles else (*self._of_jumps(limits), *(self._of_glitches() if glitches else ()))
+        wrapped = (self._wraps > 0) & self._within_a_turn()
+        turns = () if limits is None else self._turned.sentences(wrapped, self._single, self._names, limits)
+        jumps = () if angles else (*self._of_jumps(limits), *turns, *(self._of_glitches() if glitches else ()))
         delays = self._delay.result() if not of_time else np.zeros(len(self._single))
         of_rates = tuple(self._of_rates(time_told=bool(of_time), late=delays != 0.0))
         return (*of_time, *angles, *jumps, *of_rates, *self._of_delays(delays))
@@ -146,7 +153,7 @@ class Contradictions:
         found = list(self._angle_units(limits).hints)
         step = float(np.median(self._steps)) if self._steps else 0.0
         if step > _LONG_STEP and not self._time_stated and not tuple(self._of_time(limits)):
-            found.append(f"the usual time step is {step:.4g} s. Is time in ms? It is taken to be in seconds")
+            found.append(f"the usual time step is {printed(step, 4)} s. Is time in ms? It is taken to be in seconds")
         return tuple(found)
 
     def _angle_units(self, limits: Limits | None) -> AngleUnits:
@@ -179,14 +186,14 @@ class Contradictions:
         if self._rows < _FEWEST_STEPS or not moving.any():
             return None
         unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
-        usual = f"the usual step of time is {step:.4g} s"
+        usual = f"the usual step of time is {printed(step, 4)} s"
         if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
-            return f"{usual}, and within one no joint moves by more than {self._move.max():.2g} rad or m", unit
+            return f"{usual}, and within one no joint moves by more than {printed(self._move.max(), 2)} rad or m", unit
         if limits is not None and step >= _SLOW_STEP:
             shares = self._speed[moving] / limits.velocity[self._single[moving]]
             if np.isfinite(limits.velocity[self._single[moving]]).all() and shares.max() < _SLOW_SHARE:
                 return (
-                    f"{usual}, and no joint moves faster than {100 * shares.max():.2g} % of its limit of velocity",
+                    f"{usual}, and no joint moves faster than {printed(100 * shares.max(), 2)} % of its limit of velocity",
                     unit,
                 )
         return None
@@ -194,9 +201,9 @@ class Contradictions:
     def _of_delays(self, delays: Array) -> Iterable[str]:
         for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
             if found.any():
-                names = _listed([self._names[self._single[k]] for k in np.flatnonzero(found).tolist()])
-                seconds = np.abs(delays[found])
-                size = f"{seconds.min():.3f}" + (f" to {seconds.max():.3f}" if np.ptp(seconds) > 5e-4 else "")
+                names = listed([self._names[self._single[k]] for k in np.flatnonzero(found).tolist()])
+                late = np.abs(delays[found])
+                size = seconds(late.min()) + (f" to {seconds(late.max())}" if np.ptp(late) > 5e-4 else "")
                 yield (
                     f"{names}: the velocity column is {size} s {way} against the positions: shift it, or leave it out, then it "
                     "is derived"
@@ -212,8 +219,9 @@ class Contradictions:
             known = float(limits.velocity[joint]) if limits is not None else math.inf
             if jump[0] > _TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
                 yield (
-                    f"{self._names[joint]} jumps by {jump[2]:.4g} rad after t = {jump[1]:.4f} s, at {jump[0]:.3g} rad/s, "
-                    "and is no joint that turns on for ever: remove the rows, or add the turns that the log left out"
+                    f"{self._names[joint]} jumps by {printed(jump[2], 4)} rad after t = {seconds(jump[1], 4)} s, at "
+                    f"{printed(jump[0], 3)} rad/s, and is no joint that turns on for ever: remove the rows, or add the "
+                    f"turns that the log left out"
                 )
 
     def _of_glitches(self) -> list[str]:
@@ -240,7 +248,7 @@ class Contradictions:
                 what = described_gain(float(gains[k]), bool(angular[k]), base, per)
                 said.setdefault(what, []).append(self._names[joints[k]])
             for what, names in said.items():
-                yield f"{_listed(names)}: the {rate} column {what}"
+                yield f"{listed(names)}: the {rate} column {what}"
 
 
 def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) -> tuple[str, str] | None:
@@ -248,7 +256,3 @@ def slow_steps(coordinates: Coordinates, time: Array, q: Array, limits: Limits) 
     found = Contradictions(coordinates)
     found.look_at_steps(time, q[:, found.at])
     return found.slow_steps(limits)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:8]) + (f", … ({len(names)} in all)" if len(names) > 8 else "")

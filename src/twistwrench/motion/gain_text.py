@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ..core.printed_numbers import printed
+
 _WITHIN = 0.1
 """How near a known factor between units a gain is taken to be that factor."""
 
@@ -35,7 +37,7 @@ def described_gain(gain: float, angular: bool, base: str, per: str) -> str:
             return f"is {shown} times {slope}: {reason}"
     if near(gain, -1.0):
         return f"has the opposite sign of {slope}"
-    return f"is not {slope}, but some {float(f'{gain:.2g}'):g} times it"
+    return f"is not {slope}, but some {printed(gain, 2)} times it"
 
 
 def near(gain: float, factor: float) -> bool:

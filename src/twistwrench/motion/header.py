@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ..errors import TrajectoryError
+from ..listing import listed
 from .column_units import split_unit
-
-_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -55,9 +54,3 @@ class Header:
     def repeated(self, name: str, count: int) -> TrajectoryError:
         """The error of a column that is there more than once."""
         return TrajectoryError(f"{self.where}: column {name!r} is there {count} times. Keep one of them.")
-
-
-def listed(names: Sequence[str], most: int = _SHOWN) -> str:
-    """The first of the names, and how many there are in all."""
-    rest = f", … ({len(names)} in all)" if len(names) > most else ""
-    return ", ".join(names[:most]) + rest

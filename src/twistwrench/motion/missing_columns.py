@@ -6,8 +6,9 @@ import difflib
 from collections.abc import Mapping, Sequence
 
 from ..errors import TrajectoryError
+from ..listing import listed
 from .column_suffixes import SUFFIX
-from .header import Choice, Header, listed
+from .header import Choice, Header
 
 _FEW = 4
 _LIKE = 0.6

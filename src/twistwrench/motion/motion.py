@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..core.printed_numbers import printed
+from ..errors import ModelWarning, ShapeError, TrajectoryError, ValueRangeError
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .bounds import Bounds, bounds_or_own
@@ -89,7 +90,7 @@ class Motion(MotionFiles):
         if (np.diff(t) <= 0).any():
             k = int(np.argmax(np.diff(t) <= 0))
             raise ValueRangeError(
-                f"Motion: time does not increase from sample {k} ({t[k]:g} s) to the next ({t[k + 1]:g} s)."
+                f"Motion: time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
             )
         given = {label: getattr(self, label) for label in ("dq", "ddq", "tau")}
         rates = {
@@ -197,13 +198,16 @@ class Motion(MotionFiles):
         >>> bool((again.ddq == motion.ddq).all())
         True
         """
-        from .data_frame import data_frame_file
+        from .data_frame import data_frame_file, in_python_words
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
         file, ignored = data_frame_file(frame)
-        found = cls._of_log(MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
-        return replace(found, notes=(*found.notes, *ignored))
+        try:
+            found = cls._of_log(MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
+        except TrajectoryError as problem:
+            raise TrajectoryError(in_python_words(str(problem))) from None
+        return replace(found, notes=(*map(in_python_words, found.notes), *ignored))
 
     @classmethod
     def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:
@@ -257,14 +261,15 @@ class Motion(MotionFiles):
         rows = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]).tolist())
         if not rows.start < rows.stop:
             raise ValueRangeError(
-                f"Motion: no state lies between {first:g} and {last:g} s; there are {len(self)} from {self.time[0]:g} to "
-                f"{self.time[-1]:g} s."
+                f"Motion: no state lies between {printed(first)} and {printed(last)} s; there are {len(self)} from "
+                f"{printed(self.time[0])} to {printed(self.time[-1])} s."
             )
         return self[rows]
 
     def __repr__(self) -> str:
         looks = "".join(f"; {note}" for note in self.notes if note.startswith("LOOK AGAIN"))
-        return f"<Motion of {self.robot.name!r}: {len(self)} states, {self.time[0]:g} to {self.time[-1]:g} s{looks}>"
+        first, last = map(printed, self.time[[0, -1]])
+        return f"<Motion of {self.robot.name!r}: {len(self)} states, {first} to {last} s{looks}>"
 
     @property
     def duration(self) -> float:

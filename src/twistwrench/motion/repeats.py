@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..errors import TrajectoryError
 from ..typing import Array
 
@@ -78,9 +79,9 @@ class Repeats:
             said.append(
                 f"{self.dropped} row{'s that repeat the row' if self.dropped > 1 else ' that repeats the row'} before dropped."
             )
-        if self.averaged:
+        if self.averaged and self.first is not None:
             said.append(
-                f"{self.averaged} rows have a time that others have too, the first at t = {self.first:.6g} s: the mean of each "
-                "is taken."
+                f"{self.averaged} rows have a time that others have too, the first at t = {printed(self.first)} s: the "
+                "mean of each is taken."
             )
         return said

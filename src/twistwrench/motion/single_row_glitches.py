@@ -10,6 +10,8 @@ import math
 
 import numpy as np
 
+from ..core.printed_numbers import printed, seconds
+from ..listing import listed
 from ..typing import Array
 
 _BEYOND = 5.0
@@ -71,11 +73,10 @@ class SingleRowGlitches:
         """A sentence for each joint."""
         said = []
         for k, wrong in self.result():
-            size = f"{math.degrees(wrong[0][0]):.3g} degrees" if angular[k] else f"{wrong[0][0]:.3g} m"
-            when = ", ".join(f"{time:.4f}" for _, time in wrong[:_LISTED])
-            more = f" and {len(wrong) - _LISTED} more" if len(wrong) > _LISTED else ""
+            size = f"{printed(math.degrees(wrong[0][0]), 3)} degrees" if angular[k] else f"{printed(wrong[0][0], 3)} m"
+            when = listed((f"{seconds(time, 4)} s" for _, time in wrong), _LISTED)
             said.append(
-                f"{names[k]} leaves its path by {size} for a single row, and is back in the next, at t = {when} s{more}: "
+                f"{names[k]} leaves its path by {size} for a single row, and is back in the next, at t = {when}: "
                 "remove the row"
             )
         return said

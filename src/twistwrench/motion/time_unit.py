@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..typing import Array
 from .contradictions import slow_steps
 from .coordinates import Coordinates
@@ -36,7 +37,6 @@ def time_doubt(coordinates: Coordinates, time: Array, q: Array, dq: Array | None
     gains = (said[moving] / made[moving]).tolist()
     for factor, unit in _UNITS.items():
         if gains and all(near(gain, factor) for gain in gains):
-            return (
-                f"velocities make {factor:g} times the way of the positions in these times: time seems to be in {unit}"
-            )
+            times = f"{printed(factor)} times the way of the positions"
+            return f"velocities make {times} in these times: time seems to be in {unit}"
     return ""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.files import as_path
+from ..core.printed_numbers import printed
 from ..errors import UnknownNameError, ValueRangeError
 from ..model.limits import Limits
 from ..model.model import Model
@@ -45,8 +46,8 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
             found[kind][k] = value * (1.0 if kind == "effort" else angles[k])
         if found["lower"][k] > found["upper"][k]:
             raise ValueRangeError(
-                f"{where}: the lower limit of {joint!r}, {found['lower'][k]:g}, is above the upper, "
-                f"{found['upper'][k]:g}. Swap them."
+                f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
+                f"{printed(found['upper'][k])}. Swap them."
             )
     return Limits(**found)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..algorithms.motor_side import MotorLoads, motor_loads
 from ..bodies.inertia import SpatialInertia
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import ValueRangeError
 from ..model.model import BASE
 from ..motion.complete_states import States
@@ -78,7 +78,7 @@ class LoadedRobot:
             distance = float(np.linalg.norm(p.place))
             if distance > reach > 0:
                 found.append(
-                    f"the payload of {p.mass:g} kg lies {number(distance)} m from {p.frame or model.tip}, and the robot "
+                    f"the payload of {printed(p.mass)} kg lies {number(distance)} m from {p.frame or model.tip}, and the robot "
                     f"reaches {number(reach, 3)} m: offsets are in metres"
                 )
         return tuple(found)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from ..core.printed_numbers import number, quantity
+from ..core.printed_numbers import number, printed, quantity
 from ..errors import UnknownNameError, ValueRangeError
 from ..joints.units import unit_of
 from ..model.model import BASE
@@ -49,7 +49,7 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
                 model,
                 b,
                 found[b.joint.name],
-                f"--lock {said[b.joint.name]}={lock[said[b.joint.name]]:g}",
+                f"--lock {said[b.joint.name]}={printed(lock[said[b.joint.name]])}",
                 degrees=degrees,
             )
     return found
@@ -91,7 +91,7 @@ def _check(model: Model, body: Body, value: float, told: str, *, degrees: bool) 
     joint = "" if body.joint.name in told else f" {body.joint.name}"
     hint = ""
     if turns and not degrees and low <= math.radians(value) <= high:
-        hint = f" If {value:g} are degrees, add --degrees, or write {number(math.radians(value), 6)}."
+        hint = f" If {printed(value)} are degrees, add --degrees, or write {number(math.radians(value), 6)}."
     raise ValueRangeError(
         f"{told} is outside the joint's limits,{joint} {quantity(unit * low, shown, 6)} to {quantity(unit * high, shown, 6)}. "
         f"Hold it within them.{hint}"

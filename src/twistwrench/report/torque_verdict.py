@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..core.printed_numbers import deviation, number, percent, percent_of_limit, seconds, torque
+from ..listing import listed
 from ..model.limits import over_limit
 from ..model.massless import massless_links
 from ..verdict import Verdict
@@ -42,23 +43,31 @@ def verdict_of(report: TorqueReport) -> Verdict:
     if report.derived is not None:
         spared = [use.joint for use in report.derived.motors if use.too_small and use.joint not in small]
         if spared:
-            unsure.append(f"noise explains why the motor of {_listed(spared)} seems too small")
+            unsure.append(f"noise explains why the motor of {listed(spared, _MOST_LISTED)} seems too small")
     if massless := massless_links(report.load.loaded.model):
         unsure.append(
-            f"{_listed(massless)} {'have' if len(massless) > 1 else 'has'} no mass, so "
+            f"{listed(massless, _MOST_LISTED)} {'have' if len(massless) > 1 else 'has'} no mass, so "
             f"{'their' if len(massless) > 1 else 'its'} weight is missing from the torques"
         )
     if force := missing_force(report.load.loaded.model, report.joints):
         words = force_in_words(report.load.loaded.model, force)
         unsure.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
+    if report.gaps.hidden:
+        unsure.append(
+            f"the robot moves while nothing is logged for {number(report.gaps.hidden)} s after t = "
+            f"{seconds(report.gaps.hidden_at)} s"
+        )
     if report.strays:
         unsure.append("samples were flattened that are no noise")
     contradicted = [m.words for m in report.measured if m.contradicts]
     doubted = [m.words for m in report.measured if m.disagrees and not m.contradicts]
     against = "the file's own torque column disagrees with the torques computed"
-    look_again = [*report.contradictions, *([f"{against}: {_several(contradicted)}"] if contradicted else [])]
+    look_again = [
+        *report.contradictions,
+        *([f"{against}: {listed(contradicted, _MOST_LISTED, '; ')}"] if contradicted else []),
+    ]
     if doubted:
-        unsure.append(f"{against}: {_several(doubted)}")
+        unsure.append(f"{against}: {listed(doubted, _MOST_LISTED, '; ')}")
     return Verdict.of(look_again=look_again, over=stated, unsure=unsure)
 
 
@@ -97,12 +106,13 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
         what = "samples that are no noise, or noise, explain" if report.strays else "noise explains"
         unsure.append(
             f"{what} why the limit of {len(explained)} joint{'s' if len(explained) > 1 else ''} is passed: "
-            f"{_several(shown)}"
+            f"{listed(shown, _MOST_LISTED, '; ')}"
         )
     wide += [j for j in report.joints if not math.isfinite(j.limit) and _is_wide(report, j)]
     if wide:
         unsure.append(
-            f"noise is too much of the peak to say how large it is: {_several([_in_words(report, j) for j in wide])}"
+            f"noise is too much of the peak to say how large it is: "
+            f"{listed([_in_words(report, j) for j in wide], _MOST_LISTED, '; ')}"
         )
 
 
@@ -152,7 +162,7 @@ def _judge_motion(report: TorqueReport, over: list[tuple[Excess, str]], unsure: 
         else:
             over.append((e, f"{e.joint} at t = {seconds(e.time)} s passes its {_KINDS[e.kind]} limit"))
     for kind, joints in doubtful.items():
-        unsure.append(f"noise explains why the {kind} limit of {_listed(joints)} is passed")
+        unsure.append(f"noise explains why the {kind} limit of {listed(joints, _MOST_LISTED)} is passed")
 
 
 def _is_noise(report: TorqueReport, e: Excess) -> bool:
@@ -181,15 +191,4 @@ def _grouped(over: list[tuple[Excess, str]]) -> list[str]:
         if _KINDS[e.kind] not in kinds and (e.joint, _KINDS[e.kind]) != (first.joint, _KINDS[first.kind]):
             kinds.append(_KINDS[e.kind])
     rest = [f"{joint} ({', '.join(kinds)})" for joint, kinds in others.items() if kinds]
-    return [text, *([f"also {_listed(rest)}"] if rest else [])]
-
-
-def _several(texts: list[str]) -> str:
-    more = len(texts) - _MOST_LISTED
-    return "; ".join(texts[:_MOST_LISTED]) + (f"; and {more} more" if more > 0 else "")
-
-
-def _listed(names: list[str] | tuple[str, ...]) -> str:
-    shown = list(names[:_MOST_LISTED])
-    more = len(names) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more else "")
+    return [text, *([f"also {listed(rest, _MOST_LISTED)}"] if rest else [])]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..errors import TrajectoryError
 from ..motion.complete_states import States
 from ..motion.differentiation import Differentiation
@@ -151,6 +152,7 @@ def _report(
         measured=run.measured(),
         idle_payload=any(p.mass for p in load.payloads)
         and run.carried <= ZERO * float(run.peak.value.max(initial=0.0)),
+        room=run.room.result(),
         derived=None
         if derived is None
         else AsDerived(derived.plan, derived.excesses(), derived.envelope.result(), derived.motors.result()),
@@ -183,7 +185,7 @@ def _check_finite(torques: Array, s: States) -> None:
     if bad.any():
         time = float(s.time[np.argmax(bad)])
         raise TrajectoryError(
-            f"the torques at t = {time:g} s are not finite numbers. Positions may be absurdly large there, or a "
+            f"the torques at t = {printed(time)} s are not finite numbers. Positions may be absurdly large there, or a "
             "quaternion zero: look at that row."
         )
 

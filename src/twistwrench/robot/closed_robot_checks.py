@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.constraint_forces import SINGULAR, UNBALANCED
 from ..algorithms.constraints import Closure, row_names, with_gaps
-from ..algorithms.operational_space import ROWS
 from ..algorithms.weighted_svd import through
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ConstraintError, ConstraintWarning, UnknownNameError
+from ..screws.component_names import TWIST
 from ..typing import Array
 from .constraint_sizes import all_rows, gap_length, rate_units, six_sizes
 
@@ -55,7 +56,7 @@ def some_configurations(closed: ClosedRobot, near: ArrayLike | None) -> Array:
     if not (left <= FOUND).any():
         raise ConstraintError(
             f"no configuration found at which {closed.constraints[-1].name!r} closes: from {len(starts)} starts the nearest "
-            f"leaves a gap of {left.min():.3g} ({_in_units(closed)}). Check pose and rows, or give near=q, one near it."
+            f"leaves a gap of {printed(left.min(), 3)} ({_in_units(closed)}). Check pose and rows, or give near=q, one near it."
         )
     return np.asarray(q[left <= FOUND])
 
@@ -75,7 +76,7 @@ def require_angle(closed: ClosedRobot, q: Array) -> None:
     others = np.delete(through(J, robot.mass_matrix(q))[:, :3], turning[0], axis=1)
     if np.abs(others).max() > 1e-9 * six_sizes(robot, new)[0]:
         raise ConstraintError(
-            f"{new.name}: {ROWS[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
+            f"{new.name}: {TWIST[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
             "so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with constrain."
         )
 
@@ -84,7 +85,7 @@ def refuse_redundant(closed: ClosedRobot) -> None:
     """Raise a ConstraintError that names the rows that depend on others, and an independent choice."""
     new = closed.constraints[-1]
     first = len(closed.sizes) - len(new.rows)
-    keep = " ".join(ROWS[new.rows[k - first]] for k in closed.independent if k >= first)
+    keep = " ".join(TWIST[new.rows[k - first]] for k in closed.independent if k >= first)
     advice = f"Independent ones are rows={keep!r}: close with these" if keep else "It adds nothing: leave it out"
     raise ConstraintError(
         f"of the {len(new.rows)} rows of {new.name!r} {len(keep.split())} are independent constraints; the others never move, "
@@ -95,7 +96,7 @@ def refuse_redundant(closed: ClosedRobot) -> None:
 
 def _in_units(closed: ClosedRobot) -> str:
     length = gap_length(closed.robot.model)
-    return "rad or m" if length == 1.0 else f"rad, or part of {length:.3g} m"
+    return "rad or m" if length == 1.0 else f"rad, or part of {printed(length, 3)} m"
 
 
 def require_found(closed: ClosedRobot, left: Array, tolerance: float, batch: tuple[int, ...]) -> None:
@@ -104,8 +105,8 @@ def require_found(closed: ClosedRobot, left: Array, tolerance: float, batch: tup
         return
     worst = int(left.argmax())
     raise ConstraintError(
-        f"no configuration with closed loops found from here: a gap of {left[worst]:.3g} ({_in_units(closed)}) is left"
-        f"{_place(worst, batch)}, allowed {tolerance:g}. Start nearer to one, or allow more: consistent(q, tolerance=…)."
+        f"no configuration with closed loops found from here: a gap of {printed(left[worst], 3)} ({_in_units(closed)}) is left"
+        f"{_place(worst, batch)}, allowed {printed(tolerance)}. Start nearer to one, or allow more: consistent(q, tolerance=…)."
     )
 
 
@@ -117,9 +118,9 @@ def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
     *row, k = np.unravel_index(int(moved.argmax()), moved.shape)
     (joint,) = joints(robot, np.arange(robot.nv) == k)
     warnings.warn(
-        f"the closed configuration found is not near: joint {joint!r} moved by {moved.max():.3g} (rad or m)"
-        f"{_in_words(row)}, and {within:g} is called near. robot.subtract(found, q) is how far each one went; start nearer to "
-        "the configuration meant, or allow more: consistent(q, within=…).",
+        f"the closed configuration found is not near: joint {joint!r} moved by {printed(moved.max(), 3)} (rad or m)"
+        f"{_in_words(row)}, and {printed(within)} is called near. robot.subtract(found, q) is how far each one went; start "
+        "nearer to the configuration meant, or allow more: consistent(q, within=…).",
         ConstraintWarning,
         stacklevel=4,
     )
@@ -153,8 +154,8 @@ def require_met(closed: ClosedRobot, q: Array, dq: Array, ddq: Array | None = No
         *row, k = np.unravel_index(int((gap / allowed).argmax()), gap.shape)
         name = [name for name, has in zip(row_names(closed.constraints), mine, strict=True) if has][k]
         raise ConstraintError(
-            f"q leaves loops open by {gap[(*row, k)]:.3g} (rad or m) in {name!r}{_in_words(row)}, allowed {allowed[k]:.3g}: "
-            "begin with closed.consistent(q)."
+            f"q leaves loops open by {printed(gap[(*row, k)], 3)} (rad or m) in {name!r}{_in_words(row)}, allowed "
+            f"{printed(allowed[k], 3)}: begin with closed.consistent(q)."
         )
     A = closed.constraint_jacobian(q)
     _require_rate(closed, q, "dq", A, dq, np.zeros(1), "closed.project_velocity(q, dq)")
@@ -177,8 +178,8 @@ def _require_rate(closed: ClosedRobot, q: Array, name: str, A: Array, v: Array, 
     part = np.divide(rate, usual, out=np.zeros_like(rate), where=usual > 0)
     worst = int(part.argmax())
     raise ConstraintError(
-        f"{name} breaks the constraints by {part.flat[worst]:.3g} of its size{_place(worst, part.shape)}, "
-        f"allowed {ASTRAY:g}. Take the nearest that meets them: {remedy}."
+        f"{name} breaks the constraints by {printed(part.flat[worst], 3)} of its size{_place(worst, part.shape)}, "
+        f"allowed {printed(ASTRAY)}. Take the nearest that meets them: {remedy}."
     )
 
 
@@ -192,7 +193,7 @@ def require_made(closed: ClosedRobot, left: Array, f: Array, driven: Array) -> N
     idle, moving = (", ".join(joints(closed.robot, which)) for which in (~driven, driven))
     raise ConstraintError(
         f"joints {idle} have no motor, and no torques at {moving or 'no joint'} make this motion: "
-        f"{rest.flat[worst]:.3g} N m or N is left over{_place(worst, rest.shape)}. Degrees of freedom: "
+        f"{printed(rest.flat[worst], 3)} N m or N is left over{_place(worst, rest.shape)}. Degrees of freedom: "
         f"{closed.nv - len(closed.independent)}; name as many joints that move them."
     )
 

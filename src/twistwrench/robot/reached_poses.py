@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..typing import Array
 
 _OPEN = 1e-9
@@ -108,9 +109,9 @@ class InverseKinematics:
         d, a = float(self.distance[index]), float(self.angle[index])
         if np.isnan(d) or np.isnan(a):
             return "the pose has entries that are not numbers"
-        left = f"the nearest found is {d:.3g} m and {a:.3g} rad away, after {int(self.starts[index])} starts"
+        left = f"the nearest found is {printed(d, 3)} m and {printed(a, 3)} rad away, after {int(self.starts[index])} starts"
         if (gap := float(self.gap[index])) > _OPEN:
-            left += f", with loops open by {gap:.3g} (rad or m)"
+            left += f", with loops open by {printed(gap, 3)} (rad or m)"
         held = [n for n, h in zip(self.joint_names, self.held[index], strict=True) if h]
         if held:
             return f"{', '.join(held)} {'is at its limit' if len(held) == 1 else 'are at their limits'}: {left}"
@@ -121,7 +122,11 @@ class InverseKinematics:
 
     def __str__(self) -> str:
         if self.converged.ndim == 0:
-            return f"reached: {self.distance:.2g} m, {self.angle:.2g} rad left" if self.converged else self.reason()
+            return (
+                f"reached: {printed(self.distance, 2)} m, {printed(self.angle, 2)} rad left"
+                if self.converged
+                else self.reason()
+            )
         return f"{int(self.converged.sum())} of {self.converged.size} poses reached"
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
-from ..core.printed_numbers import number, percent, plus_minus
+from ..core.printed_numbers import number, percent, plus_minus, seconds
 from ..errors import ValueRangeError
 from ..typing import Array
 from ..verdict import Verdict
@@ -132,7 +132,7 @@ def _witness_doubts(found: Diagnosis, problem: Problem, use: Use) -> list[str]:
 
 def _span(log: ReadingLog, first: int, last: int) -> str:
     if log.time is not None:
-        return f"{log.time[first]:.3f} to {log.time[last]:.3f} s"
+        return f"{seconds(log.time[first])} to {seconds(log.time[last])} s"
     return f"{first}" if first == last else f"{first}–{last}"
 
 

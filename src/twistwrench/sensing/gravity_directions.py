@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.gravity import GRAVITY
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..lie import quaternion
 from ..typing import Array
@@ -34,12 +35,12 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-1, -2))
     if off.size and off.max() > _OFF:
         raise ValueRangeError(
-            f"{where}{_at(off)} is no rotation: RᵀR differs from the identity by {off.max():.3g}, allowed is {_OFF:g}. "
-            "Check the order of its entries (row by row) and its decimals."
+            f"{where}{_at(off)} is no rotation: RᵀR differs from the identity by {printed(off.max(), 3)}, allowed is "
+            f"{printed(_OFF)}. Check the order of its entries (row by row) and its decimals."
         )
     if (determinant := np.linalg.det(R)).size and determinant.min() < 0:
         raise ValueRangeError(
-            f"{where}{_at(-determinant)} mirrors: its determinant is {determinant.min():.3g}, a rotation has 1. "
+            f"{where}{_at(-determinant)} mirrors: its determinant is {printed(determinant.min(), 3)}, a rotation has 1. "
             "Swap no axes: the frame must be right-handed."
         )
     return quaternion.rotation(quaternion.from_matrix(R))
@@ -59,8 +60,9 @@ def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Arra
     off = np.abs(length - 1.0)
     if off.size and off.max() > _OFF:
         raise ValueRangeError(
-            f"{where}{_at(off)} has length {float(length.flat[off.argmax()]):.6g}, off from 1 by {off.max():.3g}, allowed "
-            f"is {_OFF:g}. Check which columns are qw, qx, qy, qz (qw is the scalar), or normalise them."
+            f"{where}{_at(off)} has length {printed(float(length.flat[off.argmax()]))}, off from 1 by "
+            f"{printed(off.max(), 3)}, allowed is {printed(_OFF)}. Check which columns are qw, qx, qy, qz (qw is the "
+            f"scalar), or normalise them."
         )
     return quaternion.rotation(quat)
 

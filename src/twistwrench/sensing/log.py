@@ -11,19 +11,19 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.gravity import GRAVITY, STRENGTH
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .gravity_directions import checked_rotations, gravity_in_frame, rotations_of_quaternions
 from .sensor import ForceTorqueSensor, checked_sensor
 from .sensor_frames import unlabelled
 
-AXES = ("mx", "my", "mz", "fx", "fy", "fz")
 _STRONG = 1100.0  # N; twice the weight of 50 kg turned over, and a tenth; a log in grams of 1.1 kg is above
 _LONG_LEVER = 5.0  # m; N mm read as N m make levers a thousand times too long
 _FAST = 50.0  # rad/s; no arm turns so fast, but in degrees per second any does
 _SWIFT, _HURLED = 30.0, 1000.0  # m/s, m/s²; no arm is so fast, but in millimetres any is
-_AFTER = "not after the {:g} s of the one before. Times must increase: sort the readings, or remove the column."
+_AFTER = "not after the {} s of the one before. Times must increase: sort the readings, or remove the column."
 _GRAVITY = (1.5, 30.0)  # m/s²; from the Moon to Jupiter, but not in g or cm/s²
 
 
@@ -113,7 +113,7 @@ class ReadingLog:
         if r.size == 0:
             raise ValueRangeError(f"{name}: the log is empty. Give at least one reading.")
         if r.ndim != 2 or r.shape[1] != 6:
-            raise ShapeError(f"{name}: readings have shape {r.shape}, expected (n, 6): {', '.join(AXES)}.")
+            raise ShapeError(f"{name}: readings have shape {r.shape}, expected (n, 6): {', '.join(WRENCH)}.")
         if pose is not None and quaternion is not None:
             raise ValueRangeError(f"{name}: both pose and quaternion are given. Keep one of them.")
         if quaternion is not None:
@@ -128,7 +128,7 @@ class ReadingLog:
         if not np.isfinite(r).all():
             row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(r)))
             raise ValueRangeError(
-                f"{name}: {AXES[column]} of reading {row} is {r[row, column]}. Readings must be finite: fill or remove it."
+                f"{name}: {WRENCH[column]} of reading {row} is {r[row, column]}. Readings must be finite: fill or remove it."
             )
         if checked["gravity"] is None or not np.any(checked["gravity"], axis=1).all():
             raise ValueRangeError(
@@ -140,7 +140,9 @@ class ReadingLog:
         if t is not None and (t.shape != (len(r),) or not np.isfinite(t).all()):
             raise ShapeError(f"{name}: time has shape {t.shape}, expected ({len(r)},) finite numbers [s].")
         if t is not None and (k := late(t)) is not None:
-            raise ValueRangeError(f"{name}: time of reading {k} is {t[k]:g} s, {_AFTER.format(t[k - 1])}")
+            raise ValueRangeError(
+                f"{name}: time of reading {k} is {printed(t[k])} s, {_AFTER.format(printed(t[k - 1]))}"
+            )
         by_gravity = pose is None and g.ndim == 2
         R = None if pose is None else np.broadcast_to(checked_rotations(pose), (len(r), 3, 3))
         log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name, by_gravity=by_gravity, rotations=R)
@@ -213,8 +215,8 @@ class ReadingLog:
         moment, force = (float(np.abs(centred[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
         if force > _STRONG:
             found.append(
-                f"forces change by {number(force)}; in newtons that is the weight of {force / STRENGTH:.0f} kg. If they are in "
-                f"grams, multiply them by {STRENGTH / 1000:g}, if in counts by the sensor's scale."
+                f"forces change by {number(force)}; in newtons that is the weight of {number(force / STRENGTH, 2)} kg. If "
+                f"they are in grams, multiply them by {printed(STRENGTH / 1000)}, if in counts by the sensor's scale."
             )
         spread_m, spread_f = (float(np.linalg.norm(centred[:, k])) for k in (slice(0, 3), slice(3, 6)))
         if moment > 10 and spread_f and spread_m / spread_f > _LONG_LEVER:
@@ -242,13 +244,13 @@ class ReadingLog:
             worst = float(strength.min() if strength.min() < _GRAVITY[0] else strength.max())
             found.append(f"gravity is {number(worst)} m/s²; on Earth it is {STRENGTH}. Give it in m/s².")
         for motion, part, most, said in (
-            (self.V, slice(0, 3), _FAST, "angular velocities reach {:.4g} rad/s. If they are in degrees per second"),
-            (self.V, slice(3, 6), _SWIFT, "velocities reach {:.4g} m/s. If they, or the poses, are in mm"),
-            (self.dV, slice(3, 6), _HURLED, "accelerations reach {:.4g} m/s². If they, or the poses, are in mm"),
+            (self.V, slice(0, 3), _FAST, "angular velocities reach {} rad/s. If they are in degrees per second"),
+            (self.V, slice(3, 6), _SWIFT, "velocities reach {} m/s. If they, or the poses, are in mm"),
+            (self.dV, slice(3, 6), _HURLED, "accelerations reach {} m/s². If they, or the poses, are in mm"),
         ):
             reached = 0.0 if motion is None else float(np.abs(motion[:, part]).max())
             if reached > most:
-                found.append(f"{said.format(reached)}, convert them.")
+                found.append(f"{said.format(number(reached))}, convert them.")
         return found
 
     def predicted(self, sensor: ForceTorqueSensor) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..lie import so3
 from ..typing import Array
 from .log import ReadingLog
@@ -94,7 +94,7 @@ def _reduced(rows: Array) -> Array:
 
 
 def _sentence(row: Array, names: list[str]) -> str:
-    terms = [f"{name} {row[k]:+.3g} {_unit(name)}" for k, name in enumerate(names) if row[k]]
+    terms = [f"{name} {printed(row[k], 3, signed=True)} {_unit(name)}" for k, name in enumerate(names) if row[k]]
     if len(terms) == 1:
         return f"{terms[0]} changes no reading: it cannot be told."
     return f"{terms[0]} with {', '.join(terms[1:])} changes no reading: these cannot be told apart."

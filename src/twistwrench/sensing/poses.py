@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.gravity import STRENGTH
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..typing import Array
 from .gravity_directions import rotations_to_gravity
@@ -141,5 +142,7 @@ def _choices(candidates: ArrayLike | None, within: float) -> Array:
         d = d / length
     allowed = d[np.arccos(np.clip(-d[:, 2], -1.0, 1.0)) <= within + 1e-12]
     if not len(allowed):
-        raise ValueRangeError(f"no candidate tilts the tool by {math.degrees(within):.3g}° or less. Allow more.")
+        raise ValueRangeError(
+            f"no candidate tilts the tool by {printed(math.degrees(within), 3)}° or less. Allow more."
+        )
     return allowed

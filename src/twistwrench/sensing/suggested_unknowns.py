@@ -32,7 +32,7 @@ class Offer:
     """What it is, and how large."""
 
     def __str__(self) -> str:
-        what = f"{self.said} would explain {100 * self.share:.0f} % of what is left (squares over noise)"
+        what = f"{self.said} would explain {percent(self.share)} of what is left (squares over noise)"
         if self.kind != "gain":
             return f"{what}: ask for {_OPTIONS[self.kind]}."
         return (

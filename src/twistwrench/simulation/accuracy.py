@@ -22,6 +22,7 @@ _ERROR = 0.05
 _REST = 1e-9
 """rad or m: a motion shorter than this is rest."""
 _MANY = 1e4
+_MORE = "more than 10 000 times"
 """Times the motion from which its error is not said in numbers."""
 _ROWS = 2000
 
@@ -85,7 +86,7 @@ class Accuracy:
         """What to say of errors and drift where they call for it."""
         less, said = "rtol" if method == ADAPTIVE else "dt", []
         if self.remarkable:
-            share = f"about {_percent(self.relative)} of" if self.relative < _MANY else f"more than {_MANY:,.0f} times"
+            share = f"about {_percent(self.relative)} of" if self.relative < _MANY else _MORE
             said.append(f"the errors of its steps add up to {share} the motion: take a smaller {less}")
         if relative_drift > _DRIFT:
             said.append(
@@ -96,4 +97,4 @@ class Accuracy:
 
 
 def _percent(share: float) -> str:
-    return percent(share, 2 if share < 1.0 else None) if share < _MANY else f"more than {_MANY:,.0f} times"
+    return percent(share, 2 if share < 1.0 else None) if share < _MANY else _MORE

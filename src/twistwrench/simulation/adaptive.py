@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.printed_numbers import printed, residual
 from ..errors import SimulationError
 from ..typing import Array
 from .compiled_attempts import CompiledAttempts
@@ -80,9 +81,9 @@ class Stepper:
                 bad = np.abs(error / self._allowed(y, y1))[self.system.moving]
                 worst = int(np.argmax(np.where(np.isfinite(bad), bad, np.inf)))
                 raise SimulationError(
-                    f"at t = {t:.9g} s steps shrink below {h:.1e} s and still miss the tolerance, most of all in joint "
-                    f"{self.system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows without bound. Make it "
-                    "continuous, or take a method of fixed steps."
+                    f"at t = {printed(t, 9)} s steps shrink below {residual(h)} s and still miss the tolerance, most of "
+                    f"all in joint {self.system.robot.model.velocity_names[worst]!r}: a force there jumps, or grows "
+                    "without bound. Make it continuous, or take a method of fixed steps."
                 )
 
     def _tried(self, t: float, y: Array, rate: Array, step: float) -> tuple[Array, Array, float]:

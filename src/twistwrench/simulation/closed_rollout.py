@@ -9,7 +9,7 @@ import numpy as np
 
 from ..algorithms.weighted_svd import SAFE
 from ..core import arguments
-from ..core.printed_numbers import residual
+from ..core.printed_numbers import printed, residual
 from ..errors import ValueRangeError
 from ..model.variable_parameters import moves_joints
 from ..robot import closed_robot_checks as checks
@@ -116,7 +116,7 @@ def _held(found: Rollout, said: tuple[Array, Array] | None) -> ClosedRollout:
         remarks = (
             *remarks,
             f"{np.isfinite(lost_from).sum()} of the motions lose rank of their constraints or leave them{where} before "
-            f"{float(lost_from[first]):g} s; their states after that are NaN",
+            f"{printed(float(lost_from[first]))} s; their states after that are NaN",
         )
     known["remarks"] = remarks
     return ClosedRollout(

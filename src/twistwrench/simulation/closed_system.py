@@ -15,6 +15,7 @@ import numpy as np
 from ..algorithms.constraints import kept, with_gaps
 from ..algorithms.loop_projection import LoopRows, projected
 from ..algorithms.weighted_svd import SAFE, doubtful
+from ..core.printed_numbers import printed
 from ..errors import SimulationError, ValueRangeError
 from ..kernels.ufunc import owner_of
 from ..program.trace import trace
@@ -98,9 +99,9 @@ class Loops:
         smallest = self.onto(t + h, y1)
         if not smallest >= SMALL and lost(np.array(smallest), self.smallest(y)):
             raise SimulationError(
-                f"at t = {t + h:.9g} s the constraints lose rank: {', '.join(self.closed.row_names)} hold the robot in fewer "
-                "directions at a singular configuration, from which the motion may go on in several ways. Change the "
-                "mechanism or the motion so that it stays away, or take a smaller dt where it only comes near."
+                f"at t = {printed(t + h, 9)} s the constraints lose rank: {', '.join(self.closed.row_names)} hold the "
+                "robot in fewer directions at a singular configuration, from which the motion may go on in several ways. "
+                "Change the mechanism or the motion so that it stays away, or take a smaller dt where it only comes near."
             )
 
     def step_of(self, plan: Plan, *, works: bool = False) -> ClosedStep:
@@ -122,8 +123,8 @@ class Loops:
             found, left = self.closed.settled(y[None, : self._nq], CLOSED)
             if not (left[0] <= CLOSED and gap <= 1.0):
                 raise SimulationError(
-                    f"at t = {t:.9g} s the loops cannot be closed again: the step left a gap of {gap:.3g} (rad or m), and "
-                    f"{left[0]:.3g} remains. Take a smaller dt."
+                    f"at t = {printed(t, 9)} s the loops cannot be closed again: the step left a gap of {printed(gap, 3)} "
+                    f"(rad or m), and {printed(left[0], 3)} remains. Take a smaller dt."
                 )
             q, dq, _, rates, _, pivots = self._project(found[0], y[self._moving])
         y[: self._nq], y[self._moving] = q, dq

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.printed_numbers import printed
 from ..typing import Array
 
 _FEW = 2
@@ -57,10 +58,10 @@ class Touches:
             return ""
         times = "once" if self.short == 1 else f"{self.short} times"
         return (
-            f"{times} a contact was over within three steps of {h:.3g} s, which is too short to be computed; the first was "
-            f"{self.first}: take a smaller dt"
+            f"{times} a contact was over within three steps of {printed(h, 3)} s, which is too short to be computed; the "
+            f"first was {self.first}: take a smaller dt"
         )
 
     def _short(self, name: str, t: float) -> None:
         self.short += 1
-        self.first = self.first or f"{name!r} before {t:.6g} s"
+        self.first = self.first or f"{name!r} before {printed(t)} s"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..algorithms.friction import eased, torque_past_eased_friction
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..model.model import Model
 from ..program.trace import trace
@@ -100,7 +101,7 @@ def easing_remark(model: Model, creep: Array) -> str | None:
     most = np.where(dry, creep, 0.0).reshape(-1, len(dry)).max(axis=0)
     worst = int(np.argmax(most))
     return (
-        f"dry friction is eased off at low speeds: joints that it would hold creep, at up to about {most[worst]:.2g} rad/s or "
-        f"m/s (most of all {model.velocity_names[worst]!r}), and one that moves as slowly keeps three quarters of its "
-        "friction; semi-implicit steps ease nothing"
+        f"dry friction is eased off at low speeds: joints that it would hold creep, at up to about "
+        f"{printed(most[worst], 2)} rad/s or m/s (most of all {model.velocity_names[worst]!r}), and one that moves as "
+        "slowly keeps three quarters of its friction; semi-implicit steps ease nothing"
     )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..core.probe_rule import ProbeRule, left_out
 from ..errors import SimulationError
 from ..typing import Array
@@ -126,8 +127,8 @@ class UnseenForces:
         t, y, after, _ = self._worst[1]
         what, time = self.probes.furthest(t, self.h, _straight(y, after))
         return (
-            f"{what} changes within steps of {self.h:.3g} s in a way that the method does not see, most of all about "
-            f"t = {time:.6g} s: take a smaller dt"
+            f"{what} changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all about "
+            f"t = {printed(time)} s: take a smaller dt"
         )
 
     def _add_up(self) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 
@@ -73,12 +74,12 @@ class PositionLimits:
         worst = int(share.argmax())
         if share[worst] <= 1.0:
             return ""
-        place = f"{q[self.coordinates[worst]]:.6g} {self.units[worst]}"
+        place = f"{printed(q[self.coordinates[worst]])} {self.units[worst]}"
         return f"joint {self.names[worst]!r} is at {place}, beyond {self.limit(worst)}"
 
     def limit(self, k: int) -> str:
         """Limit k in words."""
-        return f"its {'lower' if self.sides[k] < 0 else 'upper'} limit {self.limits[k]:.6g} {self.units[k]}"
+        return f"its {'lower' if self.sides[k] < 0 else 'upper'} limit {printed(self.limits[k])} {self.units[k]}"
 
     def level(self, k: int, before: float) -> float:
         """The margin at which an event happens, for a joint whose margin was ``before``."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import positive, whole
+from ..core.printed_numbers import printed
 from ..core.probe_rule import probe_spacing
 from ..errors import ShapeError, ValueRangeError
 from ..model.friction import NONE_GIVEN
@@ -79,7 +80,9 @@ def prepare(
         scheme = ClosedScheme(scheme, loops)
         loops.begin(y0)
     remarks = (
-        [] if abs(h - dt) <= 1e-9 * dt else [f"states {h:.6g} s apart, not {dt:.6g} s, so that a whole number fills it"]
+        []
+        if abs(h - dt) <= 1e-9 * dt
+        else [f"states {printed(h)} s apart, not {printed(dt)} s, so that a whole number fills it"]
     )
     planes = [contact for contact in surfaces if isinstance(contact, PlaneContact)]
     remarks += [said for plane in planes if (said := plane.buried(y0[: robot.nq]))]
@@ -111,8 +114,8 @@ def prepare(
         longest = positive(max_step, "max_step", "s", infinite=True)
         if not adapts and longest < h * (1.0 - 1e-9):
             raise ValueRangeError(
-                f"max_step is {longest:g} s, and steps of method {method!r} are {h:g} s each. Take a smaller dt, and every= to "
-                f"keep fewer states; max_step is for method={ADAPTIVE!r}."
+                f"max_step is {printed(longest)} s, and steps of method {method!r} are {printed(h)} s each. Take a smaller "
+                f"dt, and every= to keep fewer states; max_step is for method={ADAPTIVE!r}."
             )
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
@@ -142,8 +145,8 @@ def _steps(duration: float, dt: float, every: int) -> tuple[int, float]:
     length, h = positive(duration, "duration", "s"), positive(dt, "dt", "s")
     if not length / h < _MOST * every:
         raise ValueRangeError(
-            f"a duration of {length:g} s with a dt of {h:g} s, one in {every} kept, makes more than {_MOST:.0e} states. "
-            "Take a larger dt, or keep fewer with every."
+            f"a duration of {printed(length)} s with a dt of {printed(h)} s, one in {every} kept, makes more than "
+            f"{printed(_MOST, 1)} states. Take a larger dt, or keep fewer with every."
         )
     n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
     return n, length

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..algorithms.contact_forces import plane_contact, stop_contact
+from ..core.printed_numbers import printed
 from ..errors import UnknownNameError, ValueRangeError
 from ..model.model import Model
 from ..program.trace import trace
@@ -144,8 +145,9 @@ class PlaneContact(RobotContact):
         stored = float(plane.stiffness * (np.maximum(depths, 0.0) ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
         x, y, z = np.asarray(plane.points)[worst]
         return (
-            f"point ({x:g}, {y:g}, {z:g}) of {plane.frame!r} starts {depth:.4g} m below the plane, which throws the robot out: "
-            f"{stored:.3g} J are in that contact at the start. Start higher, or with the plane lower"
+            f"point ({printed(x)}, {printed(y)}, {printed(z)}) of {plane.frame!r} starts {printed(depth, 4)} m below the "
+            f"plane, which throws the robot out: {printed(stored, 3)} J are in that contact at the start. Start higher, or "
+            f"with the plane lower"
         )
 
 

@@ -11,18 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
 from ..typing import Array
 from .rollout_gradient import RolloutGradient, gradient, kept_for_gradients, linearized
 from .rollout_inputs import Inputs, cleaned
 from .rollout_kernel import computed, room_for
+from .step_blocks import FASTEST
 
 if TYPE_CHECKING:
     from ..motion.motion import Motion
     from ..robot import Robot
-
-FASTEST = 1e6
-"""rad/s or m/s: what no robot reaches, and steps that are too long soon do."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -237,14 +236,14 @@ class Rollout:
 
     def __repr__(self) -> str:
         many = f"{math.prod(self.batch)} motions" if self.batch else "a motion"
-        said = [f"{many} of {self.steps} steps of {self.dt:g} s, {len(self)} states each"]
+        said = [f"{many} of {self.steps} steps of {printed(self.dt)} s, {len(self)} states each"]
         bad = int(np.count_nonzero(self.unstable))
         if bad:
             first = np.unravel_index(np.argmin(self.unstable_from), self.batch)
             where = f", first {tuple(map(int, first))}" if self.batch else ""
             begun = self.unstable_from[first] > 0
             advice = "take a smaller dt" if begun else "look at its q0 and dq0"
-            said.append(f"{bad} unstable{where} at {self.unstable_from[first]:g} s: {advice}")
+            said.append(f"{bad} unstable{where} at {printed(self.unstable_from[first])} s: {advice}")
         said += [f"note: {remark}" for remark in self.remarks]
         return f"<Rollout of {self.robot!r}, {self.method}: {'; '.join(said)}>"
 

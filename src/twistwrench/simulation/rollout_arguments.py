@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..model.sampled_parameters import refuse_impossible
 from ..model.variable_parameters import matching, nominal
@@ -31,7 +32,7 @@ def torque_limits_of(robot: Robot, asked: Any) -> list[tuple[str, Array, int]]:
         )
     if not (limits >= 0).all():
         raise ValueRangeError(
-            f"torque_limits has {limits[~(limits >= 0)].flat[0]:g}, and limits are at least 0; inf is none."
+            f"torque_limits has {printed(limits[~(limits >= 0)].flat[0])}, and limits are at least 0; inf is none."
         )
     return [("torque_limits", limits, robot.nv)]
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core import arguments
 from ..core.arguments import positive, whole
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..model.friction import NONE_GIVEN
 from ..typing import Array
@@ -131,8 +132,8 @@ def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
     except (MemoryError, ValueError):
         size = math.prod((*batch, *core)) * x.itemsize
         raise ValueRangeError(
-            f"an input of shape {x.shape} for each of a batch {batch} takes {size / 1e9:.3g} GB, more than there is. Take "
-            "fewer samples at a time."
+            f"an input of shape {x.shape} for each of a batch {batch} takes {printed(size / 1e9, 3)} GB, more than there "
+            "is. Take fewer samples at a time."
         ) from None
 
 
@@ -149,7 +150,7 @@ def _counted_steps(
         length = positive(duration, "duration", "s")
         if not length / h < MOST_STEPS:
             raise ValueRangeError(
-                f"a duration of {length:g} s with a dt of {h:g} s makes more than {MOST_STEPS:.0e} steps."
+                f"a duration of {printed(length)} s with a dt of {printed(h)} s makes more than {printed(MOST_STEPS, 1)} steps."
             )
         n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
         h = length / n
@@ -159,7 +160,7 @@ def _counted_steps(
             raise ValueRangeError("how long? Give steps, duration, or torques with axes (..., steps, nv).")
         n = axes[0]
     if n > MOST_STEPS:
-        raise ValueRangeError(f"steps is {n:.3g}, and more than {MOST_STEPS:.0e} are refused.")
+        raise ValueRangeError(f"steps is {printed(n, 3)}, and more than {printed(MOST_STEPS, 1)} are refused.")
     if n % each:
         raise ValueRangeError(f"every={each} does not divide {n} steps: the last state would not be among those kept.")
     return n, h, n // each

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..kernels import threads
 from ..kernels.batch_split import Part
@@ -86,8 +87,8 @@ def _fresh(shapes: list[tuple[int, ...]], dtype: Any) -> list[Array]:
     except (MemoryError, ValueError):
         size = sum(map(math.prod, shapes)) * np.dtype(dtype).itemsize
         raise ValueRangeError(
-            f"the states of this rollout take {size / 1e9:.3g} GB, more than there is. Keep fewer with every=, or take fewer "
-            "samples at a time."
+            f"the states of this rollout take {printed(size / 1e9, 3)} GB, more than there is. Keep fewer with every=, or "
+            "take fewer samples at a time."
         ) from None
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..errors import SimulationError
 from .closed_system import Loops
 from .preparation import prepare
@@ -35,4 +36,4 @@ def carried_out(run: Run) -> SimulationResult:
     except KeyboardInterrupt as interrupt:
         interrupt.result = run.result("interrupted", completed=False)  # type: ignore[attr-defined]
         raise
-    return run.result(run.stopped or f"reached the end, {run.end:.6g} s", completed=not run.stopped)
+    return run.result(run.stopped or f"reached the end, {printed(run.end)} s", completed=not run.stopped)

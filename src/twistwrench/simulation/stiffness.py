@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..core.printed_numbers import printed, residual
 from ..errors import SimulationError
 from ..typing import Array
 from .forces import WORKS, System
@@ -57,11 +58,13 @@ class Stiffness:
     def _words(self, t: float, h: float, mean: float, change: Array) -> str:
         names, friction = self.system.robot.model.velocity_names, self.system.friction
         worst = int(np.argmax(np.abs(change)))
-        often = f"some {(self.duration - t) / mean:.0e}" if mean > 0.0 else "endlessly many"
-        said = f"at t = {t:.6g} s the equations are stiff: stability needs steps of {h:.1e} s, {often} more to the end"
+        often = f"some {printed((self.duration - t) / mean, 1)}" if mean > 0.0 else "endlessly many"
+        stiff = f"at t = {printed(t)} s the equations are stiff"
+        said = f"{stiff}: stability needs steps of {residual(h)} s, {often} more to the end"
         if friction is not None and friction.dry[worst]:
             return (
-                f"{said}. Dry friction of joint {names[worst]!r} is eased off below {friction.creep[worst]:.2g} rad/s or m/s, "
+                f"{said}. Dry friction of joint {names[worst]!r} is eased off below {printed(friction.creep[worst], 2)} "
+                f"rad/s or m/s, "
                 'which is steep for so light a joint. Take method="semi_implicit", in whose steps friction stops joints and '
                 "holds them; or a larger creep=."
             )

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import SimulationError, ValueRangeError
 from ..typing import Array
 
@@ -54,7 +55,7 @@ class Law:
 
     def failure(self, t: float, problem: Exception) -> SimulationError:
         """What to say where the function raised an exception."""
-        return SimulationError(f"{self.what} failed at t = {t:.9g} s with {type(problem).__name__}: {problem}")
+        return SimulationError(f"{self.what} failed at t = {printed(t, 9)} s with {type(problem).__name__}: {problem}")
 
     def checked(self, t: float, given: Any) -> Array:
         """What the function gave, as floats of its own; SimulationError where it is something else."""
@@ -64,21 +65,22 @@ class Law:
             raise self.failure(t, problem) from problem
         if found.dtype.kind not in "biuf":
             raise SimulationError(
-                f"{self.what} gave {found.tolist()!r} at t = {t:.9g} s, expected real numbers of shape "
+                f"{self.what} gave {found.tolist()!r} at t = {printed(t, 9)} s, expected real numbers of shape "
                 f"{self.shape}{self.meaning}."
             )
         if found.shape != self.shape:
             raise SimulationError(
-                f"{self.what} gave an array of shape {found.shape} at t = {t:.9g} s, expected {self.shape}{self.meaning}."
+                f"{self.what} gave an array of shape {found.shape} at t = {printed(t, 9)} s, expected "
+                f"{self.shape}{self.meaning}."
             )
         if not self.shape and found.dtype.kind == "b":
             raise SimulationError(
-                f"{self.what} gave {bool(found)} at t = {t:.9g} s, and takes a number whose sign changes where it happens: "
-                "q[0] - 0.5, not q[0] > 0.5."
+                f"{self.what} gave {bool(found)} at t = {printed(t, 9)} s, and takes a number whose sign changes where it "
+                "happens: q[0] - 0.5, not q[0] > 0.5."
             )
         if not np.isfinite(found).all():
             where = "" if not self.shape else f" at place {int(np.flatnonzero(~np.isfinite(found))[0])}"
-            raise SimulationError(f"{self.what} gave {found} at t = {t:.9g} s, not finite{where}.")
+            raise SimulationError(f"{self.what} gave {found} at t = {printed(t, 9)} s, not finite{where}.")
         return found.astype(float)
 
     def values(self, t: Array, q: Array, dq: Array) -> Array:

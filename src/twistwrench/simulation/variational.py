@@ -24,6 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..bodies.splitting import COMPOSITIONS
+from ..core.printed_numbers import printed
 from ..errors import SimulationError
 from ..typing import Array
 from .event_location import LARGEST_TURN, adjoint, bernoulli, exponential, half_step
@@ -103,7 +104,7 @@ class Variational:
             if not size < np.inf:
                 raise self._lost(t, "the step is unstable", change)
             if any(np.linalg.norm(h * xi[k][turning]) > LARGEST_TURN for k, turning, _ in self.groups):
-                raise self._lost(t, f"the step turns a body by more than {LARGEST_TURN:g} rad", change)
+                raise self._lost(t, f"the step turns a body by more than {printed(LARGEST_TURN)} rad", change)
             # The next change would be as much smaller again, this one may be rounding already.
             settled = size * min(size / before, 1.0) if before < np.inf else size
             if settled <= 1e-16 * scale or _SLOW * before < size <= 1e-11 * scale:
@@ -135,4 +136,4 @@ class Variational:
     def _lost(self, t: float, what: str, change: Array) -> SimulationError:
         bad = int(np.argmax(np.where(np.isfinite(change), np.abs(change), np.inf)))
         name = self.system.robot.model.velocity_names[bad]
-        return SimulationError(f"at t = {t:.9g} s {what}, first of all in joint {name!r}. Take a smaller dt.")
+        return SimulationError(f"at t = {printed(t, 9)} s {what}, first of all in joint {name!r}. Take a smaller dt.")

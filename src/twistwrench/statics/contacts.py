@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import vector
+from ..core.printed_numbers import printed, vector
 from ..errors import ValueRangeError
 from ..typing import Array
 
@@ -53,7 +53,7 @@ class Contact:
             raise ValueRangeError("a contact's normal has no length. Give the direction in which the world can push.")
         if not 0 <= self.friction < np.inf:
             raise ValueRangeError(
-                f"a contact's friction is {self.friction:g}. Give a finite coefficient of at least zero."
+                f"a contact's friction is {printed(self.friction)}. Give a finite coefficient of at least zero."
             )
         if not isinstance(self.frame, str | None):
             raise ValueRangeError(f"a contact's frame is {self.frame!r}. Give the name of a link, or None for the tip.")
@@ -61,7 +61,7 @@ class Contact:
 
     def __repr__(self) -> str:
         at = f" of {self.frame}" if self.frame else ""
-        return f"Contact at {vector(self.point)} m{at}, normal {vector(self.normal)}, friction {self.friction:g}"
+        return f"Contact at {vector(self.point)} m{at}, normal {vector(self.normal)}, friction {printed(self.friction)}"
 
     def edges(self, count: int, *, around: bool = False) -> Array:
         """Edges of a pyramid that lies inside the friction cone, or ``around`` it: forces with unit normal part.

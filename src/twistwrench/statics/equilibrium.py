@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number, percent
+from ..core.printed_numbers import number, percent, printed
 from ..errors import FrameError, ValueRangeError
+from ..screws.component_names import TWIST
 from ..typing import Array
 from .contacts import Contact
 from .force_balance import force_balance, unresisted_motion
 from .pose_arguments import one_configuration
-from .torque_limits import effort_limits
+from .torque_limits import effort_limits, resting_torques
 
 if TYPE_CHECKING:
     from ..robot import Robot
 
-_TWIST_NAMES = ("wx", "wy", "wz", "vx", "vy", "vz")
 _OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
 _OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own frame"
 _MOST_EDGES = 512
@@ -73,7 +73,11 @@ class Equilibrium:
             return f"holds, with contact forces up to {number(largest)} N{used}"
         if self.holds is None:
             return f"marginal: cones of {self.edges} edges decide neither way"
-        moving = [f"{v:+.3g} {n}" for v, n in zip(np.asarray(self.motion), self.names, strict=True) if abs(v) > 1e-6]
+        moving = [
+            f"{printed(v, 3, signed=True)} {n}"
+            for v, n in zip(np.asarray(self.motion), self.names, strict=True)
+            if abs(v) > 1e-6
+        ]
         subject = "no contact resists" if len(np.asarray(self.velocities)) else "there is no contact to resist"
         return (
             f"cannot hold: {subject} the motion ({', '.join(moving)}), {self.frame}, "
@@ -129,7 +133,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     maps = [np.vstack([_hat(p - middle), np.eye(3)]) for p in points]  # f → (p × f, f)
     about = np.concatenate([F[:3] - np.cross(middle, F[3:]), F[3:]])
     turning = np.arange(6) < 3
-    found = _decide(contacts, maps, about, np.zeros(6), turning, edges, _TWIST_NAMES, _OF_A_BODY)
+    found = _decide(contacts, maps, about, np.zeros(6), turning, edges, TWIST, _OF_A_BODY)
     if found.motion is None:
         return found
     w, v = found.motion[:3], found.motion[3:]
@@ -184,9 +188,7 @@ def robot_equilibrium(
     """
     contacts, edges = _clean(contacts, edges)
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is a linear programme of its own")
-    unloaded = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
-    if robot.model.springs:  # they stretch as the load asks, and load their motors with it
-        unloaded = unloaded - (np.asarray(robot.holding_torques(q)) - np.asarray(robot.gravity_forces(q)))
+    unloaded = resting_torques(robot, q, wrench_on_robot)
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
         raise ValueRangeError(
             f"wrench_on_robot at {', '.join(wrench_on_robot or ())}: give each frame one wrench (m, f) of six finite numbers."

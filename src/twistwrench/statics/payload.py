@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import ShapeError
 from ..model.limits import margin
 from ..typing import Array
 from .pose_arguments import one_configuration, same_batch
-from .torque_limits import effort_limits, growth, require_fixed_base, span
+from .torque_limits import effort_limits, growth, require_fixed_base, resting_torques, span
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -72,7 +72,7 @@ class LargestPayload:
         if self.joint < 0:
             return "any payload: no joint with a limit feels it"
         k = int(self.joint)
-        return f"{number(self.mass)} kg, then {self.joint_names[k]} is at {self.side * self.limits[k]:+.4g}"
+        return f"{number(self.mass)} kg, then {self.joint_names[k]} is at {printed(self.side * self.limits[k], 4, signed=True)}"
 
 
 def torques_per_kilogram(
@@ -157,7 +157,7 @@ def largest_payload(
     """
     require_fixed_base(robot, "the largest payload")
     L = effort_limits(robot, limits)
-    unloaded = np.asarray(robot.gravity_forces(q))
+    unloaded = resting_torques(robot, q)
     per_kilogram = torques_per_kilogram(robot, q, com, frame)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
     s = growth(unloaded, per_kilogram, L)

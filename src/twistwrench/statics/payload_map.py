@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, printed
 from ..errors import UnknownNameError, ValueRangeError
 from ..typing import Array
 from .payload import largest_payload
@@ -114,7 +114,7 @@ def payload_map(
     thickness = arguments.positive(thickness, "thickness [m]")
     at = arguments.number(at, "at [m]")
     if not np.isfinite(at):
-        raise ValueRangeError(f"at is {at:g}. Give where the slice lies on the axis across it [m].")
+        raise ValueRangeError(f"at is {printed(at)}. Give where the slice lies on the axis across it [m].")
     require_fixed_base(robot, "a payload map")
     try:
         rng = np.random.default_rng(rng)
@@ -134,8 +134,8 @@ def payload_map(
             parts.append(np.column_stack([place, largest_payload(robot, q, com, frame=frame, limits=limits).mass]))
     if not parts:
         raise ValueRangeError(
-            f"none of {samples} configurations has its tip in the {plane} slice {thickness:g} m thick at {at:g} m. "
-            "Move the slice, make it thicker, or draw more samples."
+            f"none of {samples} configurations has its tip in the {plane} slice {printed(thickness)} m thick at "
+            f"{printed(at)} m. Move the slice, make it thicker, or draw more samples."
         )
     found = np.concatenate(parts)
     if cells is None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..typing import Array
 
@@ -28,7 +29,7 @@ def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
         )
     if not np.isfinite(array).all():
         k = int(np.argmin(np.isfinite(array)))
-        raise ValueRangeError(f"{what}: {robot.coordinate_names[k]!r} is {array[k]:g}. Give finite coordinates.")
+        raise ValueRangeError(f"{what}: {robot.coordinate_names[k]!r} is {printed(array[k])}. Give finite coordinates.")
     return array
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..typing import Array
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ def unit_slips(
     """
     for name, place in places.items():
         if (far := float(np.linalg.norm(place))) > _FAR:
-            metres = ",".join(f"{x / 1000:g}" for x in place)
-            yield f"{name} is {far:g} m from its frame: lengths are in metres. If those are mm, write {metres}."
+            metres = ",".join(f"{printed(x / 1000)}" for x in place)
+            yield f"{name} is {printed(far)} m from its frame: lengths are in metres. If those are mm, write {metres}."
     for b in robot.model.leaders:
         if b.joint.nq != 1:
             continue
@@ -47,11 +48,11 @@ def unit_slips(
         beyond = max(low - value, value - high)
         if turns and not degrees and beyond > 2 * math.pi:
             yield (
-                f"{name} at {value:g} rad is more than a turn beyond its limits: angles are in radians. If those are degrees, "
-                "add --degrees."
+                f"{name} at {printed(value)} rad is more than a turn beyond its limits: angles are in radians. If those "
+                "are degrees, add --degrees."
             )
         elif not turns and beyond > _FAR:
             yield (
-                f"{name} at {value:g} m is more than 1 m beyond its limits: lengths are in metres. If those are mm, write "
-                f"{value / 1000:g}."
+                f"{name} at {printed(value)} m is more than 1 m beyond its limits: lengths are in metres. If those are mm, "
+                f"write {printed(value / 1000)}."
             )

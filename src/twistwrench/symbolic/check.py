@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.printed_numbers import printed, residual
 from ..errors import KernelError
 from ..typing import Array
 from .equations import Equations
@@ -44,8 +45,9 @@ class DerivationCheck:
 
     def __str__(self) -> str:
         return (
-            f"checked against Newton–Euler at {self.states} random states: τ to {self.inverse_dynamics:.1e}, "
-            f"M to {self.mass_matrix:.1e}, c to {self.coriolis_forces:.1e}, g to {self.gravity_forces:.1e} of the largest entry"
+            f"checked against Newton–Euler at {self.states} random states: τ to {residual(self.inverse_dynamics)}, "
+            f"M to {residual(self.mass_matrix)}, c to {residual(self.coriolis_forces)}, g to "
+            f"{residual(self.gravity_forces)} of the largest entry"
         )
 
 
@@ -84,8 +86,8 @@ def checked(equations: Equations, robot: Robot) -> DerivationCheck:
     check = DerivationCheck(**gaps, states=_STATES)
     if not check.worst <= TOLERANCE:
         raise KernelError(
-            f"the derivation of {robot.name!r} disagrees with Newton–Euler by {check.worst:.1e} "
-            f"(allowed {TOLERANCE:g}): {gaps}. "
+            f"the derivation of {robot.name!r} disagrees with Newton–Euler by {residual(check.worst)} "
+            f"(allowed {printed(TOLERANCE)}): {gaps}. "
             "Please report this robot with its file."
         )
     return check

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import MissingExtraError, ShapeError, ValueRangeError
+from ..listing import listed
 from . import derivation_size as size
 from .check import DerivationCheck, checked
 from .equation_assembly import assembled
@@ -155,8 +156,7 @@ def _friction_remark(robot: Robot) -> tuple[str, ...]:
         return ()
     rubbing = friction.viscous.astype(bool) | friction.static.astype(bool) | friction.load.astype(bool)
     names = [body.joint.name for body in robot.model.leaders for k in range(body.joint.nv) if rubbing[body.v_index + k]]
-    listed = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-    return (f"Friction is left out of these equations; the robot has some at {listed}.",)
+    return (f"Friction is left out of these equations; the robot has some at {listed(names, 6)}.",)
 
 
 def _symbols(names: Iterable[str]) -> tuple[Any, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from ..core.printed_numbers import printed
 from .documents import heading, remarks_of, sentence
 from .mathml import MathML
 
@@ -54,7 +55,7 @@ def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
 
 def _symbols(equations: Equations, notation: MathML) -> str:
     rows = [(name, meaning, "") for name, meaning in equations.meanings]
-    rows += [(p.name, p.meaning, f"{p.value:.6g}") for p in equations.parameters]
+    rows += [(p.name, p.meaning, f"{printed(p.value)}") for p in equations.parameters]
     cells = "".join(
         f"<tr><td><math>{notation.symbol(name)}</math></td><td>{escape(meaning)}</td><td>{value}</td></tr>"
         for name, meaning, value in rows

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..core.printed_numbers import printed
 from .latex import Latex
 from .line_breaks import TEXT_WIDTH, broken, latex_width
 from .notation import Notation
@@ -84,7 +85,7 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
 
 
 def _legend(equations: Equations) -> list[tuple[str, str]]:
-    return [*equations.meanings, *((p.name, f"{p.meaning}: {p.value:.6g}") for p in equations.parameters)]
+    return [*equations.meanings, *((p.name, f"{p.meaning}: {printed(p.value)}") for p in equations.parameters)]
 
 
 def _aligned(step: Step, notation: Notation) -> list[str]:

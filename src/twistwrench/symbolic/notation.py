@@ -10,6 +10,7 @@ import re
 import unicodedata
 from typing import Any
 
+from ..core.printed_numbers import printed
 from .symbol_names import GREEK, MARKS, link_number, name_parts
 from .term_order import RANKS, is_sum, ordered_terms, signed_factors
 
@@ -107,7 +108,7 @@ class Notation:
             return self.minus(self._number(-x))
         if x.is_Rational and not x.is_Integer:
             return self.fraction(self.figure(str(x.p)), self.figure(str(x.q)))
-        return self.figure(str(x) if x.is_Integer else f"{float(x):.6g}")
+        return self.figure(str(x) if x.is_Integer else f"{printed(float(x))}")
 
     # How things look: in plain text, as in the terminal.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.printed_numbers import printed
+
 
 def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = None) -> float:
     """Relative difference of two arrays by norm: the largest difference over the largest entry of ``desired``.
@@ -74,7 +76,7 @@ def assert_close(
     worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(apart)), a.shape))
     whose = "the largest entry" if scale is None else "the scale"
     raise AssertionError(
-        f"{name}: off by {gap:.3g} of {whose}, {size:.6g}; allowed {rtol:g}.\n"
+        f"{name}: off by {printed(gap, 3)} of {whose}, {printed(size)}; allowed {printed(rtol)}.\n"
         f"Worst at {worst}: actual {a[worst]}, desired {b[worst]}. "
         f"Entries beyond the tolerance: {np.count_nonzero(apart > rtol * size)} of {a.size}."
     )

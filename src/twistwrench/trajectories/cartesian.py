@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import PathError, ShapeError, ValueRangeError
 from ..robot.inverse_kinematics import pose_finder, twist_left
 from ..robot.robot_argument import require_robot
@@ -79,14 +80,17 @@ def follow_poses(
     q0 = np.array(arguments.one(q0, "q0", robot.nq))
     allowed = arguments.number(tolerance, "tolerance")
     if not 1e-10 <= allowed < np.inf:
-        raise ValueRangeError(f"tolerance is {allowed:g}: give how far the frame may be off [m, rad], 1e-10 or more.")
+        raise ValueRangeError(
+            f"tolerance is {printed(allowed)}: give how far the frame may be off [m, rad], 1e-10 or more."
+        )
     along = _door(poses)
     first = along(np.zeros(1))
     gap = twist_left(robot.forward_kinematics(q0, frame)[None], first, tuple(range(6)))[0]
     if np.abs(gap).max() > 1e-6:
         raise ValueRangeError(
-            f"at q0 the frame is {np.linalg.norm(gap[3:]):.3g} m and {np.linalg.norm(gap[:3]):.3g} rad from where the path "
-            "begins. Take robot.inverse_kinematics(T).q of its first pose, or begin it at robot.forward_kinematics(q0)."
+            f"at q0 the frame is {printed(np.linalg.norm(gap[3:]), 3)} m and {printed(np.linalg.norm(gap[:3]), 3)} rad "
+            "from where the path begins. Take robot.inverse_kinematics(T).q of its first pose, or begin it at "
+            "robot.forward_kinematics(q0)."
         )
     n = _FIRST
     while True:
@@ -97,21 +101,24 @@ def follow_poses(
             continue
         arrived, s = len(q) == len(s), s[: len(q)]
         if not arrived and len(q) < 8:
-            raise PathError(f"the path of poses ends at s = {s[-1]:.4g}: {why}.", reached=float(s[-1]))
+            raise PathError(f"the path of poses ends at s = {printed(s[-1], 4)}: {why}.", reached=float(s[-1]))
         path, middle = _spline(s / s[-1], q, 0.0), 0.5 * (s[1:] + s[:-1])
         off = twist_left(robot.forward_kinematics(path(middle / s[-1])[0], frame), along(middle), tuple(range(6)))
         deviation = float(max(np.linalg.norm(off[:, 3:], axis=1).max(), np.linalg.norm(off[:, :3], axis=1).max()))
         if not arrived and (deviation <= allowed or n >= 1024):
             partial, reached = _spline(s / s[-1], q, deviation), float(s[-1])
-            raise PathError(f"the path of poses ends at s = {reached:.4g}: {why}.", reached=reached, partial=partial)
+            raise PathError(
+                f"the path of poses ends at s = {printed(reached, 4)}: {why}.", reached=reached, partial=partial
+            )
         if deviation <= allowed:
             return _spline(s, q, deviation)
         n *= 2
         if n > _MOST:
             k = int(np.linalg.norm(off, axis=1).argmax())
             raise PathError(
-                f"between {n // 2} places the frame is still {deviation:.3g} off at s = {middle[k]:.4g}: the path bends there, "
-                "or the arm is near a singular configuration. Round the path off, or allow more with tolerance=.",
+                f"between {n // 2} places the frame is still {printed(deviation, 3)} off at s = {printed(middle[k], 4)}: "
+                "the path bends there, or the arm is near a singular configuration. Round the path off, or allow more with "
+                "tolerance=.",
                 reached=float(middle[k]),
                 partial=_spline(s, q, deviation),
             )
@@ -159,9 +166,11 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
     found, near = [q0], pose_finder(robot, frame, _ARRIVED)
     if limits.exceeded(q0).any():
         k = int(limits.exceeded(q0).argmax())
-        return np.array(
-            found
-        ), f"it begins with {names[k]} at {q0[k]:.4g}, outside its limits {lower[k]:.4g} to {upper[k]:.4g}"
+        return (
+            np.array(found),
+            f"it begins with {names[k]} at {printed(q0[k], 4)}, outside its limits {printed(lower[k], 4)} to "
+            f"{printed(upper[k], 4)}",
+        )
     for target in targets[1:]:
         q, last = found[-1].copy(), found[-1]
         if robot.nv <= 6 and len(found) > 1:
@@ -184,17 +193,17 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
                     return (
                         np.array(found),
                         "the arm is at a singular configuration there, stretched out or folded, and finds no way on (smallest "
-                        f"singular value of J {least:.2g})",
+                        f"singular value of J {printed(least, 2)})",
                     )
                 return np.array(found), "the next pose is out of reach on this branch"
         if limits.exceeded(q).any():
             k = int(limits.exceeded(q).argmax())
             limit = lower[k] if q[k] < lower[k] else upper[k]
-            return np.array(found), f"{names[k]} reaches its limit {limit:.4g}"
+            return np.array(found), f"{names[k]} reaches its limit {printed(limit, 4)}"
         if np.abs(q - last).max() > _JUMP:
             k = int(np.abs(q - last).argmax())
             return np.array(found), (
-                f"{names[k]} would jump by {abs(q[k] - last[k]):.3g}: the arm passes a singular configuration"
+                f"{names[k]} would jump by {printed(abs(q[k] - last[k]), 3)}: the arm passes a singular configuration"
             )
         found.append(q)
     return np.array(found), ""

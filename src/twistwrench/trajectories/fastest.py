@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.printed_numbers import number
 from ..errors import ConstraintWarning, PathError, ValueRangeError
+from ..listing import listed
 from ..motion.bounds import Bounds, bounds_of
 from ..robot.robot_argument import require_robot
 from ..typing import Array
@@ -256,9 +257,8 @@ def _warn_of_positions(robot: Robot, path: JointPath, bounds: Bounds) -> None:
         for v in positions_passed(robot, s, path(s)[0], bounds)
     ]
     if found:
-        more = f" and {len(found) - 4} more" if len(found) > 4 else ""
         warnings.warn(
-            f"the path leaves the positions that joints of {robot.name!r} can take: {'; '.join(found[:4])}{more}. No timing "
+            f"the path leaves the positions that joints of {robot.name!r} can take: {listed(found, 4, '; ')}. No timing "
             "mends that: take another path.",
             ConstraintWarning,
             stacklevel=3,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..errors import PathError, ValueRangeError
 from ..typing import Array
 
@@ -209,9 +210,9 @@ class PathRows:
             first = s[(share >= 1 - 1e-6).any(axis=1)][0]
             name = self.robot.model.velocity_names[self.rows[k].joint]
             raise PathError(
-                f"the robot cannot hold itself on this path: at s = {s[i]:.4g} {name!r} needs {c[i, k]:.4g} of "
-                f"{self.L[k]:.4g} to stand still{' against friction' if self.friction else ''}"
-                f"{f' (too much from s = {first:.4g})' if first < s[i] else ''}. Take load off, "
+                f"the robot cannot hold itself on this path: at s = {printed(s[i], 4)} {name!r} needs {printed(c[i, k], 4)} of "
+                f"{printed(self.L[k], 4)} to stand still{' against friction' if self.friction else ''}"
+                f"{f' (too much from s = {printed(first, 4)})' if first < s[i] else ''}. Take load off, "
                 "another path, or a stronger joint.",
                 reached=float(first),
             )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..robot.robot_argument import require_robot
 from ..typing import Array
@@ -151,7 +152,8 @@ def spline(
         if (late := np.diff(at) <= 0).any():
             k = int(late.argmax())
             raise ValueRangeError(
-                f"times has {at[k + 1]:g} after {at[k]:g}, at waypoint {k + 1}: give rising times [s], waypoints in that order."
+                f"times has {printed(at[k + 1])} after {printed(at[k])}, at waypoint {k + 1}: give rising times [s], "
+                f"waypoints in that order."
             )
         T = at[-1] - at[0]
         knots = (at - at[0]) / T

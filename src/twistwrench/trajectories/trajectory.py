@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.time_scalings import quintic
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import PathError, ShapeError, ValueRangeError
 from ..motion.bounds import Bounds, bounds_or_own
 from ..motion.motion import Motion
@@ -106,7 +107,7 @@ class Trajectory:
         step = arguments.number(dt, "dt")
         if not 0 < step < np.inf or self.duration / step > 1e8:
             raise ValueRangeError(
-                f"dt is {dt!r}: give a step [s] above zero, in which {self.duration:.4g} s has at most 1e8."
+                f"dt is {dt!r}: give a step [s] above zero, in which {printed(self.duration, 4)} s has at most 1e8."
             )
         n = int(np.floor(self.duration / step * (1 + 1e-12)))
         t = step * np.arange(n + 1)
@@ -292,15 +293,16 @@ def fitted(
     with np.errstate(divide="ignore", invalid="ignore"):
         shortest = [float(np.nanmax(np.abs(dq) / bounds.velocity, initial=0.0))]
         shortest.append(float(np.sqrt(np.nanmax(np.abs(ddq) / bounds.acceleration, initial=0.0))))
-    g = robot.gravity_forces(q) + robot.friction_forces(1e-9 * np.sign(dq)) * friction
+    held = robot.holding_torques(q)
+    g = held + robot.friction_forces(1e-9 * np.sign(dq)) * friction
     room = bounds.effort - np.abs(g)
     if ((room <= 1e-6 * bounds.effort) & np.isfinite(room)).any():
         i, j = np.unravel_index(int((np.abs(g) / bounds.effort).argmax()), g.shape)
         raise PathError(
-            f"the robot cannot hold itself on this path: {robot.model.velocity_names[j]!r} needs {abs(g[i, j]):.4g} of "
-            f"{bounds.effort[j]:.4g} to stand still. Take load off, another path, or a stronger joint."
+            f"the robot cannot hold itself on this path: {robot.model.velocity_names[j]!r} needs {printed(abs(g[i, j]), 4)} of "
+            f"{printed(bounds.effort[j], 4)} to stand still. Take load off, another path, or a stronger joint."
         )
-    moving = robot.inverse_dynamics(q, dq, ddq) - robot.gravity_forces(q)
+    moving = robot.inverse_dynamics(q, dq, ddq) - held
     viscous = robot.model.friction.viscous * dq if friction else np.zeros_like(dq)
     # abs(g + moving k² + viscous k) ≤ L with k = 1/T: the smaller positive root on the side it grows to
     for side in (1.0, -1.0):

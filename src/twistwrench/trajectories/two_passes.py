@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import printed
 from ..errors import PathError
 from ..typing import Array
 from .collocation import Cell, try_cell
@@ -207,7 +208,7 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
 
 def _lost(s: float) -> PathError:
     return PathError(
-        f"no fastest timing was found beyond s = {s:.6g}: limits change there in a way the search cannot follow. A path with "
-        "fewer corners, or limits less far apart from joint to joint, may help; a trapezoidal scaling always exists.",
+        f"no fastest timing was found beyond s = {printed(s)}: limits change there in a way the search cannot follow. A "
+        "path with fewer corners, or limits less far apart from joint to joint, may help; a trapezoidal scaling always exists.",
         reached=s,
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
-from ..core.printed_numbers import number, percent
+from ..core.printed_numbers import number, percent, printed, seconds
 from ..errors import ShapeError, ValueRangeError
 from ..motion.bounds import bounds_of
 from ..motion.column_extremes import Extreme
@@ -168,7 +168,9 @@ def motion_of(
         raise ShapeError(f"a motion has time (n,) and q (n, {model.nq}), got {t.shape} and {q.shape}.")
     if (np.diff(t) <= 0).any():
         k = int(np.argmax(np.diff(t) <= 0))
-        raise ValueRangeError(f"time does not increase from sample {k} ({t[k]:g} s) to the next ({t[k + 1]:g} s).")
+        raise ValueRangeError(
+            f"time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
+        )
     given = {"dq": dq, "ddq": ddq}
     rates = {
         n: None if x is None else arguments.finite(x, n, model.nv, names=model.velocity_names) for n, x in given.items()
@@ -253,4 +255,4 @@ def _sentence(v: Violation) -> str:
     """What a limit is passed by, and when."""
     words = _WORDS.get(v.kind) or ("upper limit" if v.value > v.limit else "lower limit")
     by = number(v.by, 3) + (f" ({percent(v.by / abs(v.limit), 3)})" if v.limit else "")
-    return f"{v.joint} passes its {words} by {by} at t = {v.time:.3f} s"
+    return f"{v.joint} passes its {words} by {by} at t = {seconds(v.time)} s"

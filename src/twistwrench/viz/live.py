@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
+from ..core.printed_numbers import seconds
 from ..errors import MissingExtraError, ValueRangeError
 from ..typing import Array
 from .live_server import check_port, private_server, silence
@@ -19,6 +20,7 @@ from .page_access import PageAccess
 from .scene import Scene, scene_of
 from .scene_nodes import LAYERS, Nodes
 from .sliders import slider_value, sliders_of, with_slider
+from .starting_pose import starting_pose
 from .torque_table import TEXT, torque_table
 
 if TYPE_CHECKING:
@@ -76,7 +78,7 @@ class LiveView:
             motion.require(robot)
             robot, wrench_on_robot = motion.load.loaded, dict(motion.load.wrenches)
         self.robot, self.motion = robot, motion
-        start = robot.neutral if motion is None else motion.q[0]
+        start = starting_pose(robot) if motion is None else motion.q[0]
         self.q = np.array(
             start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq), float
         )
@@ -176,7 +178,9 @@ class LiveView:
                 self.tau = np.asarray(self.robot.holding_torques(self.q, wrench_on_robot=self.wrenches or None))
             shares, coloured = self.shares()
             self.nodes.update(self.q, shares, coloured)
-            title = "Torques that hold this pose" if self.posed else f"Torques of the motion at {self.time:.2f} s"
+            title = (
+                "Torques that hold this pose" if self.posed else f"Torques of the motion at {seconds(self.time, 2)} s"
+            )
             self.torque_panel.content = torque_table(self.robot.model, title, self.tau, shares, coloured)
             for hand, slider in zip(self.hands, self.sliders, strict=True):
                 value = slider_value(hand, self.q)

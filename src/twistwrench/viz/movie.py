@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.printed_numbers import printed, seconds
 from ..errors import MissingExtraError, ValueRangeError
 from ..outputs import replacing
 from ..plotting.style import AXIS, INK, LIMIT, QUIET, SMALL, figure, require_matplotlib
@@ -172,8 +173,8 @@ def _moments(motion: DrawnMotion, fps: float, speed: float) -> Array:
     count = int(span * fps / speed) + 1
     if count > _MOST:
         raise ValueRangeError(
-            f"a film of {span:g} s at {fps:g} pictures a second takes {count}, more than {_MOST}. "
-            f"Show it faster, such as speed={np.ceil(span * fps / _MOST):g}, or give a part of the motion."
+            f"a film of {printed(span)} s at {printed(fps)} pictures a second takes {count}, more than {_MOST}. "
+            f"Show it faster, such as speed={printed(np.ceil(span * fps / _MOST))}, or give a part of the motion."
         )
     return np.asarray(motion.time[0] + np.arange(count) * speed / fps)
 
@@ -245,4 +246,4 @@ class _Bars:
         for bar, share, colour in zip(self.bars, shares, colours, strict=True):
             bar.set_width(share)
             bar.set_color(colour)
-        self.clock.set_text(f"t = {moment:.2f} s")
+        self.clock.set_text(f"t = {seconds(moment, 2)} s")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.printed_numbers import percent_of_limit
+from ..core.printed_numbers import percent_of_limit, seconds
 from ..motion.coordinates import Coordinates
 from ..typing import Array
 from .colours import share_colours
@@ -32,6 +32,6 @@ def torque_table(model: Model, title: str, torques: Array, shares: Array, colour
             f"background:{colour}'></div></div>"
         )
         share = "" if np.isnan(c) else percent_of_limit(abs(c))
-        cells = (html.escape(name.removesuffix("_joint")), bar, f"{tau + 0.0:.2f} {unit}", share)
+        cells = (html.escape(name.removesuffix("_joint")), bar, f"{seconds(tau + 0.0, 2)} {unit}", share)
         rows.append(f"<tr>{''.join(f'<td style={_CELL!r}>{cell}</td>' for cell in cells)}</tr>")
     return f"<div style='{TEXT}'><b>{title}</b><table style='width:100%'>{''.join(rows)}</table></div>"

@@ -10,6 +10,7 @@ from rich.text import Text
 from ...core.printed_numbers import estimate, number, percent, plus_minus
 from ...identification import IdentifiedRobot
 from ...joints.units import heading_unit
+from ...listing import listed
 from ...motion.coordinates import Coordinates
 from .plain_table import PlainTable, verdict_word
 
@@ -39,9 +40,8 @@ def _parts(found: IdentifiedRobot) -> Iterator[RenderableType]:
     if found.base.held.any():
         yield Text(f"{int(found.base.held.sum())} parameters were held at known values")
     if vague := found.vague:
-        names = "; ".join(name.split(" ")[0] for name in vague[:_VAGUE])
-        more = f", and {len(vague) - _VAGUE} more" if len(vague) > _VAGUE else ""
-        yield Text(f"vague, deviation beyond 30 %: {names}{more}")
+        names = listed((name.split(" ")[0] for name in vague), _VAGUE, "; ")
+        yield Text(f"vague, deviation beyond 30 %: {names}")
 
 
 def _payload(found: IdentifiedRobot) -> Iterator[Text]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from rich.text import Text
 
 from ...core.printed_numbers import number
+from ...listing import listed
 from ...model.limits import over_limit
 from ...report.motors import Demand, MotorUse
 from .plain_table import PlainTable, share_cell
@@ -43,9 +44,7 @@ def motors_verdict(motors: Sequence[MotorUse]) -> Text:
     """One line: which motors are too small, by what; or which is nearest to its limits."""
     small = sorted((use for use in motors if use.too_small), key=lambda use: -use.tightest.share)
     if small:
-        shown = "; ".join(use.words for use in small[:3])
-        more = f"; and {len(small) - 3} more" if len(small) > 3 else ""
-        return Text.assemble(("MOTOR TOO SMALL", "bold red"), f": {shown}{more}.")
+        return Text.assemble(("MOTOR TOO SMALL", "bold red"), f": {listed((use.words for use in small), 3, '; ')}.")
     known = [use for use in motors if any(math.isfinite(d.limit) for d in use.demands)]
     if not known:
         return Text.assemble(("MOTORS", "bold"), ": their limits are not known.")

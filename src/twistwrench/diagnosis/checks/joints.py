@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core.printed_numbers import number
+from ...core.printed_numbers import in_file, number, printed
+from ...listing import listed
 from ...model.limits import margin
 from ..described import DescribedJoint, DescribedRobot
 from ..findings import Edit, FileRepair, Finding, Severity
@@ -35,12 +36,13 @@ def check_degrees(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
         if not joint.turns or robot.format != "urdf" or not _TURNS < largest < _ENDLESS or not whole:
             continue
         edits = tuple(
-            Edit(joint.places[name], f"{math.radians(joint.numbers[name]):.10g}")
+            Edit(joint.places[name], in_file(math.radians(joint.numbers[name])))
             for name in ("lower", "upper")
             if joint.numbers.get(name)
         )
         yield _finding(
-            joint, "degrees", Severity.WARNING, f"its limits, {limits[0]:g} to {limits[1]:g} rad, look like degrees",
+            joint, "degrees", Severity.WARNING,
+            f"its limits, {printed(limits[0])} to {printed(limits[1])} rad, look like degrees",
             {"lower": limits[0], "upper": limits[1]}, FileRepair("number", "the limits in radians", edits=edits),
         )  # fmt: skip
 
@@ -59,7 +61,7 @@ def check_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
             long.append(body.joint.name)
     said = "zero is outside the limits, so that the neutral configuration is not to be had"
     yield from _of_several(robot, "limits", outside, said)
-    yield from _of_several(robot, "limits", long, f"the stroke is more than {_STROKE:g} m")
+    yield from _of_several(robot, "limits", long, f"the stroke is more than {printed(_STROKE)} m")
 
 
 def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
@@ -82,7 +84,7 @@ def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
     for joint in robot.joints.values():
         if joint.axis is None or abs(length := float(np.linalg.norm(joint.axis))) == 0 or abs(length - 1.0) < 1e-3:
             continue
-        text = " ".join(f"{x:.10g}" for x in joint.axis / length)
+        text = " ".join(map(in_file, joint.axis / length))
         repair = FileRepair("number", "the axis with unit length", edits=(Edit(joint.places["axis"], text),))
         yield _finding(
             joint, "axis", Severity.NOTE, f"its axis has the length {number(length)}, not 1", {"length": length}, repair
@@ -111,11 +113,9 @@ def _of_several(robot: DescribedRobot, check: str, names: list[str], sentence: s
     """One note on all joints of which the same is to be said."""
     if not names:
         return
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     first = robot.joints.get(names[0])
-    listed = ", ".join(map(repr, names[:_NAMED]))
     noun = "joint" if len(names) == 1 else "joints"
     yield Finding(
-        check, Severity.NOTE, f"{noun} {listed}{more}", first.line if first else 0,
+        check, Severity.NOTE, f"{noun} {listed(map(repr, names), _NAMED)}", first.line if first else 0,
         sentence, {"joints": float(len(names))}, file=first.file if first else "",
     )  # fmt: skip

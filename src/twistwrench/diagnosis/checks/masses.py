@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
-from ...core.printed_numbers import number
+from ...core.printed_numbers import number, printed
+from ...listing import listed
 from ...model.massless import massless_links
 from ..described import DescribedLink, DescribedRobot
 from ..findings import FileRepair, Finding, Severity
@@ -34,7 +35,8 @@ def check_placeholder(robot: DescribedRobot, _options: Options) -> Iterator[Find
         heavy = robot.heavy(link) and effect.reaches(MATTERS)
         yield Finding(
             "placeholder", Severity.WARNING if heavy else Severity.NOTE, f"link {link.name!r}", written.line,
-            f"its moments are {written.tensor[0, 0]:g} kg m² about every axis at {number(written.mass)} kg, which looks like a "
+            f"its moments are {printed(written.tensor[0, 0])} kg m² about every axis at {number(written.mass)} kg, which "
+            f"looks like a "
             "placeholder", {"moment": float(written.tensor[0, 0]), "mass": written.mass}, effect, repair, written.file,
         )  # fmt: skip
 
@@ -84,19 +86,15 @@ def check_massless(robot: DescribedRobot, _options: Options) -> Iterator[Finding
         link = robot.links.get(names[0], DescribedLink(names[0], 0))
         joints = [robot.model.bodies[robot.model.frames[name].body].joint.name for name in names]
         singular = kind == "singular"
-        what = f"; M is singular, as {_listed(joints)} move nothing" if singular else ""
+        what = f"; M is singular, as {listed(map(repr, joints), _NAMED)} move nothing" if singular else ""
         yield Finding(
-            "massless", Severity.WARNING if singular else Severity.NOTE, f"link{'s' * (len(names) > 1)} {_listed(names)}",
-            link.line, f"no mass, and a joint of its own: weight and inertia are missing from every torque{what}",
+            "massless", Severity.WARNING if singular else Severity.NOTE,
+            f"link{'s' * (len(names) > 1)} {listed(map(repr, names), _NAMED)}", link.line,
+            f"no mass, and a joint of its own: weight and inertia are missing from every torque{what}",
             {"links": float(len(names))},
             repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, lock={{{joints[0]!r}: 0, …}}"),
             file=link.file,
         )  # fmt: skip
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(map(repr, names[:_NAMED])) + more
 
 
 def check_assumed(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
@@ -131,5 +129,5 @@ def check_density(robot: DescribedRobot, _options: Options) -> Iterator[Finding]
             "density", Severity.NOTE, f"link {link.name!r}", written.line,
             f"{number(written.mass)} kg in a hull of {number(1e3 * volume, 3)} litres is {number(density, 3)} kg/m³; parts of "
             "robots have "
-            f"{least:g} to {most:g}", {"density": density, "volume": volume}, file=written.file,
+            f"{printed(least)} to {printed(most)}", {"density": density, "volume": volume}, file=written.file,
         )  # fmt: skip

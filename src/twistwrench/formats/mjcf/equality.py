@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ...core.printed_numbers import printed
 from ...errors import RobotFileError
 from ...lie import quaternion, se3
 from ...model.builder import ModelBuilder
@@ -50,7 +51,7 @@ def mimics(
             remarks.append(
                 Remark(
                     str(one),
-                    f"holds joint {follower!r} at {joints[follower].reference + c0:g}, which is left out: lock it",
+                    f"holds joint {follower!r} at {printed(joints[follower].reference + c0)}, which is left out: lock it",
                 )
             )
         elif any(more) or c1 == 0:

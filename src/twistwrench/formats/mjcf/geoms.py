@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.printed_numbers import printed
 from ...errors import RobotFileError
 from ...lie import se3
 from ...lie.identity import product
@@ -17,8 +18,9 @@ from .settings import Settings
 
 _WATER = 1000.0
 """kg/m³, the format's density."""
-_WITHOUT = ("plane", "hfield")
-_TYPES = (*_WITHOUT, "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+WITHOUT_MASS = ("plane", "hfield")
+"""Types without mass and shape of their own."""
+_TYPES = (*WITHOUT_MASS, "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 _LENGTHS = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
 _ALONG = ("capsule", "cylinder", "ellipsoid", "box")
 """Shapes that may be given by the ends of their axis."""
@@ -29,7 +31,7 @@ def weighs(geom: Element, settings: Settings) -> bool:
     first, last = settings.groups
     if not first <= geom.floats("group", (0.0,))[0] <= last:
         return False
-    if geom.word("type", _TYPES, "sphere") in _WITHOUT:
+    if geom.word("type", _TYPES, "sphere") in WITHOUT_MASS:
         return False
     return any(_mass_or_density(geom).values())
 
@@ -51,7 +53,9 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
         return G.in_frame(product(part.frame, placement(geom, settings)))
     T, size = shape_of(geom, kind, settings)
     if min(size) <= 0:
-        raise RobotFileError(f"{geom} is a {kind} of size {' '.join(f'{x:g}' for x in size)}; sizes are above zero.")
+        raise RobotFileError(
+            f"{geom} is a {kind} of size {' '.join(f'{printed(x)}' for x in size)}; sizes are above zero."
+        )
     return _solid(kind, size, given).in_frame(product(part.frame, T))
 
 
@@ -74,7 +78,7 @@ def _mass_or_density(geom: Element) -> dict[str, float]:
         given = {"density": geom.floats("density", (_WATER,))[0]}
     for what, value in given.items():
         if value < 0:
-            raise RobotFileError(f"{geom} has a negative {what}, {value:g}.")
+            raise RobotFileError(f"{geom} has a negative {what}, {printed(value)}.")
     return given
 
 

@@ -8,8 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...bodies.inertia import SpatialInertia
+from ...core.printed_numbers import printed
 from ...errors import RobotFileError
 from ...lie.identity import is_identity
+from ...typing import Array
+from ..element import Element
+from ..inertia_entries import IN_MJCF, tensor_of
 from .bodies import MjcfBody, PlacedElement
 from .geoms import inertia_of_geom, weighs
 from .meshes import Meshes
@@ -36,7 +40,7 @@ def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) 
             factor = settings.total_mass / total
             found = [SpatialInertia.from_parameters(factor * G.parameters) for G in found]
             remarks.append(
-                f"settotalmass={settings.total_mass:g}: all masses and inertias are multiplied by {factor:.6g}"
+                f"settotalmass={printed(settings.total_mass)}: all masses and inertias are multiplied by {printed(factor)}"
             )
     return Inertias(found, remarks)
 
@@ -76,8 +80,7 @@ def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
     elif said[0] == "diaginertia":
         moments = np.diag(inertial.numbers("diaginertia", 3))
     else:
-        xx, yy, zz, xy, xz, yz = inertial.numbers("fullinertia", 6)
-        moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        moments = full_inertia(inertial)
         if set(inertial.attributes) & {"quat", "axisangle", "xyaxes", "zaxis", "euler"}:
             raise RobotFileError(
                 f"{inertial} has fullinertia, which is along the body's axes, and an orientation. Keep one."
@@ -87,6 +90,11 @@ def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
     return G if is_identity(given.frame) else G.in_frame(given.frame)
 
 
+def full_inertia(inertial: Element) -> Array:
+    """The tensor (3, 3) of a ``fullinertia``."""
+    return tensor_of(dict(zip(IN_MJCF, inertial.numbers("fullinertia", 6).tolist(), strict=True)).__getitem__)
+
+
 def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:
     """With the least mass and moments of ``<compiler>``, and balanced if it says so."""
     if not (settings.least_mass > 0 or settings.least_moment > 0 or settings.balanced):
@@ -94,16 +102,16 @@ def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: l
     mass = max(G.mass, settings.least_mass)
     moments, axes = np.linalg.eigh(G.moment_about_com)
     wanted = np.maximum(moments, settings.least_moment)
-    said = [f"boundmass={settings.least_mass:g}"] if mass > G.mass else []
-    said += [f"boundinertia={settings.least_moment:g}"] if (wanted > moments).any() else []
+    said = [f"boundmass={printed(settings.least_mass)}"] if mass > G.mass else []
+    said += [f"boundinertia={printed(settings.least_moment)}"] if (wanted > moments).any() else []
     if settings.balanced and wanted[0] + wanted[1] < wanted[2]:
         wanted = np.full(3, wanted.mean())
         said.append("balanceinertia")
     if not said:
         return G
     remarks.append(
-        f"{' and '.join(said)} of <compiler> change body {body.name!r} ({body.element.place}): mass {G.mass:g} to {mass:g} kg, "
-        f"principal moments {moments.round(12).tolist()} to {wanted.round(12).tolist()} kg m²"
+        f"{' and '.join(said)} of <compiler> change body {body.name!r} ({body.element.place}): mass {printed(G.mass)} to "
+        f"{printed(mass)} kg, principal moments {moments.round(12).tolist()} to {wanted.round(12).tolist()} kg m²"
     )
     com = G.com if G.mass else np.zeros(3)
     return SpatialInertia.from_com(mass, com, (axes * wanted) @ axes.T)

@@ -17,13 +17,12 @@ from ...typing import Array
 from ..element import Element
 from ..urdf import ENDLESS
 from .frames import MODEL, WORLD, SdfModel, unpacked
-from .values import number, pose, said, vector, word
+from .values import moments, number, pose, said, vector, word
 
 _KINDS = {
     "revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed", "ball": "ball",
     "screw": "helical", "universal": "revolute", "revolute2": "revolute",
 }  # fmt: skip
-_PRODUCTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def read_sdf(
@@ -122,9 +121,8 @@ class _SdfReader:
             means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
             text = " and ".join(f"no {what}, which means {means[what]}" for what in missing)
             self.builder.remark(Remark(str(link), f"has {text}, in this format"))
-        xx, xy, xz, yy, yz, zz = (number(tensor, name, float(name in ("ixx", "iyy", "izz"))) for name in _PRODUCTS)
         T = pose(inertial.child("pose") if inertial is not None else None)
-        R, I = T[:3, :3], np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        R, I = T[:3, :3], moments(tensor)
         return SpatialInertia.from_com(number(inertial, "mass", 1.0), T[:3, 3], R @ I @ R.T)
 
     def _add_joint(self, name: str, joint: Element) -> str:

@@ -10,6 +10,7 @@ from ...errors import RobotFileError
 from ...lie import quaternion
 from ...typing import Array
 from ..element import Element
+from ..inertia_entries import tensor_of
 from ..urdf import rotation_of_rpy
 
 
@@ -22,6 +23,11 @@ def number(parent: Element | None, tag: str, default: float) -> float:
     """The number in a child, the default where there is none."""
     child = parent.child(tag) if parent is not None else None
     return default if child is None else held(child).number("text")
+
+
+def moments(tensor: Element | None) -> Array:
+    """The tensor (3, 3) in an ``<inertia>``: what is left out, all of it for None, is that of 1 kg m² about every axis."""
+    return tensor_of(lambda name: number(tensor, name, float(name in ("ixx", "iyy", "izz"))))
 
 
 def vector(element: Element) -> Array:

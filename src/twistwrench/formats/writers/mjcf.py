@@ -13,6 +13,7 @@ from ...model.outline import Outline, outline
 from ...model.remark import Remark
 from ...typing import Array
 from ..element import Element
+from ..inertia_entries import ENTRIES, IN_MJCF
 from ..mjcf.equality import ALL, POINT
 from ..xml_text import figures, new, xml_text
 from .mjcf_joints import MjcfJoints
@@ -95,7 +96,7 @@ class _MjcfWriter:
         body.attributes |= _pose(T)
         if inertia is not None and inertia.parameters.any():
             I = inertia.moment_about_com
-            full = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+            full = [I[ENTRIES[name]] for name in IN_MJCF]
             new("inertial", body, pos=figures(inertia.com), mass=figures(inertia.mass), fullinertia=figures(full))
         return body
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.printed_numbers import printed
 from ...lie import se3
 from ...model.assembly import ROOT_JOINT
 from ...model.description import JointEntry
@@ -114,7 +115,9 @@ class MjcfJoints:
         if np.isfinite(ends).any():
             joint.attributes["range"] = figures(np.clip(ends, -_FAR, _FAR))
             if not np.isfinite(ends).all():
-                self.losses.of_joint(entry.name, f"has a limit on one side only; the other one is written as {_FAR:g}")
+                self.losses.of_joint(
+                    entry.name, f"has a limit on one side only; the other one is written as {printed(_FAR)}"
+                )
         if np.isfinite(limits.effort[0]):
             joint.attributes["actuatorfrcrange"] = figures([-limits.effort[0], limits.effort[0]])
         if np.isfinite(limits.velocity[0]):

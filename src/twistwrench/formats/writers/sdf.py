@@ -17,6 +17,7 @@ from ...model.outline import Outline, outline
 from ...model.remark import Remark
 from ...typing import Array
 from ..element import Element
+from ..inertia_entries import entries_of
 from ..urdf import rpy_of_rotation
 from ..xml_text import figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, screw_of, unused
@@ -220,13 +221,13 @@ class _SdfWriter:
         self._pose(link, parent, T)
         entry = self.found.links.get(name)
         G = SpatialInertia.zero() if entry is None else entry.inertia
-        inertial, I = new("inertial", link), G.moment_about_com
+        inertial = new("inertial", link)
         if G.com.any():
             new("pose", inertial, figures([*G.com, 0, 0, 0]))
         new("mass", inertial, figures(G.mass))
         tensor = new("inertia", inertial)  # what is left out would be 1 kg and 1 kg m²
-        for what, i, j in (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2)):
-            new(what, tensor, figures(I[i, j]))
+        for what, value in entries_of(G.moment_about_com).items():
+            new(what, tensor, figures(value))
 
     def _frame(self, name: str, link: str, T: Array) -> None:
         frame = new("frame", self.model, name=name, attached_to=self.called[link])

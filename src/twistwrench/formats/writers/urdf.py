@@ -13,6 +13,7 @@ from ...model.outline import Outline, outline
 from ...model.remark import Remark
 from ...typing import Array
 from ..element import Element
+from ..inertia_entries import entries_of
 from ..urdf import rpy_of_rotation
 from ..xml_text import figures, new, xml_text
 from .written import Losses, Written, configurations_of, drive_of, moved, screw_of, unused
@@ -65,11 +66,10 @@ class _UrdfWriter:
         if not inertia.parameters.any():
             return
         inertial = new("inertial", link)
-        I = inertia.moment_about_com
         new("origin", inertial, xyz=figures(inertia.com), rpy="0 0 0")
         new("mass", inertial, value=figures(inertia.mass))
-        products = {"ixx": I[0, 0], "ixy": I[0, 1], "ixz": I[0, 2], "iyy": I[1, 1], "iyz": I[1, 2], "izz": I[2, 2]}
-        new("inertia", inertial, **{name: figures(value) for name, value in products.items()})
+        entries = entries_of(inertia.moment_about_com)
+        new("inertia", inertial, **{name: figures(value) for name, value in entries.items()})
 
     def _joint(self, name: str, kind: str, parent: str, child: str, T: Array) -> Element:
         joint = Element("joint", {"name": name, "type": kind}, 0, self.robot)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...core.printed_numbers import printed
 from ...errors import ModelError
 from ...lie import se3, so3
 from ...model.assembly import ROOT_JOINT
@@ -64,8 +65,8 @@ def screw_of(joint: JointEntry) -> Screw:
     length = float(np.linalg.norm(w if turns else v))
     if abs(length - 1.0) > 1e-12:
         raise ModelError(
-            f"joint {joint.name!r} has a screw axis of length {length:g}, so that its coordinate is no angle and no way. Robot "
-            "files have axes of unit length."
+            f"joint {joint.name!r} has a screw axis of length {printed(length)}, so that its coordinate is no angle and no "
+            "way. Robot files have axes of unit length."
         )
     if not turns:
         return Screw(v, np.zeros(3), 0.0, False)
