@@ -5,7 +5,7 @@ run first, stopped at the first failure; the whole suite runs for survivors only
 ``src``; nothing of the checkout is touched. Results are kept, a line of JSON each, so that a run goes on where it stopped;
 a bug whose file or tests changed since is tried again.
 
-A test that fails has noticed the bug. Tests that have no end in the time allowed have noticed nothing: the bug counts as
+A test that fails has noticed the bug, and so have tests that crash where they do not without it. Tests that have no end in the time allowed have noticed nothing: the bug counts as
 ``timed out``, beside the survivors, where the same tests end in that time without the bug; where they do not, the time
 was too short to say anything, and no result is kept.
 """
@@ -71,6 +71,7 @@ def bugs() -> list[Bug]:
 
 
 NOTICED, SURVIVED, TIMED_OUT, TOO_SLOW = "noticed", "survived", "timed out", "too slow to say"
+CRASH = "a crash"
 
 
 def outcome(bug: Bug, tests: list[str], seconds: float) -> tuple[str, str]:
@@ -78,13 +79,13 @@ def outcome(bug: Bug, tests: list[str], seconds: float) -> tuple[str, str]:
     test = failing(bug, tests, seconds)
     if test is None:
         return (TOO_SLOW if failing(None, tests, seconds) is None else TIMED_OUT), ""
-    if test and failing(None, [test], seconds):
+    if test and failing(None, tests if test == CRASH else [test], seconds):
         raise SystemExit(f"{test} fails without a bug too, so it says nothing about {bug.name!r}. Mend it first.")
     return (NOTICED if test else SURVIVED), test
 
 
 def failing(bug: Bug | None, tests: list[str], seconds: float) -> str | None:
-    """The first test that fails with the bug in, or without any; "" if none does; None if there is no end in time."""
+    """The first test that fails with the bug in, or without any, or a crash; "" if none does; None if there is no end in time."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "src"
         shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("*.pyc.*"))  # bytecode saves seconds
@@ -111,6 +112,8 @@ def failing(bug: Bug | None, tests: list[str], seconds: float) -> str | None:
             run.communicate()
     if run.returncode == 0:
         return ""
+    if run.returncode < 0:  # by a signal that was none of ours
+        return CRASH
     failed = [line for line in out.splitlines() if line.startswith(("FAILED", "ERROR"))]
     if run.returncode not in (1, 2) or not failed:
         raise SystemExit(

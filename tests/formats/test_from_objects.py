@@ -124,10 +124,11 @@ def test_joints_that_a_urdf_cannot_have(pinocchio):
 
 
 def test_mimic_joints_of_pinocchio_follow(pinocchio, tmp_path):
+    """Their limits, which Pinocchio drops, are wider than their leader's."""
     text = """<robot name="m"><link name="a"/>%s<joint name="j" type="revolute"><parent link="a"/><child link="b"/>
       <origin xyz="0 0 1"/><axis xyz="0 .6 .8"/><limit lower="-1" upper="1" effort="3" velocity="2"/></joint>
-      <joint name="k" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="1 0 0"/><limit lower="-1" upper="1"
-      effort="3" velocity="2"/><mimic joint="j" multiplier="2" offset=".5"/></joint></robot>"""
+      <joint name="k" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="1 0 0"/><limit lower="-2" upper="3"
+      effort="3" velocity="4"/><mimic joint="j" multiplier="2" offset=".5"/></joint></robot>"""
     body = """<link name="%s"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
       </inertial></link>"""
     text = text % (body % "b" + body % "c")

@@ -76,12 +76,19 @@ def test_without_its_meshes_a_file_is_its_twin(name):
 @pytest.mark.parametrize(
     ("joint", "drives", "most"),
     [
-        ("", '<motor joint="b" ctrlrange="-2 3" gear="10"/>', 30.0),
+        ("", '<motor joint="b" ctrlrange="-2 3" gear="10"/>', 20.0),
+        ("", '<motor joint="b" ctrlrange="-2 3" gear="10"/><motor joint="b" ctrlrange="-2 3" gear="-10"/>', 50.0),
+        ("", '<motor joint="b" ctrlrange="0 3" gear="10"/><motor joint="b" ctrlrange="0 2" gear="-10"/>', 20.0),
+        ("", '<motor joint="b" ctrlrange="-2 3" forcerange="-9 1" gear="10"/>', 10.0),
         ("", '<motor joint="b" forcerange="-4 4" ctrlrange="-9 9" gear="-5"/>', 20.0),
         ("", '<motor joint="b" forcerange="-4 4" ctrlrange="-2 2" gear="-5"/>', 10.0),
         ("", '<motor joint="b" forcerange="-4 4"/><motor joint="b" ctrlrange="-1 1"/>', 5.0),
         ('actuatorfrcrange="-7 7"', '<motor joint="b" ctrlrange="-2 3" gear="10"/>', 7.0),
+        ('actuatorfrcrange="-7 5"', '<motor joint="b" ctrlrange="-2 3" gear="10"/>', 5.0),
+        ('actuatorfrcrange="-70 70"', '<motor joint="b" ctrlrange="-2 3" gear="10"/>', 20.0),
+        ('actuatorfrcrange="-70 60"', '<position joint="b" kp="3"/>', 60.0),
         ("", '<general joint="b" ctrlrange="-2 2" gainprm="3"/>', 6.0),
+        ("", '<general joint="b" ctrlrange="-2 2" gainprm="-3"/>', 6.0),
         ("", '<general joint="b" ctrlrange="-2 2" gainprm="3" biastype="affine"/>', np.inf),
         ("", '<position joint="b" ctrlrange="-2 2" kp="3"/>', np.inf),
         ("", '<position joint="b" ctrlrange="-2 2" kp="3" forcerange="-6 6"/>', 6.0),
@@ -89,22 +96,39 @@ def test_without_its_meshes_a_file_is_its_twin(name):
         ("", "", np.inf),
     ],
 )
-def test_efforts_are_what_the_actuators_can_give(joint, drives, most):
-    """Also MuJoCo's: the largest actuator force it lets through at that joint, found by asking for far too much."""
+def test_efforts_are_what_the_actuators_can_give_to_either_side(joint, drives, most):
+    """Also MuJoCo's: the actuator force it lets through at that joint, found by asking for far too much each way."""
     text = arm(joint2=f'<joint name="b" {joint}/>', tail=f"<actuator>{drives}</actuator>")
+    robot, model = load_quietly(text), mujoco.MjModel.from_xml_string(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        same = tw.from_mujoco(model)
+    assert robot.limits.effort.tolist() == same.limits.effort.tolist() == [np.inf, most]
+    told = [any(words in text for text in robot.defects) for words in ("largest force is not given", "to one side")]
+    assert [any(w in text for text in same.defects) for w in ("largest force is not given", "to one side")] == told
+    if not np.isfinite(most):
+        assert told == [bool(drives), False]
+        return
+    reached = _forced(model)
+    assert reached.min() == pytest.approx(most)
+    assert told == [False, bool(np.ptp(reached) > 0)]
+
+
+def _forced(model):
+    """The largest forces at the second joint, either way."""
+    data, reached = mujoco.MjData(model), []
+    for asked in np.array(np.meshgrid(*[[-1e6, 1e6]] * model.nu)).reshape(model.nu, -1).T:
+        data.ctrl[:] = asked
+        mujoco.mj_forward(model, data)
+        reached.append(data.qfrc_actuator[1])
+    return np.array([-min(reached), max(reached)])
+
+
+def test_a_joint_driven_to_one_side_only_has_the_limit_of_that_side_and_a_remark():
+    text = arm(joint2='<joint name="b"/>', tail='<actuator><motor joint="b" ctrlrange="0 3" gear="-10"/></actuator>')
     robot = load_quietly(text)
-    assert robot.limits.effort.tolist() == [np.inf, most]
-    if np.isfinite(most):
-        model = mujoco.MjModel.from_xml_string(text)
-        data = mujoco.MjData(model)
-        reached = []
-        for side in (-1, 1):
-            data.ctrl[:] = side * 1e6
-            mujoco.mj_forward(model, data)
-            reached.append(abs(data.qfrc_actuator[1]))
-        assert max(reached) == pytest.approx(most)
-    else:
-        assert bool(drives) == any("largest force is not given" in text for text in robot.defects)
+    assert robot.limits.effort.tolist() == [np.inf, 30.0]
+    assert any("is driven to one side only, by up to 30" in said for said in robot.defects)
 
 
 def test_following_joints_share_a_coordinate_or_not():

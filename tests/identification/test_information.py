@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import twistwrench as tw
 from twistwrench.identification import Information, gather, gathering, log_piece, log_source
 from twistwrench.identification.filtered_rows import FilteredRows
+from twistwrench.identification.joint_moments import MOST_BLOCKS
 from twistwrench.identification.log_chunks import chunks
 from twistwrench.identification.log_source import LogClock, LogSource
 from twistwrench.identification.normal_equations import NormalEquations
@@ -60,6 +61,13 @@ def test_rows_are_those_of_the_whole_log_in_memory(log):
     found = equations(streamed)
     assert found.rows == whole.rows == len(rows.W)
     for a, b in ((found.N, whole.N), (found.c, whole.c), (found.y, whole.y)):
+        assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(b).max())
+    frame, tau = streamed.frame, rows.torques(0.003)
+    left = np.abs(tau - rows.W @ frame.x[: base.count]) / frame.sigma
+    huber = NormalEquations.of(rows.W, tau, root=np.sqrt(np.minimum(1.0, 1.345 / left)))
+    weighted = streamed.moments.equations(frame, 1, slice(None))
+    assert frame.robust and (left > 1.345).any()
+    for a, b in ((weighted.N, huber.N), (weighted.c, huber.c), (weighted.y, huber.y)):
         assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(b).max())
     x, sigma = whole.solve(streamed.weak)
     wls = gather(ARM, log, **FIXED, method="wls")
@@ -113,6 +121,27 @@ def test_weeks_add_up(log, tmp_path):
         first + gather(ARM, log[15000:], cutoff=3.0)
     with pytest.raises(tw.ValueRangeError, match="is of 'planar_2r'"):
         Information.load(tmp_path / "week.npz", tw.robots.pendulum())
+
+
+def test_the_clock_of_a_log_with_a_gap_is_its_own():
+    """A pause of ten seconds between rows of a hundred hertz makes no slower clock."""
+    t = np.arange(1000) * 0.01
+    t[500:] += 10.0
+    found = SteadySamples.of(t, np.sin(t)[:, None], np.cos(t)[:, None], "log")
+    assert found.rate == pytest.approx(100.0, rel=1e-9) and len(found) == 2000
+    assert found.seconds == pytest.approx(t[-1] - t[0])
+
+
+def test_blocks_of_time_that_become_one_lose_no_row(log):
+    """There are at most so many of them, however many logs are added."""
+    one = gather(ARM, log[:15000], **FIXED).moments
+    many, logs = one, 1
+    while len(many.counts) == logs * len(one.counts):
+        many, logs = many + one, logs + 1
+    assert len(many.counts) == MOST_BLOCKS
+    assert_array_equal(many.counts[:, 0].sum(), logs * one.counts[:, 0].sum())
+    assert_allclose(many.counts.sum(axis=0), logs * one.counts.sum(axis=0), rtol=1e-12)
+    assert_allclose(many.sums.sum(axis=0), logs * one.sums.sum(axis=0), rtol=1e-9, atol=1e-9 * np.abs(one.sums).max())
 
 
 def test_normal_equations_lose_no_digits_that_matter(log):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import pickle
 import sys
@@ -13,6 +14,10 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.kernels import fast_call, threads, ufunc
+from twistwrench.kernels.jit import assembled
+from twistwrench.targets.fast_call_checks import spoiled
+from twistwrench.targets.llvm_text import LlvmWriter
+from twistwrench.targets.processor import DOUBLE, SINGLE, chosen
 from twistwrench.testing import random_state
 
 INPUTS = {
@@ -393,3 +398,21 @@ def test_long_programs_wait_for_more_calls_and_are_compiled_once(monkeypatch):
     assert fast_call.is_made_here(robot.inverse_dynamics)
     same(robot.inverse_dynamics(q, dq, ddq), robot.kernel("inverse_dynamics")(q, dq, ddq))
     assert not ufunc.owner_of(robot.kernel("inverse_dynamics")).lone
+
+
+@pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=lambda p: p.char)
+@pytest.mark.parametrize("size", [1, 3, 8, 17, 100, 128, 140, 145, 169, 272, 277])
+def test_one_result_that_is_not_finite_is_found_wherever_it_stands(size, precision):
+    """A few vectors are looked at one by one, many in a loop of two, and the last overlaps those before."""
+    w = LlvmWriter(precision, 1)
+    found, _ = spoiled(w, "%data", size, "entry")
+    body = "\n".join(w.lines)
+    code = assembled(f"define i1 @looked(ptr %data) {{\nentry:\n{body}\n  ret i1 {found}\n}}\n", "looked", chosen())
+    looked = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p)(code.address)
+    x = np.random.default_rng(0).standard_normal(size).astype(precision.char)
+    assert not looked(x.ctypes.data)
+    for k in range(size):
+        for odd in (np.nan, np.inf, -np.inf):
+            y = x.copy()
+            y[k] = odd
+            assert looked(y.ctypes.data), k

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,10 @@ from twistwrench.kernels.ufunc import owner_of
 from twistwrench.program.column_groups import ColumnGroups
 from twistwrench.robot import Robot, column_loops
 from twistwrench.targets import batch_loop
+from twistwrench.targets.buffers import LINE
 from twistwrench.targets.numpy_columns import NumpyColumns
-from twistwrench.targets.processor import SINGLE, host
+from twistwrench.targets.processor import DOUBLE, SINGLE, host
+from twistwrench.targets.sections import in_sections
 from twistwrench.testing import random_robot
 from twistwrench.testing.robots import KINDS
 
@@ -92,6 +96,20 @@ def alone_as_in_a_batch(robot: Robot, arrays) -> None:
         for found in (robot.forward_dynamics_derivatives(*row), robot.forward_dynamics_derivatives(*row, out=out)):
             assert all(np.array_equal(a, b[k]) for a, b in zip(found, whole, strict=True))
     assert type(robot.forward_dynamics_derivatives) is type(len)
+
+
+def test_columns_that_follow_each_other_in_two_matrices_are_no_run(monkeypatch):
+    """Torques of a sprung hinge depend on its angle alone as they do on the velocity of the slide behind it."""
+    monkeypatch.setattr(column_loops, "FROM", 0)
+    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
+    hinge, slide = '<joint type="hinge" axis="0 0 1" stiffness="40"/>', '<joint type="slide" axis="1 0 0"/>'
+    ball = '<geom type="sphere" size="0.1" mass="2"/>'
+    robot = tw.load(
+        f'<mujoco><worldbody><body>{hinge}{ball}<body pos="0.4 0 0">{slide}{ball}</body></body></worldbody></mujoco>'
+    )
+    groups = column_loops.columns_of(robot.model, {NAME: {}}).groups
+    assert ((0, 0), (1, 1)) in [group.places for group in groups]
+    alone_as_in_a_batch(robot, states(robot))
 
 
 def test_constants_are_there_in_every_block(monkeypatch):
@@ -175,6 +193,23 @@ def test_numpy_works_on_the_same_columns(monkeypatch):
     out = tuple(np.empty((4, robot.nv, robot.nv)) for _ in range(3))
     assert slow(*arrays, out=out)[1] is out[1]
     assert off(out, kernel(*arrays)) <= 1e-12
+
+
+@pytest.mark.parametrize("precision", [DOUBLE, SINGLE], ids=lambda p: p.char)
+@pytest.mark.parametrize("bits", [0, 128, 256, 512])
+@pytest.mark.parametrize("name", [NAME, "inverse_dynamics_derivatives"])
+def test_the_frame_has_room_for_all_that_sections_put_into_it(name, bits, precision, monkeypatch):
+    """In the text, for a few bytes beyond a frame are seldom missed: the last place ends where it does, or a line before."""
+    monkeypatch.setattr(column_loops, "FROM", 0)
+    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
+    monkeypatch.setattr(batch_loop, "ON_STACK", 1 << 30)  # what is taken elsewhere has its size in other words
+    engine = tw.Robot(tree(3, False).model).engine
+    program = column_loops.columns_of(engine.model, {NAME: {}}) if name == NAME else engine.program((name,), {})
+    machine = host().narrowed(bits or precision.bits)
+    text = "\n".join(in_sections(program, precision, machine, batch_loop.loop))
+    (room,) = map(int, re.findall(r"= alloca \[(\d+) x i8\]", text))
+    last = max(map(int, re.findall(r"getelementptr i8, ptr %frame, i64 (\d+)", text)))
+    assert last + machine.lanes(precision) * precision.bytes <= room <= last + LINE
 
 
 def test_a_wrench_is_felt(monkeypatch):

@@ -93,6 +93,10 @@ def test_a_state_has_its_bits_wherever_it_stands():
     assert (out[:, 1:-1, ::2] == M).all()
     assert (out[:, :, 1::2] == 7.0).all()
     assert (out[:, [0, -1]] == 7.0).all()
+    block = np.full((COUNT, n, n, n), 7.0)  # rows as far apart as those of one matrix, and entries of a row farther
+    robot.mass_matrix(q, out=block[..., 0].swapaxes(1, 2))
+    assert (block[..., 0].swapaxes(1, 2) == M).all()
+    assert (block[..., 1:] == 7.0).all()
 
 
 def test_many_states_go_past_the_caches_with_the_same_bits(monkeypatch):

@@ -42,6 +42,18 @@ def test_it_solves_the_equation_of_motion(name):
     assert_close(M @ found, M @ ddq, 1e-13 * np.linalg.cond(M) * robot.nv, "M q̈", scale=np.abs(M * ddq).max())
 
 
+def test_inertia_on_top_comes_beside_that_of_drives():
+    """As damping of a semi-implicit step does: (M + A) q̈ = τ - h, the armature in M."""
+    robot = chain(4)
+    robot = robot.with_armature(dict(zip(robot.joint_names, (0.1, 0.2, 0.3, 0.4), strict=True)))
+    q, dq, tau = (x.astype(object) for x in np.random.default_rng(3).standard_normal((3, 4)))
+    more = np.array([0.5, 0.0, 0.7, 0.2])
+    found = articulated_dynamics(robot.model, q, dq, tau, added=more).astype(float)
+    q, dq, tau = (x.astype(float) for x in (q, dq, tau))
+    wanted = np.linalg.solve(robot.mass_matrix(q) + np.diag(more), tau - robot.bias_forces(q, dq))
+    assert_close(found, wanted, 1e-11, "q̈")
+
+
 def counted(robot):
     """Multiplications by articulated bodies, and by M and its factors."""
     model = regrouped(robot.model)

@@ -21,6 +21,8 @@ from twistwrench.lie.se3 import Ad
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.model.edit import lock
 from twistwrench.model.model import BASE
+from twistwrench.model.outline import outline
+from twistwrench.model.reassembly import assembled
 
 pytestmark = pytest.mark.filterwarnings("ignore::twistwrench.errors.ModelWarning")
 
@@ -159,6 +161,42 @@ def test_a_leader_may_come_after_its_follower(rng):
     model = chain(rng, "rr", lambda name, o: o.update(mimic=("j2", 0.5, 0.0) if name == "j1" else None)).build()
     assert [(b.v_index, b.follows) for b in model.bodies] == [(0, True), (0, False)]
     assert model.nv == 1
+
+
+def limited_followers(rng: np.random.Generator, **limits: dict[str, float]) -> ModelBuilder:
+    """As :func:`followers`, with limits: j2 = 2 j1 + 0.1, j3 = -6 j1 + 0.2."""
+    mimics = {"j2": ("j1", 2.0, 0.1), "j3": ("j2", -3.0, 0.5)}
+    return chain(rng, "rrr", lambda name, o: o.update({"mimic": mimics.get(name), **limits.get(name, {})}))
+
+
+def test_followers_keep_their_limits_where_their_leader_does(rng):
+    """At each end of the leader's range one of the three joints is at its own limit, and none is beyond."""
+    own = {
+        "j1": {"lower": -1.0, "upper": 1.0, "velocity": 2.0, "effort": 5.0},
+        "j2": {"lower": -1.1, "upper": 1.6, "velocity": 6.0, "effort": 1.0},
+        "j3": {"lower": -0.9, "upper": 10.0, "velocity": 3.0},
+    }
+    limits = limited_followers(rng, **own).build().limits
+    for q, at, end in ((limits.lower[0], "j2", "lower"), (limits.upper[0], "j3", "lower")):
+        places = {"j1": q, "j2": 2 * q + 0.1, "j3": -6 * q + 0.2}
+        assert all(own[j]["lower"] - 1e-12 <= x <= own[j]["upper"] + 1e-12 for j, x in places.items())
+        assert places[at] == pytest.approx(own[at][end], abs=1e-12)
+    assert limits.velocity.tolist() == [3.0 / 6]
+    assert limits.effort.tolist() == [5.0]
+
+
+def test_limits_of_a_follower_that_no_place_of_its_leader_suits_are_left_out_and_told(rng):
+    own = {"j1": {"lower": 0.0, "upper": 0.5}, "j3": {"lower": 0.2, "upper": 3.0}}  # j3 goes down from 0.2
+    model = limited_followers(rng, **own).build()
+    assert (model.limits.lower.tolist(), model.limits.upper.tolist()) == ([0.0], [0.5])
+    (said,) = (text for text in model.defects if "follows" in text)
+    assert "'j3'" in said and "-6" in said and "0.2 to 3" in said
+
+
+def test_edits_keep_the_limits_of_leaders(rng):
+    model = limited_followers(rng, j1={"lower": -1.0, "upper": 1.0}, j2={"lower": -0.7, "upper": 0.7}).build()
+    again = assembled(outline(model)).limits
+    assert (again.lower.tolist(), again.upper.tolist()) == (model.limits.lower.tolist(), model.limits.upper.tolist())
 
 
 def test_a_follower_cannot_be_locked_by_itself(rng):

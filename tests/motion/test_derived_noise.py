@@ -13,6 +13,7 @@ from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.log_noise import noise
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.motion.smoothing import smooth
+from twistwrench.report.loaded_robot import Payload
 
 
 def plan_of(robot, path, *, degrees=False, smoothing=False):
@@ -93,6 +94,21 @@ def test_a_peak_at_either_end_of_a_log_is_said_to_want_for_neighbours(tmp_path, 
     assert report.at_an_end(joint)
 
 
+def test_late_stamps_of_velocities_matter_where_the_joint_accelerates(tmp_path):
+    """A velocity read e late is off by ddq e, and not by dq e, which is largest where the acceleration is none."""
+    robot, rng = robots.pendulum().with_gravity([0, 0, 0]), np.random.default_rng(4)
+    t = np.arange(4000) * 1e-3
+    read = t + 1e-4 * rng.normal(size=len(t))
+    table = np.column_stack([t, -np.cos(3 * t) / 3, np.sin(3 * read)])
+    (name,) = robot.joint_names
+    np.savetxt(tmp_path / "m.csv", table, "%.17g", ",", header=f"time,{name},{name}.vel", comments="")
+    plan = plan_of(robot, tmp_path / "m.csv")
+    assert plan.source == "velocities"
+    (states,) = plan.states(10_000)
+    sigma, share = plan.sigma_at(states)[:, 0], np.abs(np.cos(3 * t))
+    assert sigma[share > 0.9].min() > 2 * sigma[share < 0.1].max()
+
+
 @pytest.mark.parametrize("angle", [0.5, -0.5])
 def test_the_main_cause_of_a_peak_is_along_it_whatever_its_sign(tmp_path, angle):
     robot = robots.pendulum()
@@ -100,3 +116,13 @@ def test_the_main_cause_of_a_peak_is_along_it_whatever_its_sign(tmp_path, angle)
     report = report_of(robot, write_positions(tmp_path / "m.csv", robot, t, np.full((100, 1), angle)), friction=False)
     (joint,) = report.joints
     assert joint.main_cause == ("gravity", pytest.approx(1.0))
+
+
+def test_what_pulls_against_a_peak_is_not_its_main_cause_however_large(tmp_path):
+    """The rod takes 4.7 N m, its payload 1.2 times that, and a moment of 6 N m on it lifts both."""
+    robot = robots.pendulum()
+    path = write_positions(tmp_path / "m.csv", robot, np.arange(100) * 1e-2, np.full((100, 1), 0.5))
+    moment = np.array([0.0, 6.0, 0.0, 0.0, 0.0, 0.0])
+    (joint,) = report_of(robot, path, friction=False, payloads=(Payload(1.2),), wrenches={"bob": moment}).joints
+    assert joint.terms["wrench"] < -joint.terms["payload"] < -joint.terms["gravity"] < 0.0 < joint.peak
+    assert joint.main_cause == ("payload", pytest.approx(1.2 / 2.2))

@@ -568,6 +568,7 @@ def test_velocities_that_are_late_are_told_with_their_delay(arm, tmp_path, delay
     (sentence,) = said
     assert sentence.startswith("shoulder_joint, elbow_joint: the velocity column is ")
     found = [float(x) for x in re.findall(r"0\.\d{3}", sentence)]
+    assert found
     assert all(abs(x - abs(delay)) < 0.01 for x in found)
     assert ("late" if delay > 0 else "early") in sentence
 

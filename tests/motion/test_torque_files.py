@@ -121,6 +121,7 @@ def test_limits_come_from_a_file_and_blanks_keep(ur5, tmp_path):
         ("joint,effort\nelbow_joint,nan\n", "cannot be a limit"),
         ("joint,effort\nelbow_joint,1,2\n", "line 2 has 3 values"),
         ("joint,lower,upper\nelbow_joint,1,-1\n", "is above the upper"),
+        ("joint,lower\nelbow_joint,4\n", "is above the upper"),
     ],
 )
 def test_bad_limit_files_are_refused(ur5, tmp_path, text, said):

@@ -8,6 +8,8 @@ is measured lies near 1e-15.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from robot_files import FILES, NONE, load
@@ -20,6 +22,8 @@ from twistwrench.testing import assert_close, random_state
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)
 
 TOLERANCE = 1e-8
+OF_INERTIAS = "positive eigenvalues|must satisfy A [+] B|mass and inertia of moving bodies|MuJoCo changes the body"
+"""What MuJoCo says of bodies that it does not take as they are."""
 
 
 @pytest.fixture(
@@ -38,7 +42,10 @@ def pair(request):
         pytest.skip("nothing moves")
     try:
         return robot, mujoco_model(robot)
-    except (RobotFileError, ModelError):
+    except (RobotFileError, ModelError) as problem:
+        assert re.search(OF_INERTIAS, str(problem)), (
+            problem
+        )  # anything else is no rule of MuJoCo's, but a fault of ours
         pytest.skip("MuJoCo refuses the file, or changes its inertias")
 
 

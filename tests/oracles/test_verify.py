@@ -15,7 +15,7 @@ from robot_files import FILES, NONE
 import twistwrench as tw
 from twistwrench import verify as module
 from twistwrench.cli.main import main
-from twistwrench.cli.tables.verification import verification_table
+from twistwrench.cli.tables.verification import verification_view
 from twistwrench.model.builder import ModelBuilder
 from twistwrench.testing import KINDS, random_inertia, random_pose, random_robot
 from twistwrench.verify import Check, verify
@@ -186,9 +186,9 @@ def test_the_table_says_what_agrees_what_does_not_and_what_was_skipped():
     report = verify(tw.robots.planar_2r(), states=1)
     checks = (*report.checks, Check("odd", "this, that", 0.5, 1e-10), Check("late", "a, b", skipped="[no] reason"))
     console = Console(width=120, record=True, file=__import__("io").StringIO())
-    console.print(verification_table(replace(report, checks=checks)))
+    console.print(verification_view(replace(report, checks=checks)))
     text = console.export_text()
-    for words in ("closed form", "agrees", "DISAGREES", "5.0e-01", "skipped: [no] reason"):
+    for words in ("DISAGREES: odd.", "closed form", "agrees", "DISAGREES", "5.0e-01", "skipped: [no] reason"):
         assert words in text
 
 

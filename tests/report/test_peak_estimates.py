@@ -20,6 +20,7 @@ from twistwrench.motion.log_noise import survey
 from twistwrench.motion.sampling import sample_errors
 from twistwrench.motion.smoothing import best_strength
 from twistwrench.report.largest_value import Contenders, excess_of_largest
+from twistwrench.report.torque_verdict import confidence
 
 TIAGO = SHARED / "logs" / "tiago"
 STEP = 2 * np.pi / 8192
@@ -275,3 +276,12 @@ def test_a_real_log_of_positions_is_judged_as_its_velocities_judge_it(tmp_path):
     assert np.abs(dq[:, lift]).max() < robot.limits.velocity[lift]
     assert raw.verdict.word == "OVER LIMIT"
     assert said.startswith("torso_lift_joint")
+
+
+@pytest.mark.parametrize("joints", [1, 2, 7, 30])
+def test_noise_makes_some_joint_of_a_robot_seem_over_its_limit_once_in_forty_runs(joints):
+    """However many joints there are: each peak, at its limit, has its share of the chance."""
+    from scipy.stats import norm
+
+    alone = norm.sf(confidence(joints))
+    assert 1.0 - (1.0 - alone) ** joints == pytest.approx(0.025, rel=0.02)

@@ -36,6 +36,16 @@ def test_figures_are_those_of_plain_inverse_dynamics(ur5, motion, motion_file):
     assert (report.rows, report.begin, report.end) == (700, t[0], t[-1])
 
 
+def test_the_worst_joint_is_nearest_to_its_limit_and_without_limits_the_most_loaded(tmp_path):
+    robot = robots.planar_2r()
+    path = write_positions(tmp_path / "m.csv", robot, np.arange(50) * 1e-2, np.zeros((50, 2)))
+    none = np.full(2, np.inf)
+    for effort, worst in (([1000.0, 20.0], 1), ([40.0, 1000.0], 0), (none, 0)):
+        report = report_of(robot, path, limits=Limits(-none, none, none, np.array(effort)))
+        assert abs(report.joints[0].peak) > abs(report.joints[1].peak) > 0.0
+        assert report.worst == worst
+
+
 def test_the_causes_of_a_peak_add_up_to_it(ur5, motion_file):
     for joint in report_of(ur5, motion_file, **LOAD).joints:
         assert set(joint.terms) == set(TERMS)
@@ -195,8 +205,9 @@ def test_rms_weighs_uneven_steps_by_their_length():
 def test_gaps_are_counted_across_portions():
     gaps = Gaps(0.5)
     for part in ([0.0, 0.1], [1.1, 1.2, 3.2], [3.3]):
-        gaps.add(np.array(part))
+        gaps.add(np.array(part), np.minimum(part, 1.1)[:, None])
     assert (gaps.count, gaps.longest, gaps.longest_at) == (2, pytest.approx(2.0), pytest.approx(1.2))
+    assert (gaps.hidden, gaps.hidden_at) == (pytest.approx(1.0), pytest.approx(0.1))  # the longer one stands
 
 
 @pytest.mark.parametrize("portion", [1, 7, 64, 5000])

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 import twistwrench as tw
+from twistwrench.robot import kept_robots
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -112,6 +114,19 @@ def test_another_file_of_that_name_is_another_robot(file, place):
     assert torque(file, place) == (torque(file, "off")[0], False)
 
 
+def test_a_file_that_includes_others_is_read_again_whatever_it_is_called(file, place):
+    """MJCF may lie in several files, of which the name and the bytes of one say little."""
+    part = file.with_name("part.xml")
+    body = '<body><joint type="hinge" axis="0 1 0"/><geom type="sphere" size="0.1" pos="0.3 0 0" mass="{}"/></body>'
+    file.write_text('<mujoco><!-- once <robot name="arm"> --><include file="part.xml"/></mujoco>')
+    found = []
+    for mass in (1, 1, 2):
+        part.write_text(f"<mujoco><worldbody>{body.format(mass)}</worldbody></mujoco>")
+        found.append(torque(file, place, nv=1))
+    assert all(built for _, built in found)
+    assert found[0] == found[1] != found[2]
+
+
 @pytest.mark.parametrize(("options", "nv"), [(", gravity=[0, 0, -1.62]", 2), (", lock={'b': 0.5}", 1)])
 def test_other_options_are_another_robot(file, place, options, nv):
     torque(file, place)
@@ -138,6 +153,27 @@ def test_an_error_is_the_same_each_time(file, place):
     file.unlink()
     code = code.replace("UnknownNameError", "NotFoundError")
     assert "no file" in python(code, place)
+
+
+def test_a_library_in_an_archive_reads_files_as_any_other(file, place, tmp_path):
+    """As applications in one file have it; what tells its versions apart is no file there, so nothing is kept of robots."""
+    package, archive = Path(tw.__file__).parent, tmp_path / "library.zip"
+    with zipfile.ZipFile(archive, "w") as packed:
+        for path in package.rglob("*.py"):
+            packed.write(path, path.relative_to(package.parent))
+    code = f"import sys; sys.path.insert(0, {str(archive)!r})" + TORQUE.format(path=str(file), options="", nv=2)
+    bits, built, _ = python(code, place, PYTHONPATH="").split()
+    assert (bits, built == "True") == torque(file, "off")
+
+
+def test_another_version_is_another_one_where_only_compiled_files_are_there(tmp_path, monkeypatch):
+    for part in kept_robots._PARTS:
+        (tmp_path / part).mkdir(exist_ok=True)
+        (tmp_path / part / "module.pyc").write_bytes(b"old")
+    monkeypatch.setattr(kept_robots, "__file__", str(tmp_path / "robot" / "kept_robots.pyc"))
+    before = kept_robots._version.__wrapped__()
+    (tmp_path / "model" / "module.pyc").write_bytes(b"newer")
+    assert kept_robots._version.__wrapped__() != before
 
 
 DAMAGE = {

@@ -236,6 +236,10 @@ def test_layouts_and_broadcasting_change_no_bit():
     held = robot.rollout(q0, dq0, taus[:, :1], steps=4)
     assert np.array_equal(held.q, robot.rollout(q0, dq0, np.repeat(taus[:, :1], 4, axis=1)).q)
     assert np.array_equal(robot.rollout(q0, dq0, taus[0, 0], steps=4).q[0], held.q[0])
+    q0, dq0 = some_states(robot, 2 * host().lanes(DOUBLE) + 3)  # whole vectors of samples are copied in another way
+    taus = np.random.default_rng(4).normal(size=(len(q0), 4, robot.nv))
+    turned = [np.asfortranarray(x) for x in (q0, dq0, taus)]
+    assert np.array_equal(robot.rollout(*turned).q, robot.rollout(q0, dq0, taus).q)
 
 
 def test_every_keeps_some_of_the_same_states():
@@ -763,3 +767,21 @@ def test_quaternion_products_are_traced_as_they_are_computed():
     q, dq = robot.neutral, np.array([0, 0, 0.3, 0, 0, 0])
     found = robot.rollout(q, dq, steps=10, dt=0.1).q[-1]
     assert np.abs(found[:4] - quaternion.exp([0, 0, 0.3])).max() < 1e-14
+
+
+SPRUNG = """<mujoco><compiler angle="radian"/><worldbody><body name="a">
+<joint name="a" axis="0 1 0" stiffness="20" springref="0.4"/><geom type="capsule" size="0.03" fromto="0 0 0 0.5 0 0"/>
+<body name="b" pos="0.5 0 0"><joint name="b" axis="0 1 0" stiffness="5"/><geom size="0.05"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("method", ["rk4", "semi_implicit"])
+def test_a_robot_with_springs_stays_where_a_law_with_gravity_holds_it(method):
+    """And starts elsewhere as the controller of that name has it."""
+    arm = tw.load(SPRUNG)
+    goal, still = np.array([0.3, -0.2]), np.zeros(2)
+    found = arm.rollout(goal, still, BatchPD(goal, 30.0, 3.0), dt=1e-3, steps=200, method=method)
+    assert np.abs(found.q - goal).max() < 1e-12
+    law, start = tw.control.PD(arm, goal, kp=30.0, kd=3.0), goal + 0.2
+    step = arm.rollout(start, still, BatchPD(goal, 30.0, 3.0), dt=1e-9, steps=1, method=method).dq[-1]
+    ddq = arm.forward_dynamics(start, still, law(0.0, start, still))
+    assert step / 1e-9 == pytest.approx(ddq, abs=1e-4 * np.abs(ddq).max())

@@ -335,6 +335,32 @@ def test_an_event_of_time_alone_is_found_to_rounding(pendulum):
     assert found.events[0].time == pytest.approx(np.pi / 10, abs=1e-15)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_event_exactly_at_the_end_of_a_step_is_one_event(sign):
+    """Eighths of a second are numbers that floats hold: the function is zero there, and not beyond it."""
+    event = Event(lambda t, q, dq: sign * (t - 0.5), "half", direction="up" if sign > 0 else "down")
+    found = tw.robots.pendulum().simulate([0.3], [0.0], 1.0, 0.125, method="rk4", events=event)
+    assert [(e.name, e.time) for e in found.events] == [("half", 0.5)]
+
+
+@pytest.mark.parametrize("last", [1, 2])
+def test_events_of_one_step_happen_one_after_the_other(last):
+    """Whatever their order in the list; the first terminal one ends it, and what would have been later does not happen."""
+    times = [0.3, 0.1, 0.2]
+    events = [Event(lambda t, q, dq, at=at: t - at, f"{at}", terminal=k == last) for k, at in enumerate(times)]
+    found = tw.robots.pendulum().simulate([0.3], [0.0], 1.0, 0.5, method="rk4", events=events)
+    assert [e.name for e in found.events] == (["0.1"] if last == 1 else ["0.1", "0.2"])
+    assert found.times[-1] == pytest.approx(times[last], abs=1e-15)
+
+
+@pytest.mark.parametrize("acting", [{}, {"tau": lambda t, q, dq: 0.0 * dq}], ids=["compiled", "function"])
+def test_quaternions_of_every_state_have_unit_length(acting):
+    """Those between two steps of the adaptive method too, which come from a polynomial."""
+    box = tw.robots.floating_box(floating_base=True)
+    q = box.simulate(box.neutral, [1.0, 7.0, 2.0, 0.1, 0.2, 0.3], 1.0, 1e-2, rtol=1e-4, **acting).q
+    np.testing.assert_allclose(np.linalg.norm(q[:, :4], axis=1), 1.0, rtol=0, atol=1e-15)
+
+
 def test_a_joint_limit_ends_it_with_its_name():
     panda = tw.robots.panda()
     q0 = panda.random_configuration(1)

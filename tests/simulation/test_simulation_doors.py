@@ -402,6 +402,15 @@ SAID_WRONGLY = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("lost", [1, 3, 40])
+def test_a_csv_that_ends_within_its_last_line_is_refused(tmp_path, lost):
+    """A number that has lost its last digits is a number."""
+    path = tw.robots.pendulum().simulate([0.3], [0.0], 0.1, 0.01).to_csv(tmp_path / "run.csv")
+    path.write_bytes(path.read_bytes()[:-lost])
+    with pytest.raises(tw.TrajectoryError, match="cut short"):
+        SimulationResult.load(path)
+
+
 @pytest.mark.parametrize("kind", ["csv", "npz"])
 @pytest.mark.parametrize(("word", "value"), SAID_WRONGLY, ids=[f"{k}-{w}" for k, (w, _) in enumerate(SAID_WRONGLY)])
 def test_files_whose_words_are_of_another_type_are_refused(result, tmp_path, kind, word, value):
@@ -639,6 +648,22 @@ def test_the_ground_of_the_command_has_the_friction_it_was_given(tmp_path, mu):
     assert done.exit_code == 0, done.output
     lost = 3.0 - SimulationResult.load(tmp_path / "a.npz").dq[-1, 3]
     assert lost == pytest.approx(mu * 9.81 * 0.5, rel=0.1, abs=1e-9)  # it comes down on its feet first
+
+
+def test_the_command_says_first_how_it_ended_and_what_was_not_simulated(tmp_path):
+    """A joint that falls past its stop, with friction in the file: both are said above all numbers."""
+    text = tw.robots.path_of("pendulum").read_text()
+    stop = '<limit lower="-0.2" upper="2"/><dynamics damping="0.1"/></joint>'
+    (tmp_path / "r.urdf").write_text(text.replace("</joint>", stop, 1).replace('type="continuous"', 'type="revolute"'))
+    done = twistwrench(tmp_path / "r.urdf", "--at", "1.0", "--duration", 1.5, "--dt", 0.01)
+    words = " ".join(done.stdout.split())
+    assert words.startswith("DONE: reached the end, 1.5 s. ! Joints were not held at their limits: hinge: position -1 ")
+    assert words.index("! Joint friction is left out") < words.index("dopri5")
+    held = twistwrench(tmp_path / "r.urdf", "--at", "1.0", "--duration", 1.5, "--stop-at-limits", "--friction")
+    words = " ".join(held.stdout.split())
+    assert words.startswith("STOPPED: joint 'hinge' reaches its lower limit -0.2 rad")
+    assert "not held" not in words
+    assert "left out" not in words
 
 
 def test_the_command_writes_what_it_has_when_a_step_is_unstable(tmp_path):

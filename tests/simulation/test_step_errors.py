@@ -49,6 +49,37 @@ STEPS = "errors of its steps"
 # ── how far off ──
 
 
+@pytest.mark.parametrize("n", [20, 4000])
+def test_the_error_of_a_fall_by_eulers_steps_is_estimated_exactly(n):
+    """Each step falls short by g h²/2, in whichever halves it is taken again, and velocities are right."""
+    text = '<mujoco><worldbody><body><joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/></body>'
+    robot = tw.load(f"{text}</worldbody></mujoco>")
+    h, g = 1.0 / n, float(np.linalg.norm(robot.gravity))
+    found = robot.simulate([0.0], [0.0], 1.0, h, method="euler")
+    assert len(probed_steps(n)) < n or n == 20
+    fallen = -found.q[-1, 0]
+    assert fallen == pytest.approx(0.5 * g - n * g * h**2 / 2, rel=1e-12)
+    assert found.relative_error == pytest.approx(n * g * h**2 / 2 / fallen, rel=1e-9)
+
+
+def test_metres_are_not_measured_against_radians():
+    """Beside a wheel that turns by a hundred radians a fall of five metres is as far off as alone."""
+    slide = '<body><joint type="slide" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/></body>'
+    wheel = '<body><joint type="hinge" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/></body>'
+    alone = tw.load(f"<mujoco><worldbody>{slide}</worldbody></mujoco>").simulate([0], [0], 1.0, 0.05, method="euler")
+    both = tw.load(f"<mujoco><worldbody>{slide}{wheel}</worldbody></mujoco>")
+    found = both.simulate([0, 0], [0, 100], 1.0, 0.05, method="euler")
+    assert found.relative_error == pytest.approx(alone.relative_error, rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["rk4", "semi_implicit", "dopri5"])
+def test_a_fall_to_the_other_side_is_as_far_off(pendulum, method):
+    """Half a swing: its velocities have one sign."""
+    there, back = (pendulum.simulate([q], [0.0], 0.6, 2e-2, method=method, rtol=1e-4) for q in (1.0, -1.0))
+    assert there.relative_error > 0.0
+    assert back.relative_error == pytest.approx(there.relative_error, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("method", "duration"),
     [*((m, 2.0) for m in METHODS), *((m, 20.0) for m in ("rk4", "midpoint", "semi_implicit"))],

@@ -212,7 +212,7 @@ def test_outputs_never_replace_inputs(run, weak_limits):
     ("arguments", "words"),
     [
         (["planar_2r"], "gives no effort limits"),
-        (["ur5", "--at", "elbow"], "is not JOINT=VALUE"),
+        (["ur5", "--at", "elbow"], "or JOINT=VALUE, as shoulder_pan_joint=0.5"),
         (["ur5", "--at", "elbow=1"], "Did you mean 'elbow_joint'"),
         (["ur5", "--at", "elbow_joint=bent"], "expected 1 number"),
         (["ur5", "--configuration", "1,2"], "expected 6 numbers"),

@@ -20,6 +20,7 @@ _SCRIPTS = (
     "effective_mass.js",
     "mechanics.js",
     "fall.js",
+    "scales.js",
     "readouts.js",
     "tip_readouts.js",
 )

@@ -264,6 +264,46 @@ def test_what_a_section_shows_is_what_the_kernels_compute(tmp_path, number, name
             close(found["tau"], tau, tolerance, "torques")
 
 
+ARROWS = """(m, given) => given.states.map((state) => {
+    m.mass = given.mass; m.push = given.push; m.tau = state.tau;
+    return READOUTS[given.section](m, state).arrows.map(({ p, along }) => [p, along]); })"""
+
+
+def arrows_of(number, s):
+    """What a section draws at the tip, or at its link: vectors in the base's axes."""
+    T = s.bare.forward_kinematics(s.q, s.link if number == "8.2" else None)
+    R, p = T[:3, :3], T[:3, 3]
+    if number == "3.4":
+        V = s.bare.frame_velocity(s.q, s.dq)
+        return p, [R @ V[3:], R @ V[:3], R @ s.wrench[3:], R @ s.wrench[:3]]
+    if number == "8.2":
+        G, V, dV, rest = on_link(s)
+        return p, [R @ V[3:], R @ (G @ dV + rest)[3:]]
+    if number == "8.6":
+        force = np.zeros(3)
+        force[[0, 2] if s.robot.nv == 2 else [0, 1, 2]] = of_8_6(s)[0][1][2]
+        return p, [force]
+    return p, [np.array([of_8_7(s)[1][0], 0.0, 0.0])]
+
+
+@pytest.mark.parametrize(
+    ("number", "name"), [("3.4", "panda"), ("8.2", "panda"), ("8.6", "planar_2r"), ("8.6", "panda"), ("8.7", "panda")]
+)
+def test_arrows_are_where_and_what_the_kernels_say(tmp_path, number, name):
+    """To 1e-9: where M is inverted, its condition takes digits."""
+    robot, load = arm(name), SECTIONS[number].load
+    page = write_page(robot, tmp_path / "page.html", section=number)
+    s = State(name, np.random.default_rng(0), 1, load)
+    (found,) = under_node(
+        page, ARROWS, {"section": number, "states": [s.sent], "mass": s.mass, "push": s.push.tolist()}
+    )
+    place, vectors = arrows_of(number, s)
+    assert len(found) == len(vectors)
+    for (p, along), vector in zip(found, vectors, strict=True):
+        np.testing.assert_allclose(p, place, atol=1e-12)
+        np.testing.assert_allclose(along, vector, atol=1e-9 * max(1.0, np.abs(vector).max()))
+
+
 @pytest.mark.parametrize("number", some([(s,) for s in SECTIONS], [("5.2",), ("8.3",)]))
 def test_a_page_of_a_section_in_a_browser(show, number):
     """On a screen and on a telephone: what stands in its cells are the numbers of its readout, nothing runs over its edges, and the sliders move them."""
@@ -425,3 +465,16 @@ def test_the_command_writes_a_page_with_a_payload(tmp_path):
     found = under_node(path, "(m, q) => Array.from(m.massMatrix(q))", q)
     M = heavy.mass_matrix(q)
     np.testing.assert_allclose(np.reshape(found, M.shape), M, atol=1e-12 * M.max())
+
+
+def test_arrows_are_to_a_scale_that_is_a_round_number(tmp_path):
+    """And told: so much for a square of the floor."""
+    page = write_page(arm("panda"), tmp_path / "page.html", section="3.4")
+    assert "<title>3.4 Twists and wrenches at the tip, panda</title>" in page.read_text("utf-8")
+    amounts = [1e-3, 0.13, 0.15, 1.0, 1.5, 3.1, 3.2, 7.0, 7.2, 900.0]
+    found = under_node(page, "(m, x) => x.map(nearRound)", amounts)
+    assert found == [1e-3, 0.1, 0.2, 1.0, 2.0, 2.0, 5.0, 5.0, 10.0, 1000.0]
+    said = under_node(page, '(m) => saidScales(1.1, [[perSquare(1.5, 0.33, 1.1), "m/s"], [20, "N"], [20, "N"]])')
+    assert said == "a square of the floor, 0.1 m, is 0.5 m/s, 20 N"  # 0.33 m for 1.5 m/s
+    sections = {number: read_page(write_page(arm("panda"), page, section=number))[0] for number in ("3.4", "5.2")}
+    assert [any(key == "torques" for key, _ in s["switches"]) for s in sections.values()] == [False, True]

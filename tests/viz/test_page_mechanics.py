@@ -57,6 +57,40 @@ def test_what_is_held_and_where_are_the_kernels(tmp_path, name):
         np.testing.assert_allclose(placed, robot.link_poses(q), atol=1e-12)
 
 
+def test_angles_of_sliders_are_roll_pitch_and_yaw(tmp_path):
+    page = write_page(EVERY["pendulum"], tmp_path / "page.html")
+    angles = np.random.default_rng(3).uniform(-1.5, 1.5, (5, 3))
+    found = under_node(page, "(m, given) => given.map((a) => fromQuaternion(toQuaternion(...a)))", angles.tolist())
+    turns = [[tw.so3.exp(x * axis) for x, axis in zip(row, np.eye(3), strict=True)] for row in angles]
+    np.testing.assert_allclose(np.reshape(found, (5, 3, 3)), [Z @ Y @ X for X, Y, Z in turns], atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["quadruped", "planar and mimic", "ur5"])
+def test_between_two_samples_is_the_middle_of_the_short_way(tmp_path, name):
+    """Whatever the sign of a quaternion, and however often an angle of the log has turned."""
+    robot = EVERY[name]
+    page = write_page(robot, tmp_path / "page.html")
+    rng = np.random.default_rng(2)
+    a = robot.random_configuration(rng)
+    step = 0.4 * rng.standard_normal(robot.nv)
+    for (
+        body
+    ) in robot.model.leaders:  # bases turn on the spot: where they move too, the way of robot.add is no straight one
+        first = {"floating": 3, "planar": 1}.get(body.joint.kind, body.joint.nv)
+        step[body.v_index + first : body.v_index + body.joint.nv] = 0.0
+    b, middle = robot.add(a, step), robot.add(a, 0.5 * step)
+    for body in robot.model.leaders:
+        first = body.q_index
+        if body.joint.kind == "floating":
+            b[first : first + 4] *= -1.0
+        elif body.joint.kind == "revolute" and not np.isfinite(robot.limits.upper[body.v_index]):
+            b[first] += 2.0 * np.pi
+    found = np.array(
+        under_node(page, "(m, given) => between(m.robot, given[0], given[1], 0.5)", [a.tolist(), b.tolist()])
+    )
+    np.testing.assert_allclose(robot.link_poses(found), robot.link_poses(middle), atol=1e-12)
+
+
 @pytest.mark.parametrize(("name", "rows"), [("ur5", "vx vy vz"), ("panda", "vx vy vz"), ("planar_2r", "vx vz")])
 def test_the_tip_is_as_heavy_as_the_task_inertia_says(tmp_path, name, rows):
     """Lambda's eigenvalues are the effective masses, its eigenvectors the axes; the page's payload is in it."""

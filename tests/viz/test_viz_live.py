@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import socket
 import threading
 import time
@@ -19,6 +20,7 @@ from twistwrench.motion.motion_log import MotionLog
 from twistwrench.report.loaded_robot import LoadedRobot, Payload
 from twistwrench.viz import LiveView, read_motion
 from twistwrench.viz.sliders import slider_value, sliders_of, with_slider
+from twistwrench.viz.torque_table import torque_table
 
 pytest.importorskip("viser", reason="needs the extra viz")
 ELBOW = [0, 0, np.pi / 2, 0, 0, 0]
@@ -120,6 +122,22 @@ def test_sliders_reach_every_coordinate(bundled):
                 value = slider_value(hand, q)
                 view.pose(with_slider(hand, view.q, np.radians(value) if hand["unit"] == "°" else value))
             np.testing.assert_allclose(robot.link_poses(view.q), robot.link_poses(q), atol=1e-9)
+
+
+def test_a_slider_turns_the_base_about_its_axis_and_shows_by_how_much(bundled):
+    robot = bundled("quadruped")
+    turns = [hand for hand in sliders_of(robot.model) if "turn" in hand]
+    assert [hand["turn"] for hand in turns] == [0, 1, 2]
+    for hand, axis in zip(turns, np.eye(3), strict=True):
+        q = with_slider(hand, robot.neutral, 0.3)
+        R = robot.forward_kinematics(q, robot.link_names[0])[:3, :3]
+        np.testing.assert_allclose(R, tw.so3.exp(0.3 * axis), atol=1e-12)
+        assert slider_value(hand, q) == pytest.approx(np.degrees(0.3))
+
+
+def test_bars_of_torques_go_the_way_of_their_signs(bundled):
+    table = torque_table(bundled("planar_2r").model, "", *np.array([[3.0, -4.0], [0.5, -1.0], [0.5, -1.0]]))
+    assert re.findall(r"left:([\d.]+)%;width:([\d.]+)%", table) == [("50.0", "25.0"), ("0.0", "50.0")]
 
 
 def test_the_page_in_a_browser(demo):

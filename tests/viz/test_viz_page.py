@@ -175,3 +175,14 @@ def test_robots_without_mass_or_motion_make_pages_too(tmp_path, text):
     header, _ = read_page(write_page(robot, tmp_path / "page.html"))
     assert np.isfinite([*header["target"], header["floor"], header["size"]]).all()
     assert header["size"] > 0
+
+
+@pytest.mark.parametrize("name", ["panda", "quadruped"])
+def test_a_robot_starts_where_it_may_be(tmp_path, name):
+    """Both have joints whose limits leave zero out."""
+    robot = getattr(tw.robots, name)()
+    q = np.array(read_page(write_page(robot, tmp_path / "page.html"))[0]["start"])
+    turning = [(b.q_index, b.v_index) for b in robot.model.leaders if b.joint.nv == 1]
+    at, of = map(list, zip(*turning, strict=True))
+    assert np.all((robot.limits.lower[of] <= q[at]) & (q[at] <= robot.limits.upper[of]))
+    assert np.allclose(robot.subtract(q, robot.neutral)[:6], 0) or name == "panda"

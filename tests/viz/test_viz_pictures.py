@@ -128,14 +128,14 @@ def test_a_spike_of_one_sample_is_drawn_at_its_height_and_its_width(bundled):
     t = np.arange(50_000) * 1e-3
     rest = np.zeros((len(t), 1))
     ddq = rest.copy()
-    ddq[31_337] = 400.0
+    ddq[31_334] = 400.0
     motion = motion_of(robot, t, rest, rest, ddq)
     assert len(motion.time) < 17_000
     whole = robot.inverse_dynamics(rest, rest, ddq, friction=True)
     at = int(np.argmax(np.abs(motion.torques[:, 0])))
-    assert motion.time[at] == t[31_337]
-    assert motion.torques[at, 0] == whole[31_337, 0] == motion.peaks[0]
-    np.testing.assert_allclose(motion.time[at - 1 : at + 2], t[31_336:31_339])
+    assert motion.time[at] == t[31_334]
+    assert motion.torques[at, 0] == whole[31_334, 0] == motion.peaks[0]
+    np.testing.assert_allclose(motion.time[at - 1 : at + 2], t[31_333:31_336])
 
 
 def test_coulomb_friction_at_rest_is_drawn_as_torques_counts_it(tmp_path):

@@ -258,6 +258,12 @@ def test_arrows_have_the_same_triangles_at_any_length():
     np.testing.assert_allclose(tip, [0, 1, 0], atol=1e-12)
 
 
+@pytest.mark.parametrize("length", [1e-3, 0.05, 2.0])
+def test_arrows_begin_at_the_origin_and_end_at_their_length(length):
+    z = arrow(length, 0.02).vertices[:, 2]
+    assert (z.min(), z.max()) == (0.0, pytest.approx(length))
+
+
 def test_sharp_edges_stay_sharp_and_round_ones_round():
     assert len(box((1, 1, 1)).creased().vertices) == 24
     ball = sphere(1.0)

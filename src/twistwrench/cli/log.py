@@ -14,16 +14,17 @@ import click
 from ..verdict import ExitCode
 from .common import plain_errors
 from .console import console
+from .help import examples
 from .progress import share_done
 from .work import files_in, worker_options
 
 
-@click.group(name="log")
+@click.group(name="log", short_help="What is in the log of a motion.")
 def log() -> None:
     """Logs: what is in a file of a motion. Several files of one log are written a.csv+b.csv."""
 
 
-@log.command()
+@log.command(short_help="Rates, gaps, and the range and noise of each column.", epilog=examples("log info log.csv"))
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @worker_options
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)

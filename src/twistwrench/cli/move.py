@@ -50,8 +50,20 @@ move_options = option_group(
     click.option("--screw", is_flag=True, help="Move the tip on the constant screw between them."),
     click.option("--by", metavar="x,y,z", help="Move the tip straight by that [m], along the base's axes."),
     click.option("--waypoints", metavar="FILE.csv", help="Configurations on the way, a row each, joints as columns."),
-    click.option("--to", metavar="v,v,…", help="Where it ends: all coordinates."),
-    click.option("--from", "begin", metavar="v,v,…", help="Where it begins; the neutral configuration if not given."),
+    click.option(
+        "--to",
+        metavar="v,v,…|JOINT=VALUE",
+        multiple=True,
+        help="Where it ends: all coordinates, a configuration of the file by its name, or a joint's place, others as at "
+        "the beginning; may be repeated.",
+    ),
+    click.option(
+        "--from",
+        "begin",
+        metavar="v,v,…|JOINT=VALUE",
+        multiple=True,
+        help="Where it begins, likewise; the neutral configuration if not given.",
+    ),
 )
 """The options of the command, all but the robot's own."""
 
@@ -64,8 +76,9 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     from dataclasses import replace
 
     from ..motion.bounds import bounds_of
-    from ..report.joint_values import degrees_hint
+    from ..report.joint_values import degrees_hint, parse_configuration
     from ..report.loaded_robot import LoadedRobot, parse_payload
+    from .tables.plain_table import FRICTION_LEFT_OUT
     from .tables.trajectory import move_view
 
     carried = [parse_payload(text) for text in given["payloads"]]
@@ -80,10 +93,12 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         raise ValueRangeError("--fastest finds the duration, and --duration says it. Leave one of them out.")
     if not given["step"] > 0:
         raise ValueRangeError(f"--step {printed(given['step'])}: give seconds above zero.")
-    for what, text in (("--from", given["begin"]), ("--to", given["to"])):
-        if text is not None and (hint := degrees_hint(robot, _configuration(robot, text, what, degrees=degrees))):
+    begin = parse_configuration(robot, given["begin"], degrees=degrees, option="--from")
+    end = parse_configuration(robot, given["to"], degrees=degrees, option="--to", start=begin)
+    for what, q in (("--from", begin), ("--to", end)):
+        if given["begin" if what == "--from" else "to"] and (hint := degrees_hint(robot, q)):
             show(f"! {what}: {hint}")
-    path, trouble = _path_and_trouble(robot, degrees=degrees, **given)
+    path, trouble = _path_and_trouble(robot, begin, end, degrees=degrees, **given)
     if path is None:
         show(f"CANNOT: {trouble}")
         return False
@@ -95,9 +110,10 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         return False
     over = moving.violations(bounds, friction=friction)
     words = " and ".join(f"{number(p.mass)} kg" for p in carried)
-    show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words))
+    cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
+    show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words, cannot=cannot))
     if robot.model.friction.any and not friction:
-        show("! Joint friction is left out, and 'twistwrench torques' counts it: add --friction.")
+        show(f"! {FRICTION_LEFT_OUT}")
     if friction and not robot.model.friction.any:
         from ..model.friction import NONE_GIVEN
 
@@ -108,8 +124,6 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         moving.plot(given["plot_path"], bounds, friction=friction)
     for written in filter(None, (given["csv_path"], given["plot_path"])):
         show(f"wrote {written}")
-    if trouble is not None:
-        show(f"CANNOT: {trouble} The motion above, and in the files, is the path until there.")
     return not over and trouble is None
 
 
@@ -141,8 +155,10 @@ def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any]) 
     return fitted(robot, path, shape, bounds, friction=given["friction"])
 
 
-def _path_and_trouble(robot: Robot, *, degrees: bool, **given: Any) -> tuple[JointPath | None, PathError | None]:
-    """The path asked for; where it ends early, what there is of it and why."""
+def _path_and_trouble(
+    robot: Robot, q0: Array, q1: Array, *, degrees: bool, **given: Any
+) -> tuple[JointPath | None, PathError | None]:
+    """The path asked for, from q0 (nq,) to q1 (nq,) or ``by``; where it ends early, what there is of it and why."""
     from ..algorithms.pose_paths import screw_path, straight_path
     from ..report.joint_values import parse_numbers
     from ..trajectories.cartesian import follow_poses
@@ -151,13 +167,12 @@ def _path_and_trouble(robot: Robot, *, degrees: bool, **given: Any) -> tuple[Joi
     tip_moves = [name for name in ("straight", "screw", "by") if given[name]]
     if len(tip_moves) > 1:
         raise ValueRangeError(f"--{tip_moves[0]} and --{tip_moves[1]} ask for two paths. Keep one of them.")
-    if given["to"] is not None and given["by"] is not None:
+    if given["to"] and given["by"] is not None:
         raise ValueRangeError("--to and --by both say where it ends. Keep one of them.")
-    if given["to"] is None and given["by"] is None:
-        raise ValueRangeError("where does it end? Give --to v,v,… with all coordinates, or --by x,y,z for the tip.")
+    if not given["to"] and given["by"] is None:
+        raise ValueRangeError("where does it end? Give --to v,v,… or --to JOINT=VALUE, or --by x,y,z for the tip.")
     if tip_moves and given["waypoints"] is not None:
         raise ValueRangeError(f"--waypoints are for the joints, and --{tip_moves[0]} moves the tip. Keep one of them.")
-    q0 = robot.neutral if given["begin"] is None else _configuration(robot, given["begin"], "--from", degrees=degrees)
     if given["by"] is not None:
         step = parse_numbers(given["by"], "--by", "x,y,z in metres, for example 0,0,0.1", 3)
         T = robot.forward_kinematics(q0)
@@ -165,7 +180,6 @@ def _path_and_trouble(robot: Robot, *, degrees: bool, **given: Any) -> tuple[Joi
         end[:3, 3] += step
         poses = straight_path(T, end)
     else:
-        q1 = _configuration(robot, given["to"], "--to", degrees=degrees)
         if not tip_moves:
             if given["waypoints"] is None:
                 return joint_line(robot, q0, q1), None
@@ -177,14 +191,6 @@ def _path_and_trouble(robot: Robot, *, degrees: bool, **given: Any) -> tuple[Joi
         return follow_poses(robot, poses, q0), None
     except PathError as problem:
         return problem.partial, problem  # type: ignore[return-value]
-
-
-def _configuration(robot: Robot, text: str, what: str, *, degrees: bool) -> Array:
-    from ..report.joint_values import parse_numbers
-
-    names = robot.coordinate_names
-    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}"
-    return _in_radians(robot, np.array([parse_numbers(text, what, form, robot.nq)]), degrees=degrees)[0]
 
 
 def _in_radians(robot: Robot, q: Array, *, degrees: bool) -> Array:

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from ..errors import ValueRangeError
-from .shared_options import CONFIGURATION, LIMITS, PAYLOADS, option_group
+from .shared_options import AT, CONFIGURATION, LIMITS, PAYLOADS, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -31,12 +31,7 @@ payload_options = option_group(
     click.option("--frame", metavar="FRAME", help="What carries the payload; the tip if not given."),
     PAYLOADS,
     CONFIGURATION,
-    click.option(
-        "--at",
-        metavar="JOINT=VALUE",
-        multiple=True,
-        help="A joint's place, others at zero or as --configuration says; may be repeated.",
-    ),
+    AT,
 )
 """The options of the command, all but the robot's own."""
 

@@ -9,7 +9,7 @@ from .sensor_identify import identify_command
 from .sensor_poses import poses_command
 
 
-@click.group()
+@click.group(short_help="Six-axis sensors: identify a tool, take its weight off readings.")
 def sensor() -> None:
     """Six-axis force-torque sensors: find the tool's mass, remove its weight, propose poses.
 

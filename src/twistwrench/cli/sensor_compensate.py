@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .help import examples
 from .sensor_options import (
     CSV,
     GRAVITY_OPTION,
@@ -22,7 +23,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-@click.command("compensate", short_help="Take weight, inertia and bias off a log; find contacts.")
+@click.command(
+    "compensate",
+    short_help="Take weight, inertia and bias off a log; find contacts.",
+    epilog=examples("sensor compensate demo --sensor demo"),
+)
 @click.argument("log", metavar="LOG")
 @click.option(
     "--sensor", "sensor_path", metavar="SENSOR.json", required=True, help="From `identify --save`; or 'demo'."

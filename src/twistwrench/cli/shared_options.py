@@ -42,7 +42,15 @@ WRENCHES = click.option(
     help="What the world does to it there.",
 )
 NO_FRICTION = click.option("--no-friction", is_flag=True, help="Leave joint friction and damping out.")
-CONFIGURATION = click.option("--configuration", metavar="v,v,…", help="All coordinates at once.")
+CONFIGURATION = click.option(
+    "--configuration", metavar="v,v,…|NAME", help="All coordinates at once, or a configuration of the file by its name."
+)
+AT = click.option(
+    "--at",
+    metavar="JOINT=VALUE|v,v,…",
+    multiple=True,
+    help="A joint's place, others at zero or as --configuration says, or all coordinates; may be repeated.",
+)
 COLUMNS = click.option(
     "--columns",
     metavar="JOINT=COLUMN",

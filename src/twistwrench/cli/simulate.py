@@ -11,7 +11,7 @@ import click
 from ..errors import SimulationError, ValueRangeError
 from ..verdict import ExitCode
 from .progress import share_done
-from .shared_options import CONFIGURATION, PAYLOADS, WRENCHES, option_group
+from .shared_options import AT, CONFIGURATION, PAYLOADS, WRENCHES, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -50,7 +50,7 @@ simulate_options = option_group(
     click.option("--torque", metavar="JOINT=VALUE", multiple=True, help="A constant torque; may be repeated."),
     click.option("--velocity", metavar="JOINT=VALUE", multiple=True, help="A velocity at the start; may be repeated."),
     CONFIGURATION,
-    click.option("--at", metavar="JOINT=VALUE", multiple=True, help="A joint's place at the start; may be repeated."),
+    AT,
     click.option(
         "--method",
         default="dopri5",
@@ -127,7 +127,7 @@ def answer_simulate(
         if not hasattr(interrupt, "result"):
             raise
         result, failure = interrupt.result, interrupt
-    show(simulation_view(loaded, result, degrees=degrees))
+    show(simulation_view(loaded, result, degrees=degrees, friction=friction))
     to_csv = partial(result.to_csv, degrees=degrees)
     for path, write in ((csv_path, to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
         if path is not None:

@@ -16,6 +16,7 @@ from typing import Any
 import click
 
 from ..verdict import ExitCode
+from .help import OwnOptionsFirst
 
 _KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
 """A keyword argument in a sentence of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
@@ -26,6 +27,8 @@ TRACEBACK = "TWISTWRENCH_TRACEBACK"
 
 class Commands(click.Group):
     """Commands whose errors are one line each, and whose exit codes are those of :class:`~twistwrench.verdict.ExitCode`."""
+
+    command_class = OwnOptionsFirst
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run as a program that cleans up behind itself when it is told to end."""

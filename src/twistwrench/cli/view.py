@@ -95,8 +95,7 @@ def answer_view(
         port = served_port(port, host)
     robot, wrenches, motion = _loaded(load, path, **given)
     scene = scene_of(robot, meshes=not no_meshes)
-    start = None if motion is not None or section is not None else _start(robot)
-    about: dict[str, Any] = {"motion": motion, "q": start, "wrench_on_robot": wrenches, "scene": scene}
+    about: dict[str, Any] = {"motion": motion, "wrench_on_robot": wrenches, "scene": scene}
     if html is not None:
         click.echo(f"wrote {write_page(robot, html, section=section, **about)}")
     if movie is not None and motion is not None:
@@ -169,16 +168,6 @@ def _loaded(
         for sentence in (*trajectory.notes, *motion.warnings):
             click.echo(f"note: {sentence}", err=True)
     return loaded.loaded, loaded.wrenches, motion
-
-
-def _start(robot: Any) -> Any:
-    """Neutral, but for joints whose limits leave zero out: those in their middle."""
-    q = robot.neutral.copy()
-    for body in robot.model.leaders:
-        low, high = robot.limits.lower[body.v_index], robot.limits.upper[body.v_index]
-        if body.joint.nv == 1 and not low <= q[body.q_index] <= high:
-            q[body.q_index] = (low + high) / 2
-    return q
 
 
 def _require_page(section: str, html: str | None, path: Path | None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,6 +13,8 @@ from ..model.builder import ModelBuilder
 from ..model.closure import OfferedClosure
 from ..model.description import Mimic
 from ..model.remark import Remark
+from ..typing import Array
+from .mjcf.actuators import ANY, at_joint, effort_of
 from .mjcf.equality import ALL, POINT
 
 _ON_JOINTS = (0, 1)
@@ -29,34 +30,43 @@ _SLIDE = 2
 def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, float]], list[str]]:
     """What the actuators do at each hinge and slide: ``effort``, ``armature``, ``damping``; and remarks.
 
-    The effort is gear times ``forcerange``, or of plain motors gear times ``ctrlrange``, whichever is less, added up.
+    The effort is what the actuators give together, each gear times ``forcerange``, or of plain motors gear times ``ctrlrange``,
+    as far as ``actuatorfrcrange`` of the joint lets it through.
     """
     found: dict[str, dict[str, float]] = {}
+    forces: dict[int, Array] = {}
     remarks: list[str] = []
     for k in range(model.nu):
         j = int(model.actuator_trnid[k, 0])
         if int(model.actuator_trntype[k]) not in _ON_JOINTS or int(model.jnt_type[j]) < _SLIDE:
             remarks.append(f"actuator {model.actuator(k).name or k} of MuJoCo's model drives no hinge or slide")
             continue
-        gear = abs(float(model.actuator_gear[k, 0]))
-        mine = found.setdefault(names[j], {"effort": 0.0, "armature": 0.0, "damping": 0.0})
-        mine["effort"] += gear * _force(model, k)
+        gear = float(model.actuator_gear[k, 0])
+        forces[j] = forces.get(j, np.zeros(2)) + at_joint(_forces(model, k), gear)
+        mine = found.setdefault(names[j], {"armature": 0.0, "damping": 0.0})
         for what in ("armature", "damping"):
             values = getattr(model, f"actuator_{what}", None)  # older versions have none
             mine[what] += 0.0 if values is None else gear**2 * float(np.reshape(values, (model.nu, -1))[k, 0])
-    for name, mine in found.items():
-        if mine["effort"] == math.inf:
-            remarks.append(Remark(f"joint {name!r}", "has an actuator whose largest force is not given"))
+    bounded = getattr(model, "jnt_actfrclimited", np.zeros(model.njnt))
+    for j in range(model.njnt):
+        given = forces.get(j, ANY)
+        if int(model.jnt_type[j]) >= _SLIDE and bounded[j]:
+            given = np.clip(given, *model.jnt_actfrcrange[j])
+        effort, remark = effort_of(given)
+        if remark and (j in forces or effort is not None):
+            remarks.append(Remark(f"joint {names[j]!r}", remark))
+        if effort is not None:
+            found.setdefault(names[j], {})["effort"] = effort
     return found, remarks
 
 
-def _force(model: Any, k: int) -> float:
-    most = float(np.abs(model.actuator_forcerange[k]).max()) if model.actuator_forcelimited[k] else math.inf
+def _forces(model: Any, k: int) -> Array:
+    """The least and the most that an actuator gives before its gear, infinite where that is not said."""
+    force = ANY
     plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
     if plain and model.actuator_ctrllimited[k]:
-        gain = abs(float(model.actuator_gainprm[k, 0]))
-        most = min(most, gain * float(np.abs(model.actuator_ctrlrange[k]).max()))
-    return most
+        force = np.sort(float(model.actuator_gainprm[k, 0]) * np.array(model.actuator_ctrlrange[k], float))
+    return np.clip(force, *model.actuator_forcerange[k]) if model.actuator_forcelimited[k] else force
 
 
 def mimics_of(model: Any, names: Sequence[str]) -> tuple[dict[str, Mimic], list[str]]:

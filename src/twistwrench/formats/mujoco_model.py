@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -122,8 +121,6 @@ def _joint(model: Any, j: int, body: str, k: int) -> MjcfJoint:
         joint.remarks.append("has another armature in each direction, of which the first is kept")
     if single and model.jnt_limited[j]:
         joint.options |= {"lower": float(model.jnt_range[j, 0]), "upper": float(model.jnt_range[j, 1])}
-    if single and getattr(model, "jnt_actfrclimited", np.zeros(model.njnt))[j]:
-        joint.options["effort"] = float(np.abs(model.jnt_actfrcrange[j]).max())
     return joint
 
 
@@ -147,7 +144,7 @@ def _add(
 ) -> None:
     axis = screw(joint) if joint.single else (0.0, 0.0, 1.0)
     options = dict(joint.options)
-    if "effort" not in options and 0 < drive.get("effort", 0.0) < math.inf:
+    if "effort" in drive:
         options["effort"] = drive["effort"]
     for what in ("armature", "damping"):
         options[what] += drive.get(what, 0.0)

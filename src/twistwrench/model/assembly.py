@@ -18,7 +18,7 @@ from .description import JointEntry, LinkEntry, SiteEntry
 from .fixed_joints import fuse
 from .friction import Friction
 from .limits import Limits
-from .mimic import Drive
+from .mimic import Drive, shared_limits
 from .model import BASE, Body, Frame, Model
 from .rounding import snap_pose
 from .spring import Spring
@@ -65,6 +65,7 @@ def assemble(
     for entry in leaders:
         columns[entry.name] = _Column(nq, nv)
         nq, nv = nq + entry.joint.nq, nv + entry.joint.nv
+    limits = [shared_limits(entry, joints, drives) for entry in leaders]
     every = {entry.name: drives.get(entry.name) or Drive(entry.name, 1.0, 0.0) for entry in joints}
     index = {} if floating_base else {tree.root: BASE}
     bodies: list[Body] = []
@@ -93,7 +94,8 @@ def assemble(
         name=name,
         bodies=tuple(bodies),
         frames={name: Frame(index[name], IDENTITY) for name, link in links.items() if not link.hidden},
-        limits=_stacked([entry.limits for entry in leaders]),
+        limits=_stacked([shared for shared, _ in limits]),
+        defects=tuple(text for _, remarks in limits for text in remarks),
         friction=_friction(joints, every, columns, nv),
         gravity=gravity,
         base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,

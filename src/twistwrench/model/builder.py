@@ -400,6 +400,7 @@ class ModelBuilder:
             source=self.source,
             additions=self._additions,
         )
+        remarks += model.defects
         model = _locked(model, lock) if lock else model
         model, found = judge(model, inertia, lambda link: str(self._links[link]))
         # Files that forget masses; a table of lengths alone, for kinematics, has none on purpose.

@@ -1,12 +1,16 @@
-"""Mimic joints: which joint each one follows in the end, and how."""
+"""Mimic joints: which joint each one follows in the end, and how; the limits of leaders that followers keep theirs in."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from ..core.printed_numbers import number
 from ..errors import ModelError, UnknownNameError
 from .description import JointEntry
+from .limits import TOLERANCE, Limits
 
 MIMIC_POLICIES = ("follow", "independent")
 """``follow``: mimic joints share their leader's coordinate. ``independent``: they are joints like any other."""
@@ -59,3 +63,32 @@ def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry
                 f"{joint} mimics {by_name[leader]}, but a {one.joint.kind} joint has several coordinates and can "
                 "neither mimic nor be mimicked. Load with mimic='independent', or remove the <mimic>."
             )
+
+
+def shared_limits(
+    leader: JointEntry, joints: Iterable[JointEntry], drives: Mapping[str, Drive]
+) -> tuple[Limits, list[str]]:
+    """The limits of a leader in which its followers keep theirs, and a remark on each follower that none would suit.
+
+    Limits of position and velocity are shared. A limit of effort is none of the leader's: a follower has no drive.
+    """
+    limits, remarks = leader.limits, []
+    for joint in joints:
+        drive = drives.get(joint.name)
+        if drive is None or drive.leader != leader.name or not drive.ratio:
+            continue
+        slack = limits.tolerance
+        least, most = np.sort((np.stack([joint.limits.lower, joint.limits.upper]) - drive.offset) / drive.ratio, axis=0)
+        lower = np.where(least > limits.lower + slack, least, limits.lower)
+        upper = np.where(most < limits.upper - slack, most, limits.upper)
+        if (upper - lower <= slack).any() and (limits.upper - limits.lower > slack).all():
+            own = f"{number(float(joint.limits.lower[0]))} to {number(float(joint.limits.upper[0]))}"
+            remarks.append(
+                f"{joint} follows {leader} by {number(drive.ratio)} and cannot keep to its limits, {own}, wherever that "
+                "moves within its own; they are left out"
+            )
+        else:
+            limits = replace(limits, lower=lower, upper=upper)
+        speed = joint.limits.velocity / abs(drive.ratio)
+        limits = replace(limits, velocity=np.where(speed < (1 - TOLERANCE) * limits.velocity, speed, limits.velocity))
+    return limits, remarks

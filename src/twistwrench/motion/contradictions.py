@@ -17,6 +17,7 @@ from .gain_text import described_gain, near
 from .rate_delay import RateDelay
 from .rate_gain import RateGain, segments
 from .single_row_glitches import SingleRowGlitches
+from .turns_left_out import TurnsLeftOut
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
@@ -69,6 +70,7 @@ class Contradictions:
         self._last: tuple[float, Array] | None = None
         self._least, self._greatest = np.full(count, math.inf), np.full(count, -math.inf)
         self._wraps = np.zeros(count, int)
+        self._turned = TurnsLeftOut(self._bounded, _WRAP)
         self._jumps: dict[int, tuple[float, float, float]] = {}
         """Of each joint the fastest step beyond half a turn: speed, time before, size."""
         self._wrapped: dict[int, tuple[float, float, float]] = {}
@@ -105,6 +107,7 @@ class Contradictions:
             t, q = np.r_[self._last[0], t], np.concatenate([self._last[1][None], q])
         self._last = float(t[-1]), q[-1].copy()
         h, moved = np.diff(t), np.diff(q, axis=0)
+        self._turned.add(q, moved)
         if not len(h):
             return
         self._steps.append(float(np.median(h)))
@@ -138,7 +141,9 @@ class Contradictions:
         """A sentence for each contradiction; limits of velocity help to tell a jump from a fast motion."""
         of_time = tuple(self._of_time(limits))
         angles = self._angle_units(limits).contradictions
-        jumps = () if angles else (*self._of_jumps(limits), *(self._of_glitches() if glitches else ()))
+        wrapped = (self._wraps > 0) & self._within_a_turn()
+        turns = () if limits is None else self._turned.sentences(wrapped, self._single, self._names, limits)
+        jumps = () if angles else (*self._of_jumps(limits), *turns, *(self._of_glitches() if glitches else ()))
         delays = self._delay.result() if not of_time else np.zeros(len(self._single))
         of_rates = tuple(self._of_rates(time_told=bool(of_time), late=delays != 0.0))
         return (*of_time, *angles, *jumps, *of_rates, *self._of_delays(delays))

@@ -1,4 +1,4 @@
-"""Numbers for joints, as they are typed in a shell: ``JOINT=VALUE`` one by one, or all at once."""
+"""Numbers for joints as typed in a shell: ``JOINT=VALUE`` each, all at once, or a configuration of the file by name."""
 
 from __future__ import annotations
 
@@ -22,24 +22,46 @@ _PLAINLY_DEGREES = 3 * math.tau
 """rad: three turns, which hardly any joint makes, and 19 degrees, which any does."""
 
 
-def parse_configuration(robot: Robot, at: Iterable[str], whole: str | None, *, degrees: bool) -> Array:
-    """q (nq,) from ``--at JOINT=VALUE``, others as ``--configuration v,v,…`` says, or neutral.
+def parse_configuration(
+    robot: Robot,
+    at: Iterable[str],
+    whole: str | None = None,
+    *,
+    degrees: bool,
+    option: str = "--at",
+    start: Array | None = None,
+) -> Array:
+    """Configuration (nq,) that the texts of an option say: each ``JOINT=VALUE``, or one of them all coordinates.
 
-    Raises ValueRangeError and UnknownNameError, which say what was wrong.
+    All coordinates are ``v,v,…`` or the name of a configuration of the robot, as are those of ``--configuration``,
+    ``whole``. Joints that are not named are as in ``start`` (nq,), else neutral. Raises ValueRangeError and
+    UnknownNameError, which say what was wrong.
     """
-    q = robot.neutral
+    q = np.array(robot.neutral if start is None else start)
+    single = [text for text in at if "=" in text]
+    wholes = [("--configuration", whole)] if whole is not None else []
+    wholes += [(option, text) for text in at if "=" not in text]
+    if len(wholes) > 1:
+        said = " and ".join(f"{name} {text!r}" for name, text in wholes[:2])
+        raise ValueRangeError(f"{said} both say all coordinates. Keep one of them; others are JOINT=VALUE.")
     unit = np.where(Coordinates.of(robot.model).angular & degrees, math.radians(1.0), 1.0)
-    if whole is not None:
-        q = np.array(
-            parse_numbers(
-                whole, "--configuration", f"{robot.nq} numbers, {','.join(robot.coordinate_names[:8])}", robot.nq
-            )
-        )
-        q *= unit
-    for body, numbers in _named(robot, at, "--at", velocities=False):
+    for name, text in wholes:
+        q = _all_coordinates(robot, text, name, unit)
+    for body, numbers in _named(robot, single, option, velocities=False):
         here = body.places[0]
         q[here] = np.array(numbers) * unit[here]
     return q
+
+
+def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array:
+    known = robot.configurations
+    if text in known:
+        return np.array(known[text])
+    names, first = robot.coordinate_names, next(iter(b.joint.name for b in robot.model.leaders), "joint1")
+    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}; or JOINT=VALUE, as {first}=0.5"
+    if known:
+        form += f"; or a configuration of the file: {', '.join(list(known)[:8])}{', …' if len(known) > 8 else ''}"
+    return np.array(parse_numbers(text, option, form, robot.nq)) * unit
 
 
 def degrees_hint(robot: Robot, q: Array) -> str:

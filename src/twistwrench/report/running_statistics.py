@@ -36,6 +36,11 @@ class Rms:
         return np.asarray(np.sqrt(self._integral / duration if duration > 0 else self._last[1]))
 
 
+_LONG, _MOVED = 0.1, 1e-3
+"""A gap so long [s], across which a coordinate changes by so much [rad, m], hides a motion: in less time no joint that has
+mass speeds up and brakes again."""
+
+
 @dataclass
 class Gaps:
     """Steps of time longer than ``threshold``."""
@@ -44,14 +49,25 @@ class Gaps:
     count: int = 0
     longest: float = 0.0
     longest_at: float = float("nan")
-    _last: float | None = None
+    hidden: float = 0.0
+    """The longest in which something moved [s]."""
+    hidden_at: float = float("nan")
+    _last: tuple[float, Array] | None = None
 
-    def add(self, time: Array) -> None:
-        """Take in consecutive times (n,)."""
-        before = time[:1] if self._last is None else np.array([self._last])
-        steps = np.diff(time, prepend=before)
-        self.count += int((steps > self.threshold).sum())
-        k = int(np.argmax(steps))
-        if steps[k] > max(self.longest, self.threshold):
-            self.longest, self.longest_at = float(steps[k]), float(time[k] - steps[k])
-        self._last = float(time[-1])
+    def add(self, time: Array, q: Array) -> None:
+        """Take in consecutive times (n,) and coordinates (n, nq)."""
+        if self._last is not None:
+            time, q = np.r_[self._last[0], time], np.concatenate([self._last[1][None], q])
+        steps, moved = np.diff(time), np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0)
+        found = steps > self.threshold
+        self.count += int(found.sum())
+        self.longest, self.longest_at = _longest(time, np.where(found, steps, 0.0), (self.longest, self.longest_at))
+        hides = found & (steps > _LONG) & (moved > _MOVED)
+        self.hidden, self.hidden_at = _longest(time, np.where(hides, steps, 0.0), (self.hidden, self.hidden_at))
+        self._last = float(time[-1]), q[-1].copy()
+
+
+def _longest(time: Array, steps: Array, known: tuple[float, float]) -> tuple[float, float]:
+    """The longest step of time and when it begins, of these and of the one known before."""
+    k = int(np.argmax(steps)) if len(steps) else 0
+    return (float(steps[k]), float(time[k])) if len(steps) and steps[k] > known[0] else known

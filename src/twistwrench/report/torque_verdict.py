@@ -52,6 +52,11 @@ def verdict_of(report: TorqueReport) -> Verdict:
     if force := missing_force(report.load.loaded.model, report.joints):
         words = force_in_words(report.load.loaded.model, force)
         unsure.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
+    if report.gaps.hidden:
+        unsure.append(
+            f"the robot moves while nothing is logged for {number(report.gaps.hidden)} s after t = "
+            f"{seconds(report.gaps.hidden_at)} s"
+        )
     if report.strays:
         unsure.append("samples were flattened that are no noise")
     contradicted = [m.words for m in report.measured if m.contradicts]

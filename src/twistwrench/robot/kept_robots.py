@@ -73,12 +73,12 @@ def known_file(source: object, options: Mapping[str, Any]) -> KnownFile | None:
     try:
         if written is None or not Path(source).is_file() or disk.folder() is None:
             return None
-        data = read_bytes(Path(source))
-    except (OSError, ValueError):  # which loading explains
+        data, version = read_bytes(Path(source)), _version()
+    except (OSError, ValueError):  # which loading explains; or the library's own files are in an archive
         return None
     if b"<robot" not in data or b"<mujoco" in data or b"<sdf" in data:
         return None
-    key = disk.digest("robot", _version(), os.fspath(source), written, data).hex()
+    key = disk.digest("robot", version, os.fspath(source), written, data).hex()
     return KnownFile(data, key, disk.load(key) == _SOUND)
 
 
@@ -127,12 +127,17 @@ def _serves() -> bool:
 
 @cache
 def _version() -> str:
-    """What tells this library from another version of it: size and time of its files."""
+    """What tells this library from another version of it: size and time of its files, compiled ones where it has no others.
+
+    Raises OSError where a package is in no folder, or has no files there.
+    """
     root = Path(__file__).parents[1]
     about = []
     for part in _PARTS:
         with os.scandir(root / part) as entries:
-            files = sorted((entry.name, entry.stat()) for entry in entries if entry.name.endswith(".py"))
+            files = sorted((entry.name, entry.stat()) for entry in entries if entry.name.endswith((".py", ".pyc")))
+        if not files:
+            raise FileNotFoundError(root / part)
         about += [f"{part}/{name} {s.st_size} {s.st_mtime_ns}" for name, s in files]
     return "\n".join([sys.version, *about])
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..algorithms.control_laws import computed_torque, proportional_derivative, undriven
-from ..algorithms.inverse_dynamics import gravity_forces
+from ..algorithms.inverse_dynamics import holding_torques
 from ..algorithms.recursion import zeros
 from ..core import arguments
 from ..errors import ValueRangeError
@@ -102,7 +102,7 @@ class BatchPD(TorqueLaw):
     Gains and references may differ from motion to motion, which those of :class:`twistwrench.control.PD` do not. At
     every joint of one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored.
     Values hold for all steps and samples; with axes (..., steps, n) they are said step by step, with (..., 1, n) sample
-    by sample. g is that of the robot without ``parameters``.
+    by sample. g, with what springs of the robot add to it, is that of the robot without ``parameters``.
 
     Notes
     -----
@@ -143,7 +143,7 @@ class BatchPD(TorqueLaw):
         """The law, on symbols."""
         tau = proportional_derivative(model, q, dq, *given)
         if self.gravity:
-            held = gravity_forces(model, angles)
+            held = holding_torques(model, angles)
             for body in model.leaders:
                 if body.joint.nv == 1:
                     tau[body.v_index] = tau[body.v_index] + held[body.v_index]

@@ -17,7 +17,7 @@ from ..typing import Array
 from .contacts import Contact
 from .force_balance import force_balance, unresisted_motion
 from .pose_arguments import one_configuration
-from .torque_limits import effort_limits
+from .torque_limits import effort_limits, resting_torques
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -188,9 +188,7 @@ def robot_equilibrium(
     """
     contacts, edges = _clean(contacts, edges)
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is a linear programme of its own")
-    unloaded = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
-    if robot.model.springs:  # they stretch as the load asks, and load their motors with it
-        unloaded = unloaded - (np.asarray(robot.holding_torques(q)) - np.asarray(robot.gravity_forces(q)))
+    unloaded = resting_torques(robot, q, wrench_on_robot)
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
         raise ValueRangeError(
             f"wrench_on_robot at {', '.join(wrench_on_robot or ())}: give each frame one wrench (m, f) of six finite numbers."

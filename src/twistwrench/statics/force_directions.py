@@ -13,7 +13,7 @@ from ..errors import ValueRangeError
 from ..typing import Array
 from .ellipsoid import part_rows
 from .pose_arguments import same_batch, unit_vectors
-from .torque_limits import effort_limits, growth, require_fixed_base, span
+from .torque_limits import effort_limits, growth, require_fixed_base, resting_torques, span
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -84,7 +84,7 @@ def largest_wrench(
     Notes
     -----
     Closed form: the least over the joints of (L - sign(a) g) / abs(a), with a = J' direction and g the torques of
-    gravity. MR section 5.2.
+    gravity and of springs. MR section 5.2.
 
     Examples
     --------
@@ -95,7 +95,7 @@ def largest_wrench(
     require_fixed_base(robot, "the largest wrench")
     d = unit_vectors(direction, 3, 6)
     F = d if d.shape[-1] == 6 else np.concatenate([np.zeros_like(d), d], axis=-1)
-    g, J = np.asarray(robot.gravity_forces(q)), np.asarray(robot.jacobian(q, frame, kind))
+    g, J = resting_torques(robot, q), np.asarray(robot.jacobian(q, frame, kind))
     same_batch(q=g, direction=F)
     return _along(robot, g, J, F, effort_limits(robot, limits))
 
@@ -142,7 +142,7 @@ def weakest_direction(
     """
     require_fixed_base(robot, "the weakest direction")
     rows, L = part_rows(part), effort_limits(robot, limits)
-    g, J = np.asarray(robot.gravity_forces(q)), np.asarray(robot.jacobian(q, frame, kind))
+    g, J = resting_torques(robot, q), np.asarray(robot.jacobian(q, frame, kind))
     lever = np.linalg.norm(J[..., rows, :], axis=-2)
     felt = lever > 1e-12 * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
     unknown = np.isnan(g).any(axis=-1) | np.isnan(lever).any(axis=-1)

@@ -14,7 +14,7 @@ from ..errors import ShapeError
 from ..model.limits import margin
 from ..typing import Array
 from .pose_arguments import one_configuration, same_batch
-from .torque_limits import effort_limits, growth, require_fixed_base, span
+from .torque_limits import effort_limits, growth, require_fixed_base, resting_torques, span
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -157,7 +157,7 @@ def largest_payload(
     """
     require_fixed_base(robot, "the largest payload")
     L = effort_limits(robot, limits)
-    unloaded = np.asarray(robot.gravity_forces(q))
+    unloaded = resting_torques(robot, q)
     per_kilogram = torques_per_kilogram(robot, q, com, frame)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
     s = growth(unloaded, per_kilogram, L)

@@ -14,7 +14,7 @@ from ..typing import Array
 from .ellipsoid import effort_weights, part_rows
 from .holding_torques import RANK_TOLERANCE
 from .pose_arguments import one_configuration
-from .torque_limits import effort_limits, require_fixed_base
+from .torque_limits import effort_limits, require_fixed_base, resting_torques
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -173,7 +173,7 @@ def wrench_polytope(
     q = one_configuration(robot, q, "wrench_polytope", "poses differ in how many corners they have")
     rows, whole = part_rows(part), slice(0, 6)
     effort_weights(robot, limits)  # refuses limits of zero
-    L, g = effort_limits(robot, limits), np.asarray(robot.gravity_forces(q))
+    L, g = effort_limits(robot, limits), resting_torques(robot, q)
     J = np.asarray(robot.jacobian(q, frame, kind))[whole if rest == "any" else rows]
     some = np.isfinite(L)
     A = np.concatenate([J.T[some], -J.T[some]])
@@ -233,7 +233,7 @@ def _deepest_point(H: Array, b: Array) -> Array:
     )
     if found.status != 0 or found.x is None or found.x[-1] <= 1e-9:
         raise ValueRangeError(
-            "no wrench at this pose keeps the torques within their limits: gravity alone asks for more. "
+            "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs ask for more. "
             "Look at statics.largest_payload for the joint, or pass larger limits=."
         )
     return np.asarray(found.x[:-1]) * scale

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -58,6 +58,33 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
             f"Pass limits= with {robot.nv} numbers [N m or N], one for each of {', '.join(names[:12])}."
         )
     return effort
+
+
+def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, ArrayLike] | None = None) -> Array:
+    """The torques that hold the robot at rest, (..., nv): gravity's, those of springs, and of wrenches on the robot.
+
+    Elastic gears are stretched as that asks, wherever q has their motors, so that they add nothing: see
+    :func:`effort_limits`.
+
+    >>> import twistwrench as tw
+    >>> resting_torques(tw.robots.planar_2r(), [0.0, 0.0]).round(2).tolist()
+    [29.43, 9.81]
+    """
+    tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
+    motors = {name for name, a in robot.actuators.items() if name != a.joint}
+    gears = tuple(s for s in robot.model.springs if any(joint in motors for joint, _ in s.terms))
+    if not gears:
+        return tau
+    x, at = (
+        np.asarray(robot.subtract(q, robot.neutral)),
+        {body.joint.name: body.v_index for body in robot.model.leaders},
+    )
+    tau = tau.copy()
+    for spring in gears:
+        stretch = sum(weight * x[..., at[joint]] for joint, weight in spring.terms) - spring.rest
+        for joint, weight in spring.terms:
+            tau[..., at[joint]] -= weight * spring.stiffness * stretch
+    return tau
 
 
 def _elastic(robot: Robot) -> Iterator[tuple[int, int]]:

@@ -293,7 +293,8 @@ def fitted(
     with np.errstate(divide="ignore", invalid="ignore"):
         shortest = [float(np.nanmax(np.abs(dq) / bounds.velocity, initial=0.0))]
         shortest.append(float(np.sqrt(np.nanmax(np.abs(ddq) / bounds.acceleration, initial=0.0))))
-    g = robot.gravity_forces(q) + robot.friction_forces(1e-9 * np.sign(dq)) * friction
+    held = robot.holding_torques(q)
+    g = held + robot.friction_forces(1e-9 * np.sign(dq)) * friction
     room = bounds.effort - np.abs(g)
     if ((room <= 1e-6 * bounds.effort) & np.isfinite(room)).any():
         i, j = np.unravel_index(int((np.abs(g) / bounds.effort).argmax()), g.shape)
@@ -301,7 +302,7 @@ def fitted(
             f"the robot cannot hold itself on this path: {robot.model.velocity_names[j]!r} needs {printed(abs(g[i, j]), 4)} of "
             f"{printed(bounds.effort[j], 4)} to stand still. Take load off, another path, or a stronger joint."
         )
-    moving = robot.inverse_dynamics(q, dq, ddq) - robot.gravity_forces(q)
+    moving = robot.inverse_dynamics(q, dq, ddq) - held
     viscous = robot.model.friction.viscous * dq if friction else np.zeros_like(dq)
     # abs(g + moving k² + viscous k) ≤ L with k = 1/T: the smaller positive root on the side it grows to
     for side in (1.0, -1.0):

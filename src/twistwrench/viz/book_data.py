@@ -35,19 +35,6 @@ _MOTOR = (
 _COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "force, z")
 
 
-def telling_pose(robot: Robot) -> Array:
-    """A configuration above the floor of the base and far from singular ones; (nq,)."""
-    Q = robot.random_configuration(0, 256)
-    turned = np.where(
-        Coordinates.of(robot.model).angular, Q - 2 * np.pi * np.round(Q / (2 * np.pi)), Q
-    )  # to half a turn
-    Q = np.where((robot.limits.lower <= turned) & (turned <= robot.limits.upper), turned, Q)
-    heights = np.asarray(robot.link_poses(Q))[..., 2, 3]
-    J = np.asarray(robot.jacobian(Q, kind="world_aligned"))
-    least = np.linalg.svd(J, compute_uv=False)[:, -1]
-    return np.asarray(Q[np.argmax(np.where(heights.min(axis=1) > -1e-9, least, least - 1e3))])
-
-
 def book_data(section: BookSection, robot: Robot, start: Array) -> dict[str, Any]:
     """The section for one robot, which starts at a configuration."""
     model = robot.model
@@ -106,7 +93,7 @@ def _sliders(robot: Robot, start: Array, section: BookSection) -> dict[str, list
         ]
 
     n = robot.nv
-    first = [(not section.at_rest) * round(0.25 * v * (-1) ** k / (1 + k // 2), 2) for k, v in enumerate(rates)]
+    first = [(not section.at_rest) * round(0.25 * v * (-1) ** k / (1 + k / 2), 2) for k, v in enumerate(rates)]
     tau = joints("", torque, holding.tolist())
     for row, unit in zip(tau, coordinates.torque_units, strict=True):
         row["unit"] = unit

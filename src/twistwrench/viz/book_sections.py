@@ -27,6 +27,7 @@ _SECTIONS = (
         ),
         ("dq", "wrench"),
         lambda p: {"twist_b": twist(p, "body"), "twist_s": twist(p, "space")},
+        shown=("looks",),
     ),
     BookSection(
         "5.1",
@@ -40,6 +41,7 @@ _SECTIONS = (
             "jacobian_s": jacobian(p, "space"),
             "twist_b": twist(p, "body"),
         },
+        shown=("looks",),
     ),
     BookSection(
         "5.2",
@@ -106,6 +108,7 @@ _SECTIONS = (
         ("dq", "ddq"),
         of_links,
         chooses="link",
+        shown=("looks",),
     ),
     BookSection(
         "8.3",

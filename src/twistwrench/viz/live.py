@@ -20,6 +20,7 @@ from .page_access import PageAccess
 from .scene import Scene, scene_of
 from .scene_nodes import LAYERS, Nodes
 from .sliders import slider_value, sliders_of, with_slider
+from .starting_pose import starting_pose
 from .torque_table import TEXT, torque_table
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class LiveView:
             motion.require(robot)
             robot, wrench_on_robot = motion.load.loaded, dict(motion.load.wrenches)
         self.robot, self.motion = robot, motion
-        start = robot.neutral if motion is None else motion.q[0]
+        start = starting_pose(robot) if motion is None else motion.q[0]
         self.q = np.array(
             start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq), float
         )

@@ -20,13 +20,14 @@ from ..core.printed_numbers import number
 from ..errors import ValueRangeError
 from ..outputs import replacing
 from ..typing import Array
-from .book_data import book_data, telling_pose
+from .book_data import book_data
 from .book_section import BookSection
 from .book_sections import book_section
 from .colours import force_scale, mass_scale
 from .page_programs import PagePrograms
 from .page_robot import robot_data, wrench_data
 from .scene import Scene, scene_of
+from .starting_pose import starting_pose, telling_pose
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,6 +52,7 @@ _SCRIPTS = (
     "grasp.js",
     "panel.js",
     "load.js",
+    "scales.js",
     "readouts.js",
     "tip_readouts.js",
     "book.js",
@@ -81,7 +83,8 @@ def write_page(
     path : str or Path, .gif or .mp4
     motion : DrawnMotion, optional, which plays
     q : (nq,) array_like, optional, where it starts
-        None: where the motion begins, for a section a pose far from singular ones, else neutral.
+        None: where the motion begins, for a section a pose far from singular ones, else neutral, with
+        joints that may not be there in the middle of their limits.
     wrench_on_robot : {frame: (6,)}, optional, (m, f) in the frame, drawn and counted in the torques that hold a pose
         A motion brings its own. [N m, N]
     scene : Scene, optional, the robot's looks
@@ -131,7 +134,7 @@ def page_text(
     if motion is not None:
         motion.require(robot)
         robot, wrench_on_robot = motion.load.loaded, motion.load.wrenches
-    start = motion.q[0] if motion is not None else robot.neutral if book is None else telling_pose(robot)
+    start = motion.q[0] if motion is not None else starting_pose(robot) if book is None else telling_pose(robot)
     start = start if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     scene = (scene_of(robot) if scene is None else scene).thinned(_TRIANGLES)
     box = _Box()
@@ -153,7 +156,7 @@ def page_text(
     parts = resources.files(__package__) / "player"
     scripts = programs.script(), "\n".join((parts / name).read_text("utf-8") for name in _SCRIPTS)
     return Template((parts / "page.html").read_text("utf-8")).substitute(
-        title=html.escape(robot.name),
+        title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
         policy=f"{_POLICY} {' '.join(map(_digest, scripts))}",
         style=(parts / "page.css").read_text("utf-8"),
         programs=scripts[0],
@@ -273,7 +276,7 @@ def _switches(
     known = (
         ("looks", "Robot", True, True),
         ("inertia", "Inertia ellipsoids", True, not scene.dressed and not scene.doubtful),
-        ("torques", "Torques", bool(data["marks"]), True),
+        ("torques", "Torques", bool(data["marks"]) and (book is None or "torques" in book.shown), True),
         ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
         ("com", "Centre of mass", "centre" in data["programs"], False),
         ("frames", "Frames", True, False),

@@ -43,7 +43,7 @@ def _bundled(chosen: list[str], described: Mapping[str, str]) -> PlainTable:
     for name in chosen:
         robot = getattr(robots, name)()
         mass = sum(body.inertia.mass for body in robot.model.bodies)
-        table.row(name, robot.nq, robot.nv, mass, described[name].partition("; options as")[0])
+        table.row(name, robot.nq, robot.nv, mass, described[name].partition("; options as")[0].replace("``", ""))
     return table
 
 

@@ -15,6 +15,8 @@ from ...core.printed_numbers import MISSING, number, percent_of_limit
 from ...model.limits import over_limit
 from ...verdict import Word
 
+FRICTION_LEFT_OUT = "Joint friction is left out, and 'twistwrench torques' counts it: add --friction."
+"""What commands say that count friction only where asked to."""
 _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""
 _LEAST = 8

@@ -61,11 +61,19 @@ def identification_view(found: Identification, log: ReadingLog) -> RenderableTyp
     if found.fit.unknowns.delay:
         half = np.ptp(found.interval("delay")) / 2
         table.row("readings are late by", "ms", *estimate(1e3 * state.delay, 1e3 * half))
-    parts: list[RenderableType] = [_heading(log, found.sensor.sign), table]
-    parts.append(_before_and_after(log, found.rest(log), found.kept))
+    reasons, others = _told(found, log.notes, found.remarks, found.doubts)
+    parts: list[RenderableType] = [_verdict(found), *reasons, Text()]
+    parts += [_heading(log, found.sensor.sign), table, _before_and_after(log, found.rest(log), found.kept)]
     parts.append(Text(f"Noise of a reading: {number(found.noise[0], 2)} N m, {number(found.noise[1], 2)} N (1 σ)."))
-    parts.extend(remarks(map(in_shell_words, [*log.notes, *found.remarks, *found.doubts])))
-    return Group(*parts, Text(), _verdict(found))
+    return Group(*parts, *others)
+
+
+def _told(found: Identification | Compensation, *sentences: tuple[str, ...]) -> tuple[list[Text], list[Text]]:
+    """The reasons of the verdict, which stand below it, and all other sentences, which end the report."""
+    said = [sentence for group in sentences for sentence in group]
+    reasons = [sentence for sentence in said if sentence in found.verdict.reasons]
+    others = [sentence for sentence in said if sentence not in reasons]
+    return remarks(map(in_shell_words, reasons)), remarks(map(in_shell_words, others))
 
 
 def _verdict(found: Identification) -> Text:
@@ -78,8 +86,10 @@ def _verdict(found: Identification) -> Text:
 def compensation_view(found: Compensation) -> RenderableType:
     """Readings before and after, and where something else acted."""
     log = found.log
-    parts: list[RenderableType] = [_heading(log, found.sensor.sign)]
-    parts.append(_before_and_after(log, found.rest, np.ones(len(log), bool)))
+    untold = (found.untold,) if found.untold else ()
+    reasons, others = _told(found, log.notes, untold, found.remarks, found.doubts)
+    parts: list[RenderableType] = [_outcome(found), *reasons, Text()]
+    parts += [_heading(log, found.sensor.sign), _before_and_after(log, found.rest, np.ones(len(log), bool))]
     if found.threshold is not None:
         floor = found.threshold.per_axis
         least = [
@@ -93,9 +103,7 @@ def compensation_view(found: Compensation) -> RenderableType:
                 f"{' or '.join(least)} on{'; moments are not looked at' if found.untold else ''}."
             )
         )
-    said = [*log.notes, *([found.untold] if found.untold else []), *found.remarks, *found.doubts]
-    parts.extend(remarks(map(in_shell_words, said)))
-    return Group(*parts, Text(), _outcome(found))
+    return Group(*parts, *others)
 
 
 def _outcome(found: Compensation) -> Text:
@@ -137,13 +145,13 @@ def proposal_view(
     if verdict is not None and not known[-1, 0] < mass:
         return verdict
     return Group(
+        *([verdict, Text()] if verdict else []),
         table,
         Text(
             "Orientations R_wf of the sensor's frame and gravity's direction in it; turns about the vertical are free.\n"
             f"± is what will be known (95 %) with all poses up to there, for a load of {number(mass)} kg; that of the centre\n"
             "is across the line to the sensor, along it add the share of the mass."
         ),
-        *([Text(), verdict] if verdict else []),
     )
 
 

@@ -1,4 +1,4 @@
-"""A simulation as text: where it ended, how fast it went, its energies, what happened, and why it stopped."""
+"""A simulation as text: why it stopped, where it ended, how fast it went, its energies, and what happened."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from rich.text import Text
 
 from ...core.printed_numbers import number, residual, seconds
 from ...joints.units import heading_unit
+from ...motion.bounds import bounds_of
 from ...motion.coordinates import Coordinates
+from ...motion.violations import LimitCheck
 from ...typing import Array
-from .plain_table import PlainTable, remarks
+from .plain_table import FRICTION_LEFT_OUT, PlainTable, remarks
 
 if TYPE_CHECKING:
     from ...robot import Robot
@@ -25,24 +27,44 @@ _ROUNDING = 12
 """Decimals below which a coordinate, a velocity or an energy is zero."""
 
 
-def simulation_view(robot: Robot, result: SimulationResult, *, degrees: bool = False) -> RenderableType:
-    """Heading, a row for each coordinate and for each velocity, energies, how exact it is, events, and the verdict."""
+def simulation_view(
+    robot: Robot, result: SimulationResult, *, degrees: bool = False, friction: bool = True
+) -> RenderableType:
+    """The verdict with what was not simulated, then rows for coordinates, velocities and energies, accuracy and events."""
     c = Coordinates.of(robot.model)
+    word = ("DONE", "bold") if result.completed else ("STOPPED", "bold red")
+    verdict = [
+        Text.assemble(word, f": {result.stopped}."),
+        *remarks(_left_out(robot, result, friction=friction)),
+        Text(),
+    ]
     heading = Text.assemble(
         (result.robot, "bold"),
         f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
         f", {result.rejected} taken again" if result.rejected else "",
     )
-    parts: list[RenderableType] = [heading, _coordinates(result, c, degrees=degrees)]
+    parts: list[RenderableType] = [*verdict, heading, _coordinates(result, c, degrees=degrees)]
     parts += [_velocities(result, c, degrees=degrees), _energies(result), _accuracy(result)]
     parts += [Text(f"· {event}") for event in result.events[:_MOST]]
     if len(result.events) > _MOST:
         parts.append(Text(f"· … {len(result.events)} events in all"))
-    parts += remarks(result.remarks)
-    parts.append(
-        Text.assemble((" STOPPED " if not result.completed else " DONE ", "bold reverse"), f"  {result.stopped}")
-    )
-    return Group(*parts)
+    return Group(*parts, *remarks(result.remarks))
+
+
+def _left_out(robot: Robot, result: SimulationResult, *, friction: bool) -> list[str]:
+    """What the robot has and the simulation had not: ends of the joints' ways, and friction."""
+    said = []
+    check = LimitCheck(robot.model, bounds_of(robot))
+    check.add(result.times, result.q, result.dq)
+    if past := [violation for violation in check.violations() if violation.kind == "position"]:
+        more = len(past) - 1
+        others = f", and {more} more joint{'s pass' if more > 1 else ' passes'} theirs" if more else ""
+        said.append(
+            f"Joints were not held at their limits: {past[0]}{others}. --stop-at-limits ends where the first is reached."
+        )
+    if robot.model.friction.any and not friction:
+        said.append(FRICTION_LEFT_OUT)
+    return said
 
 
 def _coordinates(result: SimulationResult, c: Coordinates, *, degrees: bool) -> PlainTable:

@@ -1,4 +1,4 @@
-"""A motion as text: what each joint does of what it may, what limits it when, and a verdict."""
+"""A motion as text: a verdict, what each joint does of what it may, and what limits it when."""
 
 from __future__ import annotations
 
@@ -18,10 +18,13 @@ from ...motion.coordinates import Coordinates
 from ...motion.violations import Violation
 from ...trajectories.fastest import Fastest
 from ...trajectories.trajectory import Trajectory
-from .plain_table import PlainTable, remarks, share_bar
+from ...verdict import Word
+from .plain_table import PlainTable, remarks, share_bar, verdict_word
 
 _SAMPLES = 2001
 _LISTED = 12
+_PASSED = 6
+"""Limits passed that are listed."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,12 @@ def move_view(
     friction: bool,
     degrees: bool,
     carried: str = "",
+    cannot: str = "",
 ) -> RenderableType:
-    """Heading, a row per joint, what limits the fastest motion when, and the verdict."""
+    """The verdict, heading, a row per joint, and what limits the fastest motion when.
+
+    ``cannot`` says why the motion ends before its path does.
+    """
     robot = trajectory.robot
     names = Coordinates.of(robot.model)
     unit = np.where(names.angular_velocity & degrees, math.degrees(1.0), 1.0)
@@ -99,7 +106,7 @@ def move_view(
     parts: list[RenderableType] = [first, table]
     if isinstance(trajectory, Fastest):
         parts.extend(_timeline(trajectory))
-    return Group(*parts, *_verdict(trajectory, bounds, violations))
+    return Group(*_verdict(trajectory, bounds, violations, cannot), Text(), *parts)
 
 
 def _timeline(trajectory: Fastest) -> list[RenderableType]:
@@ -116,15 +123,17 @@ def _timeline(trajectory: Fastest) -> list[RenderableType]:
     return [table, *([Text(f"and {rest} shorter parts", style="dim")] if rest else [])]
 
 
-def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...]) -> list[Text]:
+def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...], cannot: str) -> list[Text]:
+    first = [Text.assemble(("CANNOT", "bold red"), f": {cannot}")] if cannot else []
     if violations:
-        lines = [Text(f"OVER LIMIT: {v}", style="bold red") for v in violations[:6]]
-        return [*lines, *([Text(f"and {len(violations) - 6} more")] if len(violations) > 6 else [])]
+        over = [Text.assemble(verdict_word(Word.OVER_LIMIT), f": {v}.") for v in violations[:_PASSED]]
+        return [*first, *over, *([Text(f"and {len(violations) - _PASSED} more")] if len(violations) > _PASSED else [])]
     unknown = _unknown_limits(trajectory, bounds)
-    within = "Within the limits that are known" if unknown else "Within all limits"
+    within = f"{'until there, ' if cannot else ''}within {'the limits that are known' if unknown else 'all limits'}"
     if isinstance(trajectory, Fastest):
         within += ", and at one of them at all times: it cannot be done faster on this path"
-    return [Text(f"{within}.", style="bold"), *remarks(unknown)]
+    said = Text(f"{within[0].upper()}{within[1:]}.") if cannot else Text.assemble(verdict_word(Word.OK), f": {within}.")
+    return [*first, said, *remarks(unknown)]
 
 
 def _unknown_limits(trajectory: Trajectory, bounds: Bounds) -> list[str]:

@@ -6,8 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from ...core.printed_numbers import number
 from ...errors import RobotFileError
 from ...model.remark import Remark
+from ...typing import Array
 from ..element import Element
 from .defaults import ACTUATORS, SHORTCUT, Defaults
 from .joints import MjcfJoint, limited
@@ -19,7 +23,7 @@ class Drives:
     """What actuators do at joints of one degree, by joint; and remarks."""
 
     efforts: dict[str, float]
-    """N m or N, the most that they can give, where it is known."""
+    """N m or N, the most that they can give to either side, where it is known."""
     armature: dict[str, float]
     """kg m² or kg."""
     damping: dict[str, float]
@@ -30,10 +34,10 @@ class Drives:
 def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings, defaults: Defaults) -> Drives:
     """The actuators of a file, seen at its joints.
 
-    Of the effort a joint's own ``actuatorfrcrange`` comes first; else what its actuators give together, each by gear times
-    ``forcerange``, or, of a motor, gear times ``ctrlrange``. Their armature and damping count gear squared.
+    What the actuators of a joint give together, each gear times ``forcerange``, or, of a motor, gear times ``ctrlrange``, lies
+    within the joint's own ``actuatorfrcrange``. Their armature and damping count gear squared.
     """
-    totals: dict[str, float] = {}
+    totals: dict[str, Array] = {}
     drives = Drives({}, {}, {}, [])
     for section in root.all("actuator"):
         for child in section.children:
@@ -45,19 +49,43 @@ def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings
                 raise RobotFileError(f"{child} drives the joint {name!r}, which is not there.")
             _add_losses(drives, one, joints.get(name))
             if name:
-                totals[name] = totals.get(name, 0.0) + _effort(one, settings)
+                totals[name] = totals.get(name, np.zeros(2)) + _forces(one, settings)
     for name, joint in joints.items():
-        most = math.inf
-        if joint.single and limited(joint.element, "actuatorfrclimited", "actuatorfrcrange", settings):
-            most = _largest(joint.element, "actuatorfrcrange")
-        elif joint.single and name in totals:
-            most = totals[name]
-            if most == math.inf:
-                who = f"joint {name!r} ({joint.element.place})"
-                drives.remarks.append(Remark(who, "has an actuator whose largest force is not given"))
-        if 0 < most < math.inf:
-            drives.efforts[name] = most
+        if not joint.single:
+            continue
+        given = totals.get(name, ANY)
+        if limited(joint.element, "actuatorfrclimited", "actuatorfrcrange", settings):
+            given = np.clip(given, *_range(joint.element, "actuatorfrcrange"))
+        effort, remark = effort_of(given)
+        if remark and (name in totals or effort is not None):
+            drives.remarks.append(Remark(f"joint {name!r} ({joint.element.place})", remark))
+        if effort is not None:
+            drives.efforts[name] = effort
     return drives
+
+
+ANY = np.array([-math.inf, math.inf])
+"""Forces of which nothing is said."""
+_UNEQUAL = 1e-3
+"""Share of the larger force by which that of the other side is less, from which it is told."""
+
+
+def effort_of(forces: Array) -> tuple[float | None, str]:
+    """The most that a joint gives to either side, None where that is not said; and what to remark.
+
+    ``forces`` are the least and the most that its actuators give, (2,).
+    """
+    one, other = sorted((max(-float(forces[0]), 0.0), max(float(forces[1]), 0.0)))
+    if other == math.inf:
+        return None, "has an actuator whose largest force is not given"
+    if one == 0.0 < other:
+        return other, f"is driven to one side only, by up to {number(other)}, and its limit is that of both"
+    if one < (1 - _UNEQUAL) * other:
+        return (
+            one,
+            f"gives {number(one)} to one side and {number(other)} to the other, and the less is its limit of both",
+        )
+    return one or None, ""
 
 
 def _add_losses(drives: Drives, one: Element, joint: MjcfJoint | None) -> None:
@@ -73,10 +101,10 @@ def _add_losses(drives: Drives, one: Element, joint: MjcfJoint | None) -> None:
             at[joint.name] = at.get(joint.name, 0.0) + gear**2 * value
 
 
-def _effort(one: Element, settings: Settings) -> float:
-    """The most that an actuator gives at its joint, infinite where that is not said."""
-    gear = abs(one.floats("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))[0])
-    force = _largest(one, "forcerange") if limited(one, "forcelimited", "forcerange", settings) else math.inf
+def _forces(one: Element, settings: Settings) -> Array:
+    """The least and the most that an actuator gives at its joint, infinite where that is not said."""
+    gear = one.floats("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))[0]
+    force = ANY
     kind = one.attributes[SHORTCUT]
     plain = kind == "motor" or (
         kind == "general"
@@ -85,14 +113,20 @@ def _effort(one: Element, settings: Settings) -> float:
         and one.attributes.get("dyntype", "none") == "none"
     )
     if plain and limited(one, "ctrllimited", "ctrlrange", settings):
-        gain = 1.0 if kind == "motor" else abs(_gain(one))
-        force = min(force, gain * _largest(one, "ctrlrange"))
-    return gear * force
+        force = np.sort((1.0 if kind == "motor" else _gain(one)) * _range(one, "ctrlrange"))
+    if limited(one, "forcelimited", "forcerange", settings):
+        force = np.clip(force, *_range(one, "forcerange"))
+    return at_joint(force, gear)
+
+
+def at_joint(force: Array, gear: float) -> Array:
+    """The least and the most force of an actuator, (2,), behind its gear; a gear of zero lets nothing through."""
+    return np.sort(gear * force) if gear else np.zeros(2)
 
 
 def _gain(one: Element) -> float:
     return one.floats("gainprm", (1.0, *([0.0] * 9)))[0]
 
 
-def _largest(element: Element, attribute: str) -> float:
-    return max(abs(x) for x in element.floats(attribute, (0.0, 0.0)))
+def _range(element: Element, attribute: str) -> Array:
+    return np.array(element.floats(attribute, (0.0, 0.0)))

@@ -9,7 +9,7 @@ class Book {
     const place_ = document.getElementById("book");
     place_.hidden = false;
     document.querySelector("h1").textContent = `${book.number} ${book.title}`;
-    document.getElementById("subtitle").textContent = robot.name;
+    document.getElementById("subtitle").textContent = `${robot.name}, squares of ${squareOf(robot.size)} m`;
     place_.querySelector("p").innerHTML = book.idea; // words of ours
     for (const [formula, number] of book.formulas) {
       const row = place_.querySelector("ul").appendChild(document.createElement("li"));
@@ -95,15 +95,31 @@ class Book {
   legend() { // the arrows that are drawn, by colour
     const list = document.createElement("p"), seen = new Set();
     list.className = "legend";
-    for (const { name, colour, along } of [...(this.found.solids || []), ...this.found.arrows]) {
+    for (const { name, colour, along, cut, length } of [...(this.found.solids || []), ...this.drawnArrows()]) {
       if (seen.has(name) || (along && norm(along) < 1e-9)) continue;
       seen.add(name);
       const chip = list.appendChild(document.createElement("span"));
       chip.appendChild(document.createElement("i")).style.background = this.lines[colour % this.lines.length];
-      chip.append(name);
+      chip.append(`${name}${cut ? " (cut off)" : length < 0.01 ? " (too small to be seen)" : ""}`);
     }
+    const scales = saidScales(this.viewer.robot.size, this.scales());
+    if (scales) list.appendChild(document.createElement("span")).textContent = scales;
     if (this.found.frames) list.appendChild(document.createElement("span")).textContent = "axes of frames: x red, y green, z blue";
     return list;
+  }
+
+  scales() { // of what is drawn
+    const { robot, shown } = this.viewer, arrows = this.drawnArrows().filter(({ length }) => length > 0).map(({ per, unit: unit_ }) => [per, unit_]);
+    const solids = (this.found.solids || []).filter(({ scale }) => scale).map(({ scale }) => scale);
+    return [...arrows, ...solids, ...(shown.mass ? [[squareOf(robot.size) / robot.massScale, "kg"]] : [])];
+  }
+
+  drawnArrows() { // with their lengths as shares of the robot's size, in steps
+    const { size } = this.viewer.robot;
+    return this.found.arrows.map((arrow_) => {
+      const per = perSquare(arrow_.most, 0.3 * size, size), length = ((norm(arrow_.along) / per) * squareOf(size)) / size;
+      return { ...arrow_, per, length: Math.round(200 * Math.min(0.6, length)) / 200, cut: length > 0.6 };
+    });
   }
 
   label() { // the letters of the frames, beside their origins
@@ -125,11 +141,10 @@ class Book {
     this.label();
     for (const { p, shape, colour } of found.solids || [])
       items.push({ kept: viewer.ball, model: pose(shape, p), colour: [...rgb(this.lines[colour % this.lines.length]), 0.3], closed: true });
-    for (const { p, along, most, colour } of found.arrows) {
-      const share = Math.min(1, norm(along) / most), length = Math.round(60 * share) / 200;
+    for (const { p, along, length, colour } of this.drawnArrows()) {
       if (length < 0.01) continue;
       const T = mul(shifted(p), mul(alongZ(along), scaling(robot.size)));
-      items.push({ kept: viewer.cached(`push ${length}`, () => arrow(length, 0.011)), model: T, colour: [...rgb(this.lines[colour % this.lines.length]), 1] });
+      items.push({ kept: viewer.cached(`push ${length}`, () => arrow(length, 0.011)), model: T, colour: [...rgb(this.lines[colour % this.lines.length]), 1], over: true });
     }
   }
 }

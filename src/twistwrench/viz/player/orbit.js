@@ -3,7 +3,7 @@
 
 class Orbit {
   constructor(canvas, size) {
-    Object.assign(this, { canvas, size, target: [0, 0, 0], covered: { right: 0, bottom: 0 } });
+    Object.assign(this, { canvas, size, target: [0, 0, 0], covered: { right: 0, top: 0, bottom: 0 } });
     this.home = { azimuth: -0.9, elevation: 0.35, distance: 2.05 * size };
     Object.assign(this, this.home);
     this.grasp = null; // takes (x, y) of a press, and how far off it may be: null, or a function of (dx, dy) that moves what was pressed on
@@ -16,19 +16,19 @@ class Orbit {
     const right = [-Math.sin(this.azimuth), Math.cos(this.azimuth), 0], up = cross(back, right);
     const eye = add(this.target, times(this.distance, back));
     const view = [...right, -dot(right, eye), ...up, -dot(up, eye), ...back, -dot(back, eye), 0, 0, 0, 1];
-    const near = 0.02 * this.distance, far = this.distance + 20 * this.size, f = 1 / Math.tan(0.3);
-    const [width, height] = [Math.max(1, this.canvas.clientWidth), Math.max(1, this.canvas.clientHeight)], aspect = width / height;
+    const near = 0.02 * this.distance, far = this.distance + 20 * this.size;
+    const [width, height] = [Math.max(1, this.canvas.clientWidth), Math.max(1, this.canvas.clientHeight)], aspect = width / height, f = (1 - this.covered.top / height) / Math.tan(0.3);
     const depth = [(far + near) / (near - far), (2 * far * near) / (near - far)];
     const lens = [f / Math.max(aspect, 1e-3), 0, 0, 0, 0, f, 0, 0, 0, 0, ...depth, 0, 0, -1, 0];
     if (aspect < 1) [lens[0], lens[5]] = [f, f * aspect];
-    [lens[2], lens[6]] = [this.covered.right / width, -this.covered.bottom / height]; // the middle of what nothing covers
+    [lens[2], lens[6]] = [this.covered.right / width, (this.covered.top - this.covered.bottom) / height]; // the middle of what nothing covers
     return { camera: mul(lens, view), eye, right, up };
   }
 
   // All that the view depends on.
   get signs() {
     const { azimuth, elevation, distance, target, covered, canvas } = this;
-    return [azimuth, elevation, distance, ...target, covered.right, covered.bottom, canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio].join();
+    return [azimuth, elevation, distance, ...target, covered.right, covered.top, covered.bottom, canvas.clientWidth, canvas.clientHeight, window.devicePixelRatio].join();
   }
 
   // Where on the canvas a point is, in its own pixels.

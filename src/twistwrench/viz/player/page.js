@@ -16,6 +16,7 @@ class Viewer {
   constructor(robot, array) {
     this.robot = robot;
     this.q = robot.start.slice();
+    for (const scale of ["forceScale", "massScale"]) if (robot[scale]) robot[scale] = squareOf(robot.size) / perSquare(1, robot[scale], robot.size);
     this.mechanics = new Mechanics(robot);
     this.fall = null; // while it is let go
     this.shown = { ...robot.shown };
@@ -43,6 +44,7 @@ class Viewer {
     this.book = robot.book && new Book(this);
     if (this.motion) this.seek(this.time);
     else this.refresh();
+    addEventListener("beforeprint", () => this.print(document.getElementById("paper")));
     const frame = (now) => {
       this.advance(now);
       const fineness = this.sharpness.at(now, `${this.changes} ${this.stage.signs}`);
@@ -177,6 +179,13 @@ class Viewer {
     this.stage.draw(items, lines, robot.floor, this.sticks(), fineness);
   }
 
+  print(paper) { // paper takes no picture of the stage by itself: WebGL forgets what it has drawn
+    this.draw();
+    const { canvas, covered } = this.stage, seen = Math.round(canvas.width * (1 - covered.right / canvas.clientWidth));
+    Object.assign(paper, { width: seen, height: canvas.height });
+    paper.getContext("2d").drawImage(canvas, 0, 0);
+  }
+
   sticks() { // from joint to joint, for where surfaces cannot be drawn
     const at = (body) => place(poseOf(this.poses, body)), tip = this.grasp.can ? [this.grasp.tip] : [];
     const sticks = this.robot.bodies.map(({ parent }, k) => [at(parent), at(k)]);
@@ -262,7 +271,7 @@ class Viewer {
 const AXES = [[0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1], IDENTITY]; // z onto x, y, z
 
 function grid(size, floor) { // lines a round length apart, under the robot and some way around
-  const step = 10 ** Math.floor(Math.log10(size / 4)), count = Math.min(120, Math.ceil((2.5 * size) / step)), far = count * step, found = [];
+  const step = squareOf(size), count = Math.min(120, Math.ceil((2.5 * size) / step)), far = count * step, found = [];
   for (let k = -count; k <= count; k++) found.push(k * step, -far, floor, k * step, far, floor, -far, k * step, floor, far, k * step, floor);
   return new Float32Array(found);
 }

@@ -6,9 +6,10 @@ class Panel {
     this.viewer = viewer;
     const robot = viewer.robot;
     const of = (id) => document.getElementById(id);
-    of("subtitle").textContent = robot.subtitle;
+    of("subtitle").textContent = `${robot.subtitle}, squares of ${squareOf(robot.size)} m`;
     this.torques = of("torques");
     this.title = document.querySelector("#torques h2");
+    this.holds = robot.hands.some(({ turn: turns }) => turns !== undefined) ? "Torques and wrench on the base that hold this pose" : "Torques that hold this pose";
     this.bars = robot.torques.map((torque, k) => this.torqueRow(torque, k));
     this.hands = robot.hands.map((hand, k) => this.handRow(hand, k));
     of("joints").hidden = !robot.hands.length;
@@ -23,10 +24,11 @@ class Panel {
   }
 
   cover(of) { // where the panel stands beside the stage, the view is in the middle of the rest
-    const beside = window.innerWidth > 760;
+    const beside = window.innerWidth > 760 && !matchMedia("print").matches;
     const right = beside ? document.querySelector("aside").offsetWidth + 12 : 0;
     const bar = this.viewer.motion ? of("player").offsetHeight + 12 : 0;
-    this.viewer.stage.covered = { right, bottom: beside ? bar + of("shown").offsetHeight + 16 : 0 };
+    const shown = of("shown"), top = beside || !shown.offsetHeight ? 0 : shown.offsetTop + shown.offsetHeight;
+    this.viewer.stage.covered = { right, top, bottom: beside ? bar + shown.offsetHeight + 16 : 0 };
   }
 
   row(list, ...cells) {
@@ -80,10 +82,16 @@ class Panel {
 
   switch(key, label) {
     const button = document.getElementById("shown").appendChild(document.createElement("button"));
-    Object.assign(button, { textContent: label, id: `show-${key}` });
+    Object.assign(button, { textContent: label, id: `show-${key}`, title: this.meaning(key) });
     const set = (on) => { this.viewer.shown[key] = on; this.viewer.changes += 1; this.load?.update(); button.setAttribute("aria-pressed", on); };
     button.addEventListener("click", () => set(!this.viewer.shown[key]));
     set(this.viewer.shown[key]);
+  }
+
+  meaning(key) { // what a mark's length says
+    const { size, forceScale, massScale } = this.viewer.robot, square = squareOf(size), force = forceScale && saidScales(size, [[square / forceScale, "N"]]);
+    const said = { torques: "300° of an arc, or the longest arrow, is the limit", ellipsoid: force, polytope: force, mass: massScale && saidScales(size, [[square / massScale, "kg"]]) };
+    return said[key] || "";
   }
 
   playBar(of) {
@@ -142,7 +150,7 @@ class Panel {
     const digits = viewer.fall && !viewer.book ? 0 : Math.min(4, Math.max(1, 2 - Math.floor(Math.log10(largest))));
     const { book } = viewer;
     this.torques.hidden = !robot.torques.length || (book && !book.found.tau);
-    this.title.textContent = book ? book.found.title || "" : viewer.fall ? "Torques: none, let go" : viewer.posed ? "Torques that hold this pose" : "Torques of the motion";
+    this.title.textContent = book ? book.found.title || "" : viewer.fall ? "Torques: none, let go" : viewer.posed ? this.holds : "Torques of the motion";
     this.load.update();
     this.bars.forEach(({ fill, number, share }, k) => {
       const x = shares[k], wide = 50 * Math.min(1, Math.abs(x)), limit = robot.torques[k].limit;

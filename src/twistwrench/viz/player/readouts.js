@@ -62,8 +62,8 @@ const READOUTS = {
       frames: [["{b}", T]],
       values: [["kinetic energy ½ Vᵀ G V", inner(V, P) / 2, "J"]],
       arrows: [
-        { name: "velocity of its origin", p, along: turn(T, V.slice(3)), most: 1.5, colour: 0 },
-        { name: "total force on it", p, along: turn(T, F.slice(3)), most: m.robot.push, colour: 5 },
+        { name: "velocity of its origin", p, along: turn(T, V.slice(3)), most: 1, unit: "m/s", colour: 0 },
+        { name: "total force on it", p, along: turn(T, F.slice(3)), most: 5 * G[35] || 1, unit: "N", colour: 5 },
       ],
     };
   },
@@ -78,11 +78,11 @@ const READOUTS = {
       tables: [
         { caption: "Outward: twist of the link, in its frame {i}", columns: TWIST, rows: [[sub_(V_, "i"), V]] },
         { caption: `and its rate, with gravity: ${DV_}<sub>0</sub> = (0, −<i>g</i>)`, columns: CHANGE, rows: [[sub_(DV_, "i"), lifted]] },
-        { caption: "Inward: the wrench that carries the link, in {i}", columns: WRENCH, rows: [[`${G_}${DV_}`, GdV], [`−[ad]<sup>T</sup>${G_}${V_}`, rest], ["from beyond", add(F_k, times(-1, own))], [sub_(F_, "i"), F_k]] },
+        { caption: "Inward: the wrench that carries the link, in {i}", columns: WRENCH, rows: [[`${G_}${DV_}`, GdV], [`−[ad]<sup>T</sup>${G_}${V_}`, rest], ["[Ad]<sup>T</sup><i>F</i><sub>i+1</sub>", add(F_k, times(-1, own))], [sub_(F_, "i"), F_k]] },
       ],
       values: [["along its joint: F<sub>i</sub><sup>T</sup> A<sub>i</sub>", inner(F_k, A), A.slice(0, 3).some((x) => x) ? "N m" : "N"]],
       tau, title: "Torques τ of every joint", frames: [["{i}", T]],
-      arrows: [k, ...poses.keys()].filter((i, at) => i !== k || !at).map((i) => ({ name: i === k ? "force that carries this link" : "those of the others", p: place(poses[i]), along: force(i), most: 2 * m.robot.push, colour: i === k ? 1 : 7 })),
+      arrows: [k, ...poses.keys()].filter((i, at) => i !== k || !at).map((i) => ({ name: i === k ? "force that carries this link" : "those of the others", p: place(poses[i]), along: force(i), most: 2 * m.robot.push, unit: "N", colour: i === k ? 1 : 7 })),
     };
   },
 
@@ -113,7 +113,7 @@ const READOUTS = {
     const gap = Math.max(...joints(m).map((_, i) => Math.abs(inner(ddq, M.slice(n * i, n * i + n)) + h[i] - tau[i])));
     return {
       tables: [
-        { caption: "Joint by joint; what the push takes is in h", columns: jointColumns(m, ""), rows: [["<i>τ</i> [N m, N]", tau], ["<i>h</i> [N m, N]", h], ["<i>τ − h</i>", add(tau, times(-1, h))], ['<i class="ddot">θ</i> [1/s²]', ddq]] },
+        { caption: "Joint by joint (sliding joints: N, m/s²); h counts the push, too", columns: jointColumns(m, ""), rows: [["<i>τ</i> [N m]", tau], ["<i>h</i> [N m]", h], ["<i>τ − h</i>", add(tau, times(-1, h))], ['<i class="ddot">θ</i> [rad/s²]', ddq]] },
         { caption: "Mass matrix M(θ) [kg m²; sliding joints: kg]", columns: jointColumns(m, ""), rows: rowsOf(M, joints(m), n), heat: true },
       ],
       values: [['check: largest entry of <i>M</i><i class="ddot">θ</i> + <i>h</i> − <i>τ</i>', gap, "N m"]],
@@ -137,7 +137,7 @@ const READOUTS = {
       ],
       values: [["smallest pivot of J<sub>v</sub> <i>M</i><sup>−1</sup> J<sub>v</sub><sup>T</sup>; where it is near zero, Λ is wrong", Math.min(...pivots), "1/kg"]],
       tau, title: "Torques of that force", frames: [["{s}", IDENTITY]],
-      arrows: [{ name: "force F", p, along, most: m.robot.push, colour: 5 }],
+      arrows: [{ name: "force F", p, along, most: m.robot.push / 2, unit: "N", colour: 5 }],
     };
   },
 
@@ -151,7 +151,7 @@ const READOUTS = {
     const normal = [0, 1, 2].map((k) => Number(k === axis)), across = [normal.slice(1).concat(normal[0]), normal.slice(2).concat(normal.slice(0, 2))], wide = 0.26 * m.robot.size;
     return {
       tables: [
-        { caption: "Joint by joint", columns: jointColumns(m, ""), rows: [["<i>A</i>", A], ['<i class="dot">θ</i>, allowed', free], ["<i>τ − h</i> [N m, N]", rest], ["<i>P</i> (<i>τ − h</i>)", P.map((row) => inner(rest, row))], ["<i>A</i><sup>T</sup>λ", held], ['<i class="ddot">θ</i> [1/s²]', Array.from(ddq)]] },
+        { caption: "Joint by joint (sliding joints: N, m/s²)", columns: jointColumns(m, ""), rows: [["<i>A</i>", A], ['<i class="dot">θ</i>, allowed', free], ["<i>τ − h</i> [N m]", rest], ["<i>P</i> (<i>τ − h</i>)", P.map((row) => inner(rest, row))], ["<i>A</i><sup>T</sup>λ", held], ['<i class="ddot">θ</i> [rad/s²]', Array.from(ddq)]] },
         { caption: "Projector P: of torques, the part that moves the robot along the wall", columns: jointColumns(m, ""), rows: joints(m).map((name, i) => [name, P[i]]), heat: true },
       ],
       values: [
@@ -162,7 +162,7 @@ const READOUTS = {
       ],
       dq: free, tau, title: "Torques τ, as they are set",
       solids: [{ name: "wall", p, shape: ellipsoidOf([wide, wide, 0.004 * wide], [...across, normal]), colour: 4 }],
-      arrows: [{ name: "force λ on the wall", p, along: times(lambda[0], normal), most: m.robot.push / 4, colour: 3 }],
+      arrows: [{ name: "force λ on the wall", p, along: times(lambda[0], normal), most: m.robot.push / 4, unit: "N", colour: 3 }],
     };
   },
 

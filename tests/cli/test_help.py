@@ -1,0 +1,64 @@
+"""What --help shows: a line for each command that is not cut off, examples that run, and the command's own options first."""
+
+from __future__ import annotations
+
+import shlex
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from twistwrench.cli.main import main
+
+
+def commands(group=main, path=()):
+    """Every command that is no group, with the words that call it."""
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from commands(command, (*path, name))
+        else:
+            yield (*path, name), command
+
+
+def examples(command):
+    return [
+        line.split()[1:] and shlex.split(line)[1:]
+        for line in (command.epilog or "").splitlines()
+        if "twistwrench" in line
+    ]
+
+
+def helped(*words, width=80):
+    done = CliRunner().invoke(main, [*words, "--help"], terminal_width=width, max_content_width=width)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.mark.parametrize("words", [(), ("log",), ("sensor",)])
+def test_no_summary_is_cut_off_in_a_narrow_terminal(words):
+    assert "..." not in helped(*words).partition("Commands:")[2]
+
+
+@pytest.mark.parametrize("words, command", list(commands()))
+def test_every_command_shows_examples_of_itself(words, command):
+    assert examples(command)
+    assert all(tuple(example[: len(words)]) == words for example in examples(command))
+    assert "Examples:\n    twistwrench " in helped(*words)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words, command", [c for c in commands() if c[0] not in (("identify",), ("log", "info"))])
+def test_the_examples_run_as_they_stand(words, command, tmp_path, monkeypatch):
+    """All but those of logs that a user has to bring. Exit code 1 is an answer: no."""
+    monkeypatch.chdir(tmp_path)
+    for example in examples(command):
+        done = CliRunner().invoke(main, example)
+        assert done.exit_code in (0, 1), (example, done.output)
+
+
+def test_a_commands_own_options_come_before_the_robots():
+    for words, command in commands():
+        if any(option.name == "floating_base" for option in command.params) and words != ("doctor",):
+            own, _, shared = helped(*words).partition("How the robot is read:")
+            assert "--floating-base" in shared and "--degrees" in shared, words
+            assert "--floating-base" not in own, words

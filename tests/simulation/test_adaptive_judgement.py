@@ -1,0 +1,87 @@
+"""What adaptive steps are judged by: the mean error of all coordinates, and how stiff the equations are, as far as steps tell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+from twistwrench.simulation.stiffness import Stiffness
+
+RATE = 300.0
+"""1/s, of the wheel's damping over its inertia."""
+PENDULUM = """<body pos="0 {y} 0"><joint type="hinge" axis="0 1 0"/><geom type="sphere" size="0.1" pos="0.5 0 0" mass="2"/></body>"""
+
+
+def wheel() -> tw.Robot:
+    """One kg m² about an upright axis."""
+    inertia = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    return tw.load(
+        f'<mujoco><worldbody><body><joint name="a" type="hinge" axis="0 0 1" damping="{RATE}"/>{inertia}</body>'
+        "</worldbody></mujoco>"
+    )
+
+
+@pytest.fixture
+def noted(monkeypatch):
+    """What the judge of stiffness was told, and the judge."""
+    found, judges, note = [], [], Stiffness.note
+
+    def kept(self, t, h, steep, away):
+        found.append((h, steep, away))
+        judges[:] = [self]
+        note(self, t, h, steep, away)
+
+    monkeypatch.setattr(Stiffness, "note", kept)
+    return found, judges
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_the_largest_eigenvalue_is_estimated_from_the_stages(noted, compiled):
+    """Of a wheel that is damped, by machine code and, where its damping is a function, in Python; the work has no part in it."""
+    acting = {"friction": True} if compiled else {"tau": lambda t, q, dq: -RATE * dq}
+    result = wheel().simulate([0.0], [2.0], 0.1, 1e-2, rtol=1e-6, **acting)
+    h, steep, away = np.array(noted[0]).T
+    assert len(h) >= result.steps > 10
+    np.testing.assert_allclose(steep / (h * away), RATE, rtol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("share", "product", "to_come", "stiff"),
+    [
+        (0.11, 3.3, 110_000, True),
+        (0.09, 3.3, 110_000, False),
+        (1.0, 3.2, 110_000, False),
+        (1.0, 3.3, 90_000, False),
+    ],
+)
+def test_a_run_is_stiff_where_many_steps_are_at_the_edge_of_stability_and_far_more_are_to_come(
+    noted, share, product, to_come, stiff
+):
+    """Of three thousand steps a tenth at least, and a hundred thousand to come."""
+    h, tried = 1e-3, 3000
+    wheel().simulate([0.0], [2.0], 0.01, 1e-2, friction=True)
+    (given,) = noted[1]
+    judge = Stiffness(given.system, given.scheme, (tried + to_come) * h)
+    at_edge = np.zeros(tried, bool)
+    at_edge[: round(share * tried)] = True
+    for k, edge in enumerate(at_edge[:-1]):
+        judge.note(k * h, h, product if edge else 1.0, 1.0)
+    if stiff:
+        with pytest.raises(tw.SimulationError, match="the equations are stiff"):
+            judge.note(tried * h, h, 1.0, 1.0)
+    else:
+        judge.note(tried * h, h, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_pendulums_side_by_side_take_the_steps_of_one(compiled):
+    """The error of a step is the mean square of all coordinates': those of equals are that of each."""
+    none = {} if compiled else {"tau": lambda t, q, dq: 0.0 * dq}
+    found = []
+    for n in (1, 3):
+        bodies = "".join(PENDULUM.format(y=k) for k in range(n))
+        robot = tw.load(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+        result = robot.simulate(np.full(n, 0.3), np.zeros(n), 2.0, 0.1, rtol=1e-7, **none)
+        found.append((result.steps, result.rejected))
+    assert found[0] == found[1]
