@@ -53,6 +53,6 @@ class TurnsLeftOut:
                 said.append(
                     f"{names[j]} turns by {printed(high - low, 4)} rad where its steps by a full turn are taken to turn "
                     f"on, which its limits, {printed(lower, 4)} to {printed(upper, 4)}, have no place for: log the angle "
-                    f"as the joint counts it"
+                    "as the joint counts it"
                 )
         return said
