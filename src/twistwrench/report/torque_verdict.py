@@ -103,7 +103,7 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
     wide += [j for j in report.joints if not math.isfinite(j.limit) and _is_wide(report, j)]
     if wide:
         unsure.append(
-            f"noise is too much of the peak to say how large it is: "
+            "noise is too much of the peak to say how large it is: "
             f"{listed([_in_words(report, j) for j in wide], _MOST_LISTED, '; ')}"
         )
 
