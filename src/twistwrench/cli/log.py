@@ -24,7 +24,7 @@ def log() -> None:
     """Logs: what is in a file of a motion. Several files of one log are written a.csv+b.csv."""
 
 
-@log.command(short_help="Rates, gaps, and the range and noise of each column.", epilog=examples("log info log.csv"))
+@log.command(short_help="Rates, gaps, and the range and noise of each column.", epilog=examples("log info"))
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @worker_options
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.command(
     "compensate",
     short_help="Take weight, inertia and bias off a log; find contacts.",
-    epilog=examples("sensor compensate demo --sensor demo"),
+    epilog=examples("sensor compensate"),
 )
 @click.argument("log", metavar="LOG")
 @click.option(

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @click.command(
     "identify",
     short_help="Find mass, centre of mass and bias from a log.",
-    epilog=examples("sensor identify demo", "sensor identify demo --save hand.json"),
+    epilog=examples("sensor identify"),
 )
 @click.argument("log", metavar="LOG")
 @SIGN

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.command(
     "poses",
     short_help="Propose the orientations to read next.",
-    epilog=examples("sensor poses", "sensor poses demo --count 3"),
+    epilog=examples("sensor poses"),
 )
 @click.argument("log", metavar="[LOG]", required=False)
 @click.option("--count", type=int, default=6, show_default=True, help="How many.")
