@@ -41,6 +41,7 @@ TABLE: dict[str, tuple[str, Files, ExitCode, str]] = {
     "a limit that is passed": ("torques ur5 --trajectory demo --payload 100", {}, ExitCode.NO, r"OVER LIMIT: shoulder_lift_joint"),
     "a pose that cannot be held": ("payload ur5 --limits l.csv", {"l.csv": "joint,effort\nshoulder_lift_joint,1e-3\n"}, ExitCode.NO, r"NONE: shoulder_lift_joint needs"),
     # ── usage ──
+    "a table in a spreadsheet's own format": ("torques ur5 --trajectory demo --csv t.xlsx", {}, ExitCode.BAD_INPUT, r"error: --csv 't.xlsx': CSV is written, .* Name it 't.csv'"),
     "a command that is none": ("dance", {}, ExitCode.BAD_INPUT, r"error: No such command 'dance'"),
     "an option that is none": ("info ur5 --speed", {}, ExitCode.BAD_INPUT, r"error: No such option"),
     "no robot": ("info", {}, ExitCode.BAD_INPUT, r"error: Missing argument 'ROBOT'"),

@@ -67,11 +67,11 @@ def write_readings(log: ReadingLog, compensated: Any, path: str) -> None:
     import numpy as np
 
     from ..motion.table_file import TableFile
-    from ..sensing.log import AXES
+    from ..screws.component_names import WRENCH
 
     head = [] if log.time is None else ["time"]
     rows = compensated if log.time is None else np.column_stack([log.time, compensated])
-    with TableFile.writing(path, [*head, *AXES]) as file:
+    with TableFile.writing(path, [*head, *WRENCH]) as file:
         if file is not None:
             file.write(rows)
 

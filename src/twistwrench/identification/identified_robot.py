@@ -26,15 +26,12 @@ from .evidence import LogDoubt
 from .held_out import HeldOut
 from .identified_payload import IdentifiedPayload, payload_from
 from .model_residuals import ModelResiduals, model_residuals
-from .normal_equations import NormalEquations, Prior
+from .normal_equations import Information, NormalEquations, Prior
 from .parameter_groups import BaseParameters
 from .setting_trial import FitSettings
 
 _VAGUE = 0.3
 """Share of its value, from which a group's deviation makes it vague."""
-
-Information = tuple[Array, Array, float]
-"""N, c and |τ|² of weighted rows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
