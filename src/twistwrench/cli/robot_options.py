@@ -128,55 +128,33 @@ class RobotOptions:
         return plain_name(self.source) in robots.names() and not Path(self.source).is_file()
 
 
+_MIMIC, _INERTIA = click.Choice(["follow", "independent"]), click.Choice(["error", "accept", "repair"])
+_option = partial(click.option, cls=RobotOption)
+
+
 def robot_command(function: Callable[..., None]) -> Callable[..., None]:
     """The ROBOT argument and the options shared by all commands; errors and warnings in a line each."""
 
     @click.argument("source", metavar="ROBOT")
-    @click.option("--floating-base", cls=RobotOption, is_flag=True, help="Let the base move freely.")
-    @click.option(
+    @_option("--floating-base", is_flag=True, help="Let the base move freely.")
+    @_option(
         "--lock",
-        cls=RobotOption,
         metavar="JOINT=VALUE",
         multiple=True,
         help="Hold a joint still there, or all of '*wheel*'; may be repeated.",
     )
-    @click.option(
-        "--chain",
-        cls=RobotOption,
-        nargs=2,
-        metavar="BASE TIP",
-        help="Hold all joints still that are not between these frames.",
+    @_option("--chain", nargs=2, metavar="BASE TIP", help="Hold all joints still that are not between these frames.")
+    @_option("--keep", metavar="BODY", help="Of an MJCF scene: this body and all that it carries.")
+    @_option("--model", metavar="NAME", help="Of an SDF world: this model.")
+    @_option("--tip", metavar="FRAME", help="The frame meant where none is named.")
+    @_option(
+        "--mimic", type=_MIMIC, default="follow", show_default=True, help="Whether mimic joints follow their leader."
     )
-    @click.option(
-        "--keep", cls=RobotOption, metavar="BODY", help="Of an MJCF scene: this body and all that it carries."
+    @_option(
+        "--inertia", type=_INERTIA, default="error", show_default=True, help="What becomes of one no body can have."
     )
-    @click.option("--model", cls=RobotOption, metavar="NAME", help="Of an SDF world: this model.")
-    @click.option("--tip", cls=RobotOption, metavar="FRAME", help="The frame meant where none is named.")
-    @click.option(
-        "--mimic",
-        cls=RobotOption,
-        type=click.Choice(["follow", "independent"]),
-        default="follow",
-        show_default=True,
-        help="Whether mimic joints follow their leader.",
-    )
-    @click.option(
-        "--inertia",
-        cls=RobotOption,
-        type=click.Choice(["error", "accept", "repair"]),
-        default="error",
-        show_default=True,
-        help="What becomes of an inertia that no body can have.",
-    )
-    @click.option(
-        "--actuators",
-        cls=RobotOption,
-        metavar="FILE.yaml",
-        help="Motors, gears, rotors and friction; 'demo' is bundled.",
-    )
-    @click.option(
-        "--degrees", cls=RobotOption, is_flag=True, help="Angles in files, options and reports are in degrees."
-    )
+    @_option("--actuators", metavar="FILE.yaml", help="Motors, gears, rotors and friction; 'demo' is bundled.")
+    @_option("--degrees", is_flag=True, help="Angles in files, options and reports are in degrees.")
     @wraps(function)
     def command(
         source: str,
