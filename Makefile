@@ -15,7 +15,7 @@ help:
 	@echo "make bridges   install PyTorch, which is larger than all else, and run the tests of what goes to other packages"
 	@echo "make docs      build the documentation site into build/site"
 	@echo "make release-check  build wheel and sdist from what is committed, and try them in a fresh environment"
-	@echo "make emulate   run kernels for 64-bit ARM under QEMU, and compare them with this processor's to the bit"
+	@echo "make emulate   run kernels for 64-bit ARM under QEMU and for Windows under Wine, and compare their bits with this system's"
 	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
 	@echo "make bench-bridges  install who else computes dynamics in JAX, PyTorch, CasADi and Node, apart, and write bench/BRIDGES.md"

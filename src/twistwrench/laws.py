@@ -144,7 +144,7 @@ def lagrange_torques(robot: Robot, at: State) -> Array:
     p = momenta(np.zeros(1))[0]
     tau = derivative(momenta, _rate(dq)) - derivative_along(robot, lagrangian, q, unit)
     for body in robot.model.leaders:
-        mine, axes = slice(body.v_index, body.v_index + body.joint.nv), body.joint.axes
+        mine, axes = body.places[1], body.joint.axes
         if body.joint.nv > 1:
             bracket = np.array([axes @ (ad(dq[mine] @ axes) @ S) for S in axes])  # row a: [V, S_a] in the joint's axes
             tau[mine] -= bracket @ p[mine]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from quiet_loading import load_quietly
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -18,12 +18,6 @@ from twistwrench.robots import path_of
 
 NUMBERS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 AT = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-
-
-def quiet(source, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tw.ModelWarning)
-        return tw.load(source, **options)
 
 
 class Arm:
@@ -207,8 +201,8 @@ def test_the_effect_is_what_the_two_loaded_robots_differ_by(seed):
     for finding in report.findings:
         if not finding.repair.edits:
             continue
-        before = quiet(text, inertia="accept")
-        after = quiet(tw.doctor(text, only=finding.check).repaired_text(), inertia="accept")
+        before = load_quietly(text, inertia="accept")
+        after = load_quietly(tw.doctor(text, only=finding.check).repaired_text(), inertia="accept")
         q = effects.q
         M, N = (np.diagonal(r.mass_matrix(q), axis1=-2, axis2=-1) for r in (before, after))
         assert finding.effect.inertia_percent == pytest.approx(100 * (np.abs(M - N) / N).max(), rel=1e-6)
@@ -247,7 +241,7 @@ def test_axes_of_its_own_and_fixed_joints_are_reckoned_with(fixed):
     assert "1e4 times too large, as kg cm²" in finding.repair.sentence
     (G,) = finding.repair.inertias.values()
     assert np.allclose(G.parameters, arm.inertias[2].parameters, rtol=1e-8, atol=1e-12)
-    before, after = quiet(text), report.repaired()
+    before, after = load_quietly(text), report.repaired()
     assert "note='a > b'" in report.repaired_text()
     assert np.allclose(after.model.link_inertias["link2"].parameters, arm.inertias[2].parameters, rtol=1e-8, atol=1e-9)
     q = report.subject.robot.effects.q
@@ -296,7 +290,7 @@ def test_effects_follow_mimic_joints():
             '<mimic joint="joint0" multiplier="-2" offset="0.3"/></joint>\n  <link name="link3">',
         )
     )
-    robot = quiet(text)
+    robot = load_quietly(text)
     assert robot.nv == 3
     effects = tw.doctor(text).subject.robot.effects
     assert np.allclose(effects.diagonal, np.diagonal(robot.mass_matrix(effects.q), axis1=-2, axis2=-1), rtol=1e-9)
@@ -327,7 +321,7 @@ def test_only_the_numbers_concerned_change(metric, encoding, tmp_path):
         at = undone.index("link1") + now.start(1)
         undone = undone[:at] + value + undone[undone.index('"', at) :]
     assert undone.encode(encoding) == data
-    assert quiet(tmp_path / "fixed.urdf", inertia="error").nv == 4
+    assert load_quietly(tmp_path / "fixed.urdf", inertia="error").nv == 4
     assert tw.doctor(tmp_path / "fixed.urdf", only="impossible").findings == ()
 
 
@@ -571,7 +565,7 @@ def test_a_link_without_mass_at_the_end_is_named_with_its_joint():
     (finding,) = [f for f in tw.doctor(text).findings if f.check == "massless"]
     assert finding.severity is Severity.WARNING and "'joint3'" in finding.sentence
     with pytest.raises(tw.SingularMassMatrixError):
-        quiet(text).forward_dynamics(np.zeros(4), np.zeros(4), np.zeros(4))
+        load_quietly(text).forward_dynamics(np.zeros(4), np.zeros(4), np.zeros(4))
 
 
 def test_inertia_without_mass_and_a_distant_com_are_found():

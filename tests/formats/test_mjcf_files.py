@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 from mjcf_texts import TEXTS, arm
+from quiet_loading import load_quietly
 
 import twistwrench as tw
 
@@ -21,17 +20,11 @@ SCENE = """<mujoco><worldbody>
 <keyframe><key name="home" qpos="0.1 0.2 1 0 0.6 1 0 0 0"/></keyframe></mujoco>"""
 
 
-def load(text, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tw.ModelWarning)
-        return tw.load(text, **options)
-
-
 # ── what the robot is called, holds and floats on ──
 
 
 def test_floating_base_none_is_what_the_file_says():
-    robot = load(SCENE)
+    robot = load_quietly(SCENE)
     assert robot.joint_names == ("a", "b", "c")
     assert robot.link_names == ("world", "table", "mount", "arm", "hand", "cup")
     assert robot.frame_names == (*robot.link_names, "grip")
@@ -41,19 +34,19 @@ def test_floating_base_none_is_what_the_file_says():
 
 
 def test_floating_base_false_holds_free_bodies_where_the_file_puts_them():
-    robot, free = load(SCENE, floating_base=False), load(SCENE)
+    robot, free = load_quietly(SCENE, floating_base=False), load_quietly(SCENE)
     assert robot.joint_names == ("a", "b")
     q = free.configurations["qpos0"]
     np.testing.assert_allclose(robot.forward_kinematics([0, 0], "cup"), free.forward_kinematics(q, "cup"), atol=1e-15)
 
 
 def test_floating_base_true_keeps_a_free_joint_or_adds_one():
-    assert load(SCENE, floating_base=True).joint_names == ("a", "b", "c")
-    assert load(arm(), floating_base=True).joint_names == ("root_joint", "a", "b")
+    assert load_quietly(SCENE, floating_base=True).joint_names == ("a", "b", "c")
+    assert load_quietly(arm(), floating_base=True).joint_names == ("root_joint", "a", "b")
 
 
 def test_keep_takes_a_body_and_what_it_carries():
-    robot, whole = load(SCENE, keep="arm"), load(SCENE)
+    robot, whole = load_quietly(SCENE, keep="arm"), load_quietly(SCENE)
     assert (robot.joint_names, robot.link_names) == (("a", "b"), ("world", "arm", "hand"))
     q = np.array([0.3, -0.4])
     np.testing.assert_allclose(robot.mass_matrix(q), whole.mass_matrix([*q, 1, 0, 0, 0, 0, 0, 0])[:2, :2], rtol=1e-14)
@@ -62,32 +55,32 @@ def test_keep_takes_a_body_and_what_it_carries():
     )
     np.testing.assert_allclose(robot.configurations["home"], [0.1, 0.2])
     with pytest.raises(tw.UnknownNameError, match="'arms'"):
-        load(SCENE, keep="arms")
+        load_quietly(SCENE, keep="arms")
 
 
 def test_format_insists():
-    assert load(arm(), format="mjcf").nv == 2
+    assert load_quietly(arm(), format="mjcf").nv == 2
     with pytest.raises(tw.RobotFileError, match=r"MJCF \(<mujoco>, line 2\)"):
-        load(arm(), format="urdf")
+        load_quietly(arm(), format="urdf")
     with pytest.raises(tw.ValueRangeError, match="'urdf', 'mjcf'"):
-        load(arm(), format="sdf1")
+        load_quietly(arm(), format="sdf1")
 
 
 def test_gravity_is_the_files_unless_given():
     text = arm(head='<option gravity="0 0 -1.6"/>')
-    assert load(text).gravity.tolist() == [0, 0, -1.6]
-    assert load(text, gravity=(0, 0, 1)).gravity.tolist() == [0, 0, 1]
+    assert load_quietly(text).gravity.tolist() == [0, 0, -1.6]
+    assert load_quietly(text, gravity=(0, 0, 1)).gravity.tolist() == [0, 0, 1]
 
 
 def test_without_autolimits_a_range_alone_is_no_limit():
     """MuJoCo calls it an error, so this is not compared with it."""
     text = arm(head='<compiler autolimits="false"/>', joint2='<joint name="b" range="-10 10"/>')
-    assert load(text).limits.upper.tolist() == [np.inf, np.inf]
+    assert load_quietly(text).limits.upper.tolist() == [np.inf, np.inf]
 
 
 def test_edits_keep_sites_and_configurations():
-    robot = load(SCENE).lock({"a": 0.3})
-    whole = load(SCENE)
+    robot = load_quietly(SCENE).lock({"a": 0.3})
+    whole = load_quietly(SCENE)
     q = np.array([0.2, 1, 0, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(
         robot.forward_kinematics(q, "grip"), whole.forward_kinematics([0.3, *q], "grip"), atol=1e-15
@@ -101,13 +94,13 @@ def test_edits_keep_sites_and_configurations():
 
 
 def test_a_site_with_the_name_of_a_link_has_a_name_of_its_own():
-    robot = load(TEXTS["sites"])
+    robot = load_quietly(TEXTS["sites"])
     assert {"lower", "site:lower", "here", "rod"} <= set(robot.frame_names)
     assert "site:lower" not in robot.link_names
 
 
 def test_bodies_between_the_joints_of_one_body_are_hidden():
-    robot = load(TEXTS["several joints in a body"])
+    robot = load_quietly(TEXTS["several joints in a body"])
     assert robot.link_names == ("world", "upper", "lower")
     assert robot.body_names == ("upper", "lower:b", "lower:c", "lower")
     assert not any("no mass" in text for text in robot.defects)
@@ -146,7 +139,7 @@ def test_what_is_refused_is_named_with_its_line(case):
     inner, words = REFUSED[case]
     text = "<mujoco>\n<worldbody>\n" + BODY.format("\n" + inner) + "</worldbody></mujoco>"
     with pytest.raises(tw.ModelError) as caught:
-        load(text)
+        load_quietly(text)
     assert "\n" not in str(caught.value)
     for word in ("the text given", *words):
         assert word in str(caught.value)
@@ -173,7 +166,7 @@ def test_what_is_refused_of_other_sections(case):
     section, words = SECTIONS[case]
     text = "<mujoco>\n" + section + "\n<worldbody>" + BODY.format("") + "</worldbody></mujoco>"
     with pytest.raises(tw.ModelError) as caught:
-        load(text)
+        load_quietly(text)
     for word in words:
         assert word in str(caught.value)
 
@@ -214,7 +207,7 @@ def test_what_is_left_out_is_said(case):
         robot = tw.load(text)
     assert any(word in remark for remark in robot.defects)
     assert not any(
-        word in remark for remark in load(f"<mujoco><worldbody>{BODY.format('')}</worldbody></mujoco>").defects
+        word in remark for remark in load_quietly(f"<mujoco><worldbody>{BODY.format('')}</worldbody></mujoco>").defects
     )
 
 
@@ -246,7 +239,7 @@ def including(folder, file):
 
 
 def test_included_files_stand_in_the_place_of_the_element(folder):
-    assert load(including(folder, "parts/arm.xml")).link_names == ("world", "in", "deep")
+    assert load_quietly(including(folder, "parts/arm.xml")).link_names == ("world", "in", "deep")
 
 
 @pytest.mark.parametrize(
@@ -268,17 +261,17 @@ def test_included_files_stand_in_the_place_of_the_element(folder):
 )
 def test_includes_that_are_refused(folder, file, words):
     with pytest.raises(tw.RobotFileError) as caught:
-        load(including(folder, file))
+        load_quietly(including(folder, file))
     for word in ("main.xml", *words):
         assert word in str(caught.value)
 
 
 def test_other_folders_are_read_when_named(folder):
-    assert load(including(folder, "../outside.xml"), include_paths=[folder.parent]).nv == 0
+    assert load_quietly(including(folder, "../outside.xml"), include_paths=[folder.parent]).nv == 0
     with pytest.raises(tw.RobotFileError, match="has no folder"):
-        load("<mujoco><include file='arm.xml'/></mujoco>")
+        load_quietly("<mujoco><include file='arm.xml'/></mujoco>")
     text = "<mujoco><worldbody><include file='outside.xml'/></worldbody></mujoco>"
-    assert load(text, include_paths=[folder.parent]).link_names == ("world", "body1")
+    assert load_quietly(text, include_paths=[folder.parent]).link_names == ("world", "body1")
 
 
 def test_meshes_are_read_below_the_folder_only_and_only_for_a_mass(folder):
@@ -288,11 +281,11 @@ def test_meshes_are_read_below_the_folder_only_and_only_for_a_mass(folder):
     path.write_text(
         "<mujoco>" + asset.format("gone.stl") + body.format("<inertial mass='1' pos='0 0 0'/>") + "</mujoco>"
     )
-    assert load(path).nv == 1
+    assert load_quietly(path).nv == 1
     for file, word in (("gone.stl", "not there"), ("../../x.stl", "outside"), ("/x.stl", "own folder")):
         path.write_text("<mujoco>\n" + asset.format(file) + body.format("") + "</mujoco>")
         with pytest.raises(tw.RobotFileError, match=word) as caught:
-            load(path)
+            load_quietly(path)
         assert "<inertial>" in str(caught.value)
         assert "line 2" in str(caught.value)
 
@@ -320,32 +313,32 @@ HOSTILE = {
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_files_end_in_our_errors_at_once(case):
     with pytest.raises(tw.TwistWrenchError) as caught:
-        load(HOSTILE[case])
+        load_quietly(HOSTILE[case])
     assert len(str(caught.value)) < 1000
 
 
 def test_the_limit_of_bodies_can_be_raised():
     text = f"<mujoco><worldbody>{_ONE * 30}</worldbody></mujoco>"
     with pytest.raises(tw.RobotFileError, match="more than 20 bodies"):
-        load(text, max_bodies=20)
-    assert load(text, max_bodies=30).nv == 30
+        load_quietly(text, max_bodies=20)
+    assert load_quietly(text, max_bodies=30).nv == 30
     said = "<!-- <body> <body> -->" * 20  # what is commented out is none
-    assert load(f"<mujoco>{said}<worldbody>{_ONE * 30}</worldbody></mujoco>", max_bodies=30).nv == 30
+    assert load_quietly(f"<mujoco>{said}<worldbody>{_ONE * 30}</worldbody></mujoco>", max_bodies=30).nv == 30
     for wrong in (0, 2.5, True):
         with pytest.raises(tw.ValueRangeError, match="max_bodies"):
-            load(text, max_bodies=wrong)
+            load_quietly(text, max_bodies=wrong)
 
 
 def test_a_long_chain_needs_no_deep_stack():
     text = '<body pos="0 0 .1"><joint axis="0 1 0"/><geom size=".1"/>' * 500 + "</body>" * 500
-    assert load(f"<mujoco><worldbody>{text}</worldbody></mujoco>").nv == 500
+    assert load_quietly(f"<mujoco><worldbody>{text}</worldbody></mujoco>").nv == 500
 
 
 def test_the_viewer_places_bodies_between_the_joints_of_one_body():
     from twistwrench.viz.page import page_text
     from twistwrench.viz.scene import scene_of
 
-    robot = load(TEXTS["several joints in a body"])
+    robot = load_quietly(TEXTS["several joints in a body"])
     q = np.array([[0.1, 0.2, 0.3, 0.4], [0.0, 0.0, 0.0, 0.0]])
     poses = scene_of(robot).body_poses(q)
     assert np.isfinite(poses).all()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from drake_models import differences, drake_plant
 from places import SHARED
+from quiet_loading import load_quietly
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -21,12 +21,6 @@ REFUSED = {
     "drake_joint_parsing_test.sdf": "has 2 models that can move",
     "gazebo_demo_joint_types.sdf": "has the name of <link name='screw_thread'> (line 688)",
 }
-
-
-def load(text, **options):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tw.ModelWarning)
-        return tw.load(text, **options)
 
 
 def link(name, pose="0 0 0 0 0 0", relative="", inside=""):
@@ -103,7 +97,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_a_joint_moves_as_the_format_says(case):
     joint, options, wanted = CASES[case]
-    robot = load(robot_of(joint, **options))
+    robot = load_quietly(robot_of(joint, **options))
     assert robot.joint_names == ("j",)
     for q in (0.0, 0.7, -1.1):
         T = robot.forward_kinematics([q], "arm")
@@ -112,7 +106,7 @@ def test_a_joint_moves_as_the_format_says(case):
 
 
 def test_masses_and_moments_are_about_the_inertial_frame():
-    robot = load(robot_of(revolute()))
+    robot = load_quietly(robot_of(revolute()))
     G = robot.model.link_inertias["arm"]
     T = pose(0.1, 0.02, 0.03, 0.1, 0.2, 0.3)
     I = np.array([[0.05, 0.001, 0.002], [0.001, 0.04, 0.003], [0.002, 0.003, 0.03]])
@@ -124,7 +118,7 @@ def test_masses_and_moments_are_about_the_inertial_frame():
 def test_two_axes_are_two_joints_the_first_of_which_carries_the_second(kind):
     joint = f"""<joint name="j" type="{kind}"><pose>0.1 0 0.2 0 0 0</pose><parent>base</parent><child>arm</child>
       <axis><xyz>1 0 0</xyz></axis><axis2><xyz>0 1 0</xyz></axis2></joint>"""
-    robot = load(robot_of(joint))
+    robot = load_quietly(robot_of(joint))
     assert robot.joint_names == ("j.axis", "j.axis2")
     at = T_MA @ pose(0.1, 0, 0.2, 0, 0, 0)
     turn = tw.se3.pose(tw.so3.exp([0.3, 0, 0]) @ tw.so3.exp([0, 0.4, 0]), [0, 0, 0])
@@ -134,7 +128,7 @@ def test_two_axes_are_two_joints_the_first_of_which_carries_the_second(kind):
 
 
 def test_a_ball_joint_turns_about_its_own_place():
-    robot = load(robot_of(revolute(kind="ball")))
+    robot = load_quietly(robot_of(revolute(kind="ball")))
     q = np.array([0.9, 0.1, -0.2, 0.3])
     T0, T = (robot.forward_kinematics(x, "arm") for x in ([1, 0, 0, 0], q))
     np.testing.assert_allclose(T @ [0.1, 0, 0.2, 1], T0 @ [0.1, 0, 0.2, 1], atol=1e-14)
@@ -153,13 +147,13 @@ def test_limits_losses_springs_and_followers():
       <mimic joint="j"><multiplier>2</multiplier><offset>0.1</offset><reference>0.3</reference></mimic></axis></joint>"""
     )
     text = robot_of(revolute(axis), more=more)
-    robot = load(text, mimic="independent")
+    robot = load_quietly(text, mimic="independent")
     limits = robot.limits
     assert (limits.lower[0], limits.upper[0], limits.velocity[0], limits.effort[0]) == (-np.inf, 2.0, 3.0, np.inf)
     assert (robot.model.friction.viscous[0], robot.model.friction.coulomb[0]) == (0.4, 0.5)
     springs = robot.holding_torques([1.0, 0.0]) - robot.gravity_forces([1.0, 0.0])
     np.testing.assert_allclose(springs, [6 * 0.3, 0.0], atol=1e-13)
-    (follower,) = (b for b in load(text).model.bodies if b.follows)
+    (follower,) = (b for b in load_quietly(text).model.bodies if b.follows)
     assert (follower.ratio, follower.offset) == (2.0, pytest.approx(0.1 - 2 * 0.3))
 
 
@@ -172,15 +166,15 @@ def test_what_a_link_does_not_say_weighs_a_kilogram_and_is_warned_of():
 
 
 def test_floating_base_lets_what_nothing_holds_float():
-    fixed, floating = load(robot_of(revolute())), load(robot_of(revolute()), floating_base=True)
+    fixed, floating = load_quietly(robot_of(revolute())), load_quietly(robot_of(revolute()), floating_base=True)
     assert any("floating_base=True lets it float" in text for text in fixed.defects)
     assert floating.joint_names == ("root_joint", "j")
     static = robot_of(revolute()).replace('<model name="m">', '<model name="m"><static>true</static>')
-    assert load(static, floating_base=True).joint_names == ("j",)
+    assert load_quietly(static, floating_base=True).joint_names == ("j",)
     to_world = robot_of(
         revolute(), more='<joint name="w" type="fixed"><parent>world</parent><child>base</child></joint>'
     )
-    assert load(to_world, floating_base=True).joint_names == ("j",)
+    assert load_quietly(to_world, floating_base=True).joint_names == ("j",)
 
 
 def test_nested_models_and_frames_are_reached_by_their_names():
@@ -188,7 +182,7 @@ def test_nested_models_and_frames_are_reached_by_their_names():
       <frame name="f"><pose>1 0 0 0 0 0</pose></frame></model>
       <joint name="k" type="fixed"><parent>arm</parent><child>in::hand</child></joint>
       <frame name="g" attached_to="in::hand"><pose>0 2 0 0 0 0</pose></frame>"""
-    robot = load(robot_of(revolute(), more=inner))
+    robot = load_quietly(robot_of(revolute(), more=inner))
     assert robot.link_names == ("world", "base", "arm", "in::hand")
     T = pose(1, 2, 3, 0.1, 0.2, 0.3) @ pose(0, 0, 1, 0, 0, 0.5)
     np.testing.assert_allclose(robot.forward_kinematics([0.0], "in::hand"), T @ pose(0.1, 0, 0, 0, 0, 0), atol=1e-13)
@@ -200,12 +194,12 @@ def test_a_world_of_several_models_is_asked_which():
     models = "".join(f'<model name="{n}">{link("l")}</model>' for n in "ab")
     text = f'<sdf version="1.7"><world name="w"><gravity>0 0 -1</gravity>{models}</world></sdf>'
     with pytest.raises(tw.RobotFileError, match=r"'a', 'b'\. Say which"):
-        load(text)
-    assert load(text, model="b").name == "b"
-    assert load(text, model="b").gravity.tolist() == [0, 0, -1]
+        load_quietly(text)
+    assert load_quietly(text, model="b").name == "b"
+    assert load_quietly(text, model="b").gravity.tolist() == [0, 0, -1]
     with pytest.raises(tw.UnknownNameError, match="'c'"):
-        load(text, model="c")
-    assert load(text.replace('name="a">', 'name="a"><static>1</static>')).name == "b"
+        load_quietly(text, model="c")
+    assert load_quietly(text.replace('name="a">', 'name="a"><static>1</static>')).name == "b"
 
 
 BAD = {
@@ -231,7 +225,7 @@ BAD = {
 def test_what_is_refused_is_named_with_its_line(case):
     text, words = BAD[case]
     with pytest.raises(tw.ModelError) as caught:
-        load(robot_of(text))
+        load_quietly(robot_of(text))
     for word in words:
         assert word in str(caught.value)
 
@@ -241,24 +235,24 @@ def test_what_is_refused_is_named_with_its_line(case):
 )
 def test_empty_files_are_refused(text):
     with pytest.raises(tw.RobotFileError, match="line 1"):
-        load(text)
+        load_quietly(text)
 
 
 @pytest.mark.parametrize("name", FILES or NONE)
 def test_a_file_loads_or_is_refused_with_its_line(name):
     if name in REFUSED:
         with pytest.raises(tw.RobotFileError) as caught:
-            load(FOLDER / name)
+            load_quietly(FOLDER / name)
         assert REFUSED[name] in str(caught.value)
     else:
-        assert load(FOLDER / name).link_names[0] == "world"
+        assert load_quietly(FOLDER / name).link_names[0] == "world"
 
 
 @pytest.mark.parametrize("name", [n for n in FILES if n not in REFUSED] or NONE)
 def test_a_file_means_what_drake_means(name):
     pytest.importorskip("pydrake", reason="Drake is not installed", exc_type=ImportError)
     plant, _ = drake_plant(FOLDER / name)
-    assert differences(load(FOLDER / name, snap=0, mimic="independent", inertia="accept"), plant) == []
+    assert differences(load_quietly(FOLDER / name, snap=0, mimic="independent", inertia="accept"), plant) == []
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -269,7 +263,7 @@ def test_a_joint_moves_as_in_drake(case):
         pytest.skip("Drake reads no files that old as they were meant")
     text = robot_of(joint, **options)
     plant, _ = drake_plant(text)
-    assert differences(load(text, snap=0), plant) == []
+    assert differences(load_quietly(text, snap=0), plant) == []
 
 
 def test_every_command_says_how_to_choose_a_model_and_takes_it(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +11,6 @@ from hypothesis import strategies as st
 from motions import wrapped
 
 from twistwrench import robots
-from twistwrench.errors import ModelWarning
 from twistwrench.formats import load_model
 from twistwrench.motion.continuity import Continuity
 from twistwrench.motion.coordinates import Coordinates, joint_rates
@@ -23,32 +21,7 @@ from twistwrench.motion.row_windows import windows
 from twistwrench.motion.smoothing import best_strength, margin_of, smooth
 from twistwrench.motion.spline import spline_rates
 
-GOOD = "time,joint1,joint2\n0.0,0.1,0.2\n0.1,0.3,0.4\n"
-
-
-@pytest.fixture(scope="module")
-def model():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(robots.path_of("planar_2r"))
-    assert Coordinates.of(model).names == ("joint1", "joint2")
-    return model
-
-
-@pytest.fixture
-def write(tmp_path):
-    def write(text: str | bytes):
-        path = tmp_path / "motion.csv"
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return path
-
-    return write
-
-
-def read(path, model, **options):
-    trajectory = MotionLog.open(path, model, **options)
-    return trajectory.motion(np.concatenate(list(trajectory.tables())))
-
+pytest_plugins = ("motion_fixtures",)
 
 # ── windows ──
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-import warnings
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion_fixtures import GOOD, read
 
 from twistwrench import robots
-from twistwrench.errors import ModelWarning, NotFoundError, TrajectoryError
+from twistwrench.errors import NotFoundError, TrajectoryError
 from twistwrench.formats import load_model
 from twistwrench.motion import csv_file as csv_module
 from twistwrench.motion.coordinates import Coordinates
@@ -20,32 +20,7 @@ from twistwrench.motion.csv_numbers import parse_block
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.motion_log import MotionLog
 
-GOOD = "time,joint1,joint2\n0.0,0.1,0.2\n0.1,0.3,0.4\n"
-
-
-@pytest.fixture(scope="module")
-def model():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        model = load_model(robots.path_of("planar_2r"))
-    assert Coordinates.of(model).names == ("joint1", "joint2")
-    return model
-
-
-@pytest.fixture
-def write(tmp_path):
-    def write(text: str | bytes):
-        path = tmp_path / "motion.csv"
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return path
-
-    return write
-
-
-def read(path, model, **options):
-    trajectory = MotionLog.open(path, model, **options)
-    return trajectory.motion(np.concatenate(list(trajectory.tables())))
-
+pytest_plugins = ("motion_fixtures",)
 
 # ── numbers ──
 

@@ -7,21 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import CRANK, GROUND, ROCKER, along, closed_platform, four_bar
+from mechanisms import CRANK, GROUND, ROCKER, along
 from places import ROOT
 
 import twistwrench as tw
 from twistwrench.robot.inverse_kinematics import twist_left
 
-
-@pytest.fixture(scope="module")
-def linkage():
-    return four_bar().close("rocker_pin", "coupler_pin", "vx vz")
-
-
-@pytest.fixture(scope="module")
-def platform():
-    return closed_platform()
+pytest_plugins = ("mechanism_fixtures",)
 
 
 def test_poses_of_a_platform_are_found_with_its_loops_closed(platform):

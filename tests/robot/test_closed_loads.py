@@ -6,21 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import LEGS, MASSES, G, closed_platform, crank_only, four_bar
+from mechanisms import LEGS, MASSES, G, crank_only
 
 import twistwrench as tw
 from twistwrench.model.friction import Friction
 from twistwrench.motion.bounds import bounds_of
 
-
-@pytest.fixture(scope="module")
-def linkage():
-    return four_bar().close("rocker_pin", "coupler_pin", "vx vz")
-
-
-@pytest.fixture(scope="module")
-def platform():
-    return closed_platform()
+pytest_plugins = ("mechanism_fixtures",)
 
 
 def moving(closed, q, u, du, driven):

@@ -20,15 +20,7 @@ from twistwrench.algorithms import loop_closure
 from twistwrench.model.friction import Friction
 from twistwrench.testing import assert_close, derivative, random_robot
 
-
-@pytest.fixture(scope="module")
-def linkage():
-    return four_bar().close("rocker_pin", "coupler_pin", "vx vz")
-
-
-@pytest.fixture(scope="module")
-def platform():
-    return closed_platform()
+pytest_plugins = ("mechanism_fixtures",)
 
 
 @pytest.fixture

@@ -9,8 +9,9 @@ import pytest
 from random_trees import ROUNDING, frames
 
 import twistwrench as tw
-from twistwrench.algorithms.operational_space import ROWS, row_numbers
+from twistwrench.algorithms.operational_space import row_numbers
 from twistwrench.model.builder import ModelBuilder
+from twistwrench.screws.component_names import TWIST
 from twistwrench.testing import assert_close, derivative, random_robot, random_state
 
 pytest_plugins = ("random_tree_fixtures",)
@@ -92,7 +93,7 @@ def test_torques_the_hand_cannot_feel_change_nothing_there(ur5):
     rng = np.random.default_rng(6)
     q, dq, _ = random_state(ur5, rng)
     J, M = ur5.jacobian(q)[3:], ur5.mass_matrix(q)
-    Lambda, eta = ur5.task_inertia(q, rows=ROWS[3:]), ur5.task_bias(q, dq, rows="vx, vy, vz")
+    Lambda, eta = ur5.task_inertia(q, rows=TWIST[3:]), ur5.task_bias(q, dq, rows="vx, vy, vz")
     tau = 10 * rng.standard_normal(6)
     dV = ur5.frame_acceleration(q, dq, ur5.forward_dynamics(q, dq, tau))[3:]
     felt = Lambda @ J @ np.linalg.solve(M, tau)  # the F with the same dV

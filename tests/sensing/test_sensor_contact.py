@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 from sensor_logs import AT_REST, TRUTH, UNEQUAL, dwells
 from sensor_logs import NOISE as SIX
+from sensor_logs import NOISES as NOISE
 
 import twistwrench as tw
 from twistwrench.sensing import contact_detection
@@ -17,8 +18,6 @@ from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import propose_poses
 from twistwrench.sensing.uncertainty import uncertainty_of
 from twistwrench.sensing.unknowns import SensorState, Unknowns
-
-NOISE = (0.01, 0.3)
 
 
 def test_the_contact_point_is_found_on_planes_and_balls():

@@ -7,6 +7,8 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
+from sensor_logs import BIAS, COM, tool
+from sensor_logs import NOISES as NOISE
 
 import twistwrench as tw
 from twistwrench.sensing.identification import identify
@@ -14,16 +16,6 @@ from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import propose_poses
 from twistwrench.sensing.sensor import ForceTorqueSensor
 from twistwrench.sensing.synthetic_log import simulate
-
-BIAS = np.array([0.1, 0.2, -0.3, 5.0, -3.0, 8.0])
-COM = np.array([0.02, -0.01, 0.1])
-INERTIA = np.diag([0.02, 0.025, 0.01])
-NOISE = (0.01, 0.3)
-
-
-def tool(mass=3.0, sign="on_sensor", mounting=None):
-    load = tw.SpatialInertia.from_com(mass, COM, INERTIA)
-    return ForceTorqueSensor(load, BIAS, sign, np.eye(3) if mounting is None else mounting)
 
 
 @pytest.fixture(scope="module", params=[3.0, pytest.param(0.2, marks=pytest.mark.slow)], ids=["3kg", "0.2kg"])

@@ -6,23 +6,14 @@ import warnings
 
 import numpy as np
 import pytest
+from sensor_logs import NOISES as NOISE
+from sensor_logs import tool
 
 import twistwrench as tw
 from twistwrench.sensing import identify, propose_poses, read_log, read_sensor, write_log, write_sensor
 from twistwrench.sensing.gravity_directions import rotations_to_gravity
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.sensor import ForceTorqueSensor
 from twistwrench.sensing.synthetic_log import simulate
-
-BIAS = np.array([0.1, 0.2, -0.3, 5.0, -3.0, 8.0])
-COM = np.array([0.02, -0.01, 0.1])
-INERTIA = np.diag([0.02, 0.025, 0.01])
-NOISE = (0.01, 0.3)
-
-
-def tool(mass=3.0, sign="on_sensor", mounting=None):
-    load = tw.SpatialInertia.from_com(mass, COM, INERTIA)
-    return ForceTorqueSensor(load, BIAS, sign, np.eye(3) if mounting is None else mounting)
 
 
 def _log(**changes):

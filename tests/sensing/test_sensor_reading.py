@@ -7,21 +7,12 @@ import warnings
 
 import numpy as np
 import pytest
+from sensor_logs import BIAS, COM, tool
 
 import twistwrench as tw
 from twistwrench.sensing.gravity_directions import gravity_in_frame, rotations_to_gravity
 from twistwrench.sensing.sensor import ForceTorqueSensor, load_regressor
 from twistwrench.sensing.synthetic_log import lively_motion, simulate
-
-BIAS = np.array([0.1, 0.2, -0.3, 5.0, -3.0, 8.0])
-COM = np.array([0.02, -0.01, 0.1])
-INERTIA = np.diag([0.02, 0.025, 0.01])
-NOISE = (0.01, 0.3)
-
-
-def tool(mass=3.0, sign="on_sensor", mounting=None):
-    load = tw.SpatialInertia.from_com(mass, COM, INERTIA)
-    return ForceTorqueSensor(load, BIAS, sign, np.eye(3) if mounting is None else mounting)
 
 
 def test_hand_and_apple_to_the_last_digit():

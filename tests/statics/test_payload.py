@@ -5,27 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from statics_fixtures import STRONG
 
 import twistwrench as tw
 from twistwrench import statics
 
-STRONG = [50.0, 20.0]
-ROBOTS = ["ur5", "panda", "planar_2r"]
+pytest_plugins = ("statics_fixtures",)
+
 G = 9.81
 
 
 def limits_of(robot):
     return np.array(STRONG) if robot.name == "planar_2r" else robot.limits.effort
-
-
-@pytest.fixture
-def arm():
-    return tw.robots.planar_2r()
-
-
-@pytest.fixture(params=ROBOTS)
-def robot(request, bundled):
-    return bundled(request.param)
 
 
 # ── one pose ──

@@ -10,19 +10,9 @@ import twistwrench as tw
 from twistwrench import statics
 from twistwrench.statics.torque_limits import effort_limits, growth
 
+pytest_plugins = ("statics_fixtures",)
+
 BENT = [0, -0.6, 0.9, 0, 0, 0]
-STRONG = [50.0, 20.0]
-ROBOTS = ["ur5", "panda", "planar_2r"]
-
-
-@pytest.fixture
-def arm():
-    return tw.robots.planar_2r()
-
-
-@pytest.fixture(params=ROBOTS)
-def robot(request, bundled):
-    return bundled(request.param)
 
 
 # ── torques ⇄ wrenches ──

@@ -15,11 +15,19 @@ BIAS = np.array([0.1, 0.2, -0.3, 5.0, -3.0, 8.0])
 COM = np.array([0.02, -0.01, 0.1])
 MASS = 3.0
 INERTIA = np.diag([0.02, 0.025, 0.01])
-NOISE = np.repeat([0.01, 0.3], 3)
+NOISES = (0.01, 0.3)
+"""Of moments [N m] and forces [N]."""
+NOISE = np.repeat(NOISES, 3)
 UNEQUAL = np.array([0.005, 0.01, 0.05, 0.05, 0.05, 0.5])
 TRUTH = np.array([*BIAS, MASS, *(MASS * COM)])
 TOOL = ForceTorqueSensor(tw.SpatialInertia.from_com(MASS, COM, INERTIA), BIAS)
 AT_REST = ForceTorqueSensor(tw.SpatialInertia.from_com(MASS, COM), BIAS)
+
+
+def tool(mass=MASS, sign="on_sensor", mounting=None):
+    """A sensor with the tool, of another mass, sign or mounting."""
+    load = tw.SpatialInertia.from_com(mass, COM, INERTIA)
+    return ForceTorqueSensor(load, BIAS, sign, np.eye(3) if mounting is None else mounting)
 
 
 def dwells(rng, poses=12, samples=100, error=0.0, noise=NOISE, turned=False):

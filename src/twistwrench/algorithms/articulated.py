@@ -2,7 +2,13 @@
 
 The wrench F that gives a body the acceleration dV, while all that it carries is free to move, is  F = A dV + p. Its
 articulated inertia A is symmetric but no rigid body's: a body is heavier across a joint than along it. Bodies are watched
-as in :mod:`.inverse_dynamics`: from the inertial frame that at this instant moves with the body's own origin.
+as in :mod:`.inverse_dynamics`: from the inertial frame that at this instant moves with the body's own origin. Outward,
+with λ the parent and R, r its pose, then inward, then outward again, RBDA, table 7.1:
+
+    (1)  w = R'w_λ + w_J,   c = (w × w_J, R'(w_λ × (w_λ × r)) + (2w - w_J) × v_J)
+    (2)  U = A S,   D = S'U + J,   u = τ - S'p                      J: of rotors
+    (3)  A_λ += A - U D⁻¹ U',   p_λ += p + (A - U D⁻¹ U') c + U D⁻¹ u,   both seen from λ
+    (4)  q̈ = D⁻¹ u - (U D⁻¹)'(dV_λ + c),   dV = dV_λ + c + S q̈         dV_λ seen from the body
 """
 
 from __future__ import annotations
@@ -73,32 +79,31 @@ def articulated_dynamics(
         R, r, up, wJ, vJ = T[i][:3, :3], T[i][:3, 3], w[parent], Adq[i][:3], Adq[i][3:]
         w[i] = R.T @ up + wJ
         turning, moving = so3.cross(w[i], wJ), so3.cross(2.0 * w[i] - wJ, vJ)
-        c.append(np.concatenate([turning, R.T @ so3.cross(up, so3.cross(up, r)) + moving]))
+        c.append(np.concatenate([turning, R.T @ so3.cross(up, so3.cross(up, r)) + moving]))  # (1)
         A.append(_Articulated.rigid(model.bodies[i].inertia))
         p.append(inertial_wrench(model.bodies[i].inertia, BodyMotion(w[i], zeros(3), zeros(3))))
     for i, F_by in applied_wrenches(model, wrenches):
         p[i] = p[i] + F_by
-    joints: dict[int, tuple[Array, Array, Array]] = {}
+    joints: dict[int, tuple[Array, Array]] = {}
     for i, parent in inward(model):
         body = model.bodies[i]
         S = body.joint.axes
         U = np.array([A[i] @ s for s in S]).T
-        mine = slice(body.v_index, body.v_index + body.joint.nv)
-        L, D = factored(widened(S @ U, drives[mine]))
-        u = tau[mine] - S @ p[i]
-        W = np.array([solved(L, D, row) for row in U])  # U D⁻¹
-        joints[i] = W, solved(L, D, u), U
+        mine = body.places[1]
+        factors = factored(widened(S @ U, drives[mine]))  # D
+        u = tau[mine] - S @ p[i]  # (2)
+        W = np.array([solved(*factors, row) for row in U])  # U D⁻¹
+        joints[i] = W, solved(*factors, u)
         if parent != BASE:
             left = A[i].less(U, W)
             A[parent] = A[parent] + left.in_frame(T[i])
-            p[parent] = p[parent] + Ad(T[i]).inverse.T @ (p[i] + left @ c[i] + W @ u)
+            p[parent] = p[parent] + Ad(T[i]).inverse.T @ (p[i] + left @ c[i] + W @ u)  # (3)
     ddq, dV = zeros(model.nv), {BASE: np.concatenate([zeros(3), -model.gravity])}
     for i, parent in outward(model):
-        body, (W, free, _) = model.bodies[i], joints[i]
+        body, (W, free) = model.bodies[i], joints[i]
         carried = Ad(T[i]).inverse @ dV[parent] + c[i]
-        mine = free - W.T @ carried
-        ddq[body.v_index : body.v_index + body.joint.nv] = mine
-        dV[i] = carried + mine @ body.joint.axes
+        mine = ddq[body.places[1]] = free - W.T @ carried
+        dV[i] = carried + mine @ body.joint.axes  # (4)
     return ddq
 
 

@@ -129,7 +129,7 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
     dV_base, F = np.zeros(6 * n), np.zeros(6 * n)
     for i, body in enumerate(model.bodies):
         here = slice(6 * i, 6 * i + 6)
-        A[here, body.v_index : body.v_index + body.joint.nv] = body.ratio * body.joint.axes.T
+        A[here, body.places[1]] = body.ratio * body.joint.axes.T
         G[here, here] = body.inertia.matrix
         X = Ad(se3.inverse(T[i])).matrix
         if body.parent == BASE:

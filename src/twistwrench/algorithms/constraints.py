@@ -21,11 +21,11 @@ import numpy as np
 from ..lie import se3, so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Frame, Model
+from ..screws.component_names import TWIST
 from ..typing import Array
 from .inverse_dynamics import Wrenches, bias_forces
 from .jacobians import jacobian, jacobian_rate
 from .mass_matrix import mass_matrix
-from .operational_space import ROWS
 from .recursion import ancestors, joint_poses, zeros
 from .tree_factorisation import factored, lowered, raised, solved
 
@@ -84,7 +84,7 @@ def names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
 
 def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
     """A name for each row of A: the constraint's and that of the row of a twist."""
-    return tuple(f"{name} {ROWS[k]}" for name, c in zip(names(constraints), constraints, strict=True) for k in c.rows)
+    return tuple(f"{name} {TWIST[k]}" for name, c in zip(names(constraints), constraints, strict=True) for k in c.rows)
 
 
 def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:
@@ -143,7 +143,7 @@ def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
     J = zeros(6, model.nv)
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
-        mine = slice(body.v_index, body.v_index + body.joint.nv)
+        mine = body.places[1]
         J[:, mine] = J[:, mine] + np.array([_at(p, V) for V in axes]).T
     return J
 
@@ -153,7 +153,7 @@ def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array
     V, dV = zeros(6), zeros(6)
     columns, p = _columns(model, q, closure)
     for body, axes in columns:
-        mine = dq[body.v_index : body.v_index + body.joint.nv] @ axes
+        mine = dq[body.places[1]] @ axes
         dV = dV + ad(V) @ mine  # or with what is after it, for [mine, mine] = 0
         V = V + mine
     dp = _at(p, V)[3:]

@@ -4,24 +4,26 @@ For a body, let K = ∫ ẋ r' dm and p = ∫ ẋ dm, velocities ẋ and positio
 
     B V' = ((tr K 1 - K) w', w' × p)
 
-is the factor with  C = Σ J_i' (G_i dJ_i + B_i J_i),  C dq = c  and  dM/dt - 2C  skew. K and p add up like inertias.
+is the factor with  C = Σ J_i' (G_i dJ_i + B_i J_i),  C dq = c  and  dM/dt - 2C  skew. K and p add up like inertias. With the
+sums G and B over all that joint i carries, and S_j seen from body i,
+
+    (1)  C_ji = S_j·(G dS_i + B S_i)                      j is i, or before it
+    (2)  C_ij = dS_j·G S_i + S_j·B'S_i,   dS = [V, S]     j before i
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from ..bodies.inertia import SpatialInertia
 from ..lie import so3
 from ..lie.adjoint import Ad, ad
-from ..model.model import BASE, Body, Model
+from ..model.model import BASE, Model
 from ..typing import Array
 from .armature import armature_symbols
 from .energy import body_velocities
 from .mass_matrix import composite_inertias
-from .recursion import ancestors, inward, joint_poses, zeros
+from .recursion import add_entry, ancestors, inward, joint_poses, zeros
 
 
 class BodyCoriolis:
@@ -68,22 +70,17 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
     for i, body in enumerate(model.bodies):
         for b, S in enumerate(body.joint.axes):
             dS = ad(V[i]) @ S
-            F1, F2, F3 = G[i] @ dS + B[i] @ S, G[i] @ S, B[i].transposed_times(S)
+            F, GS, BS = G[i] @ dS + B[i] @ S, G[i] @ S, B[i].transposed_times(S)
             for j in ancestors(model, i):
                 other = model.bodies[j]
                 for a, S_j in enumerate(other.joint.axes):
-                    _add(C, other, a, body, b, S_j @ F1)
+                    add_entry(C, other, a, body, b, S_j @ F)  # (1)
                     if j != i:
-                        _add(C, body, b, other, a, (ad(V[j]) @ S_j) @ F2 + S_j @ F3)
-                F1, F2, F3 = up[j] @ F1, up[j] @ F2, up[j] @ F3
+                        add_entry(C, body, b, other, a, (ad(V[j]) @ S_j) @ GS + S_j @ BS)  # (2)
+                F, GS, BS = up[j] @ F, up[j] @ GS, up[j] @ BS
     for mine, L in armature_symbols(model):
         C[mine, mine] = C[mine, mine] + L @ dq[mine]
     return C
-
-
-def _add(C: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
-    r, c = row.v_index + a, column.v_index + b
-    C[r, c] = C[r, c] + row.ratio * column.ratio * value
 
 
 def christoffel(model: Model, q: Array) -> Array:

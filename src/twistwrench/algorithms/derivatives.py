@@ -2,13 +2,16 @@
 
 Turning coordinate j moves all it carries by S_j. In frames that move along, body k then has (λ the parent of j's body)
 
-    ∂V_k/∂q_j = P_j,     ∂dV_k/∂q_j = Q_j - [V_k, P_j],     P_j = [V_λ, S_j],  Q_j = [dV_λ, S_j] + [V_λ, P_j],
+    (1)  P_j = [V_λ, S_j]                                 ∂V_k/∂q_j = P_j
+    (2)  Q_j = [dV_λ, S_j] + [V_λ, P_j]                   ∂dV_k/∂q_j = Q_j - [V_k, P_j]
+    (3)  R_j = P_j + [V_j, S_j]
 
 with everything seen from body k. The bracket with V_k goes to the velocity products, which together are 2 B P_j, where B is
 the operator of the Coriolis matrix: it adds up over bodies as the inertia G does. So with G, B and F of all that i carries,
+for j before i, or j = i in (4) and (6),
 
-    ∂τ_i/∂q_j = S_i·(2B P_j + G Q_j),                     ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)     for j before i,
-    ∂τ_i/∂dq_j = S_i·(2B S_j + G (P_j + [V_j, S_j])),     ∂τ_j/∂dq_i = S_j·(2B S_i + G (P_i + [V_i, S_i])).
+    (4)  ∂τ_i/∂q_j = P_j·(2B)'S_i + Q_j·G S_i             (5)  ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)
+    (6)  ∂τ_i/∂dq_j = S_j·(2B)'S_i + R_j·G S_i            (7)  ∂τ_j/∂dq_i = S_j·(2B S_i + G R_i)
 
 Four wrenches of each joint travel to the base. Derivatives by q are along robot.add, on planar and floating joints too.
 Sources: Carpentier and Mansard, RSS 2018; Singh, Russell and Wensing, IEEE RA-L 7(2), 2022.
@@ -16,7 +19,7 @@ Sources: Carpentier and Mansard, RSS 2018; Singh, Russell and Wensing, IEEE RA-L
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,13 +32,13 @@ from .coriolis import BodyCoriolis
 from .energy import body_velocities
 from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
 from .mass_matrix import composite_inertias, mass_matrix
-from .recursion import ancestors, inward, joint_poses, spread, zeros
+from .recursion import add_entry, ancestors, inward, joint_poses, spread, zeros
 from .springs import spring_stiffness
 from .tree_factorisation import factored, inverse_factor, solved, symmetric_product
 
 
 class _Column(NamedTuple):
-    """One velocity of one joint, seen from its body: S, P, Q, and P + [V, S]."""
+    """One velocity of one joint, seen from its body: its axis, and (1) to (3)."""
 
     S: Array
     P: Array
@@ -54,19 +57,17 @@ def inverse_dynamics_derivatives(
     by_q, by_dq = zeros(model.nv, model.nv) + spring_stiffness(model), zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
         for b, c in enumerate(columns[i]):
-            along = G[i] @ c.S, B[i].transposed_times(c.S)
+            GS, BS = G[i] @ c.S, B[i].transposed_times(c.S)
             for j in ancestors(model, i):
                 other = model.bodies[j]
                 for a, d in enumerate(columns[j]):
                     if turns(other):
-                        _add(by_q, body, b, other, a, d.P @ along[1] + d.Q @ along[0])
-                    _add(by_dq, body, b, other, a, d.S @ along[1] + d.R @ along[0])
-                along = up[j] @ along[0], up[j] @ along[1]
+                        add_entry(by_q, body, b, other, a, d.P @ BS + d.Q @ GS)  # (4)
+                    add_entry(by_dq, body, b, other, a, d.S @ BS + d.R @ GS)  # (6)
+                GS, BS = up[j] @ GS, up[j] @ BS
             if turns(body):
-                moved = B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i]
-                _add_felt(by_q, model, columns, up, i, b, moved)
-            faster = B[i] @ c.S + G[i] @ c.R
-            _add_felt(by_dq, model, columns, up, i, b, faster)
+                _add_felt(by_q, model, columns, up, i, b, B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i])  # (5)
+            _add_felt(by_dq, model, columns, up, i, b, B[i] @ c.S + G[i] @ c.R)  # (7)
     for mine, L in armature_symbols(model):
         by_dq[mine, mine] = by_dq[mine, mine] + (L + L.swapaxes(1, 2)) @ dq[mine]
     return by_q, by_dq
@@ -86,8 +87,8 @@ def carried(
         dV_up = np.concatenate([motion.dw, motion.a - so3.cross(V[i][:3], V[i][3:])]) - Addq[i] - ad(V_up) @ Adq[i]
         mine = []
         for S in body.joint.axes:
-            P = ad(V_up) @ S
-            mine.append(_Column(S, P, ad(dV_up) @ S + ad(V_up) @ P, P + ad(V[i]) @ S))
+            P = ad(V_up) @ S  # (1)
+            mine.append(_Column(S, P, ad(dV_up) @ S + ad(V_up) @ P, P + ad(V[i]) @ S))  # (2), (3)
         columns.append(mine)
     for i, F_by in applied_wrenches(model, wrenches):
         F[i] = F[i] + F_by
@@ -106,18 +107,13 @@ def _add_felt(
         if j == i:
             continue
         for a, d in enumerate(columns[j]):
-            _add(matrix, model.bodies[j], a, model.bodies[i], b, d.S @ F)
+            add_entry(matrix, model.bodies[j], a, model.bodies[i], b, d.S @ F)
         F = up[j] @ F
 
 
 def turns(body: Body) -> bool:
     """Whether the joint's coordinate changes anything: a body of revolution is the same however it has turned."""
     return body.joint.moves_body
-
-
-def _add(matrix: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
-    r, c = row.v_index + a, column.v_index + b
-    matrix[r, c] = matrix[r, c] + row.ratio * column.ratio * value
 
 
 def forward_dynamics_derivatives(

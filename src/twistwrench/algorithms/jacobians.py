@@ -17,6 +17,8 @@ from ..typing import Array
 from .recursion import ancestors, base_poses, joint_poses, zeros
 
 KINDS = ("body", "space", "world_aligned")
+PINOCCHIO = {"LOCAL": "body", "WORLD": "space", "LOCAL_WORLD_ALIGNED": "world_aligned"}
+"""What Pinocchio calls them."""
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:
@@ -54,7 +56,7 @@ def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "bo
 def _rate(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str) -> Array:
     V, twists = zeros(6), []
     for body, axes in columns:
-        V = V + dq[body.v_index : body.v_index + body.joint.nv] @ axes
+        V = V + dq[body.places[1]] @ axes
         twists.append(V)
     observer = {"space": zeros(6), "body": V, "world_aligned": np.concatenate([zeros(3), V[3:]])}[kind]
     rate = zeros(6, model.nv)
@@ -74,7 +76,7 @@ def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") 
 
 
 def _add(J: Array, body: Body, axes: Array) -> None:
-    mine = slice(body.v_index, body.v_index + body.joint.nv)
+    mine = body.places[1]
     J[:, mine] = J[:, mine] + axes.T
 
 
@@ -95,7 +97,7 @@ def wrench_torques(model: Model, q: Array, F: Array, frame: str) -> Array:
     F = Ad(place.pose).inverse.T @ F
     for i in ancestors(model, place.body):
         body = model.bodies[i]
-        mine = slice(body.v_index, body.v_index + body.joint.nv)
+        mine = body.places[1]
         tau[mine] = tau[mine] + body.ratio * (body.joint.axes @ F)
         F = Ad(T[i]).inverse.T @ F
     return tau

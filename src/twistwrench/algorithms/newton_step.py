@@ -195,9 +195,8 @@ def _damped(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
     """dq of (2), or of (4)."""
     factors = factored(F @ F.T + damping)
     if z is None:
-        found: Array = F.T @ solved(*factors, V)
-        return found
-    return z + F.T @ solved(*factors, V - F @ z)
+        return np.asarray(F.T @ solved(*factors, V))  # (2)
+    return np.asarray(z + F.T @ solved(*factors, V - F @ z))  # (4)
 
 
 def _shortened(dq: Array, most: float) -> Array:

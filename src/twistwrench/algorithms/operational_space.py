@@ -13,15 +13,13 @@ import numpy as np
 
 from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..model.model import Model
+from ..screws.component_names import TWIST
 from ..typing import Array
 from .inverse_dynamics import bias_forces
 from .jacobians import jacobian, jacobian_rate
 from .mass_matrix import mass_matrix
 from .recursion import zeros
 from .tree_factorisation import factored, lowered, solved
-
-ROWS = ("wx", "wy", "wz", "vx", "vy", "vz")
-"""The rows of a twist: three of turning, then three of moving."""
 
 
 def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
@@ -57,23 +55,23 @@ def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
         given = rows.replace(",", " ").split() if isinstance(rows, str) else list(rows)
     except TypeError:
         raise ShapeError(
-            f"rows={rows!r}: give names, such as {' '.join(ROWS[3:])!r}, or numbers from 0 to 5."
+            f"rows={rows!r}: give names, such as {' '.join(TWIST[3:])!r}, or numbers from 0 to 5."
         ) from None
     found = tuple(_row_number(row) for row in given)
     if not found:
-        raise ValueRangeError(f"rows={rows!r} names no row. Choose from {', '.join(ROWS)}; None means all six.")
+        raise ValueRangeError(f"rows={rows!r} names no row. Choose from {', '.join(TWIST)}; None means all six.")
     if len(set(found)) < len(found):
-        raise ValueRangeError(f"rows={rows!r} names a row twice: {', '.join(ROWS[k] for k in found)}. Name each once.")
+        raise ValueRangeError(f"rows={rows!r} names a row twice: {', '.join(TWIST[k] for k in found)}. Name each once.")
     return found
 
 
 def _row_number(row: object) -> int:
     if isinstance(row, str):
-        if row not in ROWS:
-            raise UnknownNameError.of("row of a twist", row, ROWS)
-        return ROWS.index(row)
+        if row not in TWIST:
+            raise UnknownNameError.of("row of a twist", row, TWIST)
+        return TWIST.index(row)
     if isinstance(row, bool) or not isinstance(row, int | np.integer):
-        raise ShapeError(f"a row of a twist is a name or a number, got {row!r}. Names: {', '.join(ROWS)}.")
+        raise ShapeError(f"a row of a twist is a name or a number, got {row!r}. Names: {', '.join(TWIST)}.")
     if not 0 <= row < 6:
-        raise ValueRangeError(f"row {row} is out of range: a twist has rows 0 to 5, which are {', '.join(ROWS)}.")
+        raise ValueRangeError(f"row {row} is out of range: a twist has rows 0 to 5, which are {', '.join(TWIST)}.")
     return int(row)

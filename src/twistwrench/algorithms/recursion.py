@@ -7,10 +7,11 @@ number, ``BASE`` for bodies on the base. Parents come before children, so the pa
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from ..model.model import BASE, Model
+from ..model.model import BASE, Body, Model
 from ..typing import Array
 
 
@@ -33,7 +34,7 @@ def ancestors(model: Model, i: int) -> Iterator[int]:
 
 def joint_coordinates(model: Model, q: Array) -> list[Array]:
     """The coordinates of each body's joint, (nq,) of that joint; a follower's from its leader's."""
-    mine = [q[body.q_index : body.q_index + body.joint.nq] for body in model.bodies]
+    mine = [q[body.places[0]] for body in model.bodies]
     return [body.ratio * x + body.offset if body.follows else x for body, x in zip(model.bodies, mine, strict=True)]
 
 
@@ -47,7 +48,7 @@ def spread(model: Model, dq: Array) -> list[Array]:
     """The twist of each joint in its body's frame, A dq; (6,) each. Also its derivative, given ddq: A is constant."""
     twists = []
     for body in model.bodies:
-        mine = dq[body.v_index : body.v_index + body.joint.nv]
+        mine = dq[body.places[1]]
         twists.append(body.ratio * (mine @ body.joint.axes))
     return twists
 
@@ -57,9 +58,15 @@ def collect(model: Model, wrenches: Array) -> Array:
     tau = zeros(model.nv)
     for body, F in zip(model.bodies, wrenches, strict=True):
         torque = body.joint.axes @ F
-        mine = slice(body.v_index, body.v_index + body.joint.nv)
+        mine = body.places[1]
         tau[mine] = tau[mine] + body.ratio * torque
     return tau
+
+
+def add_entry(matrix: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
+    """Add to what the velocities a of one joint and b of another have between them; of followers, by their ratios."""
+    r, c = row.v_index + a, column.v_index + b
+    matrix[r, c] = matrix[r, c] + row.ratio * column.ratio * value
 
 
 def zeros(*shape: int) -> Array:

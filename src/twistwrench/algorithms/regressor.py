@@ -27,7 +27,7 @@ def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
             F, column = inertial_wrench(unit, motion), 10 * i + k
             for j in ancestors(model, i):
                 body = model.bodies[j]
-                rows = slice(body.v_index, body.v_index + body.joint.nv)
+                rows = body.places[1]
                 Y[rows, column] = Y[rows, column] + body.ratio * (body.joint.axes @ F)
                 F = up[j] @ F
     return Y

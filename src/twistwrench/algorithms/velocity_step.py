@@ -10,9 +10,16 @@ V is viscous friction, F dry friction, kd the gain of the rates in a law of ours
 that at the velocities dq, or with friction at the mean of dq and a first v: taken halfway along a step, steps are then
 symmetric but for what brakes, and gain no energy to speak of.
 
-Linear parts stand beside M. The rest are two corners a joint: it sticks or slides, its torque is within the limits or at one.
-Which of them holds is guessed, the linear equations are solved, and the guess is mended by what they say: Newton's method on a
-function with corners, which ends exactly where a guess confirms itself. A joint that sticks has v = 0, not nearly 0.
+What is linear in v is added to M. Two cases a joint remain: it sticks or slides, and its torque is within the limits or at one.
+A guess at the case is two numbers, s, which is 0 for a joint that sticks and else sign(v), and t, which is 0 within the limits
+and else the sign of the limit. With a guess the equations are linear:
+
+    (4)  K = M + h V + h (1 - t²) kd
+    (5)  K v = K dq + h (τ used - c - g - V dq) - h φ        rows with s = 0 say v = 0
+    (6)  h φ = s h F where a joint slides, else what is left of (5)
+
+The next guess follows from its solution: a semismooth Newton method, which ends where a guess confirms itself. A joint that
+sticks has v = 0 exactly.
 
 Sources: Moreau, "Unilateral contact and dry friction in finite freedom dynamics", 1988, and Stewart and Trinkle, "An implicit
 time-stepping scheme for rigid body dynamics with inelastic collisions and Coulomb friction", Int. J. Num. Meth. Eng. 39, 1996,
@@ -75,11 +82,7 @@ def velocity_step(
 
 
 class _Corners:
-    """The equations of a step with corners, and the guesses at them.
-
-    A guess is two numbers a joint: s, 0 for one that sticks, else the sign of its velocity; and t, 0 for a torque within its
-    limits, else the sign of the limit.
-    """
+    """Equations (4) to (6) of a step, and the guesses s and t."""
 
     def __init__(
         self, model: Model, q: Array, dq: Array, h: Any, tau: Array, gains: Array | None, limits: Array | None, viscous: Array,
@@ -121,14 +124,15 @@ class _Corners:
         return v, tau, -self.viscous * v - taken / self.h
 
     def _by(self, s: Array, t: Array) -> tuple[Array, Array, Array]:
-        """v, the impulse that friction takes, and the torque that the law asks for, by (1) to (3) with a guess."""
+        """v, the impulse that friction takes, and the torque that the law asks for, with a guess."""
         slides, within = s * s, 1.0 - t * t
-        K = widened(self.A, self.h * within * self.gains)
+        K = widened(self.A, self.h * within * self.gains)  # (4)
         impulse = self.h * (self.rest + self._used(t, self.tau)) + K @ ((1.0 - slides) * self.dq)
         dry = self._dry(s)
         x = self._answer(K, slides, impulse - dry)
-        v = slides * self.dq + x
-        return v, dry + (1.0 - slides) * (impulse - K @ x), self.tau - self.gains * (v - self.dq)
+        v = slides * self.dq + x  # (5)
+        taken = dry + (1.0 - slides) * (impulse - K @ x)  # (6)
+        return v, taken, self.tau - self.gains * (v - self.dq)  # (2)
 
     def _sliding(self, s: Array, v: Array, taken: Array) -> Array:
         """A better guess at what slides: what goes against its friction sticks, what friction cannot hold slides."""

@@ -13,8 +13,9 @@ import click
 
 from ..core.gravity import STRENGTH
 from ..errors import ModelWarning, ValueRangeError
-from .common import picture, plain_errors
 from .console import console
+from .picture_paths import picture
+from .plain_errors import plain_errors
 
 if TYPE_CHECKING:
     from ..sensing.log import ReadingLog
@@ -67,11 +68,11 @@ def write_readings(log: ReadingLog, compensated: Any, path: str) -> None:
     import numpy as np
 
     from ..motion.table_file import TableFile
-    from ..sensing.log import AXES
+    from ..screws.component_names import WRENCH
 
     head = [] if log.time is None else ["time"]
     rows = compensated if log.time is None else np.column_stack([log.time, compensated])
-    with TableFile.writing(path, [*head, *AXES]) as file:
+    with TableFile.writing(path, [*head, *WRENCH]) as file:
         if file is not None:
             file.write(rows)
 

@@ -29,12 +29,12 @@ from ..errors import ShapeError, UnknownNameError, ValueRangeError
 from ..robot import Robot
 from ..robot.quantity_types import Kind, Rows
 from ..robot.robot_argument import require_robot
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .control_arguments import one_state
 
 SINGULAR = 1e-6
 """Singular values of J' below this share of the largest count as zero: a torque there would be a million times a force."""
-_NAMES = ("mx", "my", "mz", "fx", "fy", "fz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class ContactWrench:
     """How many independent wrenches the joints feel."""
 
     def __str__(self) -> str:
-        shown = ", ".join(f"{n} {number(x)}" for n, x in zip(_NAMES, self.wrench, strict=True))
+        shown = ", ".join(f"{n} {number(x)}" for n, x in zip(WRENCH, self.wrench, strict=True))
         seen = f"rank {self.rank}" + (f", {len(self.blind)} directions are not felt" if len(self.blind) else "")
         left = float(np.linalg.norm(self.unexplained))
         return f"wrench on the robot at {self.frame}: {shown} ({seen}; {number(left, 3)} of the torques unexplained)"

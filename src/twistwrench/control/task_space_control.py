@@ -18,10 +18,11 @@ from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
-from ..algorithms.operational_space import ROWS, row_numbers
+from ..algorithms.operational_space import row_numbers
 from ..errors import UnknownNameError, ValueRangeError
 from ..robot import Robot
 from ..robot.quantity_types import Kind, Rows
+from ..screws.component_names import TWIST
 from ..typing import Array
 from .control_arguments import gain, one_state, require_driven
 from .references import Motion, Reference, in_body, in_world, joint_motion, pose_motion
@@ -105,7 +106,7 @@ class TaskLaw:
     @property
     def row_names(self) -> tuple[str, ...]:
         """Of the rows chosen."""
-        return tuple(ROWS[k] for k in self._rows)
+        return tuple(TWIST[k] for k in self._rows)
 
     def task(self, t: float, q: ArrayLike, dq: ArrayLike) -> TaskState:
         """Task-space errors, and what the law needs beside them, on the chosen rows.

@@ -91,7 +91,7 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
         elif joint.nq > joint.nv:
             angle = np.arctan2(theirs[..., -1:], theirs[..., -2:-1])
             theirs = np.concatenate([theirs[..., :-2], angle], axis=-1)
-        ours[..., body.q_index : body.q_index + body.joint.nq] = theirs
+        ours[..., body.places[0]] = theirs
     P = np.linalg.pinv(pinocchio_rates(robot, model))
     return ours, *(arguments.real(rate, "from_pinocchio: a rate", model.nv).astype(float) @ P.T for rate in rates)
 

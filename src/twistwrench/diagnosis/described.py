@@ -146,7 +146,7 @@ class DescribedRobot:
         model, q = self.model, self.model.neutral
         bodies: list[Array] = []
         for body in model.bodies:
-            own = body.ratio * q[body.q_index : body.q_index + body.joint.nq] + body.offset
+            own = body.ratio * q[body.places[0]] + body.offset
             T = body.placement @ body.joint.pose(own)
             bodies.append(T if body.parent == BASE else bodies[body.parent] @ T)
         return {

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from ..errors import RobotFileError
 from ..formats.source import MAX_BYTES
+from ..formats.xml_parser import BLANK
 from .findings import Edit
 
 _ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
-_BLANK = "\ufeff \t\r\n"
 _SIGNATURE = "twistwrench doctor"
 
 
@@ -94,7 +94,7 @@ def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
 
     if len(text) > MAX_BYTES:
         raise RobotFileError("the file is too large to be edited.")
-    body = text.lstrip(_BLANK)
+    body = text.lstrip(BLANK)
     skipped = len(text) - len(body)
     data = body.encode("utf-8", "surrogatepass")
     places: dict[int, int] = {}

@@ -12,7 +12,7 @@ from ..formats.element import Element
 from ..formats.inertia_entries import IN_MJCF
 from ..formats.mjcf.bodies import MjcfBody, PlacedElement, survey
 from ..formats.mjcf.defaults import Defaults
-from ..formats.mjcf.geoms import shape_of
+from ..formats.mjcf.geoms import WITHOUT_MASS, shape_of
 from ..formats.mjcf.includes import Folders, expand
 from ..formats.mjcf.inertial import full_inertia
 from ..formats.mjcf.joints import joints_of, names_given
@@ -22,8 +22,6 @@ from ..model.model import Model
 from .described import DescribedJoint, DescribedLink, DescribedRobot, WrittenInertia
 from .findings import Place
 from .shapes import LinkShapes, ShapeReader, ShapeSpec
-
-_NONE = ("plane", "hfield")
 
 
 def describe_mjcf(root: Element, model: Model, reader: ShapeReader, path: Path | None) -> DescribedRobot:
@@ -111,7 +109,7 @@ def _spec(
 ) -> ShapeSpec | None:
     geom = part.element
     kind = geom.attributes.get("type", "sphere").strip()
-    if kind in _NONE:
+    if kind in WITHOUT_MASS:
         return None
     try:
         if "mesh" in geom.attributes:

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..algorithms.operational_space import ROWS
 from ..errors import KernelError, ShapeError, UnknownNameError, ValueRangeError
 from ..robot.quantities import QUANTITIES
 from ..robot.quantity_options import checked_options
 from ..robot.quantity_programs import program_of
+from ..screws.component_names import TWIST
 from ..targets.c import PRECISIONS, CFunction, identifier
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def _require_a_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None
     if QUANTITIES[name].needs_inverse:
         robot.engine.require_invertible()
     if len(full.get("rows", ())) > robot.nv:
-        rows = " ".join(ROWS[k] for k in full["rows"])
+        rows = " ".join(TWIST[k] for k in full["rows"])
         raise KernelError(
             f"{name} of the {len(full['rows'])} rows {rows} needs the singular values of J on a robot with {robot.nv} "
             f"velocities, which a program without branches does not have. Name at most {robot.nv} rows, as in rows='vx vz'."
@@ -116,7 +116,7 @@ def _words(full: Mapping[str, Any]) -> Iterator[str]:
     if kind := full.get("kind"):
         yield kind
     if (rows := full.get("rows")) and rows != tuple(range(6)):
-        yield from (ROWS[k] for k in rows)
+        yield from (TWIST[k] for k in rows)
     for frame in full.get("wrenches", ()):
         sign = ["on", "robot"] if frame in full.get("on_robot", ()) else []
         yield from ("wrench", *sign, identifier(frame))

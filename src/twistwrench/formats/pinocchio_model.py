@@ -15,9 +15,9 @@ from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..model.remark import Remark
 from ..typing import Array
+from .urdf import ENDLESS
 
 UNIVERSE = "universe"
-_ENDLESS = 1e15
 _PREFIX = "JointModel"
 _WHOLE = {"FreeFlyer": "floating", "Spherical": "ball", "Planar": "planar"}
 """Joints of several velocities that are one joint here too."""
@@ -187,12 +187,12 @@ def _numbers(model: Any, q_at: int, v_at: int, step: _Step) -> dict[str, Any]:
         return found
     for field, theirs in (("velocity", "velocityLimit"), ("effort", "effortLimit")):
         value = float(getattr(model, theirs)[v_at])
-        if 0 < value < _ENDLESS:
+        if 0 < value < ENDLESS:
             found[field] = value
     if step.nq == 1:
         lower, upper = float(model.lowerPositionLimit[q_at]), float(model.upperPositionLimit[q_at])
-        found |= {"lower": lower} if lower > -_ENDLESS else {}
-        found |= {"upper": upper} if upper < _ENDLESS else {}
+        found |= {"lower": lower} if lower > -ENDLESS else {}
+        found |= {"upper": upper} if upper < ENDLESS else {}
     return found
 
 

@@ -23,6 +23,7 @@ from ..model.assembly import ROOT_JOINT
 from ..model.builder import ModelBuilder
 from ..model.closure import OfferedClosure
 from ..model.remark import Remark
+from ..screws.component_names import TWIST
 from .usd_shapes import has_colliders, inertia_of_shapes
 from .usd_stage import Stage, axis_of, number_of, opened, quaternion_of, vector_of, who
 from .usd_tree import HOW_TO_SPLIT, TreeJoint, UsdTree
@@ -160,7 +161,7 @@ class _Reader:
             return
         letter = "xyz"[axis_of(joint)] if kind in ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint") else ""
         moving = free[kind].replace("x", letter)
-        rows = " ".join(row for row in ("wx", "wy", "wz", "vx", "vy", "vz") if not moving or not row.startswith(moving))
+        rows = " ".join(row for row in TWIST if not moving or not row.startswith(moving))
         frames = [
             self.builder.add_site(
                 f"{name}:{k}", WORLD if end.body is None else self._name(end.body), end.T, where=who(joint)

@@ -8,7 +8,8 @@ from ..core.foreign_errors import foreign_errors
 from ..errors import RobotFileError
 from .element import Element
 
-_BLANK = "\ufeff \t\r\n"
+BLANK = "\ufeff \t\r\n"
+"""What may stand before the first element."""
 
 MOST_BODIES = 20_000
 """Links or bodies that a file may have unless ``max_bodies`` says otherwise: more is a mistake, or meant to take all memory."""
@@ -126,7 +127,7 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
     Entities, and whatever would be fetched from elsewhere, are refused: a robot file may come from anywhere.
     Raises :class:`~twistwrench.RobotFileError` with the line.
     """
-    body = text.lstrip(_BLANK)
+    body = text.lstrip(BLANK)
     if not body:
         raise RobotFileError("it is empty. A robot file begins with <robot name=…>.")
     if not body.startswith("<"):

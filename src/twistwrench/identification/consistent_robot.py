@@ -14,13 +14,12 @@ from ..listing import listed
 from ..model.actuation import with_friction
 from ..robot import Robot
 from ..typing import Array
-from .normal_equations import Prior
+from .normal_equations import Information, Prior
 from .parameter_groups import BaseParameters
 from .positive_bodies import STRENGTHS, PositiveFit, PositivePrior, PositiveProblem
 
 _NEAR_BEST = 1.01
 """Times the least residual held out, that a stronger pull to the file may leave."""
-Information = tuple[Array, Array, float]
 
 
 @dataclass(frozen=True, eq=False)

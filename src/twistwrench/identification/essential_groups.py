@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..typing import Array
+from .normal_equations import Information
 
 _NEAR_BEST = 1.01
 """Times the least residual held out, that fewer groups may leave."""
-Information = tuple[Array, Array, float]
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from .motion_room import Clear, MotionRoom, half_and_middle, shared_bounds
 from .motion_search import MotionSearch
 from .parameter_groups import BaseParameters
 from .rest_series import RestSeries
-from .unknown_parameters import UnknownParameters, check_speed
+from .unknown_parameters import FRICTION, UnknownParameters, check_speed
 
 _NOISE = 0.01
 """Share of a joint's torque limit that its torque's noise is taken for where none is told."""
@@ -42,7 +42,7 @@ def exciting_trajectory(
     clear_of_itself: bool = True,
     clear: Clear | None = None,
     motor_inertia: bool = True,
-    friction: Sequence[str] = ("viscous", "coulomb", "offset"),
+    friction: Sequence[str] = FRICTION,
     friction_speed: float = 0.05,
     noise: ArrayLike | None = None,
     criterion: Criterion = "log_det",

@@ -31,7 +31,7 @@ from .log_side import MotorSide
 from .log_source import PIECE, LogClock, LogSource
 from .robot_identification import METHODS, asked_settings, checked_motions, identified
 from .streamed_rows import RowFrame
-from .unknown_parameters import STRIBECK_SPEED, UnknownParameters
+from .unknown_parameters import FRICTION, STRIBECK_SPEED, UnknownParameters
 from .weights import Method
 
 _WINDOWS, WINDOW = 16, 4096
@@ -48,7 +48,7 @@ def gather(
     *,
     like: Information | None = None,
     motor_inertia: bool = True,
-    friction: Sequence[str] = ("viscous", "coulomb", "offset"),
+    friction: Sequence[str] = FRICTION,
     cutoff: float | None = None,
     friction_speed: float | None = None,
     shift: float | None = None,

@@ -15,7 +15,7 @@ from ..robot import Robot
 from ..typing import Array
 from .log_side import MotorSide
 from .parameter_groups import BaseParameters
-from .unknown_parameters import UnknownParameters
+from .unknown_parameters import FRICTION, UnknownParameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,5 +178,5 @@ def unknown_of(
     held = dict(known or {})
     if payload_only is not None:
         held = known_but_for(robot, payload_body(robot, payload_only)) | held
-        motor_inertia, friction = True, ("viscous", "coulomb", "offset")
+        motor_inertia, friction = True, FRICTION
     return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held, stribeck_speed)

@@ -26,15 +26,12 @@ from .evidence import LogDoubt
 from .held_out import HeldOut
 from .identified_payload import IdentifiedPayload, payload_from
 from .model_residuals import ModelResiduals, model_residuals
-from .normal_equations import NormalEquations, Prior
+from .normal_equations import Information, NormalEquations, Prior
 from .parameter_groups import BaseParameters
 from .setting_trial import FitSettings
 
 _VAGUE = 0.3
 """Share of its value, from which a group's deviation makes it vague."""
-
-Information = tuple[Array, Array, float]
-"""N, c and |τ|² of weighted rows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,6 +78,14 @@ class IdentifiedRobot:
             f"<IdentifiedRobot {self.original.name!r}: {self.base.count} groups, {percent(self.held_out.all, 3)} held out "
             f"({self.held_out.kind}), {self.verdict.word}>"
         )
+
+    def _repr_html_(self) -> str:
+        from ..core.html_table import html_table
+
+        left = percent(self.held_out.all, 3)
+        title = f"{self.verdict}: {self.original.name}, {left} of the torques unexplained in rows held out"
+        rows = ((name, percent(x, 3)) for name, x in self.held_out.joints.items())
+        return html_table(title, ("joint", "unexplained"), rows)
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -22,6 +22,9 @@ _LEAST_VARIANCE = 1e-7
 """Of residuals, as a share of the torques' squares: weights of rows that are fitted without noise stay finite."""
 _ROUNDING = 1e-13
 
+Information = tuple[Array, Array, float]
+"""N, c and |τ|² of weighted rows."""
+
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:

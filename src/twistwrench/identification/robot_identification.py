@@ -25,7 +25,7 @@ from .normal_equations import NormalEquations, Prior
 from .parameter_groups import BaseParameters
 from .setting_choice import SettingRows
 from .setting_trial import FOLDS, Asked, FitSettings, Trial
-from .unknown_parameters import STRIBECK_SPEED, UnknownParameters, check_speed
+from .unknown_parameters import FRICTION, STRIBECK_SPEED, UnknownParameters, check_speed
 from .weights import Method, weighted_fit
 from .zero_phase import SteadySamples
 
@@ -42,7 +42,7 @@ def identify(
     *,
     test: Motion | Sequence[Motion] = (),
     motor_inertia: bool = True,
-    friction: Sequence[str] = ("viscous", "coulomb", "offset"),
+    friction: Sequence[str] = FRICTION,
     cutoff: float | None = None,
     friction_speed: float | None = None,
     shift: float | None = None,

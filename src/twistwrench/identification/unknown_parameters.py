@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 DRIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "offset")
 """What a joint may have besides its bodies, in the order of the columns."""
+FRICTION = ("viscous", "coulomb", "offset")
+"""Laws that are identified unless others are asked for."""
 STRIBECK_SPEED = 0.1
 """rad/s or m/s, unless another is given."""
 _DRY = ("coulomb", "stribeck")
@@ -74,7 +76,7 @@ class UnknownParameters:
 
     robot: Robot
     motor_inertia: bool = True
-    friction: Sequence[str] = ("viscous", "coulomb", "offset")
+    friction: Sequence[str] = FRICTION
     motor_side: MotorSide | None = None
     known: Mapping[str, float] = field(default_factory=dict)
     stribeck_speed: float = STRIBECK_SPEED

@@ -19,11 +19,10 @@ from ..lie import se3
 from ..typing import Array
 from .actuator import Actuator, Rotor
 from .actuator_checks import LARGEST, check_actuator
+from .friction import LAWS
 from .limits import Limits
 from .model import BASE, Body, Model
 from .spring import Spring
-
-_LAWS = ("viscous", "coulomb", "static", "stribeck", "load")
 
 
 def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
@@ -55,14 +54,14 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
     friction = model.friction
     for joint, law in laws.items():
         k, full = _leader(model, joint).v_index, _full_law(joint, law)
-        own = {name: float(getattr(friction, name)[k]) for name in _LAWS}
+        own = {name: float(getattr(friction, name)[k]) for name in LAWS}
         fading = [x for x in (own, full) if x["static"] > x["coulomb"]]
         if len({x["stribeck"] for x in fading}) > 1:
             raise ModelError(
                 f"the friction and the link_friction of joint {joint!r}, on one coordinate as its gear is rigid, have two "
                 "Stribeck speeds. Give both the same one, or one of them no static friction."
             )
-        total = {name: own[name] + full[name] for name in _LAWS if name != "stribeck"}
+        total = {name: own[name] + full[name] for name in LAWS if name != "stribeck"}
         if total["load"] >= 1:
             raise ValueRangeError(
                 f"load friction of joint {joint!r} adds up to {printed(total['load'])}; it must be below 1."
@@ -74,8 +73,8 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
 def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
     """All numbers of a friction law, checked."""
     for name in law:
-        if name not in _LAWS:
-            raise UnknownNameError.of("friction law", name, _LAWS)
+        if name not in LAWS:
+            raise UnknownNameError.of("friction law", name, LAWS)
     coulomb = law.get("coulomb", 0.0)
     if law.get("static", coulomb) > coulomb and "stribeck" not in law:
         raise ValueRangeError(
@@ -92,7 +91,7 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
         raise ValueRangeError(
             f"the friction of joint {joint!r} cannot be meant: static {printed(full['static'])} must be at least coulomb "
             f"{printed(coulomb)}, the Stribeck speed {printed(full['stribeck'])} above 0, and load {printed(full['load'])} "
-            f"below 1."
+            "below 1."
         )
     return full
 

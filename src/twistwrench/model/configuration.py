@@ -45,7 +45,7 @@ def random_configuration(model: Model, rng: np.random.Generator, shape: tuple[in
 
 
 def _random(model: Model, body: Body, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    joint, mine = body.joint, slice(body.v_index, body.v_index + body.joint.nv)
+    joint, mine = body.joint, body.places[1]
     reach = np.where(np.any(joint.axes[:, :3] != 0, axis=1), np.pi, 1.0)
     lower, upper = model.limits.lower[mine], model.limits.upper[mine]
     lower, upper = np.where(lower < -_ENDLESS, -np.inf, lower), np.where(upper > _ENDLESS, np.inf, upper)
@@ -57,4 +57,4 @@ def _random(model: Model, body: Body, rng: np.random.Generator, shape: tuple[int
 
 
 def _coordinates(q: Array, body: Body) -> Array:
-    return q[..., body.q_index : body.q_index + body.joint.nq]
+    return q[..., body.places[0]]

@@ -72,3 +72,7 @@ class Friction:
     def any(self) -> bool:
         """Whether there is friction at all."""
         return bool(self.viscous.any() or self.static.any() or self.load.any())
+
+
+LAWS = tuple(entry.name for entry in fields(Friction))
+"""Names of the parts of the law, as actuator files and parameters have them."""

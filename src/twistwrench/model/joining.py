@@ -194,7 +194,7 @@ def _rotation(model: Model, link: str) -> Array:
     T, i = frame.pose, frame.body
     while i != BASE:
         body = model.bodies[i]
-        mine = q[body.q_index : body.q_index + body.joint.nq]
+        mine = q[body.places[0]]
         T = body.placement @ body.joint.pose(body.ratio * mine + body.offset if body.follows else mine) @ T
         i = body.parent
     return np.asarray(T[:3, :3], float)

@@ -10,6 +10,7 @@ from ..bodies.inertia import SpatialInertia
 from ..core.printed_numbers import printed
 from ..errors import InertiaError, ValueRangeError
 from ..typing import Array
+from .friction import LAWS
 from .inertia_checks import moved_moments, reasons
 from .model import BASE, Model
 from .variable_parameters import nominal, varied
@@ -34,7 +35,7 @@ def refuse_impossible(model: Model, given: Mapping[str, Array]) -> None:
                 f"parameters: {_at(name, values, values < 0, ' kg')}: link {owner!r} cannot have a negative mass. "
                 "Give 0 or more."
             )
-        if what in ("viscous", "coulomb", "static", "stribeck", "load"):
+        if what in LAWS:
             _refuse_friction(name, what, values)
     for link in sorted(links & {name.rpartition(".")[0] for name in given if name.rpartition(".")[2] in _TENSOR}):
         _refuse_tensor(model, link, given)

@@ -18,12 +18,11 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..errors import UnknownNameError
 from ..lie import so3
-from .friction import Friction
+from .friction import LAWS, Friction
 from .model import BASE, Model
 
 _OF_LINKS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _OF_JOINTS = ("x", "y", "z")
-_OF_FRICTION = ("viscous", "coulomb", "static", "stribeck", "load")
 
 
 def nominal(model: Model) -> dict[str, float]:
@@ -36,7 +35,7 @@ def nominal(model: Model) -> dict[str, float]:
         for what, x in zip(_OF_JOINTS, body.placement[:3, 3], strict=True):
             values[f"{body.joint.name}.{what}"] = float(x)
         if not body.follows and body.joint.nv == 1:
-            for law in _OF_FRICTION:
+            for law in LAWS:
                 values[f"{body.joint.name}.{law}"] = float(getattr(model.friction, law)[body.v_index])
     return values
 
@@ -105,10 +104,10 @@ def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
 
 
 def _friction(model: Model, new: dict[str, Any]) -> Friction:
-    columns = {law: getattr(model.friction, law).astype(object) for law in _OF_FRICTION}
+    columns = {law: getattr(model.friction, law).astype(object) for law in LAWS}
     changed = False
     for body in model.leaders:
-        for law in _OF_FRICTION:
+        for law in LAWS:
             if (name := f"{body.joint.name}.{law}") in new:
                 columns[law][body.v_index], changed = new[name], True
         coulomb, static = (f"{body.joint.name}.{law}" for law in ("coulomb", "static"))

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..core import arguments
-from ..errors import ShapeError
+from ..errors import ShapeError, TrajectoryError
 from ..typing import Array
 from .column_names import time_meaning
 from .npz_file import NpzFile
 
 _NAME = "the DataFrame"
+_COLUMN = re.compile(r"--columns '([^'=]+)=([^']*)'( …)?")
+_HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
 
 
 def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
@@ -64,3 +69,26 @@ def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
     increases = values.dtype.kind == "f" and bool((np.diff(values) > 0).all())
     name = "time" if index.name is None or (increases and not means_time) else str(index.name)
     return [(name, values.astype(float))]
+
+
+def in_python_words(text: str) -> str:
+    """A sentence on a log with its options as keyword arguments, for who has no command line.
+
+    >>> in_python_words("Say which they are: --columns 'a=COLUMN'; or hold joints still: --lock-missing, or --lock a=0.")
+    "Say which they are: columns={'a': 'COLUMN'}; or hold joints still: tw.load(…, lock={joint: 0})."
+    """
+    given = [(found[1], found[2]) for found in _COLUMN.finditer(text)]
+    said = ", ".join(f"{key!r}: {column!r}" for key, column in given)
+    text = _COLUMN.sub("\0", text, count=1)
+    text = re.sub(r" ?" + _COLUMN.pattern, "", text).replace("\0", f"columns={{{said}}}")
+    text = _HELD.sub("tw.load(…, lock={joint: 0})", text)
+    return text.replace("--rate HZ", "rate=HZ").replace("--degrees", "degrees=True")
+
+
+@contextmanager
+def errors_in_python_words() -> Iterator[None]:
+    """Errors on a log with the advice of :func:`in_python_words`."""
+    try:
+        yield
+    except TrajectoryError as problem:
+        raise TrajectoryError(in_python_words(str(problem))) from None

@@ -198,13 +198,14 @@ class Motion(MotionFiles):
         >>> bool((again.ddq == motion.ddq).all())
         True
         """
-        from .data_frame import data_frame_file
+        from .data_frame import data_frame_file, errors_in_python_words, in_python_words
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
         file, ignored = data_frame_file(frame)
-        found = cls._of_log(MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
-        return replace(found, notes=(*found.notes, *ignored))
+        with errors_in_python_words():
+            found = cls._of_log(MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
+        return replace(found, notes=(*map(in_python_words, found.notes), *ignored))
 
     @classmethod
     def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:

@@ -25,8 +25,8 @@ def standing(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma
     repeats &= quality.quantum == 0
     still = np.asarray(np.abs(dq) <= SURE * sigma_dq)
     for b in model.leaders:
-        q_here = slice(b.q_index, b.q_index + b.joint.nq)
-        here = slice(b.v_index, b.v_index + b.joint.nv)
+        q_here = b.places[0]
+        here = b.places[1]
         arithmetic = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_here]).max(axis=1, initial=0.0) / step
         still[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
         still[:, here] |= repeats[:, q_here].all(axis=1, keepdims=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.printed_numbers import printed
 from ..typing import Array
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ class TurnsLeftOut:
             first = math.ceil((lower - slack - low) / math.tau)
             if high + math.tau * first > upper + slack:
                 said.append(
-                    f"{names[j]} turns by {high - low:.4g} rad where its steps by a full turn are taken to turn on, which its "
-                    f"limits, {lower:.4g} to {upper:.4g}, have no place for: log the angle as the joint counts it"
+                    f"{names[j]} turns by {printed(high - low, 4)} rad where its steps by a full turn are taken to turn "
+                    f"on, which its limits, {printed(lower, 4)} to {printed(upper, 4)}, have no place for: log the angle "
+                    "as the joint counts it"
                 )
         return said

@@ -48,7 +48,7 @@ def parse_configuration(
     for name, text in wholes:
         q = _all_coordinates(robot, text, name, unit)
     for body, numbers in _named(robot, single, option, velocities=False):
-        here = slice(body.q_index, body.q_index + body.joint.nq)
+        here = body.places[0]
         q[here] = np.array(numbers) * unit[here]
     return q
 
@@ -85,7 +85,7 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
     """Velocities or torques (nv,) from ``JOINT=VALUE`` each, others zero; in degrees only what turns. Raises as above."""
     found = np.zeros(robot.nv)
     for body, numbers in _named(robot, texts, option, velocities=True):
-        here = slice(body.v_index, body.v_index + body.joint.nv)
+        here = body.places[1]
         turning = np.any(body.joint.axes[:, :3] != 0, axis=1)
         found[here] = np.where(turning & degrees, np.radians(numbers), numbers)
     return found

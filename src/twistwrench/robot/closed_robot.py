@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.constraints import Closure, Constraint, kept, row_names, with_gaps
 from ..algorithms.loop_closure import closure_gaps, settled
-from ..algorithms.operational_space import ROWS
 from ..algorithms.weighted_svd import independent_rows
 from ..core import arguments, lazy
 from ..core.printed_numbers import printed
 from ..errors import ValueRangeError
+from ..screws.component_names import TWIST
 from ..typing import Array
 from . import closed_robot_checks as checks
 from .actuation_methods import ActuationMethods
@@ -84,7 +84,7 @@ class ClosedRobot(
         self.__post_init__()  # arrays come out of a pickle writable
 
     def __repr__(self) -> str:
-        held = ", ".join(f"{c.name} {' '.join(ROWS[k] for k in c.rows)}" for c in self.constraints)
+        held = ", ".join(f"{c.name} {' '.join(TWIST[k] for k in c.rows)}" for c in self.constraints)
         free = self.robot.nv - len(self.independent)
         return f"<ClosedRobot {self.robot.name!r}: {held or 'open'}; {free} degree{'s' * (free != 1)} of freedom>"
 

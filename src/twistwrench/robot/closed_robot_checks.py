@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.constraint_forces import SINGULAR, UNBALANCED
 from ..algorithms.constraints import Closure, row_names, with_gaps
-from ..algorithms.operational_space import ROWS
 from ..algorithms.weighted_svd import through
 from ..core import arguments
 from ..core.printed_numbers import printed
 from ..errors import ConstraintError, ConstraintWarning, UnknownNameError
+from ..screws.component_names import TWIST
 from ..typing import Array
 from .constraint_sizes import all_rows, gap_length, rate_units, six_sizes
 
@@ -76,7 +76,7 @@ def require_angle(closed: ClosedRobot, q: Array) -> None:
     others = np.delete(through(J, robot.mass_matrix(q))[:, :3], turning[0], axis=1)
     if np.abs(others).max() > 1e-9 * six_sizes(robot, new)[0]:
         raise ConstraintError(
-            f"{new.name}: {ROWS[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
+            f"{new.name}: {TWIST[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
             "so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with constrain."
         )
 
@@ -85,7 +85,7 @@ def refuse_redundant(closed: ClosedRobot) -> None:
     """Raise a ConstraintError that names the rows that depend on others, and an independent choice."""
     new = closed.constraints[-1]
     first = len(closed.sizes) - len(new.rows)
-    keep = " ".join(ROWS[new.rows[k - first]] for k in closed.independent if k >= first)
+    keep = " ".join(TWIST[new.rows[k - first]] for k in closed.independent if k >= first)
     advice = f"Independent ones are rows={keep!r}: close with these" if keep else "It adds nothing: leave it out"
     raise ConstraintError(
         f"of the {len(new.rows)} rows of {new.name!r} {len(keep.split())} are independent constraints; the others never move, "

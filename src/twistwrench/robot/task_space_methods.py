@@ -216,8 +216,8 @@ def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Arr
 
 def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
     """Warn, the first time, of rows that are lost at every configuration."""
-    from ..algorithms.operational_space import ROWS
     from ..algorithms.weighted_svd import independent_rows
+    from ..screws.component_names import TWIST
 
     told = robot.engine.kept(("lost rows told", frame, kind, chosen), list)
     if told:
@@ -229,7 +229,7 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
     if len(kept) < len(chosen):
         still = [k for k in chosen if not independent_rows(J[:, [k]], M, sizes[[k]])]
         follow = [k for k in chosen if k not in kept and k not in still]
-        keep, stay, go = (" ".join(ROWS[k] for k in chosen if k in some) for some in (kept, still, follow))
+        keep, stay, go = (" ".join(TWIST[k] for k in chosen if k in some) for some in (kept, still, follow))
         lost = " and ".join([f"{stay} never move"] * bool(stay) + [f"the others determine {go}"] * bool(go))
         advice = f"choose independent ones, rows={keep!r}" if keep else "this frame does not move along any of them"
         warnings.warn(

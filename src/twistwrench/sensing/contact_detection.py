@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..errors import ShapeError, ValueRangeError
 from ..lie import so3
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .noise import checked_noise, six_noises
 
@@ -275,7 +276,7 @@ class CollisionThreshold:
         spread = np.cov(r.T)
         scale = np.sqrt(np.diag(spread))
         if not (scale > 0).all() or np.linalg.matrix_rank(spread / np.outer(scale, scale), tol=1e-9) < 6:
-            dead = [name for name, s in zip(("mx", "my", "mz", "fx", "fy", "fz"), scale, strict=True) if s == 0]
+            dead = [name for name, s in zip(WRENCH, scale, strict=True) if s == 0]
             why = f"{', '.join(dead)} never changes" if dead else "some axes always change together"
             raise ValueRangeError(
                 f"these residuals are no noise of six axes: {why}. Check the sensor's wiring, or use of_noise."

@@ -13,12 +13,12 @@ from ..core import arguments
 from ..core.gravity import GRAVITY, STRENGTH
 from ..core.printed_numbers import number, printed
 from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .gravity_directions import checked_rotations, gravity_in_frame, rotations_of_quaternions
 from .sensor import ForceTorqueSensor, checked_sensor
 from .sensor_frames import unlabelled
 
-AXES = ("mx", "my", "mz", "fx", "fy", "fz")
 _STRONG = 1100.0  # N; twice the weight of 50 kg turned over, and a tenth; a log in grams of 1.1 kg is above
 _LONG_LEVER = 5.0  # m; N mm read as N m make levers a thousand times too long
 _FAST = 50.0  # rad/s; no arm turns so fast, but in degrees per second any does
@@ -113,7 +113,7 @@ class ReadingLog:
         if r.size == 0:
             raise ValueRangeError(f"{name}: the log is empty. Give at least one reading.")
         if r.ndim != 2 or r.shape[1] != 6:
-            raise ShapeError(f"{name}: readings have shape {r.shape}, expected (n, 6): {', '.join(AXES)}.")
+            raise ShapeError(f"{name}: readings have shape {r.shape}, expected (n, 6): {', '.join(WRENCH)}.")
         if pose is not None and quaternion is not None:
             raise ValueRangeError(f"{name}: both pose and quaternion are given. Keep one of them.")
         if quaternion is not None:
@@ -128,7 +128,7 @@ class ReadingLog:
         if not np.isfinite(r).all():
             row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(r)))
             raise ValueRangeError(
-                f"{name}: {AXES[column]} of reading {row} is {r[row, column]}. Readings must be finite: fill or remove it."
+                f"{name}: {WRENCH[column]} of reading {row} is {r[row, column]}. Readings must be finite: fill or remove it."
             )
         if checked["gravity"] is None or not np.any(checked["gravity"], axis=1).all():
             raise ValueRangeError(

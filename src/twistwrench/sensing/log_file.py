@@ -18,17 +18,17 @@ from ..errors import ShapeError, ValueRangeError
 from ..motion.csv_file import CsvFile, table_errors
 from ..motion.row_block import Block
 from ..motion.table_file import TableFile
+from ..screws.component_names import TWIST, WRENCH
 from ..typing import Array
 from .gravity_directions import rotations_of_quaternions
-from .log import AXES, ReadingLog, checked_log, late
+from .log import ReadingLog, checked_log, late
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
 _GRAVITY = ("gx", "gy", "gz")
-_V = ("wx", "wy", "wz", "vx", "vy", "vz")
-_DV = tuple(f"d{name}" for name in _V)
+_DV = tuple(f"d{name}" for name in TWIST)
 _POSITION = ("px", "py", "pz")
-_KNOWN = ("time", *_QUATERNION, *_MATRIX, *_GRAVITY, *AXES, *_V, *_DV, *_POSITION)
+_KNOWN = ("time", *_QUATERNION, *_MATRIX, *_GRAVITY, *WRENCH, *TWIST, *_DV, *_POSITION)
 _ALIASES = {"t": "time", "tx": "mx", "ty": "my", "tz": "mz"}
 _ANGLES = {"roll", "pitch", "yaw", "rx", "ry", "rz", "a", "b", "c", "alpha", "beta", "gamma", "phi", "theta", "psi"}
 _UNITS = {
@@ -86,7 +86,7 @@ def read_log(path: str | Path, *, gravity: ArrayLike = GRAVITY) -> ReadingLog:
     if not isinstance(path, str | Path):
         raise ShapeError(f"read_log takes the path of a CSV file, got a {type(path).__name__}.")
     path = Path(path)
-    with table_errors(path, "log", f"a header ({', '.join(AXES)} and an orientation), then rows"):
+    with table_errors(path, "log", f"a header ({', '.join(WRENCH)} and an orientation), then rows"):
         file = CsvFile.open(path)
         header = _names(file.header, f"{path}: line {file.header_line}")
         names = [name for name in header if name in _KNOWN]
@@ -149,9 +149,9 @@ def _check_unit(name: str, unit: str, where: str) -> None:
 
 
 def _check_complete(names: list[str], ignored: list[str], where: str) -> None:
-    if missing := [name for name in AXES if name not in names]:
+    if missing := [name for name in WRENCH if name not in names]:
         raise ValueRangeError(
-            f"{where}: no column for {_listed(missing)}. {_near(missing, ignored)}A reading has {_listed(AXES)}, the moments "
+            f"{where}: no column for {_listed(missing)}. {_near(missing, ignored)}A reading has {_listed(WRENCH)}, the moments "
             "perhaps as Tx, Ty, Tz."
         )
     kinds = [kind for kind in (_QUATERNION, _MATRIX, _GRAVITY) if any(name in names for name in kind)]
@@ -167,7 +167,7 @@ def _check_complete(names: list[str], ignored: list[str], where: str) -> None:
             f"{where}: {said}. {hint}Give one of: {_listed(_QUATERNION)}; r11, r12, …, r33; {_listed(_GRAVITY)} (gravity's "
             "direction in the sensor's frame)."
         )
-    moving = _V + _DV if any(name in names for name in _V + _DV) else ()
+    moving = TWIST + _DV if any(name in names for name in TWIST + _DV) else ()
     if missing := [name for name in (*kinds[0], *moving) if name not in names]:
         raise ValueRangeError(
             f"{where}: no column for {_listed(missing)}, although others of its kind are there. {_near(missing, ignored)}"
@@ -199,9 +199,9 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike) -> ReadingLo
             row = int(np.flatnonzero(length[:, 0] == 0)[0])
             raise ValueRangeError(f"{path}: gx, gy, gz of reading {row} are zero. Give the direction of gravity.")
         direction = along / length * np.linalg.norm(np.asarray(gravity, float))
-    readings = np.stack([columns[n] for n in AXES], axis=1)
+    readings = np.stack([columns[n] for n in WRENCH], axis=1)
     return ReadingLog.of(
-        readings, pose=pose, gravity=direction, V=take(_V), dV=take(_DV), time=columns.get("time"), name=str(path)
+        readings, pose=pose, gravity=direction, V=take(TWIST), dV=take(_DV), time=columns.get("time"), name=str(path)
     )
 
 
@@ -238,9 +238,9 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
     parts: list[tuple[tuple[str, ...], Array | None]] = [
         (("time",), None if log.time is None else log.time[:, None]),
         (_GRAVITY, unit),
-        (_V, log.V),
+        (TWIST, log.V),
         (_DV, log.dV),
-        (AXES, log.readings),
+        (WRENCH, log.readings),
     ]
     present = [(names, values) for names, values in parts if values is not None]
     with TableFile.writing(path, [n for names, _ in present for n in names]) as file:

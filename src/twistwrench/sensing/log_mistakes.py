@@ -8,9 +8,10 @@ from typing import get_args
 import numpy as np
 
 from ..core.printed_numbers import number
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .fit import Fit, Problem
-from .log import AXES, ReadingLog
+from .log import ReadingLog
 from .sensor import Sign
 from .sign_and_mounting import Diagnosis, explain
 
@@ -81,4 +82,4 @@ def seems_moving(log: ReadingLog) -> bool:
 
 def listed_bias(bias: Array) -> str:
     """A bias (6,) by its axes."""
-    return ", ".join(f"{axis} {number(value, 3)}" for axis, value in zip(AXES, bias, strict=True))
+    return ", ".join(f"{axis} {number(value, 3)}" for axis, value in zip(WRENCH, bias, strict=True))

@@ -7,17 +7,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..lie import so3
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .log import ReadingLog
 from .sensor import load_regressor
 
-_AXES = ("mx", "my", "mz", "fx", "fy", "fz")
 _NAMES = {
-    "bias": tuple(f"bias {axis}" for axis in _AXES),
+    "bias": tuple(f"bias {axis}" for axis in WRENCH),
     "load": ("mass", "m cx", "m cy", "m cz"),
     "inertia": ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"),
     "turn": ("turn x", "turn y", "turn z"),
-    "drift": tuple(f"drift {axis}" for axis in _AXES),
+    "drift": tuple(f"drift {axis}" for axis in WRENCH),
     "tilt": ("tilt 1", "tilt 2"),
     "delay": ("delay",),
 }

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .fit import Fit
-from .log import AXES
 
 _CHANCE = 1e-3  # that white residuals are called otherwise, for all six channels
 _LEAST = 8  # rows from which the order says anything
@@ -56,7 +56,7 @@ def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
     size = np.abs(A).max(axis=0)
     Q = np.linalg.qr(A / np.where(size > 0, size, 1.0))[0].reshape(n, 6, p)
     result = None
-    for c, axis in enumerate(AXES):
+    for c, axis in enumerate(WRENCH):
         q, r = Q[:, c], e[:, c]
         left = max(float(r @ r), 1e-300)
         variance = left / max(n - float((q * q).sum()), 1.0)

@@ -17,13 +17,11 @@ from ..typing import Array
 from .rollout_gradient import RolloutGradient, gradient, kept_for_gradients, linearized
 from .rollout_inputs import Inputs, cleaned
 from .rollout_kernel import computed, room_for
+from .step_blocks import FASTEST
 
 if TYPE_CHECKING:
     from ..motion.motion import Motion
     from ..robot import Robot
-
-FASTEST = 1e6
-"""rad/s or m/s: what no robot reaches, and steps that are too long soon do."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

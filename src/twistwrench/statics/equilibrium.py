@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.printed_numbers import number, percent, printed
 from ..errors import FrameError, ValueRangeError
+from ..screws.component_names import TWIST
 from ..typing import Array
 from .contacts import Contact
 from .force_balance import force_balance, unresisted_motion
@@ -21,7 +22,6 @@ from .torque_limits import effort_limits, resting_torques
 if TYPE_CHECKING:
     from ..robot import Robot
 
-_TWIST_NAMES = ("wx", "wy", "wz", "vx", "vy", "vz")
 _OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
 _OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own frame"
 _MOST_EDGES = 512
@@ -133,7 +133,7 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike, *, 
     maps = [np.vstack([_hat(p - middle), np.eye(3)]) for p in points]  # f → (p × f, f)
     about = np.concatenate([F[:3] - np.cross(middle, F[3:]), F[3:]])
     turning = np.arange(6) < 3
-    found = _decide(contacts, maps, about, np.zeros(6), turning, edges, _TWIST_NAMES, _OF_A_BODY)
+    found = _decide(contacts, maps, about, np.zeros(6), turning, edges, TWIST, _OF_A_BODY)
     if found.motion is None:
         return found
     w, v = found.motion[:3], found.motion[3:]

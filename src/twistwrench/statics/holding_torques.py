@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.printed_numbers import number
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from .pose_arguments import one_configuration
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this share of the largest count as zero: the pose is then singular."""
-_ROWS = ("mx", "my", "mz", "fx", "fy", "fz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +75,12 @@ class TorqueWrench:
 
     def _sentences(self) -> Iterator[str]:
         rounding = 1e-13 * self._torques / (self.singular_values[self.rank - 1] if self.rank else 1.0)
-        yield f"wrench at {self.frame} ({self.kind}): {_combination(self.wrench, _ROWS, 'none', rounding)}"
+        yield f"wrench at {self.frame} ({self.kind}): {_combination(self.wrench, WRENCH, 'none', rounding)}"
         n = len(self.joint_names)
         singular = f", a singular pose (rank {self.rank} of {min(6, n)})" if self.rank < min(6, n) else ""
         yield f"{n} joints make {self.rank} independent wrenches{singular}"
         for column in self.borne.T:
-            yield f"borne by the structure: {_combination(column, _ROWS)}"
+            yield f"borne by the structure: {_combination(column, WRENCH)}"
         for column in self.idle.T:
             yield f"moves nothing there: {_combination(column, self.joint_names)}"
         if not self.balanced:

@@ -112,12 +112,9 @@ def _body(
         w.do("fence seq_cst")  # such writes reach other threads in any order
     done = w.new(f"mul i64 {quick}, {w.lanes}")
     left = w.new(f"sub i64 {samples}, {done}")
-    blocks = w.new(f"sdiv i64 {w.new(f'add i64 {left}, {w.lanes - 1}')}, {w.lanes}")
-    with w.loop(blocks, w.after) as block:
+    with w.loop(w.blocks(left), w.after) as block:
         first = w.new(f"add i64 {done}, {w.new(f'mul i64 {block}, {w.lanes}')}")
-        rest = w.new(f"sub i64 {samples}, {first}")
-        short = w.new(f"icmp slt i64 {rest}, {w.lanes}")
-        count = w.new(f"select i1 {short}, i64 {rest}, i64 {w.lanes}")
+        count, short = w.share(samples, first)
         whole_rows = w.new(f"xor i1 {short}, true")
         later = w.new(f"icmp sgt i64 {block}, 0")
         places, pointers, copied = [], [], []

@@ -92,6 +92,18 @@ class LlvmWriter:
         """A pointer that many bytes on."""
         return self.new(f"getelementptr i8, ptr {base}, i64 {offset}")
 
+    # ── samples, ``lanes`` of them side by side ──
+
+    def blocks(self, samples: str) -> str:
+        """How many vectors hold that many samples; the last need not be full."""
+        return self.new(f"sdiv i64 {self.new(f'add i64 {samples}, {self.lanes - 1}')}, {self.lanes}")
+
+    def share(self, samples: str, first: str) -> tuple[str, str]:
+        """In the vector that begins with sample ``first``: how many samples, and whether it is not full (i1)."""
+        rest = self.new(f"sub i64 {samples}, {first}")
+        short = self.new(f"icmp slt i64 {rest}, {self.lanes}")
+        return self.new(f"select i1 {short}, i64 {rest}, i64 {self.lanes}"), short
+
     # ── control ──
 
     @contextmanager

@@ -186,12 +186,9 @@ class _Matrices:
                 w.do(f"store i64 0, ptr {w.at(room, self.frame - LINE)}")
         size = self.n * self.n * self.bytes
         many = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // (size * len(p.matrices))}")
-        blocks = w.new(f"sdiv i64 {w.new(f'add i64 {samples}, {w.lanes - 1}')}, {w.lanes}")
-        with w.loop(blocks, label) as block:
+        with w.loop(w.blocks(samples), label) as block:
             first = w.new(f"mul i64 {block}, {w.lanes}")
-            rest = w.new(f"sub i64 {samples}, {first}")
-            short = w.new(f"icmp slt i64 {rest}, {w.lanes}")
-            some = w.new(f"select i1 {short}, i64 {rest}, i64 {w.lanes}")
+            some, _ = w.share(samples, first)
             for k, port in enumerate(p.inputs):
                 place = w.at(bases[k], w.new(f"mul i64 {first}, {strides[k][0]}"))
                 call_copy(w, "gather", buffers[k], place, some, port.shape, strides[k])

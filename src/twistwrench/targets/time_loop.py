@@ -93,12 +93,9 @@ class _Steps:
                 w.do(f"store i64 0, ptr {w.at(self.room, self.frame - LINE)}")
         none = w.new(f"icmp slt i64 {kept}, 1")
         every = w.new(f"sdiv i64 {self._size(len(r.inputs) - 1)}, {w.new(f'select i1 {none}, i64 1, i64 {kept}')}")
-        blocks = w.new(f"sdiv i64 {w.new(f'add i64 {samples}, {w.lanes - 1}')}, {w.lanes}")
-        with w.loop(blocks, label) as block:
+        with w.loop(w.blocks(samples), label) as block:
             first = w.new(f"mul i64 {block}, {w.lanes}")
-            rest = w.new(f"sub i64 {samples}, {first}")
-            short = w.new(f"icmp slt i64 {rest}, {w.lanes}")
-            self.count = w.new(f"select i1 {short}, i64 {rest}, i64 {w.lanes}")
+            self.count, short = w.share(samples, first)
             self.whole = w.new(f"xor i1 {short}, true")
             places = [w.at(x.base, w.new(f"mul i64 {first}, {x.outer}")) for x in operands]
             for k, operand in enumerate(inputs[: r.visible]):

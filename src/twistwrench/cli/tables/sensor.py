@@ -13,9 +13,10 @@ from rich.text import Text
 from ...core.printed_numbers import estimate, number, percent, quantity, seconds
 from ...joints.units import heading_unit, unit_of
 from ...lie import so3
+from ...screws.component_names import WRENCH
 from ...sensing.compensation import Compensation, left_over
 from ...sensing.identified import Identification
-from ...sensing.log import AXES, ReadingLog
+from ...sensing.log import ReadingLog
 from ...sensing.outliers import runs
 from ...sensing.poses import PoseProposal
 from ..usage import in_shell_words
@@ -41,7 +42,7 @@ def identification_view(found: Identification, log: ReadingLog) -> RenderableTyp
             i, j = ("xyz".index(a) for a in name[1:])
             low, high = found.interval(name)
             table.row(f"{name} about the origin", "kg m²", *estimate(about[i, j], (high - low) / 2))
-    for axis, value in zip(AXES, np.asarray(found.sensor.bias), strict=True):
+    for axis, value in zip(WRENCH, np.asarray(found.sensor.bias), strict=True):
         name = f"bias {axis}"
         cells = estimate(value, np.ptp(found.interval(name)) / 2) if name in names else (value, "given")
         table.row(name, _unit(axis), *cells)
@@ -188,7 +189,7 @@ def _heading(log: ReadingLog, sign: str) -> Text:
 def _before_and_after(log: ReadingLog, compensated: NDArray[np.float64], kept: NDArray[np.bool_]) -> PlainTable:
     table = PlainTable(f"Readings, root mean square [{heading_unit('tau', (True, False))}]")
     table.words("", fold=False)
-    table.numbers(*AXES)
+    table.numbers(*WRENCH)
     for name, values in (("before", log.readings[kept]), ("after", compensated[kept])):
         table.row(name, *(number(x, decimals=4) for x in np.sqrt(np.mean(values**2, axis=0))))
     return table

@@ -18,8 +18,9 @@ from .settings import Settings
 
 _WATER = 1000.0
 """kg/m³, the format's density."""
-_WITHOUT = ("plane", "hfield")
-_TYPES = (*_WITHOUT, "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+WITHOUT_MASS = ("plane", "hfield")
+"""Types without mass and shape of their own."""
+_TYPES = (*WITHOUT_MASS, "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 _LENGTHS = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
 _ALONG = ("capsule", "cylinder", "ellipsoid", "box")
 """Shapes that may be given by the ends of their axis."""
@@ -30,7 +31,7 @@ def weighs(geom: Element, settings: Settings) -> bool:
     first, last = settings.groups
     if not first <= geom.floats("group", (0.0,))[0] <= last:
         return False
-    if geom.word("type", _TYPES, "sphere") in _WITHOUT:
+    if geom.word("type", _TYPES, "sphere") in WITHOUT_MASS:
         return False
     return any(_mass_or_density(geom).values())
 
