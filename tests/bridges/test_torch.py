@@ -71,6 +71,7 @@ def test_functional_transforms_give_the_analytic_derivatives():
     np.testing.assert_allclose(found.numpy(), expected, rtol=0, atol=1e-10)
 
 
+@pytest.mark.filterwarnings("ignore:.*torch.jit.script.*:FutureWarning")  # PyTorch's own, where it prepares jvp
 def test_what_is_not_there_forward_is_there_backward():
     robot = tw.robots.planar_2r()
     function, q = robot.to_torch("potential_energy"), torch.ones(2, dtype=torch.float64)
