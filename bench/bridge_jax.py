@@ -1,7 +1,7 @@
 """JAX: our functions beside those of ADAM, frax and MJX, jitted, for one state and for a batch.
 
-ADAM gives M and h of a floating base, frax M and h: torques are made of them as their users do. MJX's inverse dynamics cannot
-be differentiated backward (it has a loop with a condition), and has no mass matrix to itself. Compiling is not timed.
+ADAM gives M and h of a floating base, frax M and h: torques are made of them as their users do. MJX has no mass matrix to
+itself, and is timed without derivatives. Compiling is not timed.
 """
 
 import os

@@ -1,7 +1,8 @@
 """What has to hold before a release: `make release-check`.
 
 Builds sdist and wheel from what is committed, checks their metadata and contents, installs the wheel with the core's
-dependencies only, in a fresh environment, and runs the README's first lines there.
+dependencies only, in a fresh environment, and runs the README's first lines there; and these and the notebooks in another,
+without llvmlite.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ def main() -> None:
         check_contents(wheel, sdist)
         check_version(wheel)
         check_install(wheel, Path(folder, "fresh"))
+        check_without_compiler(wheel, Path(folder, "light"))
     print("release check: passed")
 
 
@@ -57,14 +59,56 @@ def check_version(wheel: Path) -> None:
 
 def check_install(wheel: Path, folder: Path) -> None:
     """The README's first Python lines and its first command, with the core's dependencies only."""
-    venv.create(folder, with_pip=True)
-    python = folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
+    python = environment(folder)
     run(python, "-m", "pip", "install", "--quiet", wheel)
+    run(python, "-c", first_lines(), cwd=folder)
+    run(python, "-m", "twistwrench", "torques", "ur5", "--trajectory", "demo", "--payload", "5", cwd=folder)
+
+
+def check_without_compiler(wheel: Path, folder: Path) -> None:
+    """The README's first lines and the notebooks on NumPy, as where there is no wheel of llvmlite."""
+    python = environment(folder)
+    run(python, "-m", "pip", "install", "--quiet", "--no-deps", wheel)
+    core = [need for need in requirements(wheel) if not need.startswith("llvmlite")]
+    run(python, "-m", "pip", "install", "--quiet", *core, "matplotlib", "sympy", "nbclient", "ipykernel")
+    run(python, "-c", ABSENT + first_lines(), cwd=folder)
+    for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        run(python, "-c", NOTEBOOK, notebook, cwd=folder)
+
+
+ABSENT = """
+import importlib.util
+assert importlib.util.find_spec("llvmlite") is None
+"""
+NOTEBOOK = """
+import sys
+import nbclient, nbformat
+notebook = nbformat.read(sys.argv[1], 4)
+nbclient.NotebookClient(notebook, timeout=600).execute()
+"""
+"""Ends with the error of the first cell that has one."""
+
+
+def environment(folder: Path) -> Path:
+    """Python of a fresh environment."""
+    venv.create(folder, with_pip=True)
+    return folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
+
+
+def requirements(wheel: Path) -> list[str]:
+    """What the wheel needs without any extra."""
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        lines = re.findall(r"^Requires-Dist: (.+)$", archive.read(name).decode(), re.MULTILINE)
+    return [line for line in lines if "extra ==" not in line]
+
+
+def first_lines() -> str:
+    """The README's first block of Python."""
     block = re.search(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
     if block is None:
         raise SystemExit("README.md has no Python lines")
-    run(python, "-c", block[1], cwd=folder)
-    run(python, "-m", "twistwrench", "torques", "ur5", "--trajectory", "demo", "--payload", "5", cwd=folder)
+    return block[1]
 
 
 def run(*command: object, cwd: Path = ROOT) -> None:

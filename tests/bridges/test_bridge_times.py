@@ -42,7 +42,7 @@ def written(bench, monkeypatch, tmp_path, capsys):
 def test_the_tables_of_the_page_are_what_was_measured(bench):
     results = json.loads((ROOT / "bench" / "bridges.json").read_text("utf-8"))
     tables, page = bench("bridge_tables"), (ROOT / "docs" / "bridges.md").read_text("utf-8")
-    assert list(results) == list(bench("bridges").SECTIONS)
+    assert list(results) in ([], list(bench("bridges").SECTIONS)), "a run that ended early: python -m bench.bridges"
     assert not any(section["missing"] for section in results.values())
     assert tables.with_tables(page, results) == page, "run: python -m bench.bridges --render"
     assert tables.report(results) == (ROOT / "bench" / "BRIDGES.md").read_text("utf-8")
@@ -57,7 +57,8 @@ def test_who_computes_something_else_is_not_timed(bench, capsys, values):
 
 def test_casadi_alone_is_timed_and_leaves_the_others(written):
     pytest.importorskip("casadi")
-    _, _, before = written("--render")
+    none, _, before = written("--render")
+    assert none == {}
     results, report, page = written("--only", "casadi")
     assert list(results) == ["casadi"]
     assert results["casadi"]["rows"]["nodes of tau"]["twistwrench"] > 500

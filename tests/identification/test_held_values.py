@@ -113,7 +113,7 @@ def test_the_command(planar, tmp_path):
 BAD = {
     "no such parameter": (("--known", "link9.m=1"), "link9.m"),
     "no value": (("--known", "link2.m"), "NAME=VALUE"),
-    "no such kind": (("--known", "link2.colour=1"), "NAME=VALUE"),
+    "no such kind": (("--known", "link2.visc=1"), "no parameter named 'visc'. Did you mean 'viscous'"),
     "another unit": (("--known", "link2.m=1 lb"), "lb"),
     "no number": (("--known", "link2.m=nan"), "finite"),
     "no such frame": (("--payload-only", "hand"), "hand"),

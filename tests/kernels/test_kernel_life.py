@@ -260,3 +260,30 @@ def test_thousands_of_small_kernels():
     del kernel
     gc.collect()
     assert not any(owner() for owner in owners)
+
+
+def test_a_compilation_that_ends_early_frees_what_it_had_once():
+    """The exception lies in a circle, so its traceback and all it holds are the garbage collector's, which knows no order."""
+    script = """
+import gc
+import numpy as np
+from twistwrench.kernels import jit
+from twistwrench.program.trace import trace
+from twistwrench.targets.processor import DOUBLE
+
+class Ends:
+    def emit_object(self, module):
+        raise KeyboardInterrupt
+
+jit._JIT.target = lambda machine: Ends()
+gc.disable()
+for _ in range(20):
+    try:
+        jit.compiled(trace(lambda x: 3.0 * np.sin(x), [("x", ())], ["y"]), DOUBLE)
+    except KeyboardInterrupt as problem:
+        problem.itself = problem
+    gc.collect()
+"""
+    variables = {**os.environ, "TWISTWRENCH_CACHE_DIR": "off"}
+    done = subprocess.run([sys.executable, "-c", script], env=variables, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

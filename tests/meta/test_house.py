@@ -318,3 +318,18 @@ def test_gravity_is_a_number_in_one_module():
 
 def test_endings_of_columns_stand_in_one_table():
     assert not lines_with(r'"\.(vel|acc|tau|torque|effort)"', but=("motion/column_suffixes.py",))
+
+
+def test_lists_of_names_are_cut_short_in_one_module():
+    """``listing.py`` says "a, b and 3 more"."""
+    assert not lines_with(
+        r"""f", and \{len|" and \{len\(\w+\) - |\} in all\)""", but=("viz/visuals.py", "motion/column_choice.py")
+    )
+
+
+def test_components_of_twists_and_wrenches_are_named_in_one_module():
+    assert not lines_with(r'"(wx", "wy|mx", "my)"', but=("screws/component_names.py",))
+
+
+def test_places_of_joints_are_asked_of_the_body():
+    assert not lines_with(r"slice\(\w+\.[qv]_index|\[[^\[]*\b[qv]_index : \w+\.[qv]_index \+", but=("model/model.py",))

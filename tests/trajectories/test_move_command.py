@@ -210,3 +210,29 @@ def test_ends_are_coordinates_joints_or_configurations_of_the_file(run, tmp_path
     assert "2 numbers, a,b; or JOINT=VALUE, as a=0.5; or a configuration of the file:" in output
     code, output = run("move", tmp_path / "r.xml", "--to", "bent", "--to", "0,0")
     assert (code, "both say all coordinates" in output) == (2, True)
+
+
+LINK = '<link name="{}"><inertial><origin xyz="0 0 0.2"/><mass value="2"/><inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".05"/></inertial></link>'
+PAIR = """<robot name="pair">{}{}<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="50" velocity="5"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("upper", "options", "doubt"),
+    [
+        (LINK, (), ""),
+        ('<link name="{}"/>', (), "b has no mass"),
+        (LINK, ("--floating-base",), "nothing drives the base, but the motion needs"),
+    ],
+)
+def test_a_motion_whose_torques_lack_something_is_unsure(run, tmp_path, upper, options, doubt):
+    """As the command ``torques`` says of the same motion."""
+    robot, end = tmp_path / "pair.urdf", "1,0,0,0,0,0,0,0.5" if options else "0.5"
+    robot.write_text(PAIR.format(LINK.format("a"), upper.format("b")))
+    code, text = run("move", robot, "--to", end, "--duration", "2", "--csv", tmp_path / "m.csv", *options)
+    again, said = run("torques", robot, "--trajectory", tmp_path / "m.csv", *options)
+    assert code == again == bool(doubt)
+    for shown in (text, said):
+        flat = " ".join(shown.split())
+        assert ("OK" in flat) != bool(doubt)
+        assert (f"UNSURE: {doubt}" in flat) == bool(doubt)

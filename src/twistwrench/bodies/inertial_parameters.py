@@ -66,7 +66,7 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     gap = np.abs(found.matrix - G)
     if not (gap <= 1e-6 * np.outer(root, root)).all():
         raise InertiaError(
-            f"no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by "
+            "no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by "
             f"{printed(gap.max(), 3)}. Is its linear part first? Then swap the blocks."
         )
     if moment > _GIANT**2 * mass > 0:

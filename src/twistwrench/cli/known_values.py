@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..errors import ValueRangeError
+from ..errors import UnknownNameError, ValueRangeError
 from ..joints.units import units_of
 
 _UNITS = {
@@ -31,6 +31,8 @@ def parse_known(texts: Sequence[str]) -> dict[str, float]:
         kind = {"mass": "m"}.get(kind, kind)
         number, _, unit = value.partition(" ")
         allowed = _UNITS.get(kind)
+        if equal and owner and allowed is None:
+            raise UnknownNameError(f"--known {text!r}: {UnknownNameError.of('parameter', kind, _UNITS)}")
         try:
             if not equal or not owner or allowed is None:
                 raise ValueError  # noqa: TRY301  the same sentence answers all of it

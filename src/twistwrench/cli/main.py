@@ -170,7 +170,7 @@ def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
 def move(options: RobotOptions, **given: Any) -> None:
     """A motion from one place to another: straight in the joints or at the tip, through waypoints, or as fast as can be.
 
-    Exit code 1 if the robot cannot follow the path, or the motion passes a limit.
+    Exit code 1 if the robot cannot follow the path, or the motion passes a limit or lacks a contact, or a link its mass.
     """
     from ..outputs import check_outputs
     from .move import answer_move

@@ -69,7 +69,7 @@ move_options = option_group(
 
 
 def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees: bool, **given: Any) -> bool:
-    """Print the answer with ``show`` and write the files; whether the motion exists and stays within all limits.
+    """Print the answer with ``show`` and write the files; whether the motion exists and stays within all limits for certain.
 
     Raises errors of the library.
     """
@@ -78,8 +78,9 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     from ..motion.bounds import bounds_of
     from ..report.joint_values import degrees_hint, parse_configuration
     from ..report.loaded_robot import LoadedRobot, parse_payload
+    from ..report.model_doubts import model_doubts
     from .tables.plain_table import FRICTION_LEFT_OUT
-    from .tables.trajectory import move_view
+    from .tables.trajectory import joint_uses, move_view
 
     carried = [parse_payload(text) for text in given["payloads"]]
     robot = LoadedRobot(robot, tuple(carried)).loaded
@@ -111,7 +112,9 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     over = moving.violations(bounds, friction=friction)
     words = " and ".join(f"{number(p.mass)} kg" for p in carried)
     cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
-    show(move_view(moving, bounds, over, friction=friction, degrees=degrees, carried=words, cannot=cannot))
+    uses = joint_uses(moving, bounds, friction=friction)
+    doubts = model_doubts(robot.model, uses)
+    show(move_view(moving, bounds, over, uses, doubts, degrees=degrees, carried=words, cannot=cannot))
     if robot.model.friction.any and not friction:
         show(f"! {FRICTION_LEFT_OUT}")
     if friction and not robot.model.friction.any:
@@ -124,7 +127,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
         moving.plot(given["plot_path"], bounds, friction=friction)
     for written in filter(None, (given["csv_path"], given["plot_path"])):
         show(f"wrote {written}")
-    return not over and trouble is None
+    return not over and not doubts and trouble is None
 
 
 def _timed(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any], *, whole: bool) -> Trajectory:

@@ -99,7 +99,7 @@ class RobotOptions:
         found = {name: float(robot.neutral[single[name].q_index]) for name in names if name in single}
         if found:
             click.echo(
-                f"note: held still, as the motion has no column for them: "
+                "note: held still, as the motion has no column for them: "
                 f"{', '.join(f'{n}={printed(v)}' for n, v in found.items())}.",
                 err=True,
             )

@@ -142,7 +142,7 @@ class Effects:
 
     def _joint_poses(self, body: Body) -> Array:
         joint = body.joint
-        q = body.ratio * self.q[:, body.q_index : body.q_index + joint.nq] + body.offset
+        q = body.ratio * self.q[:, body.places[0]] + body.offset
         if joint.nq == 1:
             return np.asarray(se3.exp(q * joint.axes[0]))
         return np.stack([joint.pose(one) for one in q])

@@ -16,7 +16,7 @@ from ..formats.sdf.values import held, moments, number, pose, vector, word
 from ..model.model import Model
 from .described import DescribedJoint, DescribedLink, DescribedRobot, WrittenInertia
 from .findings import Place
-from .shapes import LinkShapes, ShapeReader, ShapeSpec
+from .shapes import ShapeReader, ShapeSpec
 
 _SIZES = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 
@@ -35,7 +35,7 @@ def describe_sdf(root: Element, model: Model, reader: ShapeReader, _path: Path |
             link.line,
             written=_inertia(link, numbers),
             assumed=_left_out(link),
-            read_shapes=partial(_shapes, link, reader),
+            read_shapes=partial(reader.read_parts, link, _spec),
         )
         for name, link in parts.links.items()
         if name in model.link_inertias
@@ -66,11 +66,6 @@ def _inertia(link: Element, numbers: dict[int, int]) -> WrittenInertia:
     T = pose(inertial.child("pose") if inertial is not None else None)
     line = tensor.line if tensor is not None else link.line
     return WrittenInertia(number(inertial, "mass", 1.0), T[:3, 3], T[:3, :3], moments(tensor), places, line)
-
-
-def _shapes(link: Element, reader: ShapeReader) -> LinkShapes:
-    specs = [_spec(part, role) for role in ("visual", "collision") for part in link.all(role)]
-    return reader.read([spec for spec in specs if spec is not None])
 
 
 def _spec(part: Element, role: str) -> ShapeSpec | None:

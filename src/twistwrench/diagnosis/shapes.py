@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from ..bodies.hull import convex_hull
 from ..bodies.inertia import SpatialInertia
 from ..errors import ModelWarning, TwistWrenchError
+from ..formats.element import Element
 from ..typing import Array
 from ..viz import surface
 from ..viz.resources import find_resource
@@ -107,6 +108,11 @@ class ShapeReader:
         """What can be read of them."""
         found = [self._solid(spec) for spec in specs]
         return LinkShapes(tuple(specs), tuple(solid for solid in found if solid is not None))
+
+    def read_parts(self, link: Element, spec_of: Callable[[Element, str], ShapeSpec | None]) -> LinkShapes:
+        """The same of a link's ``<visual>`` and ``<collision>`` elements; None from ``spec_of`` for what has no geometry."""
+        specs = [spec_of(part, role) for role in ("visual", "collision") for part in link.all(role)]
+        return self.read([spec for spec in specs if spec is not None])
 
     def _solid(self, spec: ShapeSpec) -> Solid | None:
         if spec.kind == "mesh":

@@ -14,7 +14,7 @@ from ..formats.urdf import origin_of
 from ..model.model import Model
 from .described import DescribedJoint, DescribedLink, DescribedRobot, WrittenInertia
 from .findings import Place
-from .shapes import LinkShapes, ShapeReader, ShapeSpec
+from .shapes import ShapeReader, ShapeSpec
 
 _SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 _JOINT_NUMBERS = (
@@ -30,7 +30,7 @@ def describe_urdf(root: Element, model: Model, reader: ShapeReader, _path: Path 
     for link in root.all("link"):
         name = link.text("name")
         links[name] = DescribedLink(
-            name, link.line, written=_inertia(link, numbers), read_shapes=partial(_shapes, link, reader)
+            name, link.line, written=_inertia(link, numbers), read_shapes=partial(reader.read_parts, link, _spec)
         )
     joints = {joint.text("name"): _joint(joint, numbers) for joint in root.all("joint")}
     return DescribedRobot(model, "urdf", links, joints)
@@ -49,11 +49,6 @@ def _inertia(link: Element, numbers: dict[int, int]) -> WrittenInertia | None:
     if origin is not None and "xyz" in origin.attributes:
         places |= {axis: Place(numbers[id(origin)], "xyz", k) for k, axis in enumerate("xyz")}
     return WrittenInertia(mass.number("value"), T[:3, 3], T[:3, :3], tensor_of(tensor.number), places, tensor.line)
-
-
-def _shapes(link: Element, reader: ShapeReader) -> LinkShapes:
-    specs = [_spec(part, role) for role in ("visual", "collision") for part in link.all(role)]
-    return reader.read([spec for spec in specs if spec is not None])
 
 
 def _spec(part: Element, role: str) -> ShapeSpec | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..model.description import Mimic
 from ..model.remark import Remark
 from ..typing import Array
 from .mjcf.actuators import ANY, at_joint, effort_of
-from .mjcf.equality import ALL, POINT
+from .mjcf.equality import ALL, POINT, leaders_of
 
 _ON_JOINTS = (0, 1)
 """Of ``mjtTrn``: at a joint, and at one in its parent's frame."""
@@ -83,19 +83,11 @@ def mimics_of(model: Any, names: Sequence[str]) -> tuple[dict[str, Mimic], list[
             remarks.append(
                 f"an equality holds joint {names[follower]!r} at {printed(zero[0] + c0)}, which is left out: lock it"
             )
-        elif any(more) or c1 == 0 or names[follower] in _followed(names[leader], found) or names[follower] in found:
+        elif any(more) or c1 == 0 or names[follower] in leaders_of(names[leader], found) or names[follower] in found:
             remarks.append(f"the equality of joints {names[follower]!r} and {names[leader]!r} is left out")
         else:
             found[names[follower]] = (names[leader], c1, zero[0] + c0 - c1 * zero[1])
     return found, remarks
-
-
-def _followed(name: str, found: Mapping[str, Mimic]) -> set[str]:
-    met = {name}
-    while name in found:
-        name = found[name][0]
-        met.add(name)
-    return met
 
 
 def _active(model: Any) -> list[int]:

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..bodies.inertia import SpatialInertia
-from ..errors import ModelError, TwistWrenchError
+from ..errors import TwistWrenchError
 from ..formats.element import Element
 from ..formats.sdf.frames import unpacked
 from ..formats.sdf.reader import chosen_model
 from ..formats.sdf.values import number, pose
-from .text_changes import ELSEWHERE, FOUND, TextChanges, plain
+from .text_changes import ELSEWHERE, FOUND, TextChanges, links_of, plain
 from .urdf_text import LAWS, products
 
 _TWO_AXES = ("universal", "revolute2")
@@ -51,10 +51,8 @@ class SdfText:
 
     def write_links(self, wanted: Mapping[str, SpatialInertia]) -> None:
         """The inertias that links are to have, each about its own frame. Raises ModelError for links that are not there."""
-        for name, inertia in wanted.items():
-            if name not in self._links:
-                raise ModelError(f"the file has no link {name!r} whose inertia could be written.")
-            self._write_link(self._links[name], inertia)
+        for link, inertia in links_of(self._links, wanted):
+            self._write_link(link, inertia)
 
     def _write_link(self, link: Element, inertia: SpatialInertia) -> None:
         changes, inertial = self._changes, link.child("inertial")

@@ -38,9 +38,10 @@ class FitSettings:
 
     def __str__(self) -> str:
         speeds = ", ".join(map(number, self.friction_speed))
+        side = "before" if self.shift < 0 else "after"
         return (
-            f"cut-off {number(self.cutoff)} Hz; torques {number(self.shift * 1e3)} ms after positions; friction turns at "
-            f"{speeds} rad/s or m/s"
+            f"cut-off {number(self.cutoff)} Hz; torques {number(abs(self.shift) * 1e3)} ms {side} positions; friction turns "
+            f"at {speeds} rad/s or m/s"
         )
 
 

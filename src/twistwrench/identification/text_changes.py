@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
+from ..bodies.inertia import SpatialInertia
 from ..diagnosis.editing import edited
 from ..diagnosis.findings import Edit, Place
 from ..errors import ModelError
@@ -18,6 +19,16 @@ FOUND, ELSEWHERE = "identified from logs", "in none of the logs, or part of the 
 def plain(values: Sequence[float] | Array) -> str:
     """Numbers as they come back to the last digit."""
     return " ".join(repr(float(x)) for x in values)
+
+
+def links_of(
+    links: Mapping[str, Element], wanted: Mapping[str, SpatialInertia]
+) -> Iterator[tuple[Element, SpatialInertia]]:
+    """Each link with the inertia that it is to have. Raises ModelError for links that the file does not have."""
+    for name, inertia in wanted.items():
+        if name not in links:
+            raise ModelError(f"the file has no link {name!r} whose inertia could be written.")
+        yield links[name], inertia
 
 
 class TextChanges:

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..bodies.inertia import SpatialInertia
-from ..errors import ModelError
 from ..formats.element import Element
 from ..formats.inertia_entries import ENTRIES, entries_of
 from ..formats.urdf import origin_of
 from ..typing import Array
-from .text_changes import ELSEWHERE, FOUND, TextChanges, plain
+from .text_changes import ELSEWHERE, FOUND, TextChanges, links_of, plain
 
 LAWS = {"viscous": "damping", "coulomb": "friction"}
 
@@ -42,10 +41,8 @@ class UrdfText:
 
     def write_links(self, wanted: Mapping[str, SpatialInertia]) -> None:
         """The inertias that links are to have, each about its own frame. Raises ModelError for links that are not there."""
-        for link, inertia in wanted.items():
-            if link not in self._links:
-                raise ModelError(f"the file has no link {link!r} whose inertia could be written.")
-            self._write_link(self._links[link], inertia)
+        for link, inertia in links_of(self._links, wanted):
+            self._write_link(link, inertia)
 
     def _write_link(self, link: Element, inertia: SpatialInertia) -> None:
         changes, inertial = self._changes, link.child("inertial")

@@ -128,8 +128,10 @@ def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, 
         return key, code, True
     import llvmlite.binding as llvm
 
-    module = llvm.parse_assembly(text, llvm.create_context())  # in the global context its constants would live for ever
-    return key, _JIT.target(machine).emit_object(module), False
+    # In the global context its constants would live for ever. Both are freed here, the module first: the garbage collector,
+    # which an exception's traceback may leave them to, knows no order, and a module freed after its context is freed twice.
+    with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
+        return key, _JIT.target(machine).emit_object(module), False
 
 
 def _loaded(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:

@@ -91,7 +91,7 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
         raise ValueRangeError(
             f"the friction of joint {joint!r} cannot be meant: static {printed(full['static'])} must be at least coulomb "
             f"{printed(coulomb)}, the Stribeck speed {printed(full['stribeck'])} above 0, and load {printed(full['load'])} "
-            f"below 1."
+            "below 1."
         )
     return full
 

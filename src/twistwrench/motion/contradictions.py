@@ -221,7 +221,7 @@ class Contradictions:
                 yield (
                     f"{self._names[joint]} jumps by {printed(jump[2], 4)} rad after t = {seconds(jump[1], 4)} s, at "
                     f"{printed(jump[0], 3)} rad/s, and is no joint that turns on for ever: remove the rows, or add the "
-                    f"turns that the log left out"
+                    "turns that the log left out"
                 )
 
     def _of_glitches(self) -> list[str]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..core import arguments
-from ..errors import ShapeError
+from ..errors import ShapeError, TrajectoryError
 from ..typing import Array
 from .column_names import time_meaning
 from .npz_file import NpzFile
@@ -81,3 +83,12 @@ def in_python_words(text: str) -> str:
     text = re.sub(r" ?" + _COLUMN.pattern, "", text).replace("\0", f"columns={{{said}}}")
     text = _HELD.sub("tw.load(…, lock={joint: 0})", text)
     return text.replace("--rate HZ", "rate=HZ").replace("--degrees", "degrees=True")
+
+
+@contextmanager
+def errors_in_python_words() -> Iterator[None]:
+    """Errors on a log with the advice of :func:`in_python_words`."""
+    try:
+        yield
+    except TrajectoryError as problem:
+        raise TrajectoryError(in_python_words(str(problem))) from None

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..typing import Array
 from .expr import Expr
+from .schedule import operands_of, reached
 
 Known = Mapping[Expr, Mapping[int, Expr]]
 """The derivative of an expression along each direction, by the direction's number; those not there are zero."""
@@ -139,10 +140,10 @@ _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
 
 def _made_of(node: Expr) -> tuple[Expr, ...]:
     """The operands of an operation, or of the function that it computes."""
-    composed, a, b = node.trace.composed, node.a, node.b
+    composed = node.trace.composed
     if composed and node.index in composed:
         return composed[node.index].operands
-    return () if a is None else (a,) if b is None else (a, b)
+    return operands_of(node)
 
 
 def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
@@ -179,16 +180,8 @@ def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[lis
 
 def _active(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
     """What the results are made of as far back as the known, if it varies: with its directions as bits, operands first."""
-    seen: dict[int, Expr] = {}
-    stack = list(results)
-    while stack:  # no recursion: programs may be deep
-        node = stack.pop()
-        if node.index not in seen:
-            seen[node.index] = node
-            if node not in known:
-                stack.extend(_made_of(node))
     masks: dict[Expr, int] = {}
-    for _, node in sorted(seen.items()):
+    for node in sorted(reached(results, lambda x: () if x in known else _made_of(x)), key=lambda x: x.index):
         mask = sum(1 << d for d in known.get(node, ()))
         if node not in known and node.op != "sign":
             for x in _made_of(node):

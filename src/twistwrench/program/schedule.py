@@ -7,7 +7,7 @@ belongs together in time stays together. Depth first from the results spills hal
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from .expr import Expr
 from .port import Port
@@ -23,12 +23,17 @@ def build(results: Sequence[Expr], inputs: tuple[Port, ...], outputs: tuple[Port
 
 def _needed(results: Sequence[Expr]) -> list[Expr]:
     """Everything the results need, in the order it was made; sines, cosines and what they need come first."""
-    early = _reached([node for node in _reached(results) if node.op in ("sin", "cos")])
+    early = reached([node for node in reached(results) if node.op in ("sin", "cos")])
     first = {node.index for node in early}
-    return sorted(_reached(results), key=lambda node: (node.index not in first, node.index))
+    return sorted(reached(results), key=lambda node: (node.index not in first, node.index))
 
 
-def _reached(results: Sequence[Expr]) -> list[Expr]:
+def operands_of(node: Expr) -> tuple[Expr, ...]:
+    """None, one or two."""
+    return () if node.a is None else (node.a,) if node.b is None else (node.a, node.b)
+
+
+def reached(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]] = operands_of) -> list[Expr]:
     """All expressions the results are made of; iterative, for programs may be deep."""
     seen: dict[int, Expr] = {}
     stack = list(results)
@@ -36,7 +41,7 @@ def _reached(results: Sequence[Expr]) -> list[Expr]:
         node = stack.pop()
         if node.index not in seen:
             seen[node.index] = node
-            stack.extend(x for x in (node.a, node.b) if x is not None)
+            stack.extend(operands(node))
     return list(seen.values())
 
 
@@ -47,9 +52,8 @@ def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[
     """Sums that take in a product nobody else uses: index of the sum → (fused operation, product, other operand)."""
     uses: dict[int, int] = {}
     for node in nodes:
-        for x in (node.a, node.b):
-            if x is not None:
-                uses[x.index] = uses.get(x.index, 0) + 1
+        for x in operands_of(node):
+            uses[x.index] = uses.get(x.index, 0) + 1
     for r in results:
         uses[r.index] = uses.get(r.index, 0) + 1
     fused: dict[int, tuple[str, Expr, Expr]] = {}

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from ..core.gravity import STRENGTH
 from ..core.printed_numbers import percent, quantity
 from ..model.model import BASE, Model
-
-if TYPE_CHECKING:
-    from .torque_findings import JointTorque
 
 _SHARE = 0.05
 """Of the robot's weight: less is what masses in files and derived accelerations are off by."""
@@ -22,7 +19,23 @@ _SURE = 5.0
 """Standard deviations."""
 
 
-def missing_force(model: Model, joints: Sequence[JointTorque]) -> float:
+class PeakTorque(Protocol):
+    """The largest torque that one velocity needs."""
+
+    @property
+    def peak(self) -> float:
+        """N m or N."""
+
+    @property
+    def uncertainty(self) -> float:
+        """Its standard deviation."""
+
+    @property
+    def unit(self) -> str:
+        """``N m`` or ``N``."""
+
+
+def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
     """The largest force that a floating base needs from outside [N]; 0 where the base is none, or that is next to nothing."""
     rows = [
         joints[k]
@@ -43,7 +56,7 @@ def force_in_words(model: Model, force: float) -> str:
     return f"Nothing drives the base, but the motion needs {quantity(force, 'N')} there{share}"
 
 
-def force_remark(model: Model, joints: Sequence[JointTorque]) -> str:
+def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
     """What that means, and what to do about it; empty where no force is missing."""
     if not (force := missing_force(model, joints)):
         return ""

@@ -7,11 +7,10 @@ import math
 from ..core.printed_numbers import deviation, number, percent, percent_of_limit, seconds, torque
 from ..listing import listed
 from ..model.limits import over_limit
-from ..model.massless import massless_links
 from ..verdict import Verdict
-from .base_force import force_in_words, missing_force
 from .estimates import INTERVAL
 from .loaded_robot import cause_label
+from .model_doubts import model_doubts
 from .torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 
 _KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"}
@@ -44,14 +43,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
         spared = [use.joint for use in report.derived.motors if use.too_small and use.joint not in small]
         if spared:
             unsure.append(f"noise explains why the motor of {listed(spared, _MOST_LISTED)} seems too small")
-    if massless := massless_links(report.load.loaded.model):
-        unsure.append(
-            f"{listed(massless, _MOST_LISTED)} {'have' if len(massless) > 1 else 'has'} no mass, so "
-            f"{'their' if len(massless) > 1 else 'its'} weight is missing from the torques"
-        )
-    if force := missing_force(report.load.loaded.model, report.joints):
-        words = force_in_words(report.load.loaded.model, force)
-        unsure.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
+    unsure += model_doubts(report.load.loaded.model, report.joints)
     if report.gaps.hidden:
         unsure.append(
             f"the robot moves while nothing is logged for {number(report.gaps.hidden)} s after t = "
@@ -111,7 +103,7 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
     wide += [j for j in report.joints if not math.isfinite(j.limit) and _is_wide(report, j)]
     if wide:
         unsure.append(
-            f"noise is too much of the peak to say how large it is: "
+            "noise is too much of the peak to say how large it is: "
             f"{listed([_in_words(report, j) for j in wide], _MOST_LISTED, '; ')}"
         )
 

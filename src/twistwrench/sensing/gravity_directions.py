@@ -62,7 +62,7 @@ def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Arra
         raise ValueRangeError(
             f"{where}{_at(off)} has length {printed(float(length.flat[off.argmax()]))}, off from 1 by "
             f"{printed(off.max(), 3)}, allowed is {printed(_OFF)}. Check which columns are qw, qx, qy, qz (qw is the "
-            f"scalar), or normalise them."
+            "scalar), or normalise them."
         )
     return quaternion.rotation(quat)
 

@@ -101,7 +101,7 @@ def easing_remark(model: Model, creep: Array) -> str | None:
     most = np.where(dry, creep, 0.0).reshape(-1, len(dry)).max(axis=0)
     worst = int(np.argmax(most))
     return (
-        f"dry friction is eased off at low speeds: joints that it would hold creep, at up to about "
+        "dry friction is eased off at low speeds: joints that it would hold creep, at up to about "
         f"{printed(most[worst], 2)} rad/s or m/s (most of all {model.velocity_names[worst]!r}), and one that moves as "
         "slowly keeps three quarters of its friction; semi-implicit steps ease nothing"
     )

@@ -147,7 +147,7 @@ class PlaneContact(RobotContact):
         return (
             f"point ({printed(x)}, {printed(y)}, {printed(z)}) of {plane.frame!r} starts {printed(depth, 4)} m below the "
             f"plane, which throws the robot out: {printed(stored, 3)} J are in that contact at the start. Start higher, or "
-            f"with the plane lower"
+            "with the plane lower"
         )
 
 

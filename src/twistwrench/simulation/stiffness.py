@@ -64,7 +64,7 @@ class Stiffness:
         if friction is not None and friction.dry[worst]:
             return (
                 f"{said}. Dry friction of joint {names[worst]!r} is eased off below {printed(friction.creep[worst], 2)} "
-                f"rad/s or m/s, "
+                "rad/s or m/s, "
                 'which is steep for so light a joint. Take method="semi_implicit", in whose steps friction stops joints and '
                 "holds them; or a larger creep=."
             )

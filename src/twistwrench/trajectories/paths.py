@@ -153,7 +153,7 @@ def spline(
             k = int(late.argmax())
             raise ValueRangeError(
                 f"times has {printed(at[k + 1])} after {printed(at[k])}, at waypoint {k + 1}: give rising times [s], "
-                f"waypoints in that order."
+                "waypoints in that order."
             )
         T = at[-1] - at[0]
         knots = (at - at[0]) / T

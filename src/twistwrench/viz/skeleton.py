@@ -107,7 +107,7 @@ def _points(model: Model) -> dict[int, Array]:
     found: dict[int, list[Array]] = {BASE: []}
     q = model.neutral
     for k, b in enumerate(model.bodies):
-        at = b.joint.neutral if b.joint.nq > 1 else b.ratio * q[b.q_index : b.q_index + 1] + b.offset
+        at = b.joint.neutral if b.joint.nq > 1 else b.ratio * q[b.places[0]] + b.offset
         poses[k] = poses[b.parent] @ b.placement @ np.asarray(b.joint.pose(at), float)
         found[k] = [_axis_point(b.joint)] + ([np.array(b.inertia.com, float)] if b.inertia.mass > 0 else [])
     for frame in model.frames.values():

@@ -35,10 +35,15 @@ class JointUse:
     way: float
     velocity: float
     velocity_share: float
-    torque: float
+    peak: float
+    """The largest torque, with its sign."""
     torque_share: float
+    unit: str
+    """Of the torque."""
     limiting: float
     """The part of the time during which it is at a limit, in a fastest motion."""
+    uncertainty: float = 0.0
+    """Of the torque: a motion that is made has no noise."""
 
 
 def joint_uses(trajectory: Trajectory, bounds: Bounds, *, friction: bool) -> list[JointUse]:
@@ -46,7 +51,7 @@ def joint_uses(trajectory: Trajectory, bounds: Bounds, *, friction: bool) -> lis
     robot = trajectory.robot
     q, dq, ddq = trajectory(np.linspace(0.0, trajectory.duration, _SAMPLES))
     tau = robot.inverse_dynamics(q, dq, ddq, friction=friction)
-    way = robot.subtract(q[-1], q[0])
+    way, units = robot.subtract(q[-1], q[0]), Coordinates.of(robot.model).torque_units
     at_limit = dict.fromkeys(robot.model.velocity_names, 0.0)
     if isinstance(trajectory, Fastest):
         for touch in trajectory.touches:
@@ -57,7 +62,8 @@ def joint_uses(trajectory: Trajectory, bounds: Bounds, *, friction: bool) -> lis
         shares = [
             abs(x) / m if math.isfinite(m) else math.nan for x, m in ((v, bounds.velocity[k]), (t, bounds.effort[k]))
         ]
-        found.append(JointUse(name, float(way[k]), float(v), shares[0], float(t), shares[1], at_limit[name]))
+        use = (name, float(way[k]), float(v), shares[0], float(t), shares[1], units[k], at_limit[name])
+        found.append(JointUse(*use))
     return found
 
 
@@ -65,15 +71,17 @@ def move_view(
     trajectory: Trajectory,
     bounds: Bounds,
     violations: tuple[Violation, ...],
+    uses: list[JointUse],
+    doubts: list[str],
     *,
-    friction: bool,
     degrees: bool,
     carried: str = "",
     cannot: str = "",
 ) -> RenderableType:
     """The verdict, heading, a row per joint, and what limits the fastest motion when.
 
-    ``cannot`` says why the motion ends before its path does.
+    ``uses`` are those of :func:`joint_uses`, ``doubts`` what makes torques unsure, and ``cannot`` says why the motion ends
+    before its path does.
     """
     robot = trajectory.robot
     names = Coordinates.of(robot.model)
@@ -84,14 +92,14 @@ def move_view(
     fast = isinstance(trajectory, Fastest)
     table.numbers(f"way [{way}]", f"peak [{speed}]", "share", f"peak [{force}]", "share", *(["at limit"] * fast))
     table.words("", fold=False)
-    for k, use in enumerate(joint_uses(trajectory, bounds, friction=friction)):
+    for k, use in enumerate(uses):
         most = max((x for x in (use.velocity_share, use.torque_share) if not math.isnan(x)), default=0.0)
         table.row(
             use.joint,
             number(use.way * unit[k], decimals=3),
             number(use.velocity * unit[k], decimals=3),
             percent_of_limit(use.velocity_share),
-            torque(use.torque),
+            torque(use.peak),
             percent_of_limit(use.torque_share),
             *([percent(use.limiting)] * fast),
             share_bar(most),
@@ -106,7 +114,7 @@ def move_view(
     parts: list[RenderableType] = [first, table]
     if isinstance(trajectory, Fastest):
         parts.extend(_timeline(trajectory))
-    return Group(*_verdict(trajectory, bounds, violations, cannot), Text(), *parts)
+    return Group(*_verdict(trajectory, bounds, violations, doubts, cannot), Text(), *parts)
 
 
 def _timeline(trajectory: Fastest) -> list[RenderableType]:
@@ -123,7 +131,9 @@ def _timeline(trajectory: Fastest) -> list[RenderableType]:
     return [table, *([Text(f"and {rest} shorter parts", style="dim")] if rest else [])]
 
 
-def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...], cannot: str) -> list[Text]:
+def _verdict(
+    trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...], doubts: list[str], cannot: str
+) -> list[Text]:
     first = [Text.assemble(("CANNOT", "bold red"), f": {cannot}")] if cannot else []
     if violations:
         over = [Text.assemble(verdict_word(Word.OVER_LIMIT), f": {v}.") for v in violations[:_PASSED]]
@@ -132,7 +142,9 @@ def _verdict(trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation
     within = f"{'until there, ' if cannot else ''}within {'the limits that are known' if unknown else 'all limits'}"
     if isinstance(trajectory, Fastest):
         within += ", and at one of them at all times: it cannot be done faster on this path"
-    said = Text(f"{within[0].upper()}{within[1:]}.") if cannot else Text.assemble(verdict_word(Word.OK), f": {within}.")
+    word = Word.UNSURE if doubts else Word.OK
+    within = "; ".join([*doubts, f"otherwise {within}"] if doubts else [within])
+    said = Text(f"{within[0].upper()}{within[1:]}.") if cannot else Text.assemble(verdict_word(word), f": {within}.")
     return [*first, said, *remarks(unknown)]
 
 

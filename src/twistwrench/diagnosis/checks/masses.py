@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from ...bodies.inertia import SpatialInertia
 from ...core.printed_numbers import number, printed
 from ...listing import listed
 from ...model.massless import massless_links
-from ..described import DescribedLink, DescribedRobot
-from ..findings import FileRepair, Finding, Severity
+from ..described import DescribedLink, DescribedRobot, WrittenInertia
+from ..findings import Effect, FileRepair, Finding, Severity
 from ..shapes import hull_solid
 from .inertia import MATTERS, no_tensor, placeholder, shape_repair
 from .options import Options
@@ -24,35 +24,37 @@ _DENSITIES = 50.0, 8000.0
 """kg/m³, of the hull of a part: foam to steel."""
 
 
-def check_placeholder(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
-    """Moments that are one power of ten: a stand-in that was never replaced."""
+def _stand_ins(
+    robot: DescribedRobot, is_one: Callable[[WrittenInertia], bool], least: float
+) -> Iterator[tuple[DescribedLink, WrittenInertia, FileRepair, Effect, Severity]]:
+    """Links with a mass whose tensor is a stand-in; how to mend it, what that changes, and whether it does by ``least``."""
     for link in robot.links.values():
         written = link.written
-        if written is None or written.mass <= 0 or not placeholder(written):
+        if written is None or written.mass <= 0 or not is_one(written):
             continue
         repair = shape_repair(link, "it is the tensor of its shapes as uniform solids")
         effect = robot.effects.of(repair.inertias)
-        heavy = robot.heavy(link) and effect.reaches(MATTERS)
+        matters = robot.heavy(link) and effect.reaches(least)
+        yield link, written, repair, effect, Severity.WARNING if matters else Severity.NOTE
+
+
+def check_placeholder(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Moments that are one power of ten: a stand-in that was never replaced."""
+    for link, written, repair, effect, severity in _stand_ins(robot, placeholder, MATTERS):
         yield Finding(
-            "placeholder", Severity.WARNING if heavy else Severity.NOTE, f"link {link.name!r}", written.line,
+            "placeholder", severity, f"link {link.name!r}", written.line,
             f"its moments are {printed(written.tensor[0, 0])} kg m² about every axis at {number(written.mass)} kg, which "
-            f"looks like a "
-            "placeholder", {"moment": float(written.tensor[0, 0]), "mass": written.mass}, effect, repair, written.file,
+            "looks like a placeholder",
+            {"moment": float(written.tensor[0, 0]), "mass": written.mass}, effect, repair, written.file,
         )  # fmt: skip
 
 
 def check_no_inertia(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
     """Mass whose tensor is nothing, or rounding."""
-    for link in robot.links.values():
-        written = link.written
-        if written is None or written.mass <= 0 or not no_tensor(written):
-            continue
-        repair = shape_repair(link, "it is the tensor of its shapes as uniform solids")
-        effect = robot.effects.of(repair.inertias)
-        heavy = robot.heavy(link) and effect.reaches(_POINT)
+    for link, written, repair, effect, severity in _stand_ins(robot, no_tensor, _POINT):
         largest = float(np.abs(written.tensor).max())
         yield Finding(
-            "no-inertia", Severity.WARNING if heavy else Severity.NOTE, f"link {link.name!r}", written.line,
+            "no-inertia", severity, f"link {link.name!r}", written.line,
             f"it has {number(written.mass)} kg and no rotational inertia ({number(largest, 1)} kg m²), as a point mass has",
             {"mass": written.mass, "largest": largest}, effect, repair, written.file,
         )  # fmt: skip

@@ -56,7 +56,7 @@ def mimics(
             )
         elif any(more) or c1 == 0:
             remarks.append(Remark(str(one), "makes a joint follow another by a polynomial, which is left out"))
-        elif follower in found or follower in _leaders(leader, found):
+        elif follower in found or follower in leaders_of(leader, found):
             remarks.append(Remark(str(one), "is a second rule for its joints, which is left out"))
         else:
             offset = joints[follower].reference + c0 - c1 * joints[leader].reference
@@ -64,7 +64,7 @@ def mimics(
     return found, remarks
 
 
-def _leaders(name: str, found: Mapping[str, Mimic]) -> set[str]:
+def leaders_of(name: str, found: Mapping[str, Mimic]) -> set[str]:
     """The joint itself, and all that it follows."""
     met = {name}
     while name in found:
