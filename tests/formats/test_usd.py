@@ -281,6 +281,18 @@ def test_a_joint_outside_the_articulation_is_an_offered_closure(stage):
         stage(usd_text(more=loop.replace("uniform bool physics:excludeFromArticulation = true", "")))
 
 
+def test_what_is_switched_off_or_moved_by_a_script_is_none(stage):
+    """A joint that is switched off holds nothing, and a kinematic body is no body of a robot."""
+    loop = (
+        'def PhysicsRevoluteJoint "loop" {{\nrel physics:body0 = </arm/upper>\nrel physics:body1 = </arm/hand>\n'
+        "bool physics:excludeFromArticulation = 1\nbool physics:jointEnabled = {}\n}}"
+    )
+    assert [len(stage(usd_text(more=loop.format(on))).closures) for on in (1, 0)] == [1, 0]
+    for off in ("bool physics:kinematicEnabled = 1", "bool physics:rigidBodyEnabled = 0"):
+        with pytest.raises(tw.RobotFileError, match="no rigid body"):
+            stage(body_of([], off))
+
+
 def test_one_articulation_of_several(stage):
     other = usd_text().replace("/arm", "/other").replace('"arm"', '"other"')
     with pytest.raises(tw.RobotFileError, match=r"2 articulations: /arm, /other. Say which, model="):
