@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo
 
-.PHONY: help demo check test test-all lowest bridges docs release-check emulate lint gallery bench clean
+.PHONY: help demo check test test-all lowest bridges docs release-check emulate lint gallery bench bench-bridges clean
 
 help:
 	@echo "make demo      install, and ask whether a UR5 can carry 10 kg, and then 5 kg, along a bundled path"
@@ -15,9 +15,10 @@ help:
 	@echo "make bridges   install PyTorch, which is larger than all else, and run the tests of what goes to other packages"
 	@echo "make docs      build the documentation site into build/site"
 	@echo "make release-check  build wheel and sdist from what is committed, and try them in a fresh environment"
-	@echo "make emulate   run kernels for 64-bit ARM under QEMU, and compare them with this processor's to the bit"
+	@echo "make emulate   run kernels for 64-bit ARM under QEMU and for Windows under Wine, and compare their bits with this system's"
 	@echo "make gallery   run the numbered examples, and make docs/gallery.md of their pictures"
 	@echo "make bench     time every kernel beside its peers, and write bench/RESULTS.md"
+	@echo "make bench-bridges  install who else computes dynamics in JAX, PyTorch, CasADi and Node, apart, and write bench/BRIDGES.md"
 	@echo "make clean     remove what the above made"
 
 $(VENV)/.made:
@@ -92,5 +93,15 @@ bench: $(VENV)/.dev
 	$(BIN)/python -m bench
 	$(BIN)/python -m bench.book
 
+# ADAM wants an old JAX, so this has an environment of its own; Node's packages lie in it too.
+$(VENV)-bridges/.made: pyproject.toml
+	$(PYTHON) -m venv --clear $(VENV)-bridges
+	$(VENV)-bridges/bin/python -m pip install --quiet -e ".[bridges-peers]"
+	$(VENV)-bridges/bin/npm install --global --prefix $(CURDIR)/$(VENV)-bridges @mujoco/mujoco pinocchio-js
+	touch $@
+
+bench-bridges: $(VENV)-bridges/.made
+	$(VENV)-bridges/bin/python -m bench.bridges
+
 clean:
-	rm -rf $(VENV) $(VENV)-lowest $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-lowest $(VENV)-bridges $(DEMO) build dist .pytest_cache .mypy_cache .ruff_cache

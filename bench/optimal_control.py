@@ -6,12 +6,13 @@ function of torques is the same text for both: start, tolerances, exact Hessian,
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 import twistwrench as tw
+from bench.timing import Timing
 
 OPTIONS = {
     "print_time": False,
@@ -91,8 +92,8 @@ def solved(solver: Any, arguments: dict[str, Any]) -> Solved:
     return Solved(stats["iter_count"], float(found["f"]), spent, seconds, np.asarray(found["x"]).ravel())
 
 
-def table(problem: Problem, functions: dict[str, Any], rounds: int) -> list[str]:
-    """Rows of a table in Markdown: both solve in turn, and must make the same iterates."""
+def solutions(problem: Problem, functions: dict[str, Any], rounds: int) -> dict[str, dict[str, Any]]:
+    """By whose functions: both solve in turn, and must make the same iterates. Processor times in nanoseconds."""
     solvers = {name: problem.solver(f) for name, f in functions.items()}
     runs: dict[str, list[Solved]] = {name: [] for name in functions}
     for _ in range(rounds):
@@ -104,13 +105,12 @@ def table(problem: Problem, functions: dict[str, Any], rounds: int) -> list[str]
             raise SystemExit(
                 f"{problem.name}: {other.iterations} iterations to {other.cost}, ours {ours.iterations} to {ours.cost}"
             )
-    rows, base = [], {}
-    for name, each in runs.items():
-        cells = []
-        for what in ("evaluations", "seconds"):
-            low, median, high = np.percentile([getattr(run, what) for run in each], [25, 50, 75])
-            ratio = "" if not rows else f" **{median / base[what]:.3g} ×**"
-            base.setdefault(what, median)
-            cells.append(f"{1e3 * median:.3g} ms [{1e3 * low:.3g}–{1e3 * high:.3g}]{ratio}")
-        rows.append(f"| {problem.name} | {name} | {each[0].iterations} | {each[0].cost:.6g} | {' | '.join(cells)} |")
-    return rows
+    return {
+        name: {
+            "iterations": each[0].iterations,
+            "cost": float(f"{each[0].cost:.6g}"),
+            "evaluations": asdict(Timing.of([1e9 * run.evaluations for run in each])),
+            "in all": asdict(Timing.of([1e9 * run.seconds for run in each])),
+        }
+        for name, each in runs.items()
+    }

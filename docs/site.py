@@ -40,8 +40,8 @@ def on_files(files: Any, config: Any) -> Any:
     def add(name: str, text: str) -> None:
         files.append(File.generated(config, name, content=text))
 
-    add("index.md", _home())
-    add("changes.md", (ROOT / "CHANGELOG.md").read_text("utf-8"))
+    add("index.md", _beside_docs("README.md"))
+    add("changes.md", _beside_docs("CHANGELOG.md"))
     add("commands.md", _commands())
     for name, text in (_api() | _book()).items():
         add(name, text)
@@ -55,6 +55,8 @@ def on_files(files: Any, config: Any) -> Any:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Links to the repository's files lead to their pages on the site."""
     markdown = _FENCE.sub(r"```\1", markdown)
+    if page.file.src_uri.startswith("api-"):
+        page.meta["search"] = {"boost": 0.3}  # guides are found before docstrings
     if page.file.src_uri.startswith("files/"):
         return markdown
     return _LINK.sub(lambda found: _relinked(found, ROOT / "docs"), markdown)
@@ -104,18 +106,19 @@ def _page_of(target: Path) -> str:
 
 def _shown(target: Path) -> str:
     """A file as a page: text as it is, sources in a block, a folder as a list."""
-    title = f"---\nsearch:\n  exclude: true\n---\n\n# {target.relative_to(ROOT).as_posix()}\n\n"
+    unsearched = "---\nsearch:\n  exclude: true\n---\n\n"
+    title = f"{unsearched}# {target.relative_to(ROOT).as_posix()}\n\n"
     if target.is_dir():
         return title + "\n".join(f"- `{f.name}`" for f in sorted(target.iterdir()) if f.suffix == ".py")
     text = target.read_text("utf-8")
     if target.suffix == ".md":
-        return _LINK.sub(lambda m: f"]: {m[2]}".replace("]: ", "] (") + ")", text)
+        return unsearched + _LINK.sub(lambda m: f"]: {m[2]}".replace("]: ", "] (") + ")", text)
     return f"{title}````{_LANGUAGES.get(target.suffix, 'text')}\n{text.rstrip()}\n````\n"
 
 
-def _home() -> str:
-    """README, its links as seen from docs."""
-    text = (ROOT / "README.md").read_text("utf-8")
+def _beside_docs(name: str) -> str:
+    """A file of the checkout's root, its links as seen from docs."""
+    text = (ROOT / name).read_text("utf-8")
 
     def moved(found: re.Match[str]) -> str:
         if (found[1] + found[2]).startswith("docs/"):
@@ -176,7 +179,9 @@ def _api() -> dict[str, str]:
         pages[f"api-{module}.md"] = _listed(found.__name__, found.__name__, own)
     said = {n: (inspect.getdoc(getattr(tw, n)) or "").splitlines()[0] for n in (*classes, *_MODULES)}
     rows = "".join(f"| [`{n}`](api-{n.lower()}.md) | {text} |\n" for n, text in said.items())
-    table = f"| | |\n| --- | --- |\n{rows}| [errors](api-errors.md) | The tree of errors and warnings. |\n"
+    table = (
+        f"| name | what it is |\n| --- | --- |\n{rows}| [errors](api-errors.md) | The tree of errors and warnings. |\n"
+    )
     pages["api.md"] = _listed("twistwrench", "API", functions).replace("\n\n", f"\n\n{table}\n", 1)
     return pages
 

@@ -1,18 +1,19 @@
-"""Kernels for 64-bit ARM, run under emulation and compared with this processor's to the bit: `make emulate`.
+"""Kernels of other systems, run here and compared with this processor's to the bit: `make emulate`.
 
-Each is compiled by LLVM for ARM (NEON: two doubles or four floats side by side), linked to a driver in C by a cross compiler,
-and run by QEMU on rows whose results the compiled ufunc of this machine gives too. Wants Debian's packages `qemu-user` and
-`gcc-aarch64-linux-gnu` with `libc6-dev-arm64-cross`.
+Each is compiled by LLVM for the other system, linked to a driver in C by a cross compiler, and run on rows whose results the
+compiled ufunc of this machine gives too: 64-bit ARM (NEON: two doubles or four floats side by side) by QEMU, and Windows,
+with its calling convention and this processor's own vectors, by Wine. What is not installed is left out, and said.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -24,10 +25,35 @@ from twistwrench.robot.quantity_row import CONFIGURATIONS
 from twistwrench.targets.call_way import loop_steps
 from twistwrench.targets.emitter_choice import modules
 from twistwrench.targets.llvm import LOOP
-from twistwrench.targets.processor import DOUBLE, SINGLE, Machine, Precision
+from twistwrench.targets.processor import DOUBLE, SINGLE, Machine, Precision, host
 
-ARM = Machine("aarch64-unknown-linux-gnu", "generic", "", 128)
-COMPILER, EMULATOR = "aarch64-linux-gnu-gcc", "qemu-aarch64"
+
+class Emulation(NamedTuple):
+    """Another system, and what makes and runs its programs here."""
+
+    name: str
+    machine: Machine
+    compiler: str
+    emulator: str
+    flags: tuple[str, ...]
+    packages: str
+
+    def missing(self) -> list[str]:
+        """The programs that are not installed."""
+        return [name for name in (self.compiler, self.emulator) if shutil.which(name) is None]
+
+
+EMULATIONS = (
+    Emulation(
+        "64-bit ARM", Machine("aarch64-unknown-linux-gnu", "generic", "", 128), "aarch64-linux-gnu-gcc", "qemu-aarch64", (),
+        "qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross",
+    ),
+    Emulation(  # what Microsoft's linker and library bring, by their names in MinGW
+        "Windows", Machine("x86_64-pc-windows-msvc", host().cpu, host().features, host().vector_bits, host().fused),
+        "x86_64-w64-mingw32-gcc", "wine", ("-Wl,--defsym,__chkstk=___chkstk_ms", "-Wl,--defsym,_fltused=0"),
+        "gcc-mingw-w64-x86-64 wine wine64",
+    ),
+)  # fmt: skip
 DRIVER = Path(__file__).with_suffix(".c")
 ROBOTS = ("ur5", "panda", "quadruped")
 QUANTITIES = (
@@ -39,40 +65,56 @@ ROWS = (1, 2, 3, 7, 64)
 
 
 def main() -> None:
-    if missing := [name for name in (COMPILER, EMULATOR) if shutil.which(name) is None]:
-        raise SystemExit(
-            f"{' and '.join(missing)} is not installed: apt-get install qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
-        )
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    differ = 0
+    ran = [emulation for emulation in EMULATIONS if serves(emulation)]
     with tempfile.TemporaryDirectory() as folder:
-        for name in ROBOTS:
-            robot = getattr(tw.robots, name)()
-            for quantity in QUANTITIES:
-                options = (
-                    {"frame": "FL_foot"}
-                    if name == "quadruped" and quantity in ("jacobian", "forward_kinematics")
-                    else {}
-                )
-                for precision in (DOUBLE, SINGLE):
-                    said = compare(robot, quantity, options, precision, Path(folder))
-                    differ += said != "to the bit"
-                    print(f"{name:10} {quantity:30} {precision.llvm:7} {said}", flush=True)
-    print(f"emulated on {ARM.triple}: {differ} of {2 * len(ROBOTS) * len(QUANTITIES)} kernels differ")
-    sys.exit(bool(differ))
+        os.environ |= {"WINEPREFIX": f"{folder}/wine", "WINEDEBUG": "-all"}
+        differ = [compare_all(emulation, Path(folder)) for emulation in ran]
+    sys.exit(not ran or any(differ))
 
 
-def compare(robot: tw.Robot, quantity: str, options: dict[str, Any], precision: Precision, folder: Path) -> str:
-    """Whether ARM's results are this machine's, and else by how much they are off."""
+def serves(emulation: Emulation) -> bool:
+    """Whether all is there; says so where not."""
+    if lacking := emulation.missing():
+        print(f"{emulation.name}: not run, {' and '.join(lacking)} not installed: apt-get install {emulation.packages}")
+    elif emulation.name == "Windows" and not host().triple.startswith("x86_64"):
+        print(f"{emulation.name}: not run, Wine emulates no processor, and this one is no x86-64")
+    else:
+        return True
+    return False
+
+
+def compare_all(emulation: Emulation, folder: Path) -> int:
+    """How many kernels differ from this machine's."""
+    differ = 0
+    for name in ROBOTS:
+        robot = getattr(tw.robots, name)()
+        for quantity in QUANTITIES:
+            at_a_foot = name == "quadruped" and quantity in ("jacobian", "forward_kinematics")
+            options = {"frame": "FL_foot"} if at_a_foot else {}
+            for precision in (DOUBLE, SINGLE):
+                said = compare(emulation, robot, quantity, options, precision, folder)
+                differ += said != "to the bit"
+                print(f"{name:10} {quantity:30} {precision.llvm:7} {said}", flush=True)
+    print(
+        f"{emulation.name} ({emulation.machine.triple}): {differ} of {2 * len(ROBOTS) * len(QUANTITIES)} kernels differ"
+    )
+    return differ
+
+
+def compare(
+    emulation: Emulation, robot: tw.Robot, quantity: str, options: dict[str, Any], precision: Precision, folder: Path
+) -> str:
+    """Whether the other system's results are this machine's, and else by how much they are off."""
     kernel = robot.kernel(quantity, **options)
-    form = owner_of(kernel).given  # what was compiled here: the program, with its loop if it has one
-    binary = built(form, precision, folder)
+    form = owner_of(kernel).form  # what was compiled here: the program, with its loop if it has one
+    binary = built(emulation, form, precision, folder)
     worst = 0.0
     for rows in ROWS:
         given = states(robot, form, precision, rows)
         done = subprocess.run(
-            [EMULATOR, binary, str(rows)], input=b"".join(map(bytes, given)), capture_output=True, check=True
+            [emulation.emulator, binary, str(rows)], input=b"".join(map(bytes, given)), capture_output=True, check=True
         )
         flat, expected = np.frombuffer(done.stdout, precision.char), kernel(*given)
         for ours in expected if isinstance(expected, tuple) else (expected,):
@@ -82,13 +124,14 @@ def compare(robot: tw.Robot, quantity: str, options: dict[str, Any], precision: 
     return f"off by {worst:.1e} of the largest entry" if worst else "to the bit"
 
 
-def built(form: Form, precision: Precision, folder: Path) -> Path:
-    """The kernel and its driver as one program for ARM."""
-    target = llvm.Target.from_triple(ARM.triple).create_target_machine(
-        cpu=ARM.cpu, features=ARM.features, opt=2, reloc="pic", codemodel="small"
+def built(emulation: Emulation, form: Form, precision: Precision, folder: Path) -> Path:
+    """The kernel and its driver as one program of the other system."""
+    machine = emulation.machine
+    target = llvm.Target.from_triple(machine.triple).create_target_machine(
+        cpu=machine.cpu, features=machine.features, opt=2, reloc="pic", codemodel="small"
     )
     objects = []
-    for k, text in enumerate(modules(form, precision, ARM)):
+    for k, text in enumerate(modules(form, precision, machine)):
         objects.append(folder / f"kernel{k}.o")
         objects[-1].write_bytes(target.emit_object(llvm.parse_assembly(text, llvm.create_context())))
     ports = (*form.inputs, *form.outputs)
@@ -100,9 +143,10 @@ def built(form: Form, precision: Precision, folder: Path) -> Path:
         "SIZES": ",".join(str(port.size) for port in ports),
         "STEPS": ",".join(map(str, loop_steps(ports, precision))),
     }
-    binary = folder / "kernel"
+    binary = folder / "kernel.exe"  # Wine wants the suffix
     flags = [f"-D{name}={value}" for name, value in defined.items()]
-    subprocess.run([COMPILER, "-static", "-O1", "-Wall", *flags, DRIVER, *objects, "-lm", "-o", binary], check=True)
+    own = ["-static", "-O1", "-Wall", *flags, *emulation.flags]
+    subprocess.run([emulation.compiler, *own, DRIVER, *objects, "-lm", "-o", binary], check=True)
     return binary
 
 

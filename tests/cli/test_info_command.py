@@ -29,6 +29,22 @@ def test_info_tells_what_a_robot_is_made_of(run, ur5):
     assert "360" in text
 
 
+def test_info_tells_the_sites_and_the_configurations_of_a_file(run, tmp_path):
+    """All frames that may be named, and all names that --configuration takes."""
+    text = """<mujoco><worldbody><body name="rod"><joint name="hinge" axis="0 1 0"/><geom size="0.1" mass="1" pos="1 0 0"/>
+      <site name="foot" pos="1 0 0"/></body></worldbody><keyframe><key name="up" qpos="0.5"/></keyframe></mujoco>"""
+    (tmp_path / "r.xml").write_text(text)
+    code, said = run("info", tmp_path / "r.xml")
+    assert code == 0, said
+    assert "3 frames" in said
+    assert "hinge (revolute) → rod  + foot" in said
+    assert "configurations qpos0, up" in said
+    code, said = run("info", tmp_path / "r.xml", "--json")
+    found = json.loads(said)
+    assert (found["frames"], found["sites"]) == (["world", "rod"], ["foot"])
+    assert found["configurations"] == {"qpos0": [0.0], "up": [0.5]}
+
+
 @pytest.mark.parametrize("flags, offset", [([], "+0.2"), (["--degrees"], "+11.46")])
 def test_info_tells_whom_a_joint_follows_and_no_limits_of_its_own(run, tmp_path, flags, offset):
     text = robots.path_of("planar_2r").read_text()

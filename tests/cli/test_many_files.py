@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import signal
@@ -11,10 +12,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from identification_logs import known_log
+from motions import report_of, write_positions
 
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.cluster import Failure, Workers, workers_of
+from twistwrench.report.limits_file import read_limits
+from twistwrench.report.loaded_robot import Payload
 
 ARM = tw.robots.planar_2r()
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's processes that end
@@ -119,6 +123,27 @@ def test_torques_of_a_folder(folder, tmp_path):
     rows = table.read_text().splitlines()
     assert [row.split(",")[1] for row in rows[1:]].count("failed") == 2 and len(rows) == 5
     assert run("torques", "planar_2r", "--trajectory", folder, "--plot", tmp_path / "a.png").exit_code == 2
+
+
+def test_every_file_of_a_folder_is_judged_as_the_options_say(tmp_path):
+    """As it would be alone: with its payload, against the limits of a file, noise taken off."""
+    folder, rng, t = tmp_path / "motions", np.random.default_rng(0), np.arange(400) * 5e-3
+    folder.mkdir()
+    paths = [
+        write_positions(folder / f"{k}.csv", ARM, t, np.sin(np.outer(t, (k, 2))) + 1e-5 * rng.normal(size=(400, 2)))
+        for k in (1, 3)
+    ]
+    limits, table = tmp_path / "limits.csv", tmp_path / "table.csv"
+    limits.write_text("joint,effort\njoint2,7\n")
+    options = ("--smooth", "--payload", "1.5", "--limits", limits, "--csv", table)
+    assert run("torques", "planar_2r", "--trajectory", folder, *options).exit_code == 1
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for path, row in zip(paths, rows, strict=True):
+        found = report_of(ARM, path, smoothing=True, payloads=(Payload(1.5),), limits=read_limits(limits, ARM.model))
+        worst = found.joints[found.worst]
+        assert (row["joint"], float(row["peak"]), float(row["limit"])) == (worst.joint, worst.peak, worst.limit)
+        assert (worst.joint, worst.limit) == ("joint2", 7.0)
 
 
 def test_log_info_of_a_folder_reports_what_cannot_be_read(folder):

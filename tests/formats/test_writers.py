@@ -181,9 +181,33 @@ def test_followers_stand_where_they_follow_to_in_keyframes():
     builder.add_joint("j", "revolute", "base", "a")
     builder.add_joint("k", "revolute", "base", "b", mimic=("j", 2.0, 0.1))
     builder.add_configuration("up", {"j": 0.5})
-    text, _ = written(tw.Robot(builder.build()), "mjcf")
+    robot = tw.Robot(builder.build())
+    text, _ = written(robot, "mjcf")
+    assert '<sdf version="1.11">' in written(robot, "sdf")[0]  # the first that has mimics
     assert '<key name="up" qpos="0.5 1.1"/>' in text
     assert '<joint joint1="k" joint2="j" polycoef="0.1 2 0 0 0"/>' in text
+
+
+def test_screws_stand_turned_and_slid_in_keyframes():
+    from twistwrench.model.builder import ModelBuilder
+
+    builder = ModelBuilder("nut")
+    builder.add_link("base")
+    builder.add_link("nut", tw.SpatialInertia.box((1, 1, 1), mass=1.0))
+    builder.add_joint("j", "helical", "base", "nut", axis=(0, 0, 1, 0, 0, 0.1))
+    builder.add_configuration("up", {"j": 0.5})
+    assert '<key name="up" qpos="0.5 0.05"/>' in written(tw.Robot(builder.build()), "mjcf")[0]
+
+
+@pytest.mark.parametrize("form", ["mjcf", "sdf"])
+def test_the_spring_of_a_cord_about_a_drum_pulls_as_it_did(form):
+    """Half k (2 q - rest)²: the joint's own spring is four times as stiff, and rests at half of it."""
+    cord = '<tendon><fixed stiffness="40" springlength="0.6"><joint joint="j" coef="2"/></fixed></tendon>'
+    joint = '<joint name="j" type="hinge" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/>'
+    robot = tw.load(f"<mujoco><worldbody><body>{joint}</body></worldbody>{cord}</mujoco>")
+    q = np.array([[0.0], [0.3], [1.0]])
+    np.testing.assert_allclose(robot.holding_torques(q), 160.0 * (q - 0.3), atol=1e-12)
+    np.testing.assert_allclose(again(robot, form).holding_torques(q), robot.holding_torques(q), atol=1e-12)
 
 
 def test_sdf_has_ball_joints_screws_springs_and_gravity():

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from robot_files import FILES
+from scipy.optimize import lsq_linear
 
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.identification import exciting_trajectory
+from twistwrench.identification.capsule_distances import nearest_points
 
 PLANAR = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
@@ -182,6 +184,21 @@ def distance_of_cylinders(robot, q, a, b):
         T = poses[:, robot.link_names.index(name)]
         ends.append(T[:, None, :3, 3] + along[:, None] * T[:, None, :3, 2])
     return np.linalg.norm(ends[0][:, :, None] - ends[1][:, None, :], axis=-1).min(axis=(1, 2)) - 0.06
+
+
+def test_nearest_points_of_segments_are_those_of_bounded_least_squares():
+    """Of segments anywhere, of parallel ones, and where one or both are points."""
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 2, 3, 60))
+    b[1, :, 20:40] = b[0, :, 20:40] + rng.normal(size=20) * (a[1] - a[0])[:, 20:40]
+    a[1, :, 35:45], b[1, :, 40:50] = a[0, :, 35:45], b[0, :, 40:50]
+    s, t = nearest_points(a, b)
+    assert ((s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)).all()
+    found = np.linalg.norm(a[0] + s * (a[1] - a[0]) - b[0] - t * (b[1] - b[0]), axis=0)
+    for k in range(60):
+        A = np.column_stack([(a[1] - a[0])[:, k], (b[0] - b[1])[:, k]])
+        wanted = lsq_linear(A, (b[0] - a[0])[:, k], (0.0, 1.0), tol=1e-14).cost
+        assert found[k] == pytest.approx(np.sqrt(2.0 * wanted), abs=1e-6)
 
 
 def test_links_that_no_joint_connects_stay_apart(folding):

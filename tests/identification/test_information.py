@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import twistwrench as tw
 from twistwrench.identification import Information, gather, gathering, log_piece, log_source
+from twistwrench.identification.bounded_memory import BoundedMemory
 from twistwrench.identification.filtered_rows import FilteredRows
 from twistwrench.identification.joint_moments import MOST_BLOCKS
 from twistwrench.identification.log_chunks import chunks
@@ -117,7 +118,7 @@ def test_weeks_add_up(log, tmp_path):
     found = both.identified()
     assert (found.standard_deviations < first.identified().standard_deviations).mean() > 0.8
     assert found.held_out.all < 0.05
-    with pytest.raises(tw.ValueRangeError, match="do not add up"):
+    with pytest.raises(tw.ValueRangeError, match=r"do not add up: their cut-offs \[Hz\] differ"):
         first + gather(ARM, log[15000:], cutoff=3.0)
     with pytest.raises(tw.ValueRangeError, match="is of 'planar_2r'"):
         Information.load(tmp_path / "week.npz", tw.robots.pendulum())
@@ -130,6 +131,13 @@ def test_the_clock_of_a_log_with_a_gap_is_its_own():
     found = SteadySamples.of(t, np.sin(t)[:, None], np.cos(t)[:, None], "log")
     assert found.rate == pytest.approx(100.0, rel=1e-9) and len(found) == 2000
     assert found.seconds == pytest.approx(t[-1] - t[0])
+
+
+def test_what_was_used_longest_ago_is_let_go_of_first():
+    kept = BoundedMemory(10, len)
+    for size in (2, 4, 2, 5):
+        assert kept.of(size, lambda size=size: "x" * size) == "x" * size
+    assert kept.keys == [2, 5]
 
 
 def test_blocks_of_time_that_become_one_lose_no_row(log):

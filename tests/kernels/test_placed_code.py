@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twistwrench.kernels import jit, placed_code
+from twistwrench.kernels import code_pages, jit, placed_code
 from twistwrench.kernels.placed_code import Unplaced, placed
 from twistwrench.kernels.ufunc import make_ufunc, owner_of
 from twistwrench.program.trace import trace
@@ -154,9 +154,9 @@ def test_where_the_system_refuses_llvm_links(monkeypatch, why):
         raise OSError(12, "Cannot allocate memory")
 
     if why == "memory":
-        monkeypatch.setattr(placed_code.mmap, "mmap", no_memory)
+        monkeypatch.setattr(code_pages.mmap, "mmap", no_memory)
     else:
-        monkeypatch.setattr(placed_code, "_library", lambda: SimpleNamespace(mprotect=lambda *_: -1))
+        monkeypatch.setattr(code_pages, "_process", lambda: SimpleNamespace(mprotect=lambda *_: -1))
     kernel = make_ufunc(LINE, "line", "")
     assert not isinstance(owner_of(kernel).code["d"].keep, placed_code.Placed)
     assert kernel(0.5) == 3.0 * np.sin(0.5) + 0.5

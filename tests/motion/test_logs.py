@@ -15,7 +15,7 @@ from places import SHARED
 
 import twistwrench as tw
 from twistwrench import load, robots
-from twistwrench.cli.common import RobotOptions
+from twistwrench.cli.robot_options import RobotOptions
 from twistwrench.errors import ModelWarning, TrajectoryError, TwistWrenchError, UnknownNameError, ValueRangeError
 from twistwrench.formats import load_model
 from twistwrench.motion import csv_file as csv_module
@@ -463,6 +463,9 @@ def test_a_last_number_that_is_cut_is_noted(model, write):
 T = np.arange(600) * 0.01
 Q = np.column_stack([0.8 * np.sin(1.3 * T), 0.5 * np.sin(2.1 * T + 0.3)])
 DQ = np.column_stack([0.8 * 1.3 * np.cos(1.3 * T), 0.5 * 2.1 * np.cos(2.1 * T + 0.3)])
+TURNED = np.column_stack([2.0 * T, 3.1 + 0.08 * np.sin(5.0 * T)])  # as far as both joints may
+TURNING = np.column_stack([np.full(len(T), 2.0), 0.4 * np.cos(5.0 * T)])
+WRAPPED = np.arctan2(np.sin(TURNED), np.cos(TURNED))
 DDQ = np.column_stack([-0.8 * 1.3**2 * np.sin(1.3 * T), -0.5 * 2.1**2 * np.sin(2.1 * T + 0.3)])
 NONE = np.zeros_like(Q)
 
@@ -511,8 +514,6 @@ def test_honest_logs_are_not_accused(arm, tmp_path):
     rounded = np.round(Q / 1e-3) * 1e-3
     flicker = np.array([0.3, -0.2]) + 1e-4 * (rng.random(Q.shape) < 0.02)  # an encoder at rest
     steady = np.outer(T, [0.1, -0.2])
-    turned = 3.0 * np.outer(T, [1, -1])
-    wrapped = np.arctan2(np.sin(turned), np.cos(turned))
     for columns in (
         (Q,),
         (Q, DQ),
@@ -522,16 +523,14 @@ def test_honest_logs_are_not_accused(arm, tmp_path):
         (flicker, NONE),
         (flicker, 0.01 * rng.normal(size=Q.shape)),
         (steady, np.tile([0.1, -0.2], (len(T), 1)), NONE),
-        (wrapped, np.tile([3.0, -3.0], (len(T), 1))),
+        (WRAPPED, TURNING),
     ):
         assert said_of(tmp_path, arm, *columns)[0] == ()
 
 
 def test_rates_of_a_joint_that_wraps_are_compared_too(arm, tmp_path):
-    turned = 3.0 * np.outer(T, [1, -1])
-    wrapped = np.arctan2(np.sin(turned), np.cos(turned))
-    assert (np.abs(np.diff(wrapped, axis=0)).max(axis=0) > 6).all()
-    (said,), _ = said_of(tmp_path, arm, wrapped, np.degrees(np.tile([3.0, -3.0], (len(T), 1))))
+    assert (np.abs(np.diff(WRAPPED, axis=0)).max(axis=0) > 6).all()
+    (said,), _ = said_of(tmp_path, arm, WRAPPED, np.degrees(TURNING))
     assert "57.3 times the slope of the positions" in said
 
 
@@ -749,3 +748,29 @@ def test_tiagos_columns_are_known_by_their_suffixes():
 def test_joints_without_a_column_are_found(model, write):
     assert joints_without_column(write("time,elbow_pos\n0,1\n"), model) == ("shoulder_joint",)
     assert joints_without_column(write("time,x\n0,1\n"), model, {"elbow_joint": "x"}) == ("shoulder_joint",)
+
+
+def test_a_gap_in_a_log_is_told_from_its_first_line_to_its_last(tmp_path):
+    """NaN stands in four lines one after another: no number is made up for them, and none has to be searched."""
+    rows = [f"{0.1 * k:g};{k % 7};{'NaN' if 3 <= k < 7 else k % 5}" for k in range(20)]
+    (tmp_path / "gap.csv").write_text("\n".join(["time;joint1 [deg];joint2 [deg]", *rows]))
+    arm = tw.robots.planar_2r()
+    with pytest.raises(tw.TrajectoryError) as caught:
+        tw.Motion.from_file(tmp_path / "gap.csv", arm)
+    told = "line 5, column 'joint2 [deg]' is 'NaN', and so on to line 8. Samples must be finite: fill or remove these rows."
+    assert told in str(caught.value)
+    frame = pytest.importorskip("pandas").read_csv(tmp_path / "gap.csv", sep=";")
+    with pytest.raises(tw.TrajectoryError) as caught:
+        tw.Motion.from_dataframe(frame, arm)
+    assert "row 4, column 'joint2 [deg]' is nan, and 3 more rows here" in str(caught.value)
+    assert "frame.dropna()" in str(caught.value)
+    assert len(tw.Motion.from_dataframe(frame.dropna(), arm)) == 16
+
+
+def test_what_a_simulation_wrote_is_read_back_without_a_word(tmp_path):
+    """Energies, works and momenta follow from the motion: that they are no coordinates is no news."""
+    arm = tw.robots.planar_2r()
+    fall = arm.simulate([0.3, 0.2], duration=0.1, dt=0.01)
+    motion = tw.Motion.from_file(fall.to_csv(tmp_path / "fall.csv"), arm)
+    assert motion.notes == ()
+    assert (motion.ddq == fall.ddq).all()

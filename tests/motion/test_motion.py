@@ -311,3 +311,20 @@ def test_a_column_of_time_is_believed_before_an_index_of_another_name():
     t = np.linspace(0, 1, 50)
     frame = pandas.DataFrame({"joint1": t**2, "joint2": -t, "time": 2 * t}, index=pandas.Index(t, name="run"))
     np.testing.assert_array_equal(tw.Motion.from_dataframe(frame, tw.robots.planar_2r()).time, 2 * t)
+
+
+@pytest.mark.parametrize(
+    "names, says",
+    [
+        (["time", "jiont1", "joint2"], "Say which they are: columns={'joint1': 'jiont1'}; or hold joints still"),
+        (["time", "joint2"], "tw.load(…, lock={joint: 0})"),
+        (["joint1", "joint2"], "columns={'time': 'COLUMN'}, or how many rows a second has, rate=HZ"),
+    ],
+)
+def test_errors_on_a_data_frame_advise_in_python(names, says):
+    pd = pytest.importorskip("pandas")
+    frame = pd.DataFrame({name: np.arange(10) / 10 for name in names})
+    with pytest.raises(tw.TrajectoryError) as caught:
+        tw.Motion.from_dataframe(frame, tw.robots.planar_2r())
+    assert says in str(caught.value)
+    assert "--" not in str(caught.value)

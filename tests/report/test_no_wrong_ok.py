@@ -56,6 +56,16 @@ def test_a_follower_beyond_its_own_limits(said):
         assert f"passes its {kind} limit" in said(arm(leader(), follower(**limits)), T, a=np.sin(T))
 
 
+def test_a_follower_that_the_log_has_elsewhere(said):
+    """b = -2 a + 0.1 by the robot's file; its play, and its unit, are no contradiction."""
+    robot, a = arm(leader(), follower()), np.sin(T)
+    for fine in ({"b": 0.1 - 2 * a}, {"b": 0.11 - 1.97 * a}, {"b [deg]": np.degrees(0.1 - 2 * a)}):
+        assert said(robot, T, a=a, **fine).startswith("OK")
+    for elsewhere in ({"b": 0.1 + 2 * a}, {"b": 0.0 * a}, {"b": 0.9 - 2 * a}):
+        verdict = said(robot, T, a=a, **elsewhere)
+        assert verdict.startswith("LOOK AGAIN: b is") and "from where its leader takes it" in verdict
+
+
 def test_turns_that_the_log_leaves_out_lead_beyond_the_limits(said):
     """From 0 on by 2 rad/s, which is 4 rad after two seconds; the log keeps within half a turn."""
     robot = arm(leader(lower=-4.0, upper=4.0))

@@ -452,3 +452,35 @@ def test_logs_of_motors_are_not_read_as_those_of_joints(run, ur5, motion, tmp_pa
     assert "drives.yaml says that logs have the motors' positions" in " ".join(text.split())
     file.write_text("robot: ur5\nactuators:\n  elbow_joint: {ratio: 100}\n")
     assert run("torques", "ur5", "--trajectory", path, "--actuators", file)[0] in (0, 1)
+
+
+@pytest.mark.parametrize("mass", [2.0, 11.0])
+def test_how_heavy_the_payload_may_be_is_what_passes_and_a_little_more_fails(run, tmp_path, mass):
+    """An independent check of the mass named: the command itself, with that mass and with a thousandth more."""
+    place = ",0.05,0,0.08@tool0"
+    code, said = run("torques", "ur5", "--trajectory", DEMO, "--payload", f"{mass}{place}")
+    second = said.splitlines()[1]
+    found = re.fullmatch(
+        r"Up to ([\d.]+) kg in its place keep all limits of torque: (\w+) is then at its own, at t = ([\d.]+) s\.",
+        second,
+    )
+    assert found, second
+    most = float(found[1])
+    assert (code == 0) == (mass <= most)
+    code, said = run("torques", "ur5", "--trajectory", DEMO, "--payload", f"{most}{place}")
+    assert code == 0, said
+    code, said = run("torques", "ur5", "--trajectory", DEMO, "--payload", f"{1.001 * most}{place}")
+    assert code == 1
+    assert said.startswith(f"OVER LIMIT: {found[2]} at t = {found[3]} s takes")
+
+
+def test_how_heavy_it_may_be_is_not_said_where_it_is_not_known(run, tmp_path):
+    """Two payloads, no limits, and a robot that is too weak for itself."""
+    (tmp_path / "weak.csv").write_text("joint,effort\nshoulder_lift_joint,10\n")
+    for given in (
+        ["ur5", "--trajectory", DEMO, "--payload", "1", "--payload", "2"],
+        ["ur5", "--trajectory", DEMO],
+        ["ur5", "--trajectory", DEMO, "--payload", "1", "--limits", tmp_path / "weak.csv"],
+    ):
+        _, said = run("torques", *given)
+        assert "kg in its place" not in said

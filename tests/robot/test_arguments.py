@@ -280,3 +280,12 @@ def test_each_entry_of_a_rotation_is_looked_at(place, batch):
     R[..., *place] += 1e-3
     with pytest.raises(tw.ValueRangeError, match="R is not a rotation"):
         rotation_checks.rotation(R, "R")
+
+
+@pytest.mark.parametrize(
+    "name, kind", [("LOCAL", "body"), ("WORLD", "space"), ("LOCAL_WORLD_ALIGNED", "world_aligned")]
+)
+def test_frames_of_jacobians_by_their_names_in_pinocchio_are_translated(name, kind):
+    arm = tw.robots.planar_2r()
+    with pytest.raises(tw.UnknownNameError, match=f"what Pinocchio calls so is kind='{kind}', with angular rows first"):
+        arm.jacobian([0, 0], kind=name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
 import twistwrench as tw
@@ -52,6 +53,21 @@ def test_names_are_text_and_never_markup():
 def test_inertias_and_reports_have_tables():
     assert cells(tw.SpatialInertia.from_com(2, (0, 0, 0.1), [[1, 0, 0], [0, 2, 0], [0, 0, 2.5]]))[4] == "2"
     assert cells(tw.doctor(tw.robots.path_of("planar_2r"))) is not None
+
+
+def test_identified_robots_have_tables():
+    arm, t = tw.robots.pendulum(), np.arange(0, 10, 0.01)
+    motion = tw.Motion(t, (np.sin(1.3 * t) + np.sin(3.1 * t))[:, None], robot=arm)
+    log = tw.Motion(t, motion.q, tau=motion.torques() + 0.01 * np.sin(40 * t)[:, None], robot=arm)
+    found = tw.identification.identify(arm, log, friction=())
+    assert cells(found)[0] == arm.joint_names[0] and len(cells(found)) == 2
+    assert str(found.verdict.word) in found._repr_html_()
+
+
+def test_simulations_have_tables():
+    fall = tw.robots.planar_2r().simulate([0.5, 0.2], duration=0.1, dt=0.05)
+    assert cells(fall)[:2] == ["joint1", "0.5"] and len(cells(fall)) == 2 * 5
+    assert fall.stopped in fall._repr_html_()
 
 
 @pytest.mark.parametrize("name", ["ur5", "quadruped", "floating_box"])

@@ -12,6 +12,7 @@ from robot_files import FILES, NONE
 import twistwrench as tw
 from twistwrench.errors import TwistWrenchError
 from twistwrench.simulation import BatchComputedTorque, BatchPD
+from twistwrench.simulation.eased_friction import creep_speeds
 from twistwrench.testing import random_robot, random_state
 
 UNITS = {"viscous": "N m s/rad", "coulomb": "N m", "static": "N m", "stribeck": "rad/s", "load": ""}
@@ -254,6 +255,14 @@ def test_without_a_compiler_steps_are_the_same(monkeypatch):
     monkeypatch.setenv("TWISTWRENCH_JIT", "0")
     found = tw.Robot(robot.model).rollout(state.q, state.dq, law, **given)
     assert np.abs(found.dq - wanted.dq).max() < 1e-9
+
+
+def test_friction_is_eased_off_below_what_it_takes_off_a_joint_in_a_step(bundled):
+    """While the other joints are free to move, which makes a joint lighter than its entry of M says."""
+    robot, h, dry = bundled("panda"), 1e-2, np.linspace(0.0, 9.0, 7)
+    M = robot.mass_matrix(robot.random_configuration(0))
+    taken = [h * np.linalg.solve(M, row)[k] for k, row in enumerate(np.diag(dry))]
+    np.testing.assert_allclose(creep_speeds(M, dry, h), np.maximum(1e-3, taken), rtol=1e-9)
 
 
 def test_what_is_eased_is_remarked_and_what_is_not_takes_no_creep():

@@ -17,6 +17,8 @@ from ..typing import Array
 from .recursion import ancestors, base_poses, joint_poses, zeros
 
 KINDS = ("body", "space", "world_aligned")
+PINOCCHIO = {"LOCAL": "body", "WORLD": "space", "LOCAL_WORLD_ALIGNED": "world_aligned"}
+"""What Pinocchio calls them."""
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:

@@ -53,10 +53,10 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
         ranks = [1 if names[k] in quantity.curved else len(inputs[k].shape) for k in moved]
         changes = [
             sum(
-                _contracted(jnp, J, v, rank)
+                _contracted(jnp, J, v, rank, port.shape)
                 for J, v, rank in zip(slopes[r * len(by) : (r + 1) * len(by)], steps, ranks, strict=True)
             )
-            for r in range(len(results))
+            for r, port in enumerate(quantity.program.outputs)
         ]
         return _alone(results), _alone(tuple(changes))
 
@@ -64,7 +64,7 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
 
     def function(*arrays: Any) -> Any:
         dtype = _dtype(jax, jnp, precision)
-        given = [jnp.asarray(a) for a in arrays]
+        given = [jnp.asarray(a) for a in quantity.brought("to_jax", arrays, jax.Array)]
         quantity.require_shapes("to_jax", [a.shape for a in given])
         for a, port in zip(given, inputs, strict=True):
             if jnp.issubdtype(a.dtype, jnp.complexfloating):
@@ -131,14 +131,15 @@ def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Po
     return whole.reshape((*batch, *port.shape))
 
 
-def _contracted(jnp: Any, J: Any, v: Any, rank: int) -> Any:
-    """J v over the last ``rank`` axes of J, which are those of v."""
+def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
+    """J v, of a result of that shape: over the last ``rank`` axes of J, which are those of v; batch shapes broadcast."""
     split = J.ndim - rank
     size = prod(J.shape[split:])
     rows = J.reshape((*J.shape[:split], size))
-    batch = v.shape[: v.ndim - rank]
-    middle = (1,) * (split - len(batch))
-    return jnp.sum(rows * v.reshape((*batch, *middle, size)), axis=-1)
+    steps = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
+    return jnp.sum(
+        rows * steps, axis=-1
+    )  # XLA makes less of a product of matrices: rows of the identity are no special case
 
 
 def _listed(found: Any) -> tuple[Any, ...]:

@@ -79,19 +79,29 @@ class BridgedQuantity:
         """Names and shapes of what goes in."""
         return self.program.inputs
 
+    def brought(self, what: str, given: Sequence[Any], theirs: type) -> list[Any]:
+        """Their arrays as they are, all else as arrays of real numbers; raises ShapeError and ValueRangeError."""
+        ports = self.inputs
+        if len(given) != len(ports):
+            names = ", ".join(port.name for port in ports)
+            raise ShapeError(f"{what} {self.name}: {len(given)} arrays given, {names} wanted.")
+        return [
+            x if isinstance(x, theirs) else arguments.real(x, f"{what} {self.name}: {port.name}", *port.shape)
+            for x, port in zip(given, ports, strict=True)
+        ]
+
     def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
         """Raise ShapeError unless these are the inputs' shapes behind batch shapes that broadcast."""
         ports = self.inputs
-        if len(shapes) != len(ports):
-            names = ", ".join(port.name for port in ports)
-            raise ShapeError(f"{what} {self.name}: {len(shapes)} arrays given, {names} wanted.")
         for shape, port in zip(shapes, ports, strict=True):
             if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
                 wanted = ", ".join(["…", *map(str, port.shape)])
                 raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
         batches = [shape[: len(shape) - len(port.shape)] for shape, port in zip(shapes, ports, strict=True)]
+        if len(several := set(batches)) <= 1:
+            return
         try:
-            np.broadcast_shapes(*set(batches))
+            np.broadcast_shapes(*several)
         except ValueError:
             listed = ", ".join(f"{port.name} {batch}" for port, batch in zip(ports, batches, strict=True))
             raise ShapeError(f"{what} {self.name}: batch shapes {listed} do not broadcast.") from None

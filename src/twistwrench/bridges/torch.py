@@ -6,7 +6,7 @@ With f the quantity, w the gradient that comes back from its results, and v the 
     backward of G   d(G . v)/dx = d2(w . f)/dx2 v,  d(G . v)/dw = (df/dx) v      forms "hessian_along", "along"
 
 Derivatives along the joint twists become derivatives by the entries of q, which differ where there are quaternions. There the
-backward of G is PyTorch's own, of the program in PyTorch's operations.
+backward of G is PyTorch's own, of the program in PyTorch's operations; elsewhere third derivatives are.
 """
 
 from __future__ import annotations
@@ -14,9 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
-from ..errors import MissingExtraError, ValueRangeError
+from ..errors import KernelError, MissingExtraError, ValueRangeError
 from ..program.program import Program
 from ..targets.elementwise import batch_shape, evaluated, functions_of
 from .quantity import BridgedQuantity
@@ -33,15 +31,11 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
 
     def function(*tensors: Any) -> Any:
-        given = [t if isinstance(t, torch.Tensor) else torch.as_tensor(np.asarray(t, float)) for t in tensors]
+        given = [torch.as_tensor(t) for t in quantity.brought("to_torch", tensors, torch.Tensor)]
         quantity.require_shapes("to_torch", [tuple(t.shape) for t in given])
-        for t, port in zip(given, inputs, strict=True):
-            _require_computable(torch, quantity.name, t, port.name)
-        if len(places := {t.device: port.name for t, port in zip(given, inputs, strict=True)}) > 1:
-            listed = ", ".join(f"{label} on {device}" for device, label in places.items())
-            raise ValueRangeError(f"to_torch {quantity.name}: {listed}. Move all to one device.")
-        dtype = torch.float32 if all(t.dtype == torch.float32 for t in given) else torch.float64
-        return compute(*(t.to(dtype) for t in given))
+        if not all(t.is_cpu and t.dtype is torch.float64 and t.layout is torch.strided for t in given):
+            given = _of_one_kind(torch, quantity, given)
+        return compute(*given)
 
     function.__name__ = function.__qualname__ = quantity.name
     function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of PyTorch's tensors: {listed}."
@@ -93,30 +87,48 @@ class _Differentiable:
         steps = dict(zip(by, v, strict=True))
         second = self.quantity.derivative(self.names, "hessian_along")
         along = [steps.get(name, self.torch.zeros_like(t)) for name, t in zip(self.names, x, strict=True)]
-        found = _several(_called(self.torch, second, [*x, *w, *along]))
+        found = _several(self._last(second)(*x, *w, *along))
         if w:
             first = self.quantity.derivative(by, "along")
-            found += _several(_called(self.torch, first, [*x, *v]))
+            found += _several(self._last(first)(*x, *v))
         return [g if needs else None for g, needs in zip(found, needed, strict=True)]
+
+    def _last(self, derivative: BridgedQuantity) -> Callable[..., Any]:
+        """The kernel of a derivative whose own derivatives are PyTorch's."""
+        if derivative not in self._made:
+            torch = self.torch
+
+            def backward(tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
+                _, pull = torch.func.vjp(lambda *x: tuple(_on_tensors(torch, derivative.program, x)), *tensors)
+                return [g if needs else None for g, needs in zip(pull(tuple(weights)), needed, strict=True)]
+
+            self._made[derivative] = _function(torch, derivative, backward)
+        return self._made[derivative]
 
 
 def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., list[Any]]) -> Callable[..., Any]:
     """The kernel of a quantity as a function of tensors with that backward: of tensors, weights, and which are needed."""
     ports = quantity.inputs
 
-    class Kernel(torch.autograd.Function):  # type: ignore[misc]
-        @staticmethod
-        def forward(*tensors: Any) -> Any:
-            return _called(torch, quantity, tensors)
+    def kept(ctx: Any, inputs: Any, output: Any) -> None:  # noqa: ARG001  PyTorch passes them
+        ctx.save_for_backward(*inputs)
 
-        @staticmethod
-        def setup_context(ctx: Any, inputs: Any, output: Any) -> None:  # noqa: ARG004  PyTorch passes them
-            ctx.save_for_backward(*inputs)
+    def forward_mode(ctx: Any, *tangents: Any) -> Any:  # noqa: ARG001  PyTorch passes them
+        raise KernelError(
+            f"to_torch {quantity.name} has derivatives backward only: torch.func.grad, vjp and jacrev, not jvp, jacfwd or "
+            "hessian. jacrev(f) is the Jacobian, and jacrev(jacrev(f)) the Hessian."
+        )
 
-        @staticmethod
-        def backward(ctx: Any, *weights: Any) -> Any:
-            found = backward(ctx.saved_tensors, weights, ctx.needs_input_grad)
-            return tuple(g if g is None else _summed(g, t) for g, t in zip(found, ctx.saved_tensors, strict=True))
+    def gradients(ctx: Any, *weights: Any) -> Any:
+        found = backward(ctx.saved_tensors, weights, ctx.needs_input_grad)
+        return tuple(g if g is None else _summed(g, t) for g, t in zip(found, ctx.saved_tensors, strict=True))
+
+    class Transformed(torch.autograd.Function):  # type: ignore[misc]
+        """For torch.func, which takes the context apart from the values; PyTorch looks at the signature in every call."""
+
+        forward = staticmethod(lambda *tensors: _called(torch, quantity, tensors))
+        setup_context = staticmethod(kept)
+        backward, jvp = staticmethod(gradients), staticmethod(forward_mode)
 
         @staticmethod
         def vmap(info: Any, dims: Any, *tensors: Any) -> Any:  # noqa: ARG004  PyTorch passes them
@@ -126,11 +138,22 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
                 t if d is None else _in_front(t.movedim(d, 0), max(ranks) - rank)
                 for t, d, rank in zip(tensors, dims, ranks, strict=True)
             ]
-            found = Kernel.apply(*wide)
+            found = Transformed.apply(*wide)
             return found, tuple(0 for _ in found) if isinstance(found, tuple) else 0
 
-    call: Callable[..., Any] = Kernel.apply
-    return call
+    class Plain(torch.autograd.Function):  # type: ignore[misc]
+        """The same outside of torch.func: a third of the time for one state."""
+
+        @staticmethod
+        def forward(ctx: Any, *tensors: Any) -> Any:
+            ctx.save_for_backward(*tensors)
+            return _called(torch, quantity, tensors)
+
+        backward, jvp = staticmethod(gradients), staticmethod(forward_mode)
+
+    transforms = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
+    plain, transformed = Plain.apply, Transformed.apply
+    return lambda *tensors: (transformed if transforms() else plain)(*tensors)
 
 
 def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
@@ -186,11 +209,27 @@ def _summed(gradient: Any, tensor: Any) -> Any:
     return gradient.sum_to_size(tensor.shape) if gradient.shape != tensor.shape else gradient
 
 
+def _of_one_kind(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> list[Any]:
+    """The same numbers in float32 if all are, else in float64; raises ValueRangeError, naming what cannot be computed with."""
+    ports = quantity.inputs
+    for t, port in zip(tensors, ports, strict=True):
+        _require_computable(torch, quantity.name, t, port.name)
+    if len({t.device for t in tensors}) > 1:
+        listed = ", ".join(f"{port.name} on {t.device}" for t, port in zip(tensors, ports, strict=True))
+        raise ValueRangeError(f"to_torch {quantity.name}: {listed}. Move all to one device.")
+    dtype = torch.float32 if all(t.dtype == torch.float32 for t in tensors) else torch.float64
+    return [t.to(dtype) for t in tensors]
+
+
 def _require_computable(torch: Any, name: str, tensor: Any, label: str) -> None:
     if tensor.device.type not in ("cpu", "cuda"):
         raise ValueRangeError(
             f"to_torch {name}: {label} is on {tensor.device}; this computes on the processor and on NVIDIA's GPUs. Pass "
             f"{label}.cpu()."
         )
-    if not (tensor.dtype.is_floating_point or tensor.dtype in (torch.int32, torch.int64)):
+    if tensor.dtype.is_complex or tensor.dtype is torch.bool:
         raise ValueRangeError(f"to_torch {name}: {label} is {tensor.dtype}, real numbers wanted.")
+    if tensor.layout is not torch.strided:
+        raise ValueRangeError(
+            f"to_torch {name}: {label} is {tensor.layout}, a dense tensor wanted: {label}.to_dense()."
+        )

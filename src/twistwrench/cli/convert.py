@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from .common import RobotOptions
+from .robot_options import RobotOptions
 from .shared_options import option_group
 
 convert_options = option_group(

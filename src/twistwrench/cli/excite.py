@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..verdict import ExitCode
-from .common import RobotOptions, parse_friction
 from .progress import share_done
-from .shared_options import FRICTION_LAWS, NO_MOTOR_INERTIA, option_group
+from .robot_options import RobotOptions
+from .shared_options import FRICTION_LAWS, NO_MOTOR_INERTIA, option_group, parse_friction
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

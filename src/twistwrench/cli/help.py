@@ -1,4 +1,4 @@
-"""What ``--help`` shows: a command's own options, those that say how the robot is read, and commands to copy."""
+"""What ``--help`` shows: a command's own options, then those that say how the robot is read."""
 
 from __future__ import annotations
 
@@ -21,9 +21,3 @@ class OwnOptionsFirst(click.Command):
             if rows:
                 with formatter.section(title):
                     formatter.write_dl(rows)
-
-
-def examples(*commands: str) -> str:
-    """The end of a command's help: lines to copy, which run as they stand."""
-    lines = "\n".join(f"  twistwrench {command}" for command in commands)
-    return f"\b\nExamples:\n{lines}"

@@ -11,13 +11,14 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
-from .common import RobotOptions, check_extra, parse_friction
 from .gathered_logs import LARGE, robot_from_portions
 from .identified_files import AskedFiles
 from .known_values import check_payload, parse_known
 from .motion_options import parse_columns, with_torques
+from .picture_paths import check_extra
 from .progress import share_done
-from .shared_options import COLUMNS, FRICTION_LAWS, LOCK_MISSING, NO_MOTOR_INERTIA, RATE, option_group
+from .robot_options import RobotOptions
+from .shared_options import COLUMNS, FRICTION_LAWS, LOCK_MISSING, NO_MOTOR_INERTIA, RATE, option_group, parse_friction
 from .work import bytes_of, files_in, worker_options
 
 if TYPE_CHECKING:
@@ -196,7 +197,7 @@ def answer_identify(
 
 def _expanded(options: RobotOptions, paths: tuple[str, ...]) -> tuple[str, ...]:
     """Folders as the files in them, patterns as what they match, in the order of their names; ``demo`` as the bundled log."""
-    from .common import bundled
+    from .bundled_files import bundled
 
     found: list[str] = []
     for text in paths:
@@ -210,7 +211,7 @@ def _robot(options: RobotOptions, log: str, columns: tuple[str, ...], *, lock_mi
 
     from ..identification.log_side import motor_side
     from ..motion.motion_file import joints_without_column, open_motion_file
-    from .common import bundled
+    from .bundled_files import bundled
 
     held = (
         partial(joints_without_column, open_motion_file(log), columns=parse_columns(columns)) if lock_missing else None
@@ -227,7 +228,7 @@ def _given(options: RobotOptions) -> dict[str, Any] | None:
     if options.actuators is None:
         return None
     from ..formats.actuator_file import actuator_content
-    from .common import bundled
+    from .bundled_files import bundled
 
     return actuator_content(bundled(options.actuators, options.source, ".yaml", "actuator file"))
 

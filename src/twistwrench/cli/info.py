@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ..errors import ModelWarning, ValueRangeError
-from .common import RobotOptions
+from .robot_options import RobotOptions
 
 
 def answer_info(options: RobotOptions, show: Callable[[Any], None], *, as_json: bool, as_csv: bool) -> None:

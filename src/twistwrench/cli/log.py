@@ -12,19 +12,19 @@ from typing import Any
 import click
 
 from ..verdict import ExitCode
-from .common import plain_errors
+from .command_texts import about
 from .console import console
-from .help import examples
+from .plain_errors import plain_errors
 from .progress import share_done
 from .work import files_in, worker_options
 
 
-@click.group(name="log", short_help="What is in the log of a motion.")
+@click.group(name="log", cls=click.Group, **about("log"))
 def log() -> None:
     """Logs: what is in a file of a motion. Several files of one log are written a.csv+b.csv."""
 
 
-@log.command(short_help="Rates, gaps, and the range and noise of each column.", epilog=examples("log info log.csv"))
+@log.command(**about("log info"))
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @worker_options
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)

@@ -13,18 +13,21 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
-from .common import RobotOptions, motion_path, picture, plain_errors, robot_command
+from .bundled_files import motion_path
+from .command_texts import about
 from .console import console
 from .convert import convert_options
 from .derive import derive_options
 from .doctor import doctor_options
 from .excite import answer_excite, excite_options
 from .export import export_options
-from .help import examples
 from .identify import answer_identify, identify_options
 from .log import log
 from .move import move_options
 from .payload import payload_options
+from .picture_paths import picture
+from .plain_errors import plain_errors
+from .robot_options import RobotOptions, robot_command
 from .sensor import sensor
 from .simulate import simulate_options
 from .torques import answer_torques, torques_options
@@ -35,23 +38,13 @@ _FOUND_A_PROBLEM = ExitCode.NO
 _DEMO = "demo"
 
 
-@click.group(
-    cls=Commands,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=examples("torques ur5 --trajectory demo --payload 10", "doctor ur5", "torques --help"),
-)
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]}, **about(""))
 @click.version_option(package_name="twistwrench")
 def main() -> None:
     """Robot dynamics from robot files. ROBOT is a path, or a name that `twistwrench robots` lists, such as ur5."""
 
 
-@main.command(
-    short_help="Torques of a motion: which joint is over its limit, and why.",
-    epilog=examples(
-        "torques ur5 --trajectory demo --payload 10 --why",
-        "torques ur5 --trajectory demo --payload 5 --csv torques.csv --plot torques.png",
-    ),
-)
+@main.command(**about("torques"))
 @torques_options
 @robot_command
 def torques(options: RobotOptions, **given: Any) -> None:
@@ -63,10 +56,7 @@ def torques(options: RobotOptions, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command(
-    short_help="Joints, limits, masses, inertias, frames and the tree.",
-    epilog=examples("info panda", "info ur5 --json"),
-)
+@main.command(**about("info"))
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON, in SI units and radians.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the joints as CSV, in SI units and radians.")
 @robot_command
@@ -77,7 +67,7 @@ def info(options: RobotOptions, as_json: bool, as_csv: bool) -> None:
     answer_info(options, console().print, as_json=as_json, as_csv=as_csv)
 
 
-@main.command(name="robots", short_help="The robots that have a name.", epilog=examples("robots", "robots panda"))
+@main.command(name="robots", **about("robots"))
 @click.argument("word", default="")
 def list_robots(word: str) -> None:
     """The robots that have a name: bundled, or of packages that are installed; with WORD, those that have it in theirs."""
@@ -89,9 +79,7 @@ def list_robots(word: str) -> None:
             screen.print(table)
 
 
-@main.command(
-    short_help="Check the dynamics against independent formulas and libraries.", epilog=examples("verify ur5")
-)
+@main.command(**about("verify"))
 @robot_command
 def verify(options: RobotOptions) -> None:
     """Check the robot's dynamics against independent formulas and libraries; exit code 1 if any disagrees."""
@@ -107,10 +95,7 @@ def verify(options: RobotOptions) -> None:
         sys.exit(_FOUND_A_PROBLEM)
 
 
-@main.command(
-    short_help="The largest payload at a pose, and the joint that limits it.",
-    epilog=examples("payload ur5", "payload ur5 --at shoulder_lift_joint=-0.6 --at elbow_joint=0.9 --com 0,0,0.1"),
-)
+@main.command(**about("payload"))
 @payload_options
 @robot_command
 def payload(options: RobotOptions, **given: Any) -> None:
@@ -131,10 +116,7 @@ def payload(options: RobotOptions, **given: Any) -> None:
         sys.exit(_FOUND_A_PROBLEM)
 
 
-@main.command(
-    short_help="How the robot moves: states, energies, events.",
-    epilog=examples("simulate ur5 --duration 0.5", "simulate planar_2r --at joint1=0.5 --csv fall.csv --plot fall.png"),
-)
+@main.command(**about("simulate"))
 @simulate_options
 @robot_command
 def simulate(options: RobotOptions, **given: Any) -> None:
@@ -152,12 +134,7 @@ def simulate(options: RobotOptions, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command(
-    short_help="The robot in the browser, as a page, or as a film.",
-    epilog=examples(
-        "view ur5 --trajectory demo --payload 5 --html ur5.html", "view panda --section 8.1.3 --html mass_matrix.html"
-    ),
-)
+@main.command(**about("view"))
 @view_options
 @robot_command
 def view(options: RobotOptions, trajectory: str | None, **given: Any) -> None:
@@ -172,10 +149,7 @@ def view(options: RobotOptions, trajectory: str | None, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command(
-    short_help="Pictures of a motion: causes of torques, power, phase planes.",
-    epilog=examples("plot ur5 --trajectory demo --payload 5 --what power --out power.png"),
-)
+@main.command(**about("plot"))
 @plot_options
 @robot_command
 def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
@@ -190,13 +164,7 @@ def plot(options: RobotOptions, trajectory: str, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command(
-    short_help="A motion from one configuration to another, also the fastest.",
-    epilog=examples(
-        "move ur5 --to 0.9,-0.9,1.0,-0.4,1.2,1.0 --fastest",
-        "move ur5 --from=-0.5,-1.9,1.9,-0.3,1.5,0 --by 0.1,0,-0.1 --csv move.csv",
-    ),
-)
+@main.command(**about("move"))
 @move_options
 @robot_command
 def move(options: RobotOptions, **given: Any) -> None:
@@ -216,10 +184,7 @@ def move(options: RobotOptions, **given: Any) -> None:
         sys.exit(_FOUND_A_PROBLEM)
 
 
-@main.command(
-    short_help="Equations of motion in symbols: text, LaTeX, C or NumPy.",
-    epilog=examples("derive planar_2r", "derive cart_pole --latex -"),
-)
+@main.command(**about("derive"))
 @derive_options
 @robot_command
 def derive(options: RobotOptions, **given: Any) -> None:
@@ -230,7 +195,7 @@ def derive(options: RobotOptions, **given: Any) -> None:
         click.echo(part)
 
 
-@main.command(short_help="Write the robot as URDF, MJCF or SDF.", epilog=examples("convert panda panda.xml"))
+@main.command(**about("convert"))
 @robot_command
 @convert_options
 def convert(options: RobotOptions, **given: Any) -> None:
@@ -244,10 +209,7 @@ def convert(options: RobotOptions, **given: Any) -> None:
         sys.exit(_FOUND_A_PROBLEM)
 
 
-@main.command(
-    short_help="The robot's dynamics as C99 source.",
-    epilog=examples("export panda --c . --quantity inverse_dynamics --quantity mass_matrix"),
-)
+@main.command(**about("export"))
 @export_options
 @robot_command
 def export(options: RobotOptions, **given: Any) -> None:
@@ -258,10 +220,7 @@ def export(options: RobotOptions, **given: Any) -> None:
         click.echo(line)
 
 
-@main.command(
-    short_help="What is wrong with a robot file, and the repair.",
-    epilog=examples("doctor ur5", "doctor quadruped --page quadruped.html --json"),
-)
+@main.command(**about("doctor"))
 @doctor_options
 def doctor(**given: Any) -> None:
     """What is wrong with a robot file, what it does to M and to gravity torques, and the repair.
@@ -276,10 +235,7 @@ def doctor(**given: Any) -> None:
             sys.exit(code)
 
 
-@main.command(
-    short_help="Masses, inertias and friction from logs.",
-    epilog=examples("identify my_arm.urdf log.csv --test other_log.csv --report report.html"),
-)
+@main.command(**about("identify"))
 @robot_command
 @identify_options
 def identify(options: RobotOptions, **given: Any) -> None:
@@ -292,10 +248,7 @@ def identify(options: RobotOptions, **given: Any) -> None:
         sys.exit(code)
 
 
-@main.command(
-    short_help="A motion whose log identifies the robot best.",
-    epilog=examples("excite panda --seconds 20 --harmonics 5 --out motion.csv"),
-)
+@main.command(**about("excite"))
 @robot_command
 @excite_options
 def excite(options: RobotOptions, **given: Any) -> None:

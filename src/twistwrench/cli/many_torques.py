@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from ..core.cluster import Failure, workers_of
 from ..errors import ValueRangeError
 from ..verdict import ExitCode, Word
-from .common import RobotOptions
 from .motion_options import open_motion, refuse_motor_side
 from .progress import share_done
+from .robot_options import RobotOptions
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import ValueRangeError
-from .common import RobotOptions, bundled
+from .bundled_files import bundled
+from .robot_options import RobotOptions
 from .shared_options import COLUMNS, LOCK_MISSING, NO_FRICTION, PAYLOADS, RATE, WRENCHES, Decorator, option_group
 
 if TYPE_CHECKING:

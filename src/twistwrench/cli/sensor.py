@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import click
 
+from .command_texts import about
 from .sensor_compensate import compensate_command
 from .sensor_identify import identify_command
 from .sensor_poses import poses_command
 
 
-@click.group(short_help="Six-axis sensors: identify a tool, take its weight off readings.")
+@click.group(cls=click.Group, **about("sensor"))
 def sensor() -> None:
     """Six-axis force-torque sensors: find the tool's mass, remove its weight, propose poses.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .help import examples
+from .command_texts import about
 from .sensor_options import (
     CSV,
     GRAVITY_OPTION,
@@ -23,11 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-@click.command(
-    "compensate",
-    short_help="Take weight, inertia and bias off a log; find contacts.",
-    epilog=examples("sensor compensate demo --sensor demo"),
-)
+@click.command("compensate", **about("sensor compensate"))
 @click.argument("log", metavar="LOG")
 @click.option(
     "--sensor", "sensor_path", metavar="SENSOR.json", required=True, help="From `identify --save`; or 'demo'."

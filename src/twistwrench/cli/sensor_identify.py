@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .help import examples
+from .command_texts import about
 from .sensor_options import (
     CSV,
     GRAVITY_OPTION,
@@ -24,11 +24,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-@click.command(
-    "identify",
-    short_help="Find mass, centre of mass and bias from a log.",
-    epilog=examples("sensor identify demo", "sensor identify demo --save hand.json"),
-)
+@click.command("identify", **about("sensor identify"))
 @click.argument("log", metavar="LOG")
 @SIGN
 @GRAVITY_OPTION

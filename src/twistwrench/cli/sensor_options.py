@@ -13,8 +13,9 @@ import click
 
 from ..core.gravity import STRENGTH
 from ..errors import ModelWarning, ValueRangeError
-from .common import picture, plain_errors
 from .console import console
+from .picture_paths import picture
+from .plain_errors import plain_errors
 
 if TYPE_CHECKING:
     from ..sensing.log import ReadingLog

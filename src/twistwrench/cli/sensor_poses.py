@@ -10,18 +10,14 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
-from .help import examples
+from .command_texts import about
 from .sensor_options import GRAVITY_OPTION, noise_of, read_readings, sensor_command, tell
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-@click.command(
-    "poses",
-    short_help="Propose the orientations to read next.",
-    epilog=examples("sensor poses", "sensor poses demo --count 3"),
-)
+@click.command("poses", **about("sensor poses"))
 @click.argument("log", metavar="[LOG]", required=False)
 @click.option("--count", type=int, default=6, show_default=True, help="How many.")
 @click.option("--within", type=float, default=180.0, show_default=True, metavar="DEGREES", help="The largest tilt.")

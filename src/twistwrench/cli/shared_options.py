@@ -71,3 +71,12 @@ FRICTION_LAWS = click.option(
 NO_MOTOR_INERTIA = click.option(
     "--no-motor-inertia", is_flag=True, help="Joints have no motor's inertia besides their bodies."
 )
+
+
+def parse_friction(text: str) -> tuple[str, ...]:
+    """Laws of friction, ``viscous,coulomb``; ``none`` is none of them.
+
+    >>> parse_friction("viscous, offset"), parse_friction("none")
+    (('viscous', 'offset'), ())
+    """
+    return () if text.strip() == "none" else tuple(name.strip() for name in text.split(","))

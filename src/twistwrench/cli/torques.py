@@ -9,9 +9,11 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
-from .common import RobotOptions, check_extra, motion_path
+from .bundled_files import motion_path
 from .motion_options import loaded_motion_options, open_motion, refuse_motor_side
+from .picture_paths import check_extra
 from .progress import share_done
+from .robot_options import RobotOptions
 from .shared_options import LIMITS, option_group
 from .work import files_in, worker_options
 

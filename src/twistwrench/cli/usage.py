@@ -17,6 +17,7 @@ import click
 
 from ..verdict import ExitCode
 from .help import OwnOptionsFirst
+from .streams import take_every_sign
 
 _KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
 """A keyword argument in a sentence of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
@@ -32,6 +33,7 @@ class Commands(click.Group):
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run as a program that cleans up behind itself when it is told to end."""
+        take_every_sign()
         with _terminable():
             return super().main(*args, **options)
 

@@ -79,6 +79,14 @@ class IdentifiedRobot:
             f"({self.held_out.kind}), {self.verdict.word}>"
         )
 
+    def _repr_html_(self) -> str:
+        from ..core.html_table import html_table
+
+        left = percent(self.held_out.all, 3)
+        title = f"{self.verdict}: {self.original.name}, {left} of the torques unexplained in rows held out"
+        rows = ((name, percent(x, 3)) for name, x in self.held_out.joints.items())
+        return html_table(title, ("joint", "unexplained"), rows)
+
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups in words."""

@@ -12,7 +12,8 @@ from ..core import cache
 from ..errors import KernelError
 from ..targets.compiler import LOOP, compiler
 from ..targets.processor import Machine, Precision, chosen
-from .placed_code import Unplaced, placed
+from .object_file import Unplaced
+from .placed_code import placed
 
 if TYPE_CHECKING:
     from ..program.forms import Form

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..errors import TrajectoryError, UnknownNameError
 from ..listing import listed
 from ..typing import Array
 from .column_names import PARTS, ROS_TIME, NamedJoints, numbered, time_meaning
-from .column_suffixes import READ
+from .column_suffixes import READ, is_result
 from .column_units import ros_nanoseconds, time_factor
 from .coordinates import Coordinates
 from .csv_dialect import is_number
@@ -26,6 +26,8 @@ class Chosen:
     of_locked: tuple[str, ...] = ()
     extra: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    followers: dict[int, Choice] = field(default_factory=dict)
+    """Of mimic joints, by their number: columns that ought to be their leaders'."""
 
 
 def choose(
@@ -57,12 +59,19 @@ def choose(
     _by_exact_name(header, names, given)
     _by_words(header, names, given, notes)
     _by_number(header, names, given, notes)
+    followers = {
+        k: Choice(c, header.split[c][1])
+        for k, follower in enumerate(coordinates.followers)
+        for c in [c for c in header.free if header.split[c][0] == follower.name][:1]
+    }
     of_locked = [k for k in header.free if _of(locked, header.split[k][0])]
     # Torques are for comparison only, and may be those of some joints.
     if len(given["tau"]) < len(names["tau"]):
         given["tau"] = {}
     taken = {c.column for found in given.values() for c in found.values()} | ({time.column} if time else set())
-    extra = [cell for k, cell in enumerate(cells) if cell and k not in taken and k not in of_locked]
+    taken |= {c.column for c in followers.values()}
+    unread = [cell for k, cell in enumerate(cells) if cell and k not in taken and k not in of_locked]
+    extra = [cell for cell in unread if not is_result(cell)]
     check_complete(header, names, given, extra)
     if unnamed := [str(k + 1) for k, cell in enumerate(cells) if not cell]:
         notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
@@ -72,6 +81,7 @@ def choose(
         tuple(cells[k] for k in of_locked),
         tuple(extra),
         tuple(notes),
+        followers,
     )
 
 

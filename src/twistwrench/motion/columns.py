@@ -12,7 +12,8 @@ import numpy as np
 from ..typing import Array
 from .column_choice import choose
 from .column_units import time_factor, unit_factor
-from .coordinates import Coordinates
+from .coordinates import Coordinates, Follower
+from .follower_columns import FollowerColumn
 from .header import Choice
 
 
@@ -48,6 +49,8 @@ class Columns:
     """The columns of each quaternion."""
     notes: tuple[str, ...] = ()
     """A sentence for each thing that was taken to be meant."""
+    followers: tuple[FollowerColumn, ...] = ()
+    """Columns of mimic joints, which ought to be as their leaders' say."""
 
     @classmethod
     def of(
@@ -72,6 +75,7 @@ class Columns:
         used = [
             *([chosen.time.column] if chosen.time else []),
             *(c.column for part in chosen.parts.values() for c in part),
+            *(c.column for c in chosen.followers.values()),
         ]
         place = {column: k for k, column in enumerate(used)}
         names = [header[k] for k in used]
@@ -103,12 +107,27 @@ class Columns:
                 np.array([place[c.column] for c in chosen.parts["q"][part]], int) for part in coordinates.quaternions
             ),
             notes=chosen.notes,
+            followers=tuple(
+                FollowerColumn(
+                    coordinates.followers[k],
+                    place[c.column],
+                    _factor_of(coordinates.followers[k], c, header, where, degrees),
+                )
+                for k, c in chosen.followers.items()
+            ),
         )
 
     def take(self, table: Array, part: str) -> Any:
         """The columns of ``part`` (``q``, ``dq``, ``ddq``, ``tau``) of a table (n, columns), in SI units; None if absent."""
         where = self.places[part]
         return None if where is None else table[:, where] * self.factors[part]
+
+
+def _factor_of(follower: Follower, choice: Choice, header: Sequence[str], where: str, degrees: bool) -> float:
+    """What takes the column of a mimic joint to SI units."""
+    if choice.unit is not None:
+        return unit_factor(choice.unit, "q", follower.angular, f"{where}, column {header[choice.column]!r}")
+    return math.radians(1.0) if degrees and follower.angular else 1.0
 
 
 def _factors(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -11,6 +12,17 @@ from ..joints.units import units_of
 from ..model.model import Model
 from ..typing import Array
 from .column_suffixes import DEGREES, SUFFIX
+
+
+class Follower(NamedTuple):
+    """A mimic joint, whose coordinate is ``ratio`` times that of its leader, plus ``offset``."""
+
+    name: str
+    leader: int
+    """Where in q its leader's coordinate stands."""
+    ratio: float
+    offset: float
+    angular: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +43,8 @@ class Coordinates:
     """(nq,) bool: an angle that a log may wrap at ±π, a continuous joint's or a planar joint's theta."""
     quaternions: tuple[slice, ...]
     """Where in q the quaternions of floating joints stand."""
+    followers: tuple[Follower, ...]
+    """The joints that have no entry of their own, but for those of leaders that turn for ever: a log wraps these."""
 
     def headers(self, part: str = "q", *, degrees: bool = False) -> list[str]:
         """The names of the columns of a quantity in files of ours; angles in ``degrees`` say so.
@@ -81,6 +95,7 @@ class Coordinates:
     @classmethod
     def _made(cls, model: Model) -> Coordinates:
         joints = [b.joint for b in model.leaders]
+        endless = np.array([k in j.wraps for j in joints for k in range(j.nq)], bool)
         position_of = np.full(model.nv, -1)
         for b in model.leaders:
             if b.joint.nv == 1:
@@ -91,8 +106,13 @@ class Coordinates:
             angular=np.array([unit == "rad" for j in joints for unit in j.coordinate_units], bool),
             angular_velocity=np.array([turns for j in joints for turns in j.turning], bool),
             position_of=position_of,
-            endless=np.array([k in j.wraps for j in joints for k in range(j.nq)], bool),
+            endless=endless,
             quaternions=model.quaternions,
+            followers=tuple(
+                Follower(b.joint.name, b.q_index, b.ratio, b.offset, bool(b.joint.turning[0]))
+                for b in model.bodies
+                if b.follows and not endless[b.q_index]
+            ),
         )
 
     @property

@@ -9,6 +9,9 @@ from pathlib import Path
 from ..errors import TrajectoryError
 from .csv_dialect import Dialect, is_number
 
+_GAPS = ("nan", "inf", "infinity")
+"""What stands for a number that is not there, whatever its sign."""
+
 
 def blame(
     text: bytes, path: Path, line: int, header: Sequence[str], used: Sequence[int], dialect: Dialect
@@ -18,9 +21,24 @@ def blame(
     Only called once a block is known to be bad, so it may be slow.
     """
     decimal_comma = dialect.has_decimal_commas(text)
-    for count, raw in enumerate(text.decode("utf-8", "replace").split("\n")):
-        if not raw.strip() or raw.lstrip(" \t").startswith("#"):
+    lines = text.decode("utf-8", "replace").split("\n")
+
+    def gap(raw: str) -> str | None:
+        cells = dialect.cells(raw)
+        if _passed_over(raw) or len(cells) != len(header):
+            return None
+        return _gap([cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma)
+
+    for count, raw in enumerate(lines):
+        if _passed_over(raw):
             continue
+        if missing := gap(raw):
+            last = next((k for k in range(count + 1, len(lines)) if not gap(lines[k])), len(lines)) - 1
+            more = f", and so on to line {line + last}" if last > count else ""
+            these = "these rows" if more else "the row"
+            return TrajectoryError(
+                f"{path}: line {line + count}{missing}{more}. Samples must be finite: fill or remove {these}."
+            )
         reason = _bytes_fault(raw) or _shape_fault(raw, header, dialect)
         cells = dialect.cells(raw)
         reason = reason or _number_fault(
@@ -29,6 +47,26 @@ def blame(
         if reason:
             return TrajectoryError(f"{path}: line {line + count}{reason}")
     return TrajectoryError(f"{path}: rows that cannot be read as numbers. Save it as plain CSV.")
+
+
+def _passed_over(raw: str) -> bool:
+    """Whether a line is no row: blank, or a comment."""
+    return not raw.strip() or raw.lstrip(" \t").startswith("#")
+
+
+def _gap(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
+    """The first of these that is not finite, where all others are numbers; None where there is none."""
+    found = None
+    for name, field in zip(names, fields, strict=True):
+        if field.lower().lstrip("+-") in _GAPS:
+            infinite = True
+        elif is_number(field, decimal_comma=decimal_comma):
+            infinite = not math.isfinite(float(field.replace(",", ".")))
+        else:
+            return None
+        if infinite and found is None:
+            found = f", column {name!r} is {field[:40]!r}"
+    return found
 
 
 def _bytes_fault(raw: str) -> str | None:
@@ -63,12 +101,8 @@ def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma:
     for name, field in zip(names, fields, strict=True):
         shown = field[:40]
         column = f", column {name!r}"
-        if is_number(field, decimal_comma=decimal_comma):
-            if math.isfinite(float(field.replace(",", "."))):
-                continue
-            return f"{column} is {shown!r}. Samples must be finite: fill or remove the row."
-        if field.lower().lstrip("+-") in ("nan", "inf", "infinity"):
-            return f"{column} is {shown!r}. Samples must be finite: fill or remove the row."
+        if is_number(field, decimal_comma=decimal_comma) or field.lower().lstrip("+-") in _GAPS:
+            continue
         if "_" in field:
             return f"{column} is {shown!r}. Numbers are written without underscores."
         if decimal_comma and "." in field:

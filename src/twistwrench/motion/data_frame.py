@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from .column_names import time_meaning
 from .npz_file import NpzFile
 
 _NAME = "the DataFrame"
+_COLUMN = re.compile(r"--columns '([^'=]+)=([^']*)'( …)?")
+_HELD = re.compile(r"--lock(-missing| '[^']*'| \S+=0)((, or | )--lock \S+=0)*")
 
 
 def data_frame_file(frame: Any) -> tuple[NpzFile, tuple[str, ...]]:
@@ -64,3 +67,17 @@ def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
     increases = values.dtype.kind == "f" and bool((np.diff(values) > 0).all())
     name = "time" if index.name is None or (increases and not means_time) else str(index.name)
     return [(name, values.astype(float))]
+
+
+def in_python_words(text: str) -> str:
+    """A sentence on a log with its options as keyword arguments, for who has no command line.
+
+    >>> in_python_words("Say which they are: --columns 'a=COLUMN'; or hold joints still: --lock-missing, or --lock a=0.")
+    "Say which they are: columns={'a': 'COLUMN'}; or hold joints still: tw.load(…, lock={joint: 0})."
+    """
+    given = [(found[1], found[2]) for found in _COLUMN.finditer(text)]
+    said = ", ".join(f"{key!r}: {column!r}" for key, column in given)
+    text = _COLUMN.sub("\0", text, count=1)
+    text = re.sub(r" ?" + _COLUMN.pattern, "", text).replace("\0", f"columns={{{said}}}")
+    text = _HELD.sub("tw.load(…, lock={joint: 0})", text)
+    return text.replace("--rate HZ", "rate=HZ").replace("--degrees", "degrees=True")

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.printed_numbers import printed
-from ..errors import ModelWarning, ShapeError, ValueRangeError
+from ..errors import ModelWarning, ShapeError, TrajectoryError, ValueRangeError
 from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .bounds import Bounds, bounds_or_own
@@ -198,13 +198,16 @@ class Motion(MotionFiles):
         >>> bool((again.ddq == motion.ddq).all())
         True
         """
-        from .data_frame import data_frame_file
+        from .data_frame import data_frame_file, in_python_words
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
         file, ignored = data_frame_file(frame)
-        found = cls._of_log(MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
-        return replace(found, notes=(*found.notes, *ignored))
+        try:
+            found = cls._of_log(MotionLog.open(file, robot.model, columns=columns, rate=rate, degrees=degrees), robot)
+        except TrajectoryError as problem:
+            raise TrajectoryError(in_python_words(str(problem))) from None
+        return replace(found, notes=(*map(in_python_words, found.notes), *ignored))
 
     @classmethod
     def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:

@@ -19,6 +19,7 @@ from .columns import Columns
 from .contradictions import Contradictions
 from .coordinates import Coordinates
 from .csv_file import CsvFile
+from .follower_columns import FollowerTally
 from .motion_file import MotionFile, open_motion_file
 from .npz_file import NpzFile
 from .passing_runs import passing_runs
@@ -50,6 +51,7 @@ class _Pass:
 
     repeats: Repeats | None = None
     contradictions: Contradictions | None = None
+    followers: FollowerTally | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +173,14 @@ class MotionLog:
             angle=self.columns.angle,
             angle_stated=self.columns.angle_stated,
         )
+        self._last.followers = followers = FollowerTally(self.columns.followers)
+
+        def take_in(table: Array) -> Array:
+            motion = self.motion(table)
+            found.add(motion)
+            followers.add(motion.time, motion.q, table)
+            return table
+
         last, rows = -math.inf, self.first_row
         for block in self.file.blocks(self.columns.used):
             table = self._timed(block, rows, last)
@@ -178,16 +188,14 @@ class MotionLog:
                 last, rows = float(table[-1, 0]), rows + len(table)
                 table = repeats.add(table)
                 if len(table):
-                    found.add(self.motion(table))
-                    yield table
+                    yield take_in(table)
             if progress:
                 progress(block.size)
         final = repeats.rest()
         if final is None:
             line = self.file.header_line if isinstance(self.file, CsvFile) else 0
             raise TrajectoryError(f"{self.path}: no rows after the header of line {line}. Give at least one.")
-        found.add(self.motion(final))
-        yield final
+        yield take_in(final)
 
     def part(self, begin: int, end: int) -> MotionLog | None:
         """Rows of the log from one to another, with their own times; None where the file is read from its beginning only.
@@ -332,8 +340,10 @@ class MotionLog:
         >>> log.contradictions()
         ()
         """
-        found = self._last.contradictions
-        return () if found is None else found.sentences(limits, glitches=glitches)
+        found, followers = self._last.contradictions, self._last.followers
+        if found is None or followers is None:
+            return ()
+        return (*found.sentences(limits, glitches=glitches), *followers.sentences())
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """Hints: a sentence for each thing that is odd, and may yet be meant.

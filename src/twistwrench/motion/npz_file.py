@@ -72,8 +72,21 @@ class NpzFile:
         """All rows, in blocks: of the ``used`` columns."""
         for k in range(0, len(self.table), _ROWS):
             rows = self.table[k : k + _ROWS, list(used)]
+            if not np.isfinite(rows).all():
+                raise TrajectoryError(self._gap(rows, k, used))
             share = len(rows) / len(self.table)
             yield Block(rows, int(self.size * share), lambda row, k=k: f"row {k + row + 1}")  # type: ignore[misc]
+
+    def _gap(self, rows: Array, first: int, used: Sequence[int]) -> str:
+        """What is not finite in ``rows``, of which the first has that number; a DataFrame's, as files are read whole."""
+        odd = ~np.isfinite(rows)
+        row = int(odd.any(axis=1).argmax())
+        column, count = int(odd[row].argmax()), int(odd.any(axis=1).sum())
+        more = f", and {count - 1} more row{'s' if count > 2 else ''} here" if count > 1 else ""
+        return (
+            f"{self.path}: row {first + row + 1}, column {self.header[used[column]]!r} is {rows[row, column]}{more}. Samples "
+            "must be finite: frame.dropna() leaves such rows out, frame.interpolate() fills them."
+        )
 
     def excerpts(self, used: Sequence[int], count: int, rows: int) -> list[Block] | None:
         """None: it is read whole."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.printed_numbers import printed
+from ..core.printed_numbers import number
 from ..typing import Array
 
 if TYPE_CHECKING:
@@ -51,8 +51,7 @@ class TurnsLeftOut:
             first = math.ceil((lower - slack - low) / math.tau)
             if high + math.tau * first > upper + slack:
                 said.append(
-                    f"{names[j]} turns by {printed(high - low, 4)} rad where its steps by a full turn are taken to turn "
-                    f"on, which its limits, {printed(lower, 4)} to {printed(upper, 4)}, have no place for: log the angle "
-                    "as the joint counts it"
+                    f"{names[j]} turns by {number(high - low)} rad where its steps by a full turn are taken to turn on, which "
+                    f"its limits, {number(lower)} to {number(upper)}, have no place for: log the angle as the joint counts it"
                 )
         return said

@@ -124,7 +124,8 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
         "table{border-collapse:collapse}td,th{padding:.15rem .7rem;text-align:right;border-bottom:1px solid #e6e8eb}"
         "td:first-child,th:first-child{text-align:left}svg{max-width:100%;height:auto}.no{color:#c0392b}</style>"
     )
-    yield f"<h1>{verdict}</h1><p>{name}: {percent(found.held_out.all, 3)} of the torques are left in rows held out.</p><ul>"
+    yield f"<h1>{verdict}: identification of {name}</h1>"
+    yield f"<p>{percent(found.held_out.all, 3)} of the torques are left unexplained in rows held out.</p><ul>"
     for doubt in found.doubts:
         yield f"<li{' class=no' if doubt.refuses else ''}>{html.escape(doubt.sentence)}</li>"
     yield (
@@ -213,7 +214,8 @@ def _torques(grid: Any, found: IdentifiedRobot) -> None:
             f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque", loc="left"
         )
         axes.set_ylabel(units[j])
-    grid[0].legend(fontsize=SMALL, frameon=False, ncols=3, loc="upper right")
+    above = (1.0, 0.97)  # of the curves
+    grid[0].legend(fontsize=SMALL, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=above)
     grid[-1].set_xlabel("time [s]")
 
 

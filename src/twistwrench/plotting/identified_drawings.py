@@ -81,7 +81,7 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
         axes.axhline(0.0, color=AXIS, linewidth=0.8)
         axes.set_title(name, loc="left")
         axes.set_ylabel(unit_of("tau", bool(kinds.angular_velocity[j])))
-    grid[0].legend(fontsize=SMALL, frameon=False, loc="upper right")
+    grid[0].legend(fontsize=SMALL, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97))  # above the points
     grid[-1].set_xlabel("time in its log [s]")
 
 

@@ -20,6 +20,7 @@ from .estimates import INTERVAL, PeakEstimate, PeakSearch
 from .loaded_robot import STEADY, TERMS, LoadedRobot
 from .measured import MeasuredTally, MeasuredTorque
 from .motors import MotorTally
+from .payload_room import PayloadRoomTally
 from .running_statistics import Gaps, Rms
 from .torque_findings import Excess
 
@@ -60,6 +61,7 @@ class MotionTally:
         self.noise = np.zeros(nv)
         self.carried = 0.0
         """The largest torque that the payloads make, in some of the states."""
+        self.room = PayloadRoomTally(load, limits.effort)
         self.largest = np.zeros(load.bare.nq)
         self.strays = Strays()
         self.search = PeakSearch(plan, load) if estimating else None
@@ -101,6 +103,8 @@ class MotionTally:
             M = self.load.loaded.mass_matrix(some.q)
             spread = np.sqrt((M * M) @ (self.plan.sigma_ddq**2))
             self.noise = np.maximum(self.noise, spread.max(axis=0))
+        if self.room.asked:
+            self.room.add(s.time, torques, self.load.payload_torques(s))
         if self.load.payloads:
             self.carried = max(self.carried, float(np.abs(self.load.payload_torques(some)).max(initial=0.0)))
 

@@ -37,7 +37,8 @@ def summary(robot: Robot) -> dict[str, Any]:
     dict
         ``name``, ``nq``, ``nv``, ``gravity`` [m/s^2], ``tip``, ``moving_mass`` and ``fixed_mass`` [kg], ``joints``
         (:func:`joint_rows`), ``links`` (those with mass: ``mass`` [kg], ``com`` [m] and ``moment_about_com`` [kg m^2]
-        in the link's frame), ``frames``, ``defects``. Angles are in rad. What is not known or not limited is None.
+        in the link's frame), ``frames`` of links, ``sites``, ``configurations`` (the q of each name), ``defects``. Angles
+        are in rad. What is not known or not limited is None.
 
     Examples
     --------
@@ -57,6 +58,8 @@ def summary(robot: Robot) -> dict[str, Any]:
         "joints": joint_rows(model),
         "links": _links(model),
         "frames": list(model.frames),
+        "sites": list(model.sites),
+        "configurations": {name: [float(x) for x in q] for name, q in model.configurations.items()},
         "defects": list(model.defects),
     }
 

@@ -20,6 +20,7 @@ from .estimates import PeakEstimate
 from .loaded_robot import LoadedRobot
 from .measured import MeasuredTorque
 from .motors import MotorUse
+from .payload_room import PayloadRoom
 from .running_statistics import Gaps
 
 if TYPE_CHECKING:
@@ -161,6 +162,8 @@ class TorqueReport:
     """The torques that the log has itself, of each joint, beside those computed; empty where it has none."""
     idle_payload: bool = False
     """Whether payloads with a mass make no torque in any joint."""
+    room: PayloadRoom | None = None
+    """How heavy the one payload may be; None where that is not known, or there is none or several."""
     derived: AsDerived | None = None
     """What the log gives as it is; None where that is the answer, or was not asked for."""
 

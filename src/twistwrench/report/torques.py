@@ -152,6 +152,7 @@ def _report(
         measured=run.measured(),
         idle_payload=any(p.mass for p in load.payloads)
         and run.carried <= ZERO * float(run.peak.value.max(initial=0.0)),
+        room=run.room.result(),
         derived=None
         if derived is None
         else AsDerived(derived.plan, derived.excesses(), derived.envelope.result(), derived.motors.result()),

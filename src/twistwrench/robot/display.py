@@ -37,5 +37,7 @@ class DisplayMethods:
         rows = joint_rows(self.model)
         defects = f", {len(self.defects)} defects" if self.defects else ""
         mass = number(self.model.moving_mass)
-        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {mass} kg in motion, tip {self.tip}{defects}"
-        return html_table(title, _SHOWN, ([row[name] for name in _SHOWN] for row in rows))
+        title = f"{self.name}: nq = {self.nq}, nv = {self.nv}, {mass} kg moving, tip {self.tip}{defects}"
+        return html_table(
+            title, [name.replace("_", " ") for name in _SHOWN], ([row[name] for name in _SHOWN] for row in rows)
+        )

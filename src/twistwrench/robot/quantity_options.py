@@ -84,6 +84,10 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     if "kind" in allowed:
         full["kind"] = options.get("kind", "body")
         if full["kind"] not in jacobians.KINDS:
+            if meant := jacobians.PINOCCHIO.get(str(full["kind"]).upper()):
+                raise UnknownNameError(
+                    f"no kind named {str(full['kind'])!r}: what Pinocchio calls so is kind={meant!r}, with angular rows first."
+                )
             raise UnknownNameError.of("kind", full["kind"], jacobians.KINDS)
     if "rows" in allowed:
         if model.nv == 0:

@@ -119,6 +119,13 @@ class SimulationResult:
         said += [f"note: {r}" for r in self.remarks]
         return f"<SimulationResult of {self.robot!r}, {self.method}: {'; '.join(said)}>"
 
+    def _repr_html_(self) -> str:
+        from ..core.html_table import html_table
+
+        title = f"{self.robot}, {self.method}: {self.stopped}; drift of energy {residual(self.relative_drift)}"
+        rows = zip(self.coordinate_names, self.q[0], self.q[-1], self.q.min(axis=0), self.q.max(axis=0), strict=True)
+        return html_table(f"{title}; rad, m", ("coordinate", "start", "end", "lowest", "highest"), rows)
+
     @property
     def motion(self) -> Motion:
         """Its states as a :class:`twistwrench.Motion`, whose ``tau`` are the torques applied.

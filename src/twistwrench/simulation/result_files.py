@@ -18,10 +18,9 @@ from ..core.files import MOST_BYTES, as_path, is_stream, read_bytes
 from ..core.foreign_errors import foreign_errors
 from ..errors import NotFoundError, TrajectoryError, ValueRangeError
 from ..motion.column_names import time_column
-from ..motion.column_suffixes import DEGREES, SUFFIX
+from ..motion.column_suffixes import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK
 from ..motion.coordinates import Coordinates
 from ..outputs import replacing
-from ..screws.component_names import WRENCH
 from ..typing import Array
 from .events import Happening
 from .forces import WORKS
@@ -47,7 +46,6 @@ _SAID = {
 """What is said in words, and of which kind it is; lists are of text. Events stand beside it."""
 _ADDED: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
 """What files from before lack: nothing is known of it."""
-_MOMENTUM = tuple(f"momentum.{x}" for x in WRENCH)
 
 
 def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = False) -> Path:
@@ -108,7 +106,7 @@ def _header(coordinates: Sequence[str], v: Sequence[str]) -> list[str]:
         *coordinates,
         *(f"{n}{SUFFIX[part]}" for part in ("dq", "ddq", "tau") for n in v),
     ]
-    return [*header, "kinetic_energy", "potential_energy", *(f"work.{w}" for w in WORKS), *_MOMENTUM]
+    return [*header, *ENERGIES, *(f"{WORK}{w}" for w in WORKS), *MOMENTUM]
 
 
 def write_npz(result: SimulationResult, path: str | Path) -> Path:

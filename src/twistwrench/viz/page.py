@@ -273,9 +273,10 @@ def _switches(
 ) -> tuple[dict[str, bool], list[tuple[str, str]]]:
     """What is on at first, and the buttons: only those that have something to show."""
     has_tip = "jacobian" in data["programs"] and data["forceScale"] > 0
+    layers = {shape.layer for shape in scene.shapes}
     known = (
         ("looks", "Robot", True, True),
-        ("inertia", "Inertia ellipsoids", True, not scene.dressed and not scene.doubtful),
+        ("inertia", "Inertia ellipsoids", "inertia" in layers, not scene.dressed and not scene.doubtful),
         ("torques", "Torques", bool(data["marks"]) and (book is None or "torques" in book.shown), True),
         ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
         ("com", "Centre of mass", "centre" in data["programs"], False),

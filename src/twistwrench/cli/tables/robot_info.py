@@ -39,11 +39,13 @@ def _heading(model: Model) -> Text:
     gravity = " ".join(map(number, model.gravity))
     rotors = sum(not b.joint.moves_body for b in model.bodies)
     bodies = f"{len(model.bodies) - rotors} moving bodies" + (f" and {rotors} rotors" if rotors else "")
-    counts = f"{bodies}, {model.nq} coordinates, {model.nv} velocities, {len(model.frames)} frames"
+    counts = f"{bodies}, {model.nq} coordinates, {model.nv} velocities, {len(model.all_frames)} frames"
+    named = f"\nconfigurations {', '.join(model.configurations)}" if model.configurations else ""
     return Text.assemble(
         (model.name, "bold"),
         f"  {counts}\nmass {number(moving)} kg moving, {number(fixed)} kg fixed  ·  gravity [{gravity}] m/s²  ·  tip ",
         _tip(model),
+        named,
     )
 
 
@@ -123,7 +125,7 @@ def _tree(model: Model) -> Tree:
 
     What hangs deeper than a terminal is wide goes on at the left.
     """
-    fixed = {i: [name for name, f in model.frames.items() if f.body == i] for i in range(BASE, len(model.bodies))}
+    fixed = {i: [name for name, f in model.all_frames.items() if f.body == i] for i in range(BASE, len(model.bodies))}
     root = Tree(_branch("base", fixed[BASE]))
     branches, depths = {BASE: root}, {BASE: 0}
     for i, b in enumerate(model.bodies):

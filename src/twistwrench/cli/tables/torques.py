@@ -14,8 +14,10 @@ from ...core.printed_numbers import MISSING, deviation, number, percent, percent
 from ...joints.units import unit_of
 from ...report.base_force import force_remark
 from ...report.loaded_robot import TERMS, cause_label
+from ...report.payload_room import PayloadRoom
 from ...report.torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 from ...report.torque_verdict import because
+from ...verdict import Word
 from .motors import motors_table, motors_verdict
 from .plain_table import PlainTable, limit_style, remarks, share_bar, verdict_word
 from .torque_notes import notes
@@ -182,11 +184,21 @@ def verdict_view(report: TorqueReport) -> Text:
     text = Text.assemble(verdict_word(verdict.word), f": {reasons[0]}.")
     for reason in reasons[1:]:
         text.append(f"\n  - {reason}.")
+    if (room := _room(report)) is not None:
+        text.append(f"\n{room.words}")
     for hint in report.hints:
         text.append("\nIS THE UNIT RIGHT?", "bold yellow").append(f" {hint}.")
     if remark := force_remark(report.load.loaded.model, report.joints):
         text.append("\nIS A CONTACT MISSING?", "bold yellow").append(f" {remark}")
     return text
+
+
+def _room(report: TorqueReport) -> PayloadRoom | None:
+    """How heavy the payload may be, where the verdict stands, and the peaks of a noisy log say no other."""
+    if report.room is None or report.verdict.word is Word.LOOK_AGAIN:
+        return None
+    fits = report.room.mass >= report.load.payloads[0].mass
+    return report.room if fits != any(e.kind == "effort" for e in report.excesses) else None
 
 
 def _nearest(report: TorqueReport) -> str:

@@ -111,7 +111,9 @@ class Book {
   scales() { // of what is drawn
     const { robot, shown } = this.viewer, arrows = this.drawnArrows().filter(({ length }) => length > 0).map(({ per, unit: unit_ }) => [per, unit_]);
     const solids = (this.found.solids || []).filter(({ scale }) => scale).map(({ scale }) => scale);
-    return [...arrows, ...solids, ...(shown.mass ? [[squareOf(robot.size) / robot.massScale, "kg"]] : [])];
+    if (!shown.mass || !robot.massScale) return [...arrows, ...solids];
+    const long = this.viewer.weigh().some(({ mass }) => mass < Infinity && mass * robot.massScale > 0.3 * robot.size);
+    return [...arrows, ...solids, [nearRound(squareOf(robot.size) / robot.massScale), long ? "kg (longest axis cut off)" : "kg"]];
   }
 
   drawnArrows() { // with their lengths as shares of the robot's size, in steps

@@ -1,14 +1,10 @@
-"""What every command of the shell takes to know its robot, and how its errors end: one line, and an exit code."""
+"""What every command of the shell takes to know its robot."""
 
 from __future__ import annotations
 
-import difflib
-import logging
 import math
-import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
@@ -17,18 +13,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.printed_numbers import printed
-from ..errors import ModelWarning, TwistWrenchError, UnknownNameError, ValueRangeError
+from ..errors import ModelWarning, ValueRangeError
 from ..report.locks import joints_beside, joints_held
-from ..verdict import ExitCode
+from .bundled_files import bundled
 from .help import RobotOption
+from .plain_errors import plain_errors
 from .robot_argument import robot_source
-from .usage import in_shell_words
 
 if TYPE_CHECKING:
     from ..model.model import Model
     from ..robot import Robot
-
-_DEMO = "demo"
 
 
 @dataclass(frozen=True)
@@ -212,22 +206,6 @@ def robot_command(function: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-@contextmanager
-def plain_errors() -> Iterator[None]:
-    """Errors of the library end the program with one line on stderr; its warnings are a line each."""
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of broken meshes, our errors say
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", ModelWarning)
-        warnings.showwarning = lambda message, *_args, **_rest: click.echo(
-            f"note: {in_shell_words(str(message))}", err=True
-        )
-        try:
-            yield
-        except TwistWrenchError as error:
-            click.echo(f"error: {' '.join(in_shell_words(str(error)).split())}", err=True)
-            sys.exit(ExitCode.BAD_INPUT)
-
-
 def _parse_lock(text: str) -> tuple[str, float]:
     joint, equals, value = text.partition("=")
     try:
@@ -236,53 +214,3 @@ def _parse_lock(text: str) -> tuple[str, float]:
         return joint.strip(), float(value)
     except ValueError:
         raise ValueRangeError(f"lock {text!r} is not JOINT=VALUE, for example gripper=0.02.") from None
-
-
-def parse_friction(text: str) -> tuple[str, ...]:
-    """Laws of friction, ``viscous,coulomb``; ``none`` is none of them.
-
-    >>> parse_friction("viscous, offset"), parse_friction("none")
-    (('viscous', 'offset'), ())
-    """
-    return () if text.strip() == "none" else tuple(name.strip() for name in text.split(","))
-
-
-def bundled(name: str, robot: str, suffix: str, what: str) -> Path:
-    """The path given, or for ``demo`` the file of that kind bundled with that robot."""
-    if name != _DEMO or Path(name).is_file():
-        return Path(name)
-    folder = Path(__file__).parents[1] / "robots"
-    path = folder / f"{robot}_{_DEMO}{suffix}"
-    if not path.is_file():
-        have = [p.name.removesuffix(f"_{_DEMO}{suffix}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
-        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
-        raise UnknownNameError(
-            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
-            f"Give the path of a {suffix.rpartition('.')[2].upper()} file instead."
-        )
-    return path
-
-
-def motion_path(options: RobotOptions, motion: str) -> Path:
-    """The motion's file; the bundled ones are in radians."""
-    path = bundled(motion, options.source, ".csv", "motion")
-    if options.degrees and path != Path(motion):
-        raise ValueRangeError("the bundled motion 'demo' is in radians. Leave --degrees out.")
-    return path
-
-
-def check_extra(plot_path: str | None) -> None:
-    """Say before the long run, not after it, that a picture cannot be drawn."""
-    if plot_path is not None:
-        from ..plotting.style import require_matplotlib
-
-        require_matplotlib("Drawing the report (--plot)")
-
-
-def picture(plot_path: str | None) -> str | None:
-    """The path of a picture with its suffix, where one is asked for and can be drawn."""
-    from ..outputs import picture_path
-
-    check_extra(plot_path)
-    return None if plot_path is None else picture_path(plot_path)

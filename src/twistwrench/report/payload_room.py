@@ -1,0 +1,64 @@
+"""How heavy a payload may be along a motion: torques are linear in its mass, so the least quotient of all samples is that."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.printed_numbers import number, seconds
+from ..typing import Array
+from .loaded_robot import LoadedRobot
+
+
+@dataclass(frozen=True)
+class PayloadRoom:
+    """The largest mass of the one payload with which every torque of a motion is within its limit."""
+
+    mass: float
+    """kg."""
+    joint: str
+    """The joint that is then at its limit."""
+    time: float
+    """When [s]."""
+
+    @property
+    def words(self) -> str:
+        """A sentence; the mass is rounded down."""
+        step = 10.0 ** (math.floor(math.log10(self.mass)) - 3) if self.mass > 0 else 1.0
+        most = number(math.floor(self.mass / step) * step)
+        when = f"{self.joint} is then at its own, at t = {seconds(self.time)} s"
+        return f"Up to {most} kg in its place keep all limits of torque: {when}."
+
+
+class PayloadRoomTally:
+    """Takes in torques, in any portions.
+
+    It tells nothing of several payloads, and where friction grows with the load, which makes torques no straight line.
+    """
+
+    def __init__(self, load: LoadedRobot, effort: Array) -> None:
+        laws = load.bare.model.friction
+        self.asked = len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
+        self._load, self._effort = load, np.asarray(effort, float)
+        self._share, self._joint, self._time = math.inf, 0, math.nan
+        self._alone = True
+
+    def add(self, time: Array, torques: Array, carried: Array) -> None:
+        """Torques (n, nv) at times (n,), and what the payload adds to them (n, nv)."""
+        alone = torques - carried
+        self._alone = self._alone and bool((np.abs(alone) <= self._effort).all())
+        limit = np.copysign(self._effort, carried)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(carried != 0, (limit - alone) / carried, np.inf)  # alone + share carried = limit
+        row, joint = np.unravel_index(int(np.nanargmin(share)), share.shape)
+        if share[row, joint] < self._share:
+            self._share, self._joint, self._time = float(share[row, joint]), int(joint), float(time[row])
+
+    def result(self) -> PayloadRoom | None:
+        """None where it cannot be told: no limit bounds it, or the robot alone is beyond one."""
+        if not self.asked or not self._alone or not math.isfinite(self._share):
+            return None
+        names = self._load.bare.model.velocity_names
+        return PayloadRoom(self._share * self._load.payloads[0].mass, names[self._joint], self._time)
