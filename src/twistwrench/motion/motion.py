@@ -259,15 +259,14 @@ class Motion(MotionFiles):
         rows = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]).tolist())
         if not rows.start < rows.stop:
             raise ValueRangeError(
-                f"Motion: no state lies between {printed(first)} and {printed(last)} s; there are {len(self)} from "
-                f"{printed(self.time[0])} to {printed(self.time[-1])} s."
+                f"Motion: no state lies between {printed(first)} and {printed(last)} s; this is {self!r}."
             )
         return self[rows]
 
     def __repr__(self) -> str:
         looks = "".join(f"; {note}" for note in self.notes if note.startswith("LOOK AGAIN"))
-        first, last = map(printed, self.time[[0, -1]])
-        return f"<Motion of {self.robot.name!r}: {len(self)} states, {first} to {last} s{looks}>"
+        span = " to ".join(map(printed, self.time[[0, -1]]))
+        return f"<Motion of {self.robot.name!r}: {len(self)} states, {span} s{looks}>"
 
     @property
     def duration(self) -> float:
