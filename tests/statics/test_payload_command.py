@@ -253,3 +253,19 @@ def test_help_answers_without_loading_what_is_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
+
+
+def test_links_without_mass_make_the_answer_unsure(run, tmp_path):
+    """Their weight is missing from what the joints hold, so that the payload printed may be too much."""
+    path = tmp_path / "swing.urdf"
+    path.write_text(
+        """<robot name="swing"><link name="base"/><link name="rod"/>
+        <joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+        <limit lower="-1" upper="1" effort="10" velocity="1"/></joint>
+        <link name="tip"/><joint name="end" type="fixed"><parent link="rod"/><child link="tip"/>
+        <origin xyz="0.5 0 0"/></joint></robot>"""
+    )
+    code, output = run(path)
+    assert code == 1
+    first, *_ = [line for line in output.splitlines() if not line.startswith("note: ")]
+    assert first.startswith("UNSURE: rod has no mass")

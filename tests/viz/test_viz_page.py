@@ -186,3 +186,10 @@ def test_a_robot_starts_where_it_may_be(tmp_path, name):
     at, of = map(list, zip(*turning, strict=True))
     assert np.all((robot.limits.lower[of] <= q[at]) & (q[at] <= robot.limits.upper[of]))
     assert np.allclose(robot.subtract(q, robot.neutral)[:6], 0) or name == "panda"
+
+
+def test_a_closed_robot_is_refused_with_the_way_out(tmp_path):
+    closed = tw.robots.planar_3r().constrain("tip", "vx")
+    with pytest.raises(tw.ValueRangeError, match=r"take closed\.robot"):
+        write_page(closed, tmp_path / "page.html")
+    assert not any(tmp_path.iterdir())

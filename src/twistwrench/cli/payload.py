@@ -54,16 +54,27 @@ def answer_payload(
 ) -> bool:
     """Print the answer part by part with ``show``, and write the files.
 
-    Returns whether the robot can be in the pose, and holds itself there. All options are read before anything is printed.
+    Returns whether the robot can be in the pose and holds itself there, and no mass is missing. All options are read before
+    anything is printed.
     Raises errors of the library.
     """
     from ..report.joint_values import degrees_hint, parse_configuration, parse_numbers
     from ..report.loaded_robot import LoadedRobot, parse_payload
+    from ..report.model_doubts import model_doubts
     from ..statics.joint_stops import joints_beyond_stops
     from ..statics.payload import largest_payload
     from ..statics.payload_map import payload_map, plane_and_samples
     from ..statics.unit_hints import unit_slips
-    from .tables.payload import carried_words, caution, map_view, payload_view, place_words, stops_view, write_payload
+    from .tables.payload import (
+        carried_words,
+        caution,
+        doubts_view,
+        map_view,
+        payload_view,
+        place_words,
+        stops_view,
+        write_payload,
+    )
 
     if samples is not None and plane is None:
         raise ValueRangeError("--samples is about the map, and there is none. Add --map rz.")
@@ -87,6 +98,8 @@ def answer_payload(
     where, carried = place_words(name, place), carried_words(robot, load.payloads)
     if beyond:
         show(stops_view(beyond, degrees=degrees))
+    if doubts := model_doubts(robot.model):
+        show(doubts_view(doubts))
     if hint:
         show(f"! {hint}")
     show(payload_view(robot, found, q, name, where, carried=carried, degrees=degrees, limits=limits))
@@ -109,4 +122,4 @@ def answer_payload(
         plot_payload(robot, q, found, plot_path, frame=name, where=where, carried=carried, limits=limits, chart=chart)
     for written in filter(None, (csv_path, plot_path)):
         show(f"wrote {written}")
-    return bool(found.holds) and not beyond
+    return bool(found.holds) and not beyond and not doubts

@@ -271,3 +271,7 @@ def __getattr__(name: str) -> Any:
         f"no bundled robot {name!r}.{meant} There are {', '.join(names())}; tw.find({name!r}) looks in other packages, and "
         "tw.load takes a file."
     )
+
+
+def __dir__() -> list[str]:
+    return [*__all__]

@@ -19,6 +19,7 @@ from ..core import arguments
 from ..core.printed_numbers import number
 from ..errors import ValueRangeError
 from ..outputs import replacing
+from ..robot.robot_argument import require_robot
 from ..typing import Array
 from .book_data import book_data
 from .book_section import BookSection
@@ -124,6 +125,7 @@ def page_text(
     section: str | None = None,
 ) -> str:
     """The page as text; see :func:`write_page`."""
+    require_robot(robot, "page")
     book = None if section is None else book_section(section)
     if book is not None:
         if motion is not None or wrench_on_robot:

@@ -25,7 +25,8 @@ from ...statics.joint_stops import BeyondStop
 from ...statics.payload import LargestPayload
 from ...statics.payload_map import PayloadMap
 from ...typing import Array
-from .plain_table import PlainTable, share_bar
+from ...verdict import Word
+from .plain_table import PlainTable, share_bar, verdict_word
 
 if TYPE_CHECKING:
     from ...robot import Robot
@@ -156,6 +157,11 @@ def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
         value, far, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in (b.value, b.by, b.stop))
         said.append(f"{b.joint} at {value} is {far} {side} position limit, {stop}")
     return Text.assemble(("OVER LIMIT", "bold red"), f": the robot cannot be in this pose: {'; '.join(said)}.")
+
+
+def doubts_view(doubts: Sequence[str]) -> Text:
+    """What the model lacks, so that less may be too much."""
+    return Text.assemble(verdict_word(Word.UNSURE), f": {'; '.join(doubts)}: the payload may be less.")
 
 
 def write_payload(robot: Robot, found: LargestPayload, q: Array, path: str | Path, *, degrees: bool = False) -> None:

@@ -59,7 +59,7 @@ def check_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
             outside.append(body.joint.name)
         if not body.joint.turning[0] and _STROKE < upper - lower < _ENDLESS:
             long.append(body.joint.name)
-    said = "zero is outside the limits, so that the neutral configuration is not to be had"
+    said = "zero is outside the limits, so the robot cannot be in its neutral configuration"
     yield from _of_several(robot, "limits", outside, said)
     yield from _of_several(robot, "limits", long, f"the stroke is more than {printed(_STROKE)} m")
 
