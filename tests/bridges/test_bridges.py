@@ -196,7 +196,7 @@ import sys, warnings
 warnings.simplefilter("ignore")  # there is no compiler here, which is said
 import jax, numpy as np
 jax.config.update("jax_enable_x64", True)
-from tests.bridges.test_bridges import asked, check, options_of, robot_of, several, state_of
+from test_bridges import asked, check, options_of, robot_of, several, state_of
 for name, quantity in asked(sys.argv[1:]):
     robot, options = robot_of(name), options_of(name, quantity)
     given = state_of(robot, quantity, options)
@@ -211,7 +211,7 @@ def test_what_runs_on_other_devices_computes_the_same(jax, names):
     """Where there is no kernel, JAX runs the program itself, operation by operation: as on other devices than this."""
     done = subprocess.run(
         [sys.executable, "-c", IN_JAXS_OPERATIONS, *names],
-        env={**os.environ, "TWISTWRENCH_JIT": "0", "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={**os.environ, "TWISTWRENCH_JIT": "0", "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])},
         cwd=Path(__file__).parents[2],
         capture_output=True,
         text=True,
