@@ -93,7 +93,16 @@ def _same(one: Path, other: Path) -> bool:
     return one.resolve() == other.resolve()
 
 
+def _status(path: Path) -> os.stat_result | None:
+    """What the system says of a file, None where there is none. Raises OSError for names that can have none."""
+    try:
+        return path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
 def _check_writable(path: Path) -> None:
+    _status(path)
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
     folder = path.resolve().parent
@@ -122,7 +131,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     advice = "Name a file in a folder that exists and is writable."
     try:
         target = path.resolve()  # a link stays a link
-        before = target.stat() if target.exists() else None
+        before = _status(target)
     except (OSError, RuntimeError) as problem:  # a name too long, links in a circle
         reason = getattr(problem, "strerror", None) or str(problem)
         raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. {advice}") from None

@@ -211,7 +211,11 @@ def test_what_runs_on_other_devices_computes_the_same(jax, names):
     """Where there is no kernel, JAX runs the program itself, operation by operation: as on other devices than this."""
     done = subprocess.run(
         [sys.executable, "-c", IN_JAXS_OPERATIONS, *names],
-        env={**os.environ, "TWISTWRENCH_JIT": "0", "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])},
+        env={
+            **os.environ,
+            "TWISTWRENCH_JIT": "0",
+            "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]),
+        },
         cwd=Path(__file__).parents[2],
         capture_output=True,
         text=True,

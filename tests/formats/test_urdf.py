@@ -18,6 +18,7 @@ from twistwrench.errors import (
     TwistWrenchError,
 )
 from twistwrench.formats import load_model
+from twistwrench.formats.xml_parser import without_loose_declaration
 from twistwrench.model.model import Model
 from twistwrench.testing import assert_close
 
@@ -434,3 +435,14 @@ def test_a_tensor_in_turned_axes_is_that_of_the_turned_body(rpy):
     found = tw.load(text).model.bodies[0].inertia
     expected = SpatialInertia.from_points(masses, com + local @ R.T)
     assert_close(found.parameters, expected.parameters, 1e-9)  # right angles are snapped, others good to rounding
+
+
+@pytest.mark.parametrize("quote", ['"', "'"])
+def test_a_declaration_of_version_1_is_no_reason_to_refuse_a_file(quote):
+    """Newer versions of expat refuse it, and older ones do not. Lines of messages stay."""
+    declared = f"<?xml version={quote}1{quote} encoding={quote}utf-8{quote}?>\n"
+    assert tw.load(f"{declared}{tw.robots.path_of('planar_2r').read_text('utf-8').partition('?>')[2]}").nv == 2
+    with pytest.raises(tw.RobotFileError, match="line 2"):
+        tw.load(declared + "<robot name='r'><link></robot>")
+    blank = without_loose_declaration(declared)
+    assert blank.isspace() and len(blank) == len(declared) and blank.endswith("\n")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ..errors import RobotFileError
 from ..formats.source import MAX_BYTES
-from ..formats.xml_parser import BLANK
+from ..formats.xml_parser import BLANK, without_loose_declaration
 from .findings import Edit
 
 _ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
@@ -96,7 +96,7 @@ def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
         raise RobotFileError("the file is too large to be edited.")
     body = text.lstrip(BLANK)
     skipped = len(text) - len(body)
-    data = body.encode("utf-8", "surrogatepass")
+    data = without_loose_declaration(body).encode("utf-8", "surrogatepass")
     places: dict[int, int] = {}
     ends: dict[int, int] = {}
     count, last = 0, -1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from ..core.foreign_errors import foreign_errors
@@ -10,6 +11,9 @@ from .element import Element
 
 BLANK = "\ufeff \t\r\n"
 """What may stand before the first element."""
+
+_VERSION_ONE = re.compile(r"""<\?xml\s+version\s*=\s*(["'])1\1[^>]*\?>""")
+"""A declaration of version 1 in place of 1.0, as some robot files have it."""
 
 MOST_BODIES = 20_000
 """Links or bodies that a file may have unless ``max_bodies`` says otherwise: more is a mistake, or meant to take all memory."""
@@ -119,6 +123,19 @@ class _TreeMaker(_Watcher):
             self._open[-1].content += text
 
 
+def without_loose_declaration(body: str) -> str:
+    """The text with blanks for a declaration that newer versions of expat refuse and older ones take; places stay.
+
+    >>> without_loose_declaration('<?xml version="1"?><robot/>').strip()
+    '<robot/>'
+    """
+    return (
+        _VERSION_ONE.sub(lambda found: re.sub(r"\S", " ", found[0]), body, count=1)
+        if body.startswith("<?xml")
+        else body
+    )
+
+
 def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
     """The root element of an XML text. Blank lines before its declaration are forgiven, as most robot tools do.
 
@@ -135,6 +152,7 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
             f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
         )
     skipped = text[: len(text) - len(body)].count("\n")
+    body = without_loose_declaration(body)
     if sum(body.count(f"<{tag}") for tag in _BODIES) > max_bodies:  # comments counted, so it is worth a closer look
         _Watcher(skipped, file, max_bodies).watch(body)
     maker = _TreeMaker(skipped, file, max_bodies)
