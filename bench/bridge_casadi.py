@@ -26,7 +26,7 @@ def times(panda: Panda, rounds: int) -> dict[str, Any]:
     x = [casadi.SX.sym(name, panda.robot.nv) for name in BY]
     every, batch, one = casadi.vertcat(*x), panda.states(MAPPED), panda.states(1)
     rows: dict[str, dict[str, Any]] = {"nodes of tau": {name: f.n_nodes() for name, f in functions.items()}}
-    for what, kernel in _kernels(panda.robot).items():
+    for what, kernel in _kernels(panda).items():
         made = {name: casadi.Function(what, x, [_derived(what, f(*x), every)]) for name, f in functions.items()}
         few = [s[:STATES] for s in batch]
         for name, f in made.items():
@@ -73,8 +73,8 @@ def _by_state(values: np.ndarray, what: str) -> np.ndarray:
     return values.T
 
 
-def _kernels(robot: tw.Robot) -> dict[str, Any]:
-    inverse = robot.kernel("inverse_dynamics")
+def _kernels(panda: Panda) -> dict[str, Any]:
+    robot, inverse = panda.robot, panda.kernels["inverse_dynamics"]
     slope = robot.kernel("inverse_dynamics", by=BY)
     weighted = robot.kernel("inverse_dynamics", by=BY, form="weighted")
     return {

@@ -33,8 +33,7 @@ WARM = 25
 def times(panda: Panda, rounds: int) -> dict[str, Any]:
     """Every contender's times for one call."""
     robot, states = panda.robot, panda.states(SWEPT)
-    jacobian = robot.kernel("jacobian", **JACOBIAN)
-    kernels = {**panda.kernels, "jacobian": lambda q, *_: jacobian(q)}
+    kernels = {**panda.kernels, "jacobian": lambda q, *_: robot.jacobian(q, **JACOBIAN)}
     taken = {name: p for name, p in PEERS.items() if (MODULES / p / "package.json").exists()}
     missing = {
         name: f"no package {p} in {MODULES.name} of the environment" for name, p in PEERS.items() if name not in taken

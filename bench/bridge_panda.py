@@ -53,10 +53,18 @@ class Panda:
         rng = np.random.default_rng(0)
         return self.robot.random_configuration(0, count), *rng.normal(size=(2, count, self.robot.nv))
 
+    def _method(self, name: str) -> Callable[..., Any]:
+        """A method as programs have it after their first calls: then its attribute calls the compiled code by itself."""
+        given = [x[0] for x in self.states(1)][: 1 if name == "mass_matrix" else 3]
+        for _ in range(3):
+            getattr(self.robot, name)(*given)
+        method: Callable[..., Any] = getattr(self.robot, name)
+        return method
+
     @cached_property
     def kernels(self) -> Functions:
         """Our compiled functions of arrays; the gradient of |tau|^2 and the slope of tau are by q."""
-        inverse, mass, forward = (self.robot.kernel(name) for name in QUANTITIES)
+        inverse, mass, forward = (self._method(name) for name in QUANTITIES)
         slope = self.robot.kernel("inverse_dynamics", by="q")
         weighted = self.robot.kernel("inverse_dynamics", by="q", form="weighted")
         return {

@@ -46,7 +46,7 @@ def report(results: dict[str, Any]) -> str:
         "Written by `make bench-bridges`; do not edit. The panda of example-robot-data with its fingers fixed, float64, one",
         "core. Every contender agreed with our kernels to 1e-6 before anything was timed; compiling is not timed. Times for",
         "one state: the median of interleaved rounds, and quartiles. Bold: how many times as long as ours in that package.",
-        "The first column is our compiled kernel called from Python with NumPy's arrays.",
+        "The first column is our compiled code called from Python with NumPy's arrays, without another package.",
     ]
     parts = [section(TITLES[name], _about(name, found), *_table(name, found, _full)) for name, found in results.items()]
     return "\n\n".join(["\n".join(head), *parts]) + "\n"
