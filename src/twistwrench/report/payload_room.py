@@ -28,8 +28,8 @@ class PayloadRoom:
         """A sentence; the mass is rounded down."""
         step = 10.0 ** (math.floor(math.log10(self.mass)) - 3) if self.mass > 0 else 1.0
         most = number(math.floor(self.mass / step) * step)
-        when = f"{self.joint} is then at its own, at t = {seconds(self.time)} s"
-        return f"Up to {most} kg in its place keep all limits of torque: {when}."
+        when = f"{self.joint} reaches its limit at t = {seconds(self.time)} s"
+        return f"By the joints' torque limits, a payload there may have up to {most} kg: {when}."
 
 
 class PayloadRoomTally:

@@ -195,7 +195,7 @@ def verdict_view(report: TorqueReport) -> Text:
 
 def _room(report: TorqueReport) -> PayloadRoom | None:
     """How heavy the payload may be, where the verdict stands, and the peaks of a noisy log say no other."""
-    if report.room is None or report.verdict.word is Word.LOOK_AGAIN:
+    if report.room is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
         return None
     fits = report.room.mass >= report.load.payloads[0].mass
     return report.room if fits != any(e.kind == "effort" for e in report.excesses) else None
