@@ -1,4 +1,4 @@
-"""How far joints go where a log keeps within a turn, its steps by a full turn taken for none: beyond their limits or not."""
+"""Joints whose angles are logged within one turn: how far they go with the turns added, and whether their limits allow it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class TurnsLeftOut:
-    """A tally over the angles (n, k) of joints, which come in any portions; joints that are not ``counted`` turn on nowhere."""
+    """A tally over the angles (n, k) of joints, which come in any portions; turns are added to joints that are ``counted``."""
 
     def __init__(self, counted: NDArray[np.bool_], size: tuple[float, float]) -> None:
         """``size`` are the least and the largest step [rad] that is taken for a full turn."""
@@ -38,7 +38,7 @@ class TurnsLeftOut:
     def sentences(
         self, wrapped: NDArray[np.bool_], places: NDArray[np.int_], names: Sequence[str], limits: Limits
     ) -> list[str]:
-        """A sentence for each joint that was ``wrapped`` (k,) and is in its limits by no number of turns at all.
+        """A sentence for each joint that was ``wrapped`` (k,) and is within its limits after no whole number of turns.
 
         ``places`` (k,) are those of the joints among ``names`` and limits.
         """
@@ -51,8 +51,8 @@ class TurnsLeftOut:
             first = math.ceil((lower - slack - low) / math.tau)
             if high + math.tau * first > upper + slack:
                 said.append(
-                    f"{names[j]} turns by {printed(high - low, 4)} rad where its steps by a full turn are taken to turn "
-                    f"on, which its limits, {printed(lower, 4)} to {printed(upper, 4)}, have no place for: log the angle "
-                    "as the joint counts it"
+                    f"{names[j]} steps by about a full turn, as angles do that are logged within one turn; it then turns by "
+                    f"{printed(high - low, 4)} rad in all, which its limits, {printed(lower, 4)} to {printed(upper, 4)}, do "
+                    "not allow: log the angle without wrapping"
                 )
         return said
