@@ -72,7 +72,7 @@ def test_turns_that_the_log_leaves_out_lead_beyond_the_limits(said):
     for end, fine in ((1.9, True), (2.1, False)):
         t = T[end >= T]
         verdict = said(robot, t, a=np.remainder(2 * t + math.pi, math.tau) - math.pi)
-        assert verdict.startswith("OK" if fine else "LOOK AGAIN: a turns by")
+        assert verdict.startswith("OK" if fine else "LOOK AGAIN: a steps by about a full turn")
 
 
 def test_a_motion_that_is_not_in_the_log(said):
