@@ -32,31 +32,6 @@ def trees():
     return ((named(path), ast.parse(path.read_text(encoding="utf-8"))) for path in FILES)
 
 
-def lines_of_sections(tree):
-    """How many lines the sections of docstrings take, Parameters and those after it."""
-    count = 0
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            doc = (ast.get_docstring(node) or "").splitlines()
-            starts = [k for k, line in enumerate(doc) if k and len(line) > 3 and line == "-" * len(doc[k - 1])]
-            count += len(doc) - starts[0] + 2 if starts else 0
-    return count
-
-
-LONGEST = 270
-"""Lines of a file, the sections of docstrings (Parameters, Returns, …) counted apart."""
-
-
-def test_files_are_short():
-    long = set()
-    for path in FILES:
-        text = path.read_text(encoding="utf-8")
-        count = len(text.splitlines())
-        if count > LONGEST and count - lines_of_sections(ast.parse(text)) > LONGEST:
-            long.add(named(path))
-    assert not long
-
-
 def test_nothing_reaches_inside_a_robot():
     """What is built on robots asks ``robot.engine``; only the rooms of the robot itself know its private names."""
     reach = re.compile(r"\brobot\._[a-z]")
@@ -133,20 +108,6 @@ def test_no_two_public_classes_have_one_name():
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].add(name)
     assert not {k: sorted(v) for k, v in places.items() if len(v) > 1}
-
-
-MIRRORS = ("cli/", "plotting/", "formats/mjcf/", "formats/sdf/", "formats/writers/", "diagnosis/")
-"""Rooms whose files are called by what they print, draw, read, write or judge."""
-OF_ONE_NAME = {"friction.py"}
-"""Data of the model, and the algorithm."""
-
-
-def test_no_two_modules_have_one_name():
-    places = defaultdict(list)
-    for name, _ in trees():
-        if not name.startswith(MIRRORS):
-            places[Path(name).name].append(name)
-    assert not {k: v for k, v in places.items() if len(v) > 1 and k not in OF_ONE_NAME | {"__init__.py"}}
 
 
 def test_options_of_simulations_stand_once():
