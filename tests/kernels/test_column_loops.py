@@ -151,7 +151,7 @@ def test_a_state_has_its_bits_wherever_it_stands(monkeypatch):
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("name", [NAME, "mass_matrix"])
 def test_results_past_the_caches_have_the_same_bits(name, dtype, monkeypatch):
-    """From arrays at any place: whole lines are written as such, others as pieces, or not past the caches at all."""
+    """From arrays at any place: whole vectors where arrays begin with one, else not past the caches at all."""
     from twistwrench.targets import emitter_choice
 
     monkeypatch.setattr(emitter_choice, "LONG", 0)

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from ..program.program import Program
 from .avx2 import OPERATIONS, Selection
 from .avx2_text import ARRAYS_IN_REGISTERS, written
-from .batch_loop import SHORTEST_PIECE, Loop, loop
-from .buffers import LINE
+from .batch_loop import Loop, loop
 from .lanes import RowStorer
 from .llvm_text import LlvmWriter
 from .processor import Machine, Precision
@@ -104,10 +103,10 @@ def module(program: Program, precision: Precision, machine: Machine, name: str, 
             wrapper(precision, lanes),
             preparation(LlvmWriter(precision, lanes), frame.constants if packed else (), "prepare_one"),
             made.prepare(),
-            *(made.rows(streamed=streamed) for streamed in ((False, True) if packed else ())),
+            made.rows() if packed else "",
             made.one(),
             made.several() if group > 1 else "",
-            around(name, program, precision, lanes, size * group + packed * LINE, group, packed * SHORTEST_PIECE),
+            around(name, program, precision, lanes, size * group, group),
         ]
     )
 
@@ -205,31 +204,21 @@ class _Blocks:
             self.w.do(f"call void @part{k}({_pointers(['%frame', *arrays])})")
 
     def _call_rows(self, arrays: Sequence[str], frame: str) -> None:
-        if not self.packed:
-            return
-        w = self.w
-        stream, plain, done = w.label("stream"), w.label("plain"), w.label("rows")
-        flag = w.at("%frame", self.frame * self.group)
-        far = w.new(f"icmp ne i64 {w.new(f'load i64, ptr {flag}, align 8')}, 0")
-        w.do(f"br i1 {far}, label %{stream}, label %{plain}")
-        for label, name in ((stream, "streamed_rows"), (plain, "rows")):
-            w.begin(label)
-            w.do(f"call void @{name}({_pointers([*arrays, frame])})")
-            w.do(f"br label %{done}")
-        w.begin(done)
+        if self.packed:
+            self.w.do(f"call void @rows({_pointers([*arrays, frame])})")
 
-    def rows(self, *, streamed: bool) -> str:
-        """``@rows``, or ``@streamed_rows``: rows of the entries in the frame."""
+    def rows(self) -> str:
+        """``@rows``: rows of the entries in the frame."""
         entry, label, tables, zero = 0, "entry", [], self.program.zeros
         for k, port in enumerate(self.program.outputs):
             span = RowStorer(self.w, "", port.size).span
             table = zero_tiles(f"zeros{k}", zero[entry : entry + port.size], span)
-            tables.append("" if streamed else table)
+            tables.append(table)
             array = self.arrays[len(self.program.inputs) + k]
             name = f"zeros{k}" if table else ""
-            label = frame_to_rows(self.w, array, port.size, entry, label, name, streamed=streamed)
+            label = frame_to_rows(self.w, array, port.size, entry, label, name)
             entry += port.size
-        return "\n".join([*tables, self._defined("streamed_rows" if streamed else "rows")])
+        return "\n".join([*tables, self._defined("rows")])
 
     def prepare(self) -> str:
         """``@prepare``: every frame of a group."""

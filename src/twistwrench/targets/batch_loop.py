@@ -4,7 +4,7 @@
 ``steps`` first the distance between samples of each operand, then the distances within one. Where all operands are
 contiguous rows the block reads and writes them in place. What has other strides or is broadcast, and the last few rows, are
 copied through buffers of one block; missing rows repeat the last one, so that they raise no floating-point flags of their own.
-Large results go past the caches: from a buffer of one block in whole vectors, unless the block writes so itself.
+Large results go past the caches, from a buffer of one block in whole vectors.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .buffers import LINE, ON_STACK, buffer_size, call_block, call_copy, copying
 from .llvm_text import LlvmWriter
 from .processor import Precision
 
-Loop = Callable[[str, Program, Precision, int, int, int, int], str]
+Loop = Callable[[str, Program, Precision, int, int, int], str]
 """What makes the assembly of a loop around blocks; its arguments are those of :func:`loop`."""
 
 BEYOND_CACHES = 1 << 24
@@ -28,14 +28,11 @@ SHORTEST_PIECE, SHORTEST_ROW = 16, 256
 """Bytes that processors write past their caches at once, at least; and of a sample's results, fewer of which gain nothing."""
 
 
-def loop(
-    name: str, program: Program, precision: Precision, lanes: int, frame: int = 0, group: int = 1, streams: int = 0
-) -> str:
+def loop(name: str, program: Program, precision: Precision, lanes: int, frame: int = 0, group: int = 1) -> str:
     """Assembly of the loop function and its copying helpers.
 
     With a ``frame`` of so many bytes, the block takes it as one more pointer, and ``@prepare`` fills it once a call. With a
-    ``group``, so many blocks of rows in place are one call of ``@blocks``. With ``streams``, the frame's last line begins with
-    1 while rows are in place, many, and multiples of so many bytes: the block writes them past the caches; else with 0.
+    ``group``, so many blocks of rows in place are one call of ``@blocks``.
     """
     ports = [*program.inputs, *program.outputs]
     w = LlvmWriter(precision, lanes)
@@ -43,7 +40,7 @@ def loop(
     row = precision.bytes * sum(port.size for port in program.outputs)
     piece = lanes * precision.bytes if row >= SHORTEST_ROW and group == 1 else 0
     piece = piece if piece >= SHORTEST_PIECE else 0
-    _body(w, ports, len(program.inputs), frame, large, group, streams, piece)
+    _body(w, ports, len(program.inputs), frame, large, group, piece)
     return "\n".join(
         [
             copying("gather", precision, lanes, inward=True),
@@ -57,9 +54,7 @@ def loop(
     )
 
 
-def _body(
-    w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool, group: int, streams: int, piece: int
-) -> None:
+def _body(w: LlvmWriter, ports: list[Port], inputs: int, frame: int, large: bool, group: int, piece: int) -> None:
     size = w.precision.bytes
     samples = w.new("load i64, ptr %dims, align 8")
     bases = [w.new(f"load ptr, ptr {w.at('%args', 8 * k)}, align 8") for k in range(len(ports))]
@@ -90,13 +85,8 @@ def _body(
     quick = w.new(f"select i1 {every}, i64 {whole}, i64 0")
     outputs = list(zip(bases, ports, strict=True))[inputs:]
     at, left = bases, quick
-    if streams:
-        flag, straight = w.at(room, frame - LINE), _many_and_aligned(w, samples, outputs, streams, 1, SHORTEST_PIECE)
-        w.do(f"store i64 {w.new(f'zext i1 {straight} to i64')}, ptr {flag}")
     if piece:
-        many = _many_and_aligned(w, samples, outputs, piece, w.lanes, piece)
-        if streams:
-            many = w.new(f"and i1 {many}, {w.new(f'xor i1 {straight}, true')}")
+        many = _many_and_aligned(w, samples, outputs, piece)
         past = w.new(f"select i1 {many}, i64 {quick}, i64 0")
         start = _blocks_past_caches(w, ports, bases, past, start, buffers[inputs:], further)
         at = _moved(w, ports, bases, past, 1)
@@ -107,9 +97,6 @@ def _body(
         at = _moved(w, ports, bases, groups, group)
         left = w.new(f"sub i64 {quick}, {w.new(f'mul i64 {groups}, {group}')}")
     _blocks_in_place(w, ports, at, left, start, further)
-    if streams:
-        w.do(f"store i64 0, ptr {flag}")
-        w.do("fence seq_cst")  # such writes reach other threads in any order
     done = w.new(f"mul i64 {quick}, {w.lanes}")
     left = w.new(f"sub i64 {samples}, {done}")
     with w.loop(w.blocks(left), w.after) as block:
@@ -135,19 +122,14 @@ def _body(
         w.do(f"call void @free(ptr {taken})")
 
 
-def _many_and_aligned(
-    w: LlvmWriter, samples: str, outputs: list[tuple[str, Port]], piece: int, rows: int, aligned: int
-) -> str:
-    """Whether results should be written past the caches, and can be: so many rows in pieces of so many bytes.
-
-    Arrays begin at multiples of ``aligned`` bytes.
-    """
+def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, Port]], piece: int) -> str:
+    """True if results should be written past the caches, and can be: blocks and arrays are multiples of ``piece`` bytes."""
     sizes = [port.size * w.precision.bytes for _, port in outputs]
-    if any(rows * size % piece for size in sizes):
+    if any(w.lanes * size % piece for size in sizes):
         return "false"
     yes = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // sum(sizes)}")
     for base, _ in outputs:
-        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {aligned - 1}")
+        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {piece - 1}")
         yes = w.new(f"and i1 {yes}, {w.new(f'icmp eq i64 {odd}, 0')}")
     return yes
 

@@ -96,12 +96,10 @@ class RowStorer(_Rows):
     """Columns of an output array, stored tile by tile as they become complete.
 
     Storing is what limits wide results, so a tile is two pieces wide where the row is long enough: half as many stores.
-    ``streamed`` stores go past the caches, piece by piece; rows and their pieces then begin at multiples of 128 bits.
     """
 
-    def __init__(self, w: LlvmWriter, base: str, columns: int, *, streamed: bool = False) -> None:
+    def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
         super().__init__(w, base, columns)
-        self.streamed = streamed
         self.span = 2 * self.width if columns >= 2 * self.width else self.width
         self._ready: dict[int, str] = {}
         self._missing = dict.fromkeys(_pieces(columns, self.span) if self.groups else [], self.span)
@@ -129,26 +127,15 @@ class RowStorer(_Rows):
         for k in range(width):
             for g in range(self.groups):
                 group = list(range(g * width, g * width + width))
-                if self.streamed:
-                    for side, column in ((left, start), (right, start + width))[: span // width]:
-                        self._stream(w.shuffle(side[k], side[k], group), g * width + k, column)
-                    continue
                 both = group + [w.lanes + i for i in group] if span > width else group
                 part = w.shuffle(left[k], right[k], both)
                 w.do(f"store {tile} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
 
     def clear(self) -> None:
         """Store zeros where the first tile goes."""
+        kind = f"<{self.span} x {self.w.element}>"
         for row in range(self.w.lanes):
-            if self.streamed:
-                for column in range(0, self.span, self.width):
-                    self._stream("zeroinitializer", row, column)
-            else:
-                kind = f"<{self.span} x {self.w.element}>"
-                self.w.do(f"store {kind} zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")
-
-    def _stream(self, piece: str, row: int, column: int) -> None:
-        self.w.do(f"store {self.piece} {piece}, ptr {self.address(row, column)}, align 16, !nontemporal !{{i32 1}}")
+            self.w.do(f"store {kind} zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")
 
     def _transposed(self, start: int) -> list[str]:
         return self.transpose([self._ready[start + k] for k in range(self.width)])

@@ -50,7 +50,7 @@ def assembly(program: Program, precision: Precision, machine: Machine, around: L
             declarations(w),
             wrapper(precision, lanes),
             f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n',
-            around(LOOP, program, precision, lanes, 0, 1, 0),
+            around(LOOP, program, precision, lanes, 0, 1),
         ]
     )
 

@@ -23,10 +23,8 @@ _MIXED = 3
 def products_over(products: Products, *, fused: bool) -> Loop:
     """What makes the loop of products around their program's blocks; ``fused``: the machine multiplies and adds at once."""
 
-    def made(
-        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: int
-    ) -> str:
-        loop = _Matrices(products, LlvmWriter(precision, lanes, fused=fused), frame, streams)
+    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+        loop = _Matrices(products, LlvmWriter(precision, lanes, fused=fused), frame)
         loop.write()
         return "\n".join(
             [
@@ -55,8 +53,8 @@ def _starts(n: int, step: int) -> list[int]:
 class _Matrices:
     """The body of one loop, and the functions it calls."""
 
-    def __init__(self, products: Products, w: LlvmWriter, frame: int, streams: int) -> None:
-        self.p, self.w, self.frame, self.streams = products, w, frame, streams
+    def __init__(self, products: Products, w: LlvmWriter, frame: int) -> None:
+        self.p, self.w, self.frame = products, w, frame
         self.bytes, self.n = w.precision.bytes, len(products.relations)
         # Sums that find registers, in vectors of another length than the program's, whose intrinsics are declared elsewhere.
         self.height, self.width = 4 if w.lanes * self.bytes >= LINE else 2, 16 if w.lanes != 16 else 8
@@ -182,8 +180,6 @@ class _Matrices:
         taken, label, (*buffers, matrix, room) = take(w, [*sizes, self.frame], samples, spoiled)
         if self.frame:
             w.do(f"call void @prepare(ptr {room})")
-            if self.streams:
-                w.do(f"store i64 0, ptr {w.at(room, self.frame - LINE)}")
         size = self.n * self.n * self.bytes
         many = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // (size * len(p.matrices))}")
         with w.loop(w.blocks(samples), label) as block:

@@ -22,10 +22,8 @@ from .search_state import BEST, FAR, GIVEN, NONE, PASSED, SAID, SearchState, X
 def search_over(search: Search) -> Loop:
     """What makes the loop of a search around its program's blocks."""
 
-    def made(
-        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: int
-    ) -> str:
-        loop = _Attempts(search, LlvmWriter(precision, lanes), frame, streams)
+    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+        loop = _Attempts(search, LlvmWriter(precision, lanes), frame)
         loop.write()
         w = loop.w
         tables = {"begins": search.begins, "least": search.least, "most": search.most}

@@ -20,8 +20,8 @@ X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, SAID = range(8)
 class SearchState:
     """Where everything is while a loop runs."""
 
-    def __init__(self, search: Search, w: LlvmWriter, frame: int, streams: int) -> None:
-        self.s, self.w, self.frame, self.streams = search, w, frame, streams
+    def __init__(self, search: Search, w: LlvmWriter, frame: int) -> None:
+        self.s, self.w, self.frame = search, w, frame
         self.bytes = w.precision.bytes
         x, passed = search.program.outputs
         self.ports = [x, passed, search.program.inputs[-1], x, passed, passed, Port("far", (PLACES,)), search.said]
@@ -71,8 +71,6 @@ class SearchState:
             self.frame_room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
         if self.frame:
             w.do(f"call void @prepare(ptr {self.frame_room})")
-            if self.streams:
-                w.do(f"store i64 0, ptr {w.at(self.frame_room, self.frame - LINE)}")
         return taken
 
     def tables(self) -> None:

@@ -13,8 +13,7 @@ from itertools import pairwise
 
 from ..program.column_groups import ColumnGroups
 from ..program.program import Program
-from .batch_loop import SHORTEST_PIECE, Loop
-from .buffers import LINE
+from .batch_loop import Loop
 from .column_loop import column_loop, column_programs
 from .columns_in_lanes import call_lane_columns, lane_column_programs
 from .compiler import LOOP
@@ -64,10 +63,11 @@ def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machin
     for k, (port, entry) in enumerate(zip(columns.outputs, columns.first_entries, strict=False)):
         zero, span = columns.zeros[entry : entry + port.size], RowStorer(w, "", port.size).span
         tables.append(zero_tiles(f"zeros{k}", zero, span))
-    size = frame.size * w.lanes * precision.bytes
-    streams = w.lanes * precision.bytes > SHORTEST_PIECE
-    _rows(w, columns, column_loop(w, columns, "entry"), tables, w.at("%frame", size) if streams else "")
-    visible, room = replace(columns.program, outputs=columns.outputs), size + streams * LINE
+    label = column_loop(w, columns, "entry")
+    for k, (port, table) in enumerate(zip(columns.outputs, tables, strict=True)):
+        array, zeros = f"%a{len(columns.inputs) + k}", f"zeros{k}" if table else ""
+        label = frame_to_rows(w, array, port.size, columns.first_entries[k], label, zeros)
+    visible, room = replace(columns.program, outputs=columns.outputs), frame.size * w.lanes * precision.bytes
     return "\n".join(
         [
             *declared,
@@ -75,7 +75,7 @@ def _head(columns: ColumnGroups, frame: SpillFrame, precision: Precision, machin
             *tables,
             *column_programs(columns, lambda: _writer(precision, machine)),
             _block(w, RowPlaces(columns).pointers),
-            around(LOOP, visible, precision, w.lanes, room, 1, streams * 2 * SHORTEST_PIECE),
+            around(LOOP, visible, precision, w.lanes, room, 1),
         ]
     )
 
@@ -96,7 +96,7 @@ def _head_of_one_lane(
             preparation(_writer(precision, machine), ()),
             *lane_column_programs(columns, places, precision, fused=machine.fused),
             _block(w, places.pointers),
-            around(LOOP, replace(columns.program, outputs=columns.outputs), precision, w.lanes, room, 1, 0),
+            around(LOOP, replace(columns.program, outputs=columns.outputs), precision, w.lanes, room, 1),
         ]
     )
 
@@ -114,27 +114,6 @@ def _block(w: LlvmWriter, pointers: Sequence[str]) -> str:
     arguments = ", ".join(f"ptr noalias {pointer}" for pointer in pointers)
     body = "\n".join(w.lines)
     return f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
-
-
-def _rows(w: LlvmWriter, columns: ColumnGroups, label: str, tables: Sequence[str], flag: str) -> None:
-    """Rows of the results, of their entries in the frame; past the caches where what stands at ``flag`` is not 0."""
-
-    def rows(label: str, *, streamed: bool) -> None:
-        for k, (port, table) in enumerate(zip(columns.outputs, tables, strict=True)):
-            array, name = f"%a{len(columns.inputs) + k}", f"zeros{k}" if table and not streamed else ""
-            label = frame_to_rows(w, array, port.size, columns.first_entries[k], label, name, streamed=streamed)
-
-    if not flag:
-        rows(label, streamed=False)
-        return
-    far, near, done = (w.label(stem) for stem in ("far", "near", "done"))
-    past = w.new(f"icmp ne i64 {w.new(f'load i64, ptr {flag}, align 8')}, 0")
-    w.do(f"br i1 {past}, label %{far}, label %{near}")
-    for label, streamed in ((far, True), (near, False)):
-        w.begin(label)
-        rows(label, streamed=streamed)
-        w.do(f"br label %{done}")
-    w.begin(done)
 
 
 # ── one section ──

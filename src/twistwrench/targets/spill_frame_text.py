@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .batch_loop import SHORTEST_PIECE
 from .lanes import RowStorer
 from .llvm_text import LlvmWriter
 
@@ -25,49 +24,36 @@ def store_home(w: LlvmWriter, value: str, home: int | str, base: str = "%frame")
     w.do(f"store {w.vector} {value}, ptr {_at(w, home, base)}, align {w.lanes * w.precision.bytes}")
 
 
-def frame_to_rows(
-    w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "", *, streamed: bool = False
-) -> str:
+def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
     """Make rows of the vectors from ``entry`` on: tiles in a loop, then the last, which ends with the row.
 
     Takes the label control comes from and returns the one it is in afterwards. ``zeros``: a table as :func:`zero_tiles` makes.
-    ``streamed``: as of :class:`.rows.RowStorer`.
     """
     whole = RowStorer(w, base, columns)
     if not whole.starts:  # too narrow for tiles
         for c in range(columns):
             whole.put(c, load_home(w, entry + c))
         return label
-    shift, count = "0", columns // whole.span
-    if streamed and not zeros:  # from the second tile on they are halves of lines, which then are written whole
-        _tile(w, base, columns, "0", f"{entry}", streamed)
-        shift, count = _elements_to_half_a_line(w, base), (columns - whole.width) // whole.span
-    with w.loop(str(count), label) as tile:
-        first = w.new(f"add i64 {shift}, {w.new(f'mul i64 {tile}, {whole.span}')}")
+    with w.loop(str(columns // whole.span), label) as tile:
+        first = w.new(f"mul i64 {tile}, {whole.span}")
         if zeros:
             full, empty, stored = w.label("full"), w.label("empty"), w.label("stored")
             nothing = w.new(f"load i1, ptr {w.at(f'@{zeros}', tile)}, align 1")
             w.do(f"br i1 {nothing}, label %{empty}, label %{full}")
             w.begin(empty)
             place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
-            RowStorer(w, place, columns, streamed=streamed).clear()
+            RowStorer(w, place, columns).clear()
             w.do(f"br label %{stored}")
             w.begin(full)
-        _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"), streamed)
+        _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"))
         if zeros:
             w.do(f"br label %{stored}")
             w.begin(stored)
     label = w.after
-    if columns % whole.span or shift != "0":
+    if columns % whole.span:
         last = columns - whole.span
-        _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"), streamed)
+        _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"))
     return label
-
-
-def _elements_to_half_a_line(w: LlvmWriter, base: str) -> str:
-    """How many elements on from a place that is a multiple of 16 bytes the next multiple of 32 is."""
-    odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {SHORTEST_PIECE}")
-    return w.new(f"udiv i64 {odd}, {w.precision.bytes}")
 
 
 def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
@@ -78,9 +64,9 @@ def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
     return f"@{name} = internal constant [{len(tiles)} x i8] [{', '.join(f'i8 {int(t)}' for t in tiles)}]"
 
 
-def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str, streamed: bool = False) -> None:
+def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str) -> None:
     place = w.at(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
-    storer = RowStorer(w, place, columns, streamed=streamed)
+    storer = RowStorer(w, place, columns)
     for c in range(storer.span):
         storer.put(c, load_home(w, w.new(f"add i64 {entry}, {c}")))
 

@@ -23,10 +23,8 @@ TABLE = "stages"
 def loop_over(recurrence: Recurrence) -> Loop:
     """What makes the loop of a recurrence around its program's blocks."""
 
-    def made(
-        name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int, streams: int
-    ) -> str:
-        loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame, streams)
+    def made(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
+        loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame)
         loop.write()
         return "\n".join(
             [
@@ -70,8 +68,8 @@ class _Operand:
 class _Steps:
     """The body of one loop."""
 
-    def __init__(self, recurrence: Recurrence, w: LlvmWriter, frame: int, streams: int) -> None:
-        self.r, self.w, self.frame, self.streams = recurrence, w, frame, streams
+    def __init__(self, recurrence: Recurrence, w: LlvmWriter, frame: int) -> None:
+        self.r, self.w, self.frame = recurrence, w, frame
         self.program = recurrence.program
         self.starts = sorted({s.state for s in recurrence.sources if s.kind == "start"})
         fed = [*recurrence.states, *(recurrence.states[j] for j in self.starts)]
@@ -89,8 +87,6 @@ class _Steps:
         taken, label = self._places(samples, outputs, kept)
         if self.frame:
             w.do(f"call void @prepare(ptr {self.room})")
-            if self.streams:
-                w.do(f"store i64 0, ptr {w.at(self.room, self.frame - LINE)}")
         none = w.new(f"icmp slt i64 {kept}, 1")
         every = w.new(f"sdiv i64 {self._size(len(r.inputs) - 1)}, {w.new(f'select i1 {none}, i64 1, i64 {kept}')}")
         with w.loop(w.blocks(samples), label) as block:
