@@ -112,7 +112,7 @@ class UnknownNameError(TwistWrenchError, KeyError):
         """
         import difflib
 
-        known, text = list(choices), repr(name)
+        known, text = list(choices), repr(str(name) if isinstance(name, str) else name)
         text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
         near = difflib.get_close_matches(str(name)[:_LONGEST], known, n=3, cutoff=0.5)
         hint = f" Did you mean {' or '.join(repr(n) for n in near)}?" if near else ""

@@ -98,7 +98,7 @@ def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):
     assert "29.43 of 20" in output
 
 
-@pytest.mark.parametrize("flags, over", [([], False), (["--friction"], True)])
+@pytest.mark.parametrize("flags, over", [([], True), (["--no-friction"], False)])
 def test_friction_is_judged_where_it_is_counted(run, tmp_path, flags, over):
     """Half a radian in a second takes less than 4 N m without friction; at 0.75 rad/s this drags with 3.75 N m more."""
     text = tw.robots.path_of("pendulum").read_text()
@@ -108,11 +108,18 @@ def test_friction_is_judged_where_it_is_counted(run, tmp_path, flags, over):
     assert (code, "OVER LIMIT: hinge: torque" in output) == (int(over), over), output
 
 
-def test_friction_that_the_file_does_not_give_is_remarked(run):
-    for name, none in (("ur5", True), ("panda", False)):
-        robot = getattr(tw.robots, name)()
-        _, output = run("move", name, "--to", ",".join(map(str, robot.neutral + 0.01)), "--friction")
-        assert ("the robot has none: its file gives none" in " ".join(output.split())) == none, output
+@pytest.mark.parametrize(
+    ("name", "flags", "words"),
+    [
+        ("ur5", (), "no friction, as its file gives none"),
+        ("panda", (), "with friction"),
+        ("panda", ("--no-friction",), "without friction"),
+    ],
+)
+def test_the_heading_says_what_friction_is_counted(run, name, flags, words):
+    robot = getattr(tw.robots, name)()
+    _, output = run("move", name, "--to", ",".join(map(str, robot.neutral + 0.01)), *flags)
+    assert f"  ·  {words}\n" in output
 
 
 @pytest.mark.parametrize(

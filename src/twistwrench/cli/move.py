@@ -13,7 +13,7 @@ import numpy as np
 from ..core.printed_numbers import number, printed
 from ..errors import ConstraintWarning, PathError, ValueRangeError
 from ..typing import Array
-from .shared_options import LIMITS, PAYLOADS, option_group
+from .shared_options import LIMITS, NO_FRICTION, PAYLOADS, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -31,7 +31,7 @@ move_options = option_group(
     click.option(
         "--step", type=float, default=0.002, show_default=True, metavar="SECONDS", help="Between rows of --csv."
     ),
-    click.option("--friction", is_flag=True, help="Count joint friction among the torques."),
+    NO_FRICTION,
     LIMITS,
     click.option("--acceleration", type=float, metavar="A", help="Limit every joint to it [rad/s², m/s²]."),
     PAYLOADS,
@@ -79,7 +79,6 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     from ..report.joint_values import degrees_hint, parse_configuration
     from ..report.loaded_robot import LoadedRobot, parse_payload
     from ..report.model_doubts import model_doubts
-    from .tables.plain_table import FRICTION_LEFT_OUT
     from .tables.trajectory import joint_uses, move_view
 
     carried = [parse_payload(text) for text in given["payloads"]]
@@ -103,9 +102,9 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     if path is None:
         show(f"CANNOT: {trouble}")
         return False
-    friction = given["friction"]
+    friction = not given["no_friction"] and robot.model.friction.any
     try:
-        moving = _timed(robot, path, bounds, given, whole=trouble is None)
+        moving = _timed(robot, path, bounds, given, friction=friction, whole=trouble is None)
     except PathError as problem:
         show(f"CANNOT: {problem}")
         return False
@@ -114,13 +113,19 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
     uses = joint_uses(moving, bounds, friction=friction)
     doubts = model_doubts(robot.model, uses)
-    show(move_view(moving, bounds, over, uses, doubts, degrees=degrees, carried=words, cannot=cannot))
-    if robot.model.friction.any and not friction:
-        show(f"! {FRICTION_LEFT_OUT}")
-    if friction and not robot.model.friction.any:
-        from ..model.friction import NONE_GIVEN
-
-        show(f"! {NONE_GIVEN[0].upper()}{NONE_GIVEN[1:]}.")
+    show(
+        move_view(
+            moving,
+            bounds,
+            over,
+            uses,
+            doubts,
+            friction=not given["no_friction"],
+            degrees=degrees,
+            carried=words,
+            cannot=cannot,
+        )
+    )
     if given["csv_path"] is not None:
         moving.to_csv(given["csv_path"], given["step"], degrees=degrees)
     if given["plot_path"] is not None:
@@ -130,20 +135,22 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     return not over and not doubts and trouble is None
 
 
-def _timed(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any], *, whole: bool) -> Trajectory:
+def _timed(
+    robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any], *, friction: bool, whole: bool
+) -> Trajectory:
     """The motion along the path: as fast as may be, where that is asked and the path is ``whole``, else by its scaling."""
     from ..trajectories.fastest import fastest
     from ..trajectories.trajectory import Trajectory
 
     if not (given["fastest"] and whole):
-        return Trajectory(robot, path, _scaling(robot, path, bounds, given))
+        return Trajectory(robot, path, _scaling(robot, path, bounds, given, friction=friction))
     limits = {"velocity": bounds.velocity, "effort": bounds.effort, "acceleration": bounds.acceleration}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConstraintWarning)  # positions are in the verdict, by the limits given
-        return fastest(robot, path, friction=given["friction"], **limits)
+        return fastest(robot, path, friction=friction, **limits)
 
 
-def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any]) -> Any:
+def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any], *, friction: bool) -> Any:
     from ..algorithms.time_scalings import cubic, quintic, trapezoid
     from ..trajectories.trajectory import fitted
 
@@ -155,7 +162,7 @@ def _scaling(robot: Robot, path: JointPath, bounds: Any, given: dict[str, Any]) 
     shape = shapes[given["scaling"]](1.0)
     if given["duration"] is not None:
         return shape.stretched(given["duration"])
-    return fitted(robot, path, shape, bounds, friction=given["friction"])
+    return fitted(robot, path, shape, bounds, friction=friction)
 
 
 def _path_and_trouble(

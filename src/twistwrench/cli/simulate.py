@@ -11,7 +11,7 @@ import click
 from ..errors import SimulationError, ValueRangeError
 from ..verdict import ExitCode
 from .progress import share_done
-from .shared_options import AT, CONFIGURATION, PAYLOADS, WRENCHES, option_group
+from .shared_options import AT, CONFIGURATION, NO_FRICTION, PAYLOADS, WRENCHES, option_group
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -44,7 +44,7 @@ simulate_options = option_group(
     click.option(
         "--stop-at-limits", is_flag=True, help="End where a joint reaches a limit of position, with exit code 1."
     ),
-    click.option("--friction", is_flag=True, help="Let the joints have their friction and damping."),
+    NO_FRICTION,
     WRENCHES,
     PAYLOADS,
     click.option("--torque", metavar="JOINT=VALUE", multiple=True, help="A constant torque; may be repeated."),
@@ -78,7 +78,7 @@ def answer_simulate(
     torque: tuple[str, ...],
     payloads: tuple[str, ...],
     wrenches: tuple[str, ...],
-    friction: bool,
+    no_friction: bool,
     stop_at_limits: bool,
     touch: tuple[str, ...],
     ground: float | None,
@@ -101,7 +101,7 @@ def answer_simulate(
 
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches))
     loaded = load.loaded
-    failure: BaseException | None = None
+    friction, failure = not no_friction, None
     q0 = parse_configuration(loaded, at, configuration, degrees=degrees)
     if hint := degrees_hint(loaded, q0):
         show(f"! {hint}")
@@ -110,7 +110,7 @@ def answer_simulate(
         "method": method,
         "tau": parse_rates(loaded, torque, "--torque", degrees=False) if torque else None,
         "wrench_on_robot": load.wrenches or None,
-        "friction": friction,
+        "friction": friction and loaded.model.friction.any,
         "limits": "stop" if stop_at_limits else None,
         "contacts": _planes(loaded, touch, ground, contact),
         "rtol": rtol,

@@ -168,8 +168,8 @@ def choice(x: Any, what: str, choices: Sequence[str]) -> str:
 def shown(x: Any) -> str:
     """What was given, in a few words: for errors about things of the wrong kind.
 
-    >>> shown(None), shown("abc"), shown(np.zeros(3)), shown([]), shown(abs)
-    ('None', "'abc'", 'an array of shape (3,)', '[]', 'a builtin_function_or_method')
+    >>> shown(None), shown("abc"), shown(np.float64(0.5)), shown(np.zeros(3)), shown([]), shown(abs)
+    ('None', "'abc'", '0.5', 'an array of shape (3,)', '[]', 'a builtin_function_or_method')
     """
     if isinstance(x, np.ndarray) and x.ndim:
         return f"an array of shape {x.shape}"
@@ -179,7 +179,7 @@ def shown(x: Any) -> str:
         x, str | bytes | int | float | complex | list | tuple | dict | set | np.generic
     ):
         return f"a {type(x).__name__}"
-    text = repr(x)
+    text = repr(x.item() if isinstance(x, np.generic) else x)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 

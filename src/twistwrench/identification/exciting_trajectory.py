@@ -180,18 +180,18 @@ def _bounds(
     if not arguments.positive(share, "share") <= 1.0:
         raise ValueRangeError(f"share is {printed(share)}: give a share of the robot's limits, above 0 and at most 1.")
     bounds = shared_bounds(bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort), share)
-    names = np.array(robot.model.velocity_names)
+    names = robot.model.velocity_names
     still = (bounds.upper - bounds.lower <= 0) | (bounds.velocity <= 0) | (bounds.effort <= 0)
     if still.any():
         raise ValueRangeError(
-            f"joint {names[still][0]!r} has no room to move: its limits of position are one, or another is 0. "
+            f"joint {names[int(still.argmax())]!r} has no room to move: its limits of position are one, or another is 0. "
             "Lock it: robot.lock({name: position})."
         )
     free = ~np.isfinite(bounds.upper - bounds.lower) & np.isinf(bounds.velocity) & np.isinf(bounds.acceleration)
     if free.any():
         raise ValueRangeError(
-            f"nothing limits how far and how fast joint {names[free][0]!r} of {robot.name!r} moves. Give acceleration=…, or "
-            "limits of velocity in its file."
+            f"nothing limits how far and how fast joint {names[int(free.argmax())]!r} of {robot.name!r} moves. Give "
+            "acceleration=…, or limits of velocity in its file."
         )
     return bounds
 

@@ -17,6 +17,7 @@ from contextvars import copy_context
 from queue import SimpleQueue
 from typing import Any
 
+from ..core.arguments import shown
 from ..errors import ValueRangeError
 from . import interpreter
 from .batch_split import NOTABLE, Part, cut, room_for_results
@@ -126,7 +127,7 @@ def _checked(count: Any, who: str) -> int:
         threads = 0
     if not 1 <= threads <= MOST:
         raise ValueRangeError(
-            f"{who}: {count!r} is not a number of threads. Give a whole number from 1 (off) to {MOST};"
+            f"{who}: {shown(count)} is not a number of threads. Give a whole number from 1 (off) to {MOST};"
             f" this machine has {os.cpu_count() or 1} processors."
         )
     return threads

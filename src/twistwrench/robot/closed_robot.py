@@ -210,11 +210,11 @@ class ClosedRobot(
         (q,) = finite_states(self.robot.model, "consistent", q=q)
         if not arguments.number(tolerance, "tolerance") > 0:
             raise ValueRangeError(
-                f"tolerance={tolerance!r} is not allowed: a positive number, such as {printed(CLOSED)}."
+                f"tolerance={printed(tolerance)} is not allowed: a positive number, such as {printed(CLOSED)}."
             )
         if not arguments.number(within, "within") >= 0:
             raise ValueRangeError(
-                f"within={within!r} is not allowed: rad or m, 0 or more, such as {printed(checks.NEAR)}."
+                f"within={printed(within)} is not allowed: rad or m, 0 or more, such as {printed(checks.NEAR)}."
             )
         flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
         checks.require_found(self, left, tolerance, q.shape[:-1])

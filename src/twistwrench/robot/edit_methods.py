@@ -57,7 +57,8 @@ class EditMethods:
 
         if not isinstance(payload, SpatialInertia):
             raise ShapeError(
-                f"a payload is a SpatialInertia, got {payload!r}: for a point mass, tw.SpatialInertia.from_com(mass, com)."
+                f"a payload is a SpatialInertia, got {arguments.shown(payload)}: for a point mass, "
+                "tw.SpatialInertia.from_com(mass, com)."
             )
         return self._of_model(edit.with_payload(self.model, payload, frame))
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..algorithms.operational_space import row_numbers
 from ..core import arguments
+from ..core.printed_numbers import printed
 from ..errors import ShapeError, ValueRangeError
 from ..lie import se3, so3
 from ..model.configuration import random_configuration
@@ -118,10 +119,14 @@ def _looked_at(
     except (TypeError, ValueError):
         again = seed = -1
     if again < 0:
-        raise ValueRangeError(f"restarts={restarts!r}, rng={rng!r}: give a whole number of at least 0, and a seed.")
+        raise ValueRangeError(
+            f"restarts={arguments.shown(restarts)}, rng={arguments.shown(rng)}: give a whole number of at least 0, and a seed."
+        )
     allowed = [arguments.number(x, name) for name, x in (("angle", angle), ("distance", distance))]
     if not all(0 < x < np.inf for x in allowed):
-        raise ValueRangeError(f"angle={angle!r}, distance={distance!r}: give what may be left, finite and above 0.")
+        raise ValueRangeError(
+            f"angle={printed(allowed[0])}, distance={printed(allowed[1])}: give what may be left, finite and above 0."
+        )
     if robot.nv == 0:
         raise ValueRangeError(
             f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints."

@@ -298,6 +298,7 @@ class Robot(
         >>> tw.robots.ur5().random_configuration(rng=0, size=(2, 3)).shape
         (2, 3, 6)
         """
+        from ..core import arguments
         from ..model import configuration
 
         try:
@@ -305,10 +306,11 @@ class Robot(
             generator = np.random.default_rng(rng)
         except (TypeError, ValueError):
             raise ValueRangeError(
-                f"rng={rng!r}, size={size!r}: give a seed or a numpy Generator, and whole numbers of samples."
+                f"rng={arguments.shown(rng)}, size={arguments.shown(size)}: give a seed or a numpy Generator, and whole numbers "
+                "of samples."
             ) from None
         if any(n < 0 for n in shape):
-            raise ValueRangeError(f"size={size!r} has a negative number of samples.")
+            raise ValueRangeError(f"size={arguments.shown(size)} has a negative number of samples.")
         return configuration.random_configuration(self.model, generator, shape)
 
     # ── kernels ──

@@ -41,6 +41,7 @@ def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
     from ..screws.wrench import Wrench
 
     model.frame(frame)
+    frame = str(frame)
     F = unlabelled(F, frame) if isinstance(F, Wrench) else F
     given = arguments.brought(F, f"the wrench at {frame!r}")
     array = numbers("wrench", {}, **{f"the one at {frame!r}": given})[0]

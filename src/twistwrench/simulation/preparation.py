@@ -93,7 +93,8 @@ def prepare(
     if isinstance(scheme, SemiImplicit):
         if creep is not None:
             raise ValueRangeError(
-                f"creep is {creep!r}, and method {method!r} eases no friction: it stops joints and holds them. Leave creep out."
+                f"creep is {arguments.shown(creep)}, and method {method!r} eases no friction: it stops joints and holds them. "
+                "Leave creep out."
             )
         if rubs or gains is not None:
             system.braked = BrakedStep(robot, h, friction=bool(rubs), gains=gains)

@@ -77,7 +77,8 @@ class PathRows:
         if friction and (np.any(law.load) or np.any(law.static != law.coulomb)):
             raise ValueRangeError(
                 f"friction of {robot.name!r} depends on the load or sticks (static, Stribeck), and the fastest timing takes "
-                "viscous and Coulomb friction only. Leave friction out and lower the effort limits by what it takes."
+                "viscous and Coulomb friction only. Leave friction out (--no-friction) and lower the effort limits by what it "
+                "takes."
             )
         self.torque = np.flatnonzero(np.isfinite(bounds.effort))
         self.accelerated = np.flatnonzero(np.isfinite(bounds.acceleration))

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _FIT = 2001
+"""Instants at which a motion is looked at; then between those that bind."""
+_CLOSER, _PEAKS, _SPLIT = 3, 8, 20
+"""How often that is, next to how many of them, and in how many parts."""
 
 
 class Scaling(Protocol):
@@ -107,7 +110,7 @@ class Trajectory:
         step = arguments.number(dt, "dt")
         if not 0 < step < np.inf or self.duration / step > 1e8:
             raise ValueRangeError(
-                f"dt is {dt!r}: give a step [s] above zero, in which {printed(self.duration, 4)} s has at most 1e8."
+                f"dt is {printed(step)}: give a step [s] above zero, in which {printed(self.duration, 4)} s has at most 1e8."
             )
         n = int(np.floor(self.duration / step * (1 + 1e-12)))
         t = step * np.arange(n + 1)
@@ -255,7 +258,7 @@ def fitted(
     path : JointPath
     shape : a scaling, optional, whose shape it has; None: quintic
     bounds : Bounds, optional; None: the robot's own
-    friction : bool, count the viscous and Coulomb friction of the joints
+    friction : bool, count the friction of the joints, static friction wholly at all speeds
 
     Returns
     -------
@@ -270,7 +273,8 @@ def fitted(
 
     Notes
     -----
-    Torques are g + (τ - g) (T0/T)² of the time T, so each sample gives the shortest T in closed form.
+    Torques are g + (τ - g) (T0/T)² of the time T, so each sample gives the shortest T in closed form; friction that grows with
+    the load counts as that of |g| + |τ - g| (T0/T)².
 
     Examples
     --------
@@ -289,32 +293,55 @@ def fitted(
             "uniform makes, of any duration."
         )
     unit = (quintic(1.0) if shape is None else shape).stretched(1.0)
-    q, dq, ddq = Trajectory(robot, path, unit)(np.linspace(0.0, 1.0, _FIT))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shortest = [float(np.nanmax(np.abs(dq) / bounds.velocity, initial=0.0))]
-        shortest.append(float(np.sqrt(np.nanmax(np.abs(ddq) / bounds.acceleration, initial=0.0))))
-    held = robot.holding_torques(q)
-    g = held + robot.friction_forces(1e-9 * np.sign(dq)) * friction
-    room = bounds.effort - np.abs(g)
-    if ((room <= 1e-6 * bounds.effort) & np.isfinite(room)).any():
-        i, j = np.unravel_index(int((np.abs(g) / bounds.effort).argmax()), g.shape)
-        raise PathError(
-            f"the robot cannot hold itself on this path: {robot.model.velocity_names[j]!r} needs {printed(abs(g[i, j]), 4)} of "
-            f"{printed(bounds.effort[j], 4)} to stand still. Take load off, another path, or a stronger joint."
-        )
-    moving = robot.inverse_dynamics(q, dq, ddq) - held
-    viscous = robot.model.friction.viscous * dq if friction else np.zeros_like(dq)
-    # abs(g + moving k² + viscous k) ≤ L with k = 1/T: the smaller positive root on the side it grows to
-    for side in (1.0, -1.0):
-        A, B, C = side * moving, side * viscous, bounds.effort - side * g
-        with np.errstate(all="ignore"):
-            root = np.sqrt(np.maximum(B * B + 4 * A * C, 0.0))
-            k = np.where(B + root > 0, 2 * C / (B + root), np.inf)
-            k = np.where(np.isfinite(C) & (B * B + 4 * A * C >= 0), k, np.inf)
-        shortest.append(float(1.0 / k.min(initial=np.inf)))
-    T = max(shortest)
+    times = np.linspace(0.0, 1.0, _FIT)
+    needed = _shortest(robot, path, unit, bounds, times, friction=friction)
+    for _ in range(_CLOSER):  # what binds lies between two samples
+        inner = np.concatenate([[-np.inf], needed, [-np.inf]])
+        peaks = np.flatnonzero((needed >= inner[:-2]) & (needed >= inner[2:]))
+        peaks = peaks[np.argsort(-needed[peaks])[:_PEAKS]]
+        gaps = np.unique(np.clip(np.concatenate([peaks - 1, peaks]), 0, len(times) - 2))
+        shares = np.arange(1, _SPLIT) / _SPLIT
+        between = (times[gaps, None] + shares * np.diff(times)[gaps, None]).ravel()
+        times = np.concatenate([times, between])
+        needed = np.concatenate([needed, _shortest(robot, path, unit, bounds, between, friction=friction)])
+        order = np.argsort(times)
+        times, needed = times[order], needed[order]
+    T = float(needed.max())
     if not 0 < T < np.inf:
         raise ValueRangeError(
             f"nothing limits {robot.name!r} on this path: give velocity, acceleration or effort limits."
         )
     return unit.stretched(T)
+
+
+def _shortest(robot: Robot, path: JointPath, unit: Any, bounds: Bounds, times: Array, *, friction: bool) -> Array:
+    """The shortest duration (n,) by what limits the motion at times (n,) of one that takes 1 s; 0 where nothing does."""
+    q, dq, ddq = Trajectory(robot, path, unit)(times)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shortest = [np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)]
+        shortest.append(np.sqrt(np.nan_to_num(np.abs(ddq) / bounds.acceleration, posinf=np.inf)))
+    held = robot.holding_torques(q)
+    law = robot.model.friction
+    g = held + robot.friction_forces(1e-9 * np.sign(dq)) * friction
+    load = law.load * friction * (dq != 0)
+    most = np.abs(g) + load * np.abs(held)
+    room = bounds.effort - most
+    if ((room <= 1e-6 * bounds.effort) & np.isfinite(room)).any():
+        i, j = np.unravel_index(int((most / bounds.effort).argmax()), g.shape)
+        raise PathError(
+            f"the robot cannot hold itself on this path: {robot.model.velocity_names[j]!r} needs {printed(most[i, j], 4)} of "
+            f"{printed(bounds.effort[j], 4)} to stand still. Take load off, another path, or a stronger joint."
+        )
+    moving = robot.inverse_dynamics(q, dq, ddq) - held
+    viscous = law.viscous * dq if friction else np.zeros_like(dq)
+    fades = (law.static - law.coulomb) * friction  # of what friction takes off a motor that brakes
+    # abs(g + moving k² + viscous k) ≤ L with k = 1/T: the smaller positive root on the side it grows to
+    for side in (1.0, -1.0):
+        A, B = side * moving + load * np.abs(moving), side * viscous
+        C = bounds.effort - side * g - load * np.abs(held) - fades * (side * dq < 0)
+        with np.errstate(all="ignore"):
+            root = np.sqrt(np.maximum(B * B + 4 * A * C, 0.0))
+            k = np.where(B + root > 0, 2 * C / (B + root), np.inf)
+            k = np.where(np.isfinite(C) & (B * B + 4 * A * C >= 0), k, np.inf)
+            shortest.append(1.0 / k)
+    return np.asarray(np.concatenate(shortest, axis=1).max(axis=1, initial=0.0))

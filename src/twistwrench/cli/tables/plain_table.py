@@ -13,10 +13,9 @@ from rich.text import Text
 
 from ...core.printed_numbers import MISSING, number, percent_of_limit
 from ...model.limits import over_limit
+from ...model.model import Model
 from ...verdict import Word
 
-FRICTION_LEFT_OUT = "Joint friction is left out, and 'twistwrench torques' counts it: add --friction."
-"""What commands say that count friction only where asked to."""
 _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""
 _LEAST = 8
@@ -89,6 +88,13 @@ def share_cell(share: float) -> Text:
     """A share of a limit, in its colour; a dash where there is no limit."""
     text = percent_of_limit(share)
     return Text(text, style="" if text == MISSING else limit_style(share))
+
+
+def friction_words(model: Model, *, counted: bool) -> str:
+    """Part of a heading: whether the torques count friction."""
+    if not counted:
+        return "without friction"
+    return "with friction" if model.friction.any else "no friction, as its file gives none"
 
 
 def remarks(sentences: Iterable[str]) -> list[Text]:

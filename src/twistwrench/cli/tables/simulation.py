@@ -15,7 +15,7 @@ from ...motion.bounds import bounds_of
 from ...motion.coordinates import Coordinates
 from ...motion.violations import LimitCheck
 from ...typing import Array
-from .plain_table import FRICTION_LEFT_OUT, PlainTable, remarks
+from .plain_table import PlainTable, friction_words, remarks
 
 if TYPE_CHECKING:
     from ...robot import Robot
@@ -35,13 +35,14 @@ def simulation_view(
     word = ("DONE", "bold") if result.completed else ("STOPPED", "bold red")
     verdict = [
         Text.assemble(word, f": {result.stopped}."),
-        *remarks(_left_out(robot, result, friction=friction)),
+        *remarks(_limits_passed(robot, result)),
         Text(),
     ]
     heading = Text.assemble(
         (result.robot, "bold"),
         f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
         f", {result.rejected} taken again" if result.rejected else "",
+        f"  ·  {friction_words(robot.model, counted=friction)}",
     )
     parts: list[RenderableType] = [*verdict, heading, _coordinates(result, c, degrees=degrees)]
     parts += [_velocities(result, c, degrees=degrees), _energies(result), _accuracy(result)]
@@ -51,19 +52,29 @@ def simulation_view(
     return Group(*parts, *remarks(result.remarks))
 
 
-def _left_out(robot: Robot, result: SimulationResult, *, friction: bool) -> list[str]:
-    """What the robot has and the simulation had not: ends of the joints' ways, and friction."""
-    said = []
-    check = LimitCheck(robot.model, bounds_of(robot))
-    check.add(result.times, result.q, result.dq)
-    if past := [violation for violation in check.violations() if violation.kind == "position"]:
-        more = len(past) - 1
+_PASSED = {
+    "position": ("Joints were not held at their limits", "--stop-at-limits ends where the first is reached."),
+    "torque": (
+        "The torques given are more than the motors have",
+        "Give less, or raise the efforts in the robot's file.",
+    ),
+    "velocity": ("Joints are faster than their limits", "The robot's own drives would not let them."),
+}
+"""Of each kind of limit that a simulation does not keep: what it means that one is passed, and what to do."""
+
+
+def _limits_passed(robot: Robot, result: SimulationResult) -> list[str]:
+    """A sentence for each kind of limit that the states or the torques given pass."""
+    check, said = LimitCheck(robot.model, bounds_of(robot)), []
+    check.add(result.times, result.q, result.dq, None, result.tau)
+    passed = check.violations()
+    for kind, (meaning, remedy) in _PASSED.items():
+        mine = [violation for violation in passed if violation.kind == kind]
+        if not mine:
+            continue
+        more = len(mine) - 1
         others = f", and {more} more joint{'s pass' if more > 1 else ' passes'} theirs" if more else ""
-        said.append(
-            f"Joints were not held at their limits: {past[0]}{others}. --stop-at-limits ends where the first is reached."
-        )
-    if robot.model.friction.any and not friction:
-        said.append(FRICTION_LEFT_OUT)
+        said.append(f"{meaning}: {mine[0]}{others}. {remedy}")
     return said
 
 

@@ -19,7 +19,7 @@ from ...report.torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueRep
 from ...report.torque_verdict import because
 from ...verdict import Word
 from .motors import motors_table, motors_verdict
-from .plain_table import PlainTable, limit_style, remarks, share_bar, verdict_word
+from .plain_table import PlainTable, friction_words, limit_style, remarks, share_bar, verdict_word
 from .torque_notes import notes
 
 _BAR = 12
@@ -73,10 +73,8 @@ def _heading(report: TorqueReport) -> Text:
     step = f" at {number(1e3 * report.quality.step)} ms" if report.rows > 1 else ""
     rows = "1 row" if report.rows == 1 else f"{report.rows:,} rows"
     motion = f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, {rows}{step}"
-    friction = [] if load.friction else ["without friction"]
-    if load.friction and not load.bare.model.friction.any:
-        friction = ["no friction, as its file gives none"]
-    return Text.assemble((f"{report.robot}", "bold"), "  ", "  ·  ".join([motion, *carried, *pushed, *friction]))
+    friction = friction_words(load.bare.model, counted=load.friction)
+    return Text.assemble((f"{report.robot}", "bold"), "  ", "  ·  ".join([motion, *carried, *pushed, friction]))
 
 
 def _table(report: TorqueReport, title: str) -> PlainTable:

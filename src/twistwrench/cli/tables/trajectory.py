@@ -19,7 +19,7 @@ from ...motion.violations import Violation
 from ...trajectories.fastest import Fastest
 from ...trajectories.trajectory import Trajectory
 from ...verdict import Word
-from .plain_table import PlainTable, remarks, share_bar, verdict_word
+from .plain_table import PlainTable, friction_words, remarks, share_bar, verdict_word
 
 _SAMPLES = 2001
 _LISTED = 12
@@ -74,6 +74,7 @@ def move_view(
     uses: list[JointUse],
     doubts: list[str],
     *,
+    friction: bool,
     degrees: bool,
     carried: str = "",
     cannot: str = "",
@@ -110,6 +111,7 @@ def move_view(
         (robot.name, "bold"),
         f"  ·  {s}, {trajectory.scaling.name} timing: {number(trajectory.duration, 6)} s",
         f"  ·  carrying {carried}" if carried else "",
+        f"  ·  {friction_words(robot.model, counted=friction)}",
     )
     parts: list[RenderableType] = [first, table]
     if isinstance(trajectory, Fastest):
