@@ -306,8 +306,8 @@ class Robot(
             generator = np.random.default_rng(rng)
         except (TypeError, ValueError):
             raise ValueRangeError(
-                f"rng={arguments.shown(rng)}, size={arguments.shown(size)}: give a seed or a numpy Generator, and whole numbers "
-                "of samples."
+                f"rng={arguments.shown(rng)}, size={arguments.shown(size)}: give a seed or a numpy Generator, and whole "
+                "numbers of samples."
             ) from None
         if any(n < 0 for n in shape):
             raise ValueRangeError(f"size={arguments.shown(size)} has a negative number of samples.")
