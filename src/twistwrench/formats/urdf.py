@@ -6,13 +6,16 @@ Looks, shapes, transmissions and simulator settings are passed over, and mesh fi
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..bodies.inertia import SpatialInertia
+from ..core.printed_numbers import printed
 from ..errors import RobotFileError
+from ..lie import quaternion
 from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
@@ -27,8 +30,8 @@ ENDLESS = 1e15
 """Limits beyond this mean that there is none: files write ±1e16, where the format wants a number."""
 
 _NOTHING = [0.0, 0.0, 0.0]
-
-"""The attributes of ``<inertia>``."""
+_UNIT_LENGTH = 1e-3
+"""Rounding of a quaternion's length that is divided out; more than that is a mistake."""
 
 
 def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> ModelBuilder:
@@ -70,9 +73,25 @@ def origin_of(element: Element) -> Array:
     origin = element.child("origin")
     if origin is None:
         return IDENTITY
-    rpy = origin.values("rpy", 3) if "rpy" in origin.attributes else _NOTHING
     p = origin.values("xyz", 3) if "xyz" in origin.attributes else _NOTHING
+    if "quat_xyzw" in origin.attributes:
+        return pose_rows(_rows_of_quaternion(origin), p)
+    rpy = origin.values("rpy", 3) if "rpy" in origin.attributes else _NOTHING
     return pose_rows(_rows_of_rpy(rpy) if any(rpy) else UPRIGHT, p)
+
+
+def _rows_of_quaternion(origin: Element) -> list[list[float]]:
+    """The rotation of URDF 1.1's ``quat_xyzw``: a unit quaternion, scalar last."""
+    if "rpy" in origin.attributes:
+        raise RobotFileError(f"{origin} has both rpy and quat_xyzw; one rotation is allowed. Remove one of them.")
+    x, y, z, w = origin.values("quat_xyzw", 4)
+    length = math.hypot(x, y, z, w)
+    if abs(length - 1.0) > _UNIT_LENGTH:
+        raise RobotFileError(
+            f'{origin} has quat_xyzw="{origin.attributes["quat_xyzw"]}" of length {printed(length)}; a rotation has length 1. '
+            "Divide the four numbers by their length, or check that they stand in the order x y z w."
+        )
+    return quaternion.rotation([w, x, y, z]).tolist()
 
 
 def rotation_of_rpy(rpy: ArrayLike) -> Array:

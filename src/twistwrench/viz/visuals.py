@@ -7,7 +7,6 @@ Looks never stop a robot from being shown: what cannot be read is left out, and 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,9 +16,8 @@ import numpy as np
 from ..errors import MissingExtraError, ModelError, NotFoundError
 from ..formats.element import Element
 from ..formats.source import read_robot_text
-from ..formats.urdf import rotation_of_rpy
+from ..formats.urdf import origin_of
 from ..formats.xml_parser import parse
-from ..lie import se3
 from ..typing import Array
 from .resources import find_resource
 from .surface import Surface, box, cylinder, read_mesh, sphere
@@ -79,7 +77,7 @@ class _Reader:
             geometry = visual.required("geometry", '<geometry><box size="1 1 1"/></geometry>')
             shape = geometry.children[0] if geometry.children else None
             parts = [] if shape is None else self._shape(shape)
-            T = _pose(visual)
+            T = origin_of(visual)
             own = self._material(visual)
         except ModelError as problem:
             self.problems[str(visual)] = str(problem)
@@ -138,14 +136,6 @@ class _Reader:
             more = f", and {len(rest) - 1} more" if len(rest) > 1 else ""
             remarks.append(f"Of the file's looks, this is left out: {rest[0].rstrip('.')}{more}")
         return remarks
-
-
-def _pose(visual: Element) -> Array:
-    origin = visual.child("origin")
-    given: Mapping[str, str] = {} if origin is None else origin.attributes
-    R = rotation_of_rpy(origin.numbers("rpy", 3)) if origin is not None and "rpy" in given else np.eye(3)
-    p = origin.numbers("xyz", 3) if origin is not None and "xyz" in given else np.zeros(3)
-    return np.asarray(se3.pose(R, p))
 
 
 def _colour(material: Element) -> Colour | None:
