@@ -50,7 +50,7 @@ def test_finding_01_a_quaternion_of_urdf_1_1_is_the_equal_rpy(where):
 def test_finding_01_both_rotations_and_a_length_that_is_not_one_are_errors():
     with pytest.raises(tw.RobotFileError, match=r"<origin> of link 'l' \(line 3\) has both rpy and quat_xyzw"):
         tw.load(one_joint(inertial=f"{TURN} {SAME_TURN}"))
-    with pytest.raises(tw.RobotFileError, match="length 1.01"):
+    with pytest.raises(tw.RobotFileError, match=r"length 1\.01"):
         tw.load(one_joint(placement='quat_xyzw="0 0 0 1.01"'))
     rounded = one_joint(inertial='quat_xyzw="0.7071 0 0 0.7071"')  # four decimals: the length is divided out
     np.testing.assert_allclose(numbers(quiet(rounded)), numbers(quiet(one_joint(inertial=TURN))), rtol=1e-14)
