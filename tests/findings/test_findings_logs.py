@@ -1,0 +1,265 @@
+"""Right logs are believed, wrong ones are not: the first word of ``torques``, and what ``identify`` makes of pauses and stamps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import twistwrench as tw
+from twistwrench.cli.main import main
+
+LINK = (
+    '<link name="{}"><inertial><origin xyz=".5 0 0"/><mass value="1"/>'
+    '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{}" type="revolute"><origin {}/><parent link="{}"/><child link="{}"/><axis xyz="0 1 0"/>'
+    '<limit lower="-3.1" upper="3.1" velocity="{}" effort="{}"/></joint>'
+)
+TOOL = '<link name="tool"/><joint name="tf" type="fixed"><origin xyz="1 0 0"/><parent link="l2"/><child link="tool"/></joint>'
+
+
+def arm(effort=(30, 10), velocity=5):
+    """Two links of 1 kg and 1 m that turn about y: stretched out, gravity loads the joints with 19.6 and 4.9 N m."""
+    links = '<link name="base"/>' + LINK.format("l1") + LINK.format("l2")
+    joints = JOINT.format("shoulder", "", "base", "l1", velocity, effort[0])
+    joints += JOINT.format("elbow", 'xyz="1 0 0"', "l1", "l2", velocity, effort[1])
+    return f'<robot name="arm2">{links}{joints}{TOOL}</robot>'
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(x) for x in arguments], env={"COLUMNS": "200"})
+
+
+def first_word(result):
+    """The word before the colon, of the first line that is not a note."""
+    return next(line for line in result.output.splitlines() if not line.startswith("note:")).partition(":")[0]
+
+
+def write(path, head, *columns, form="%.9g"):
+    np.savetxt(path, np.c_[columns], delimiter=",", header=",".join(head), comments="", fmt=form)
+    return path
+
+
+class Bench:
+    """A robot with a motion that it makes with ease, and what a file of it is written from."""
+
+    def __init__(self, name, folder):
+        self.name, self.folder, self.options = name, folder, []
+        if name == "arm":
+            self.asked = folder / "arm.urdf"
+            self.asked.write_text(arm())
+            self.robot = tw.load(self.asked)
+        else:
+            self.asked, self.robot = name, getattr(tw.robots, name)()
+        self.names = list(self.robot.joint_names)
+        self.middle = {
+            "arm": np.array([0.5, 0.55]),
+            "ur5": np.array([0.3, -1.2, 1.1, -0.6, 0.4, 0.2]),
+            "panda": np.array([0.1, -0.3, 0.2, -1.7, 0.1, 1.6, 0.3]),
+        }[name]
+
+    def move(self, t):
+        """The quintic of finding 29 and 31: 4 s from rest to rest."""
+        s = (t / 4) ** 3 * (10 - 15 * t / 4 + 6 * (t / 4) ** 2)
+        if self.name == "arm":
+            return np.c_[s, 0.3 + 0.5 * s]
+        return self.middle + (s[:, None] - 0.5) * 0.5 * np.cos(np.arange(len(self.names)))
+
+    def waves(self, t):
+        """Positions, velocities and accelerations of two sines a joint, and torques that were measured with noise."""
+        n = np.arange(len(self.names))
+        w = np.c_[1.3 + 0.3 * n, 2.9 - 0.2 * n]
+        a, p = np.c_[0.3 - 0.02 * n, 0.12 + 0 * n], np.c_[n, 2 * n + 1]
+        x = [(a * w**k * np.sin(w * t[:, None, None] + p + k * np.pi / 2)).sum(axis=2) for k in range(3)]
+        x[0] += self.middle
+        tau = self.robot.inverse_dynamics(*x)
+        return *x, tau + np.random.default_rng(0).normal(0, 0.01 * tau.std(axis=0) + 1e-3, tau.shape)
+
+    def file(self, *columns, head=None):
+        return write(self.folder / "log.csv", ["time", *self.names, *(head or [])], *columns)
+
+    def with_torques(self, t, q, tau):
+        return self.file(t, q, tau, head=[f"{n}.torque" for n in self.names])
+
+    def torques(self, path):
+        return run("torques", self.asked, "--trajectory", path, *self.options)
+
+
+# Right logs.
+
+
+def rounded_stamps(b):
+    """29: stamps rounded to 10 ms at 125 Hz, in steps of 0 or 10 ms."""
+    t = np.arange(0, 4, 0.008)
+    return b.file(np.round(t, 2), b.move(t))
+
+
+def slow(b):
+    """30: a row a second for ten minutes."""
+    t = np.arange(600.0)
+    if b.name == "arm":
+        return b.file(t, np.sin(t / 100), 0 * t + 0.3)
+    return b.file(t, b.middle + 0.8 * np.sin(t[:, None] / 80 + np.arange(len(b.names))))
+
+
+def noisy(b):
+    """31: four decimals at 1 kHz with noise of 1e-3 rad and stamps off by up to 0.4 ms."""
+    rng, t = np.random.default_rng(0), np.arange(0, 4, 0.001)
+    stamps = np.round(t + rng.uniform(-4e-4, 4e-4, len(t)), 6)
+    q = b.move(t)
+    return b.file(stamps, np.round(q + rng.normal(0, 1e-3, q.shape), 4))
+
+
+def gradient_ends(b):
+    """32: velocities by ``np.gradient``, one-sided in the first and the last row."""
+    rng, n = np.random.default_rng(2), np.arange(600) * 0.01
+    t = n + rng.normal(0, 2e-4, 600)
+    if b.name == "arm":
+        b.asked.write_text(arm((90, 60)))
+        q = np.c_[0.5 * np.sin(2.3 * t + 1.5) - 0.2, 0.5 * np.cos(1.9 * t)]
+    else:
+        q = b.waves(t)[0]
+    q = q + rng.normal(0, 1e-5, q.shape)
+    return b.file(t, q, np.gradient(q, n, axis=0), head=[f"{name}.vel" for name in b.names])
+
+
+def one_stamp(b):
+    """33: one stamp of 5000 is late by 1 ms."""
+    t = np.arange(0, 20, 0.004)
+    q, _, _, tau = b.waves(t)
+    t[2500] += 0.001
+    return b.with_torques(t, q, tau)
+
+
+def pause(b):
+    """34: nothing is logged for 2 s, while the motion goes on."""
+    t = np.arange(0, 20, 0.004)
+    q, _, _, tau = b.waves(t)
+    kept = (t < 8) | (t >= 10)
+    return b.with_torques(t[kept], q[kept], tau[kept])
+
+
+def pause_and_stamp(b):
+    """33 and 34 at once."""
+    t = np.arange(0, 20, 0.004)
+    q, _, _, tau = b.waves(t)
+    kept = (t < 8) | (t >= 10)
+    t[1000] -= 0.001
+    return b.with_torques(t[kept], q[kept], tau[kept])
+
+
+def four_decimals(b):
+    """Positions of 100 Hz with four decimals."""
+    t = np.arange(0, 4, 0.01)
+    return b.file(t, np.round(b.move(t), 4))
+
+
+RIGHT = [
+    *((kind, name) for kind in (rounded_stamps, slow, noisy, gradient_ends, one_stamp, pause) for name in ("arm", "ur5", "panda")),
+    (pause_and_stamp, "ur5"),
+    (four_decimals, "panda"),
+]  # fmt: skip
+
+
+# Wrong logs.
+
+
+def milliseconds(b):
+    t = np.arange(0, 4, 0.01)
+    return b.file(1000 * t, b.move(t))
+
+
+def degrees(b):
+    t = np.arange(0, 4, 0.01)
+    return b.file(t, np.degrees(b.move(t)))
+
+
+def swapped(b):
+    """Positions of two neighbouring joints in each other's columns, beside torques that are right."""
+    t = np.arange(0, 20, 0.01)
+    q, _, _, tau = b.waves(t)
+    return b.with_torques(t, q[:, [0, 2, 1, *range(3, q.shape[1])]], tau)
+
+
+def turned_sign(b):
+    t = np.arange(0, 20, 0.01)
+    q, _, _, tau = b.waves(t)
+    return b.with_torques(t, q, -tau)
+
+
+def clipped(b):
+    """23: measured torques that stand at one number."""
+    if b.name == "arm":
+        t = np.arange(0, 4, 0.01)
+        return b.with_torques(t, b.move(t), np.c_[0 * t - 15, 0 * t - 4])
+    t = np.arange(0, 20, 0.01)
+    q, _, _, tau = b.waves(t)
+    bound = 0.6 * np.abs(tau).max(axis=0)
+    return b.with_torques(t, q, np.clip(tau, -bound, bound))
+
+
+def velocities_in_degrees(b):
+    t = np.arange(0, 10, 0.01)
+    q, dq, _, _ = b.waves(t)
+    return b.file(t, q, np.degrees(dq), head=[f"{n}.vel" for n in b.names])
+
+
+def newton_millimetres(b):
+    t = np.arange(0, 20, 0.01)
+    q, _, _, tau = b.waves(t)
+    return b.with_torques(t, q, 1000 * tau)
+
+
+def jump(b):
+    """All positions step by a radian for the second half."""
+    t = np.arange(0, 4, 0.01)
+    return b.file(t, b.move(t) + np.where(t > 2, 1.0, 0.0)[:, None])
+
+
+def limits_in_degrees(b):
+    """22."""
+    t, limits = np.arange(0, 4, 0.01), b.robot.limits
+    columns = np.c_[np.degrees(np.c_[limits.lower, limits.upper, limits.velocity]), limits.effort]
+    rows = [",".join([name, *map(repr, row)]) for name, row in zip(b.names, columns.tolist(), strict=True)]
+    table = b.folder / "limits.csv"
+    table.write_text("\n".join(["joint,lower,upper,velocity,effort", *rows]) + "\n")
+    b.options = ["--limits", table]
+    return b.file(t, b.move(t))
+
+
+def unassigned(b):
+    """20: columns that vary and that no joint is given, and the option that holds joints still."""
+    t = np.arange(0, 4, 0.01)
+    b.options = ["--lock-missing"]
+    head = [b.names[0], *(f"w{k}" for k in range(1, len(b.names)))]
+    return write(b.folder / "log.csv", ["time", *head], t, b.move(t))
+
+
+WRONG = [
+    (milliseconds, "arm", "LOOK AGAIN"), (milliseconds, "ur5", "LOOK AGAIN"),
+    (degrees, "arm", "LOOK AGAIN"), (degrees, "ur5", "LOOK AGAIN"),
+    (swapped, "ur5", "UNSURE or LOOK AGAIN"), (swapped, "panda", "UNSURE or LOOK AGAIN"),
+    (turned_sign, "ur5", "LOOK AGAIN"), (turned_sign, "panda", "LOOK AGAIN"),
+    (clipped, "arm", "UNSURE or LOOK AGAIN"), (clipped, "ur5", "UNSURE or LOOK AGAIN"),
+    (velocities_in_degrees, "arm", "LOOK AGAIN"), (velocities_in_degrees, "panda", "LOOK AGAIN"),
+    (newton_millimetres, "arm", "LOOK AGAIN"), (newton_millimetres, "ur5", "LOOK AGAIN"),
+    (jump, "arm", "OVER LIMIT or LOOK AGAIN"), (jump, "ur5", "OVER LIMIT or LOOK AGAIN"),
+    (limits_in_degrees, "arm", "UNSURE or LOOK AGAIN"), (limits_in_degrees, "ur5", "UNSURE or LOOK AGAIN"),
+    (unassigned, "ur5", "UNSURE or LOOK AGAIN"), (unassigned, "panda", "UNSURE or LOOK AGAIN"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "name"), RIGHT, ids=lambda x: getattr(x, "__name__", x))
+def test_right_logs_are_believed(kind, name, tmp_path):
+    bench = Bench(name, tmp_path)
+    result = bench.torques(kind(bench))
+    assert first_word(result) == "OK" and result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(("kind", "name", "words"), WRONG, ids=lambda x: getattr(x, "__name__", x))
+def test_wrong_logs_are_not_believed(kind, name, words, tmp_path):
+    bench = Bench(name, tmp_path)
+    result = bench.torques(kind(bench))
+    assert first_word(result) in words.split(" or ") and result.exit_code != 0, result.output
