@@ -35,6 +35,8 @@ _LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_STEPS = 1.0, 0.1, 0.05, 20
 """A step of time [s] so long, with moves [rad, m] so short in every one, is in ms: else the motion would be sampled far
 more finely than it is slow."""
 
+_BEYOND, _NO_ROBOT = 1.5, 30.0
+"""Times its limit, and rad/s or m/s without one, that no joint moves at: times are not in a unit that would make it so fast."""
 _SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
 """A step of time [s] so long in a motion that never goes faster than that share of its limits is in ms: robots are built for
 their limits, and loggers for steps of 0.1 ms and more."""
@@ -152,7 +154,7 @@ class Contradictions:
         """A sentence for each thing that is odd, and may yet be meant."""
         found = list(self._angle_units(limits).hints)
         step = float(np.median(self._steps)) if self._steps else 0.0
-        if step > _LONG_STEP and not self._time_stated and not tuple(self._of_time(limits)):
+        if step >= _LONG_STEP and not self._time_stated and not tuple(self._of_time(limits)):
             found.append(f"the usual time step is {printed(step, 4)} s. Is time in ms? It is taken to be in seconds")
         return tuple(found)
 
@@ -185,7 +187,10 @@ class Contradictions:
         moving = self._greatest - self._least > _SOME_MOVE
         if self._rows < _FEWEST_STEPS or not moving.any():
             return None
-        unit = "ms" if step < 500 else "us" if step < 5e5 else "ns"
+        unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
+        velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
+        if (factor * self._speed > np.where(np.isfinite(velocity), _BEYOND * velocity, _NO_ROBOT)).any():
+            return None  # in that unit the motion would be too fast for the robot
         usual = f"the usual step of time is {printed(step, 4)} s"
         if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
             return f"{usual}, and within one no joint moves by more than {printed(self._move.max(), 2)} rad or m", unit

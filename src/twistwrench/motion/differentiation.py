@@ -241,6 +241,14 @@ def noise_gain(order: int, strength: float, step: float) -> float:
     return float(np.linalg.norm(response))
 
 
+def pulse_peak(order: int, step: float) -> float:
+    """Largest derivative of that ``order`` that one sample off by 1 makes of the spline, at an end of a log or within it."""
+    t = np.arange(2 * _SPLINE_MARGIN) * step
+    pulses = np.zeros((len(t), 2))
+    pulses[0, 0] = pulses[_SPLINE_MARGIN, 1] = 1.0
+    return float(np.abs(spline_rates(t, pulses)[order - 1]).max())
+
+
 def _to_joints(model: Model, spread: Array) -> Array:
     """Standard deviations of second derivatives of q (nq,) as those of ddq (nv,)."""
     found = np.zeros(model.nv)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,8 @@ class Stray:
     """How far that one is from the curve, in standard deviations, with its sign."""
     off: float
     """The same in SI units."""
+    matters: bool = True
+    """Whether any of them could be a torque beyond a limit."""
 
 
 class Strays:
@@ -36,18 +38,25 @@ class Strays:
     def __init__(self) -> None:
         self._found: dict[int, Stray] = {}
 
-    def add(self, time: Array, stray: Array) -> None:
-        """Take in times (n,) and distances (n, k, 2) as :func:`strays` gives them, or (n, 0)."""
+    def add(self, time: Array, stray: Array, matters: Array) -> None:
+        """Take in times (n,) and distances (n, k, 2) as :func:`strays` gives them, or (n, 0), and which (n, k) matter."""
         if not stray.any():
             return
         for k in np.flatnonzero(stray[:, :, 0].any(axis=0)).tolist():
             sigmas, off = stray[:, k].T
             row = int(np.abs(sigmas).argmax())
-            new = Stray(k, int(np.count_nonzero(sigmas)), float(time[row]), float(sigmas[row]), float(off[row]))
+            new = Stray(
+                k,
+                int(np.count_nonzero(sigmas)),
+                float(time[row]),
+                float(sigmas[row]),
+                float(off[row]),
+                bool(matters[:, k].any()),
+            )
             old = self._found.get(k)
             if old is not None:
                 far = max(old, new, key=lambda s: abs(s.sigmas))
-                new = Stray(k, old.count + new.count, far.time, far.sigmas, far.off)
+                new = replace(far, count=old.count + new.count, matters=old.matters or new.matters)
             self._found[k] = new
 
     def result(self) -> tuple[Stray, ...]:

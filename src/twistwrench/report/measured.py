@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.printed_numbers import number
+from ..core.printed_numbers import number, percent
 from ..motion.column_extremes import Extreme
 from ..typing import Array
 
@@ -23,6 +23,9 @@ _NOISE = 1.5
 """Times the noise found that may be there: of velocities, whose noise is of several sizes, it is found to that."""
 _ALIKE = 0.9
 """Correlation from which one is a multiple of the other."""
+_CUT, _CUT_ROWS, _VARIES = 0.02, 30, 0.05
+"""Share of the rows, and rows, exactly at an extreme from which a column is cut off there, if what is computed deviates among
+them by that share of its deviation and by the column's last step: a robot at rest, and coarse torques, repeat numbers too."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,19 @@ class MeasuredTorque:
     """The column never changes."""
     matters: bool
     """The joint's torques are no small part of the robot's."""
+    cut: float = 0.0
+    """Share of the rows in which it is exactly its extreme while what is computed changes; 0 where it is not cut off there."""
+    cut_at: float = 0.0
+    """That extreme, with its sign."""
+
+    @property
+    def cut_words(self) -> str:
+        """Where it is cut off."""
+        return (
+            f"the measured torque of {self.joint} is exactly {number(self.cut_at)} {self.unit} in {percent(self.cut, 3)} of "
+            "the rows, while the torque computed changes: it is cut off there, or its channel is dead. Log what the motor "
+            "really gives, or leave the column out"
+        )
 
     @property
     def differs(self) -> bool:
@@ -91,6 +107,34 @@ def _without(size: float, noise: float) -> float:
     return math.sqrt(max(0.0, size**2 - (_NOISE * noise) ** 2))
 
 
+class _AtExtreme:
+    """Rows in which a column is exactly its largest (or, turned, its least) number, and what is computed there."""
+
+    def __init__(self, columns: int) -> None:
+        self.value = self.next = np.full(columns, -np.inf)
+        self.sums = np.zeros((3, columns))
+        """Rows, and the sum and the squares of what is computed."""
+
+    def add(self, computed: Array, measured: Array) -> None:
+        """Take in rows (n, columns)."""
+        found = np.maximum(self.value, measured.max(axis=0))
+        self.sums[:, found != self.value] = 0.0
+        below = np.where(measured < found, measured, -np.inf).max(axis=0)
+        self.next = np.maximum(np.maximum(self.next, below), np.where(self.value < found, self.value, -np.inf))
+        self.value = found
+        here = np.where(measured == found, 1.0, 0.0)
+        self.sums += [here.sum(axis=0), (here * computed).sum(axis=0), (here * computed**2).sum(axis=0)]
+
+    def cut(self, rows: int, variance: Array) -> Array:
+        """(columns,) share of the rows, where there are many of them and what is computed varies among them; else 0."""
+        count, total, squares = self.sums
+        n = np.maximum(count, 1.0)
+        step = np.where(np.isfinite(self.next), self.value - self.next, 0.0)
+        varies = squares / n - (total / n) ** 2 > np.maximum(_VARIES**2 * np.maximum(variance, 1e-300), step**2)
+        many = (count >= _CUT_ROWS) & (count >= _CUT * rows) & (self.value != 0.0)
+        return np.where(many & varies, count / rows, 0.0)
+
+
 class MeasuredTally:
     """Running sums over rows that come in any portions."""
 
@@ -98,7 +142,7 @@ class MeasuredTally:
         self._rows = 0
         self._sums, self._noise = np.zeros((5, columns)), np.zeros(columns)
         self._peak, self._sign = Extreme(columns), np.ones(columns)
-        self._least, self._most = np.full(columns, np.inf), np.full(columns, -np.inf)
+        self._above, self._below = _AtExtreme(columns), _AtExtreme(columns)
 
     def add(self, time: Array, computed: Array, measured: Array, sigma: Array) -> None:
         """Take in times (n,) and torques (n, columns), computed and as the log has them, and the deviation of the computed."""
@@ -108,7 +152,8 @@ class MeasuredTally:
         self._sums += [x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]
         for joint, row in self._peak.add(time, np.abs(m)):
             self._sign[joint] = np.sign(m[row, joint]) or 1.0
-        self._least, self._most = np.minimum(self._least, m.min(axis=0)), np.maximum(self._most, m.max(axis=0))
+        self._above.add(c, m)
+        self._below.add(c, -m)
 
     @property
     def misfit(self) -> float:
@@ -133,7 +178,10 @@ class MeasuredTally:
         size = np.maximum(computed, measured)
         kinds = np.array(units)
         largest = np.array([size[kinds == unit].max() for unit in units])
-        dead = self._most - self._least <= _STANDS * np.maximum(np.abs(self._most), np.abs(self._least))
+        most, least = self._above.value, -self._below.value
+        dead = most - least <= _STANDS * np.maximum(np.abs(most), np.abs(least))
+        above, below = self._above.cut(n, vc / n), self._below.cut(n, vc / n)
+        cut, cut_at = np.maximum(above, below), np.where(above >= below, most, least)
         return tuple(
             MeasuredTorque(
                 joint=name,
@@ -148,6 +196,8 @@ class MeasuredTally:
                 time=float(self._peak.time[k]),
                 dead=bool(dead[k]),
                 matters=bool(size[k] > _MATTERS * largest[k]),
+                cut=float(cut[k]),
+                cut_at=float(cut_at[k]),
             )
             for k, name in enumerate(names)
         )

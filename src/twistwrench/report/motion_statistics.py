@@ -11,7 +11,7 @@ from ..model.limits import margin
 from ..motion.column_extremes import Extreme
 from ..motion.complete_states import States
 from ..motion.coordinates import Coordinates
-from ..motion.differentiation import Differentiation
+from ..motion.differentiation import Differentiation, pulse_peak
 from ..motion.log_outliers import Strays
 from ..motion.motion_log import LogRows
 from ..typing import Array
@@ -22,7 +22,7 @@ from .measured import MeasuredTally, MeasuredTorque
 from .motors import MotorTally
 from .payload_room import PayloadRoomTally
 from .running_statistics import Gaps, Rms
-from .torque_findings import Excess
+from .torque_findings import ZERO, Excess
 
 if TYPE_CHECKING:
     from ..model.limits import Limits
@@ -95,7 +95,8 @@ class MotionTally:
         self._look_at_limits(s)
         self.largest = np.maximum(self.largest, np.abs(s.logged).max(axis=0))
         self.still += s.still.sum(axis=0)
-        self.strays.add(s.time, s.stray)
+        if s.stray.any():
+            self.strays.add(s.time, s.stray, self._may_pass(s, torques))
         if self.load.loaded.actuators:
             self.motors.add(s.time, self.load.motor_loads(s))
         some = s.at(slice(None, None, max(1, len(s) // _MASS_SAMPLES)))
@@ -115,6 +116,24 @@ class MotionTally:
         squares = self.plan.sigma_at(s) ** 2
         blocks = [(M[k] * M[k]) @ squares[k * stride : (k + 1) * stride].T for k in range(len(M))]
         return np.sqrt(np.concatenate(blocks, axis=1).T)
+
+    def _may_pass(self, s: States, torques: Array) -> Array:
+        """(n, k) bool: a flattened sample is a torque beyond a limit, or of a joint without one, if the robot did move so."""
+        plan, found = self.plan, np.zeros(s.stray.shape[:2], bool)
+        order = 1 if plan.source == "velocities" else 2
+        gain = pulse_peak(order, plan.quality.step)
+        joint_of = {int(p): v for v, p in enumerate(self.coordinates.position_of) if p >= 0}
+        rows, columns = np.nonzero(s.stray[:, :, 0])
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
+            joint = column if order == 1 else joint_of.get(column)
+            if joint is None:  # of a quaternion
+                found[row, column] = True
+                continue
+            M = self.load.loaded.mass_matrix(s.q[row])
+            change = np.abs(M[:, joint]) * gain * abs(float(s.stray[row, column, 1]))
+            within = np.abs(torques[row]) + change <= np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
+            found[row, column] = not (within | (change <= ZERO * np.abs(torques[row]).max())).all()
+        return found
 
     def _look_at_peaks(self, s: States, torques: Array) -> None:
         fresh = self.peak.add(s.time, np.abs(torques))

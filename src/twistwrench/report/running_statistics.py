@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.printed_numbers import number, seconds
 from ..typing import Array
 
 
@@ -53,6 +54,13 @@ class Gaps:
     """The longest in which something moved [s]."""
     hidden_at: float = float("nan")
     _last: tuple[float, Array] | None = None
+
+    @property
+    def hidden_words(self) -> str:
+        """The longest pause in which something moved."""
+        return (
+            f"the robot moves while nothing is logged for {number(self.hidden)} s after t = {seconds(self.hidden_at)} s"
+        )
 
     def add(self, time: Array, q: Array) -> None:
         """Take in consecutive times (n,) and coordinates (n, nq)."""

@@ -23,6 +23,9 @@ _HALF = 0.5
 """Share of a peak from which half its 95 % interval, or the noise taken off it, is too much to be sure of it."""
 _COUNTS, _SMALL = 0.5, 0.02
 """Share of a joint's limit, or of the largest torque where there is none, from which that matters."""
+_HIDDEN, _NEAR = 0.15, 0.8
+"""Share of the time from which a pause in which the robot moves leaves too much of the motion unknown, and share of a limit
+beside which any such pause does."""
 _MOST_LISTED = 4
 
 
@@ -30,7 +33,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
     """The verdict of a report.
 
     A limit is passed for certain where the excess is more than noise explains, the choice of the largest value, and of the
-    worst joint, counted in. What noise explains, and what it could hide, is unsure.
+    worst joint, counted in. What noise may hide, or make, is unsure; what smoothing takes off for certain is neither.
     """
     over: list[tuple[Excess, str]] = []
     unsure: list[str] = []
@@ -38,19 +41,12 @@ def verdict_of(report: TorqueReport) -> Verdict:
     _judge_motion(report, over, unsure)
     stated = _grouped(over)
     stated += [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
-    small = {use.joint for use in report.motors if use.too_small}
-    if report.derived is not None:
-        spared = [use.joint for use in report.derived.motors if use.too_small and use.joint not in small]
-        if spared:
-            unsure.append(f"noise explains why the motor of {listed(spared, _MOST_LISTED)} seems too small")
     unsure += model_doubts(report.load.loaded.model, report.joints)
-    if report.gaps.hidden:
-        unsure.append(
-            f"the robot moves while nothing is logged for {number(report.gaps.hidden)} s after t = "
-            f"{seconds(report.gaps.hidden_at)} s"
-        )
-    if report.strays:
-        unsure.append("samples were flattened that are no noise")
+    near = max((j.share for j in report.joints), default=0.0) > _NEAR
+    if report.gaps.hidden > (0.0 if near else _HIDDEN * (report.end - report.begin)):
+        unsure.append(report.gaps.hidden_words)
+    if any(stray.matters for stray in report.strays):
+        unsure.append("samples were flattened that are no noise, and could be a torque beyond a limit")
     contradicted = [m.words for m in report.measured if m.contradicts]
     doubted = [m.words for m in report.measured if m.disagrees and not m.contradicts]
     against = "the file's own torque column disagrees with the torques computed"
@@ -58,6 +54,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
         *report.contradictions,
         *([f"{against}: {listed(contradicted, _MOST_LISTED, '; ')}"] if contradicted else []),
     ]
+    unsure += [m.cut_words for m in report.measured if m.cut and m.matters]
     if doubted:
         unsure.append(f"{against}: {listed(doubted, _MOST_LISTED, '; ')}")
     return Verdict.of(look_again=look_again, over=stated, unsure=unsure)
@@ -74,9 +71,7 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     factor = confidence(len(limited))
     excesses = {e.joint: e for e in report.excesses if e.kind == "effort"}
-    derived = () if report.derived is None else report.derived.excesses
-    seemed = {e.joint for e in derived if e.kind == "effort"} | set(excesses)
-    explained, wide = [], []
+    wide = []
     for j in sorted(limited, key=lambda j: -j.share):
         reach, size = factor * report.reach(j), abs(j.peak)
         excess = excesses.get(j.joint)
@@ -88,18 +83,8 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
                 f"noise leaves open whether {j.joint} is over its limit{end}: {torque(j.peak)} ± "
                 f"{deviation(report.reach(j))} {j.unit}, limit {number(j.limit)}"
             )
-        elif j.joint in seemed:
-            explained.append(j)
         elif _is_wide(report, j):
             wide.append(j)
-    if explained:
-        worst = sorted(explained, key=lambda j: -abs(j.raw or 0.0) / j.limit)
-        shown = [f"{_in_words(report, j)}, limit {number(j.limit)}" for j in worst]
-        what = "samples that are no noise, or noise, explain" if report.strays else "noise explains"
-        unsure.append(
-            f"{what} why the limit of {len(explained)} joint{'s' if len(explained) > 1 else ''} is passed: "
-            f"{listed(shown, _MOST_LISTED, '; ')}"
-        )
     wide += [j for j in report.joints if not math.isfinite(j.limit) and _is_wide(report, j)]
     if wide:
         unsure.append(
@@ -109,14 +94,14 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
 
 
 def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
-    """Whether noise makes the peak, or its interval is as wide, where that is no small part of what bounds it."""
+    """True if the interval of the peak is too wide for what bounds it, or, without a limit, most of the peak is noise."""
     if j.estimate is None:
         return False
-    half, raw = INTERVAL * report.reach(j), abs(j.raw if j.raw is not None else j.largest)
+    half, raw, size = INTERVAL * report.reach(j), abs(j.raw if j.raw is not None else j.largest), abs(j.peak)
+    if math.isfinite(j.limit):
+        return half > _HALF * size and size + half > _COUNTS * j.limit
     largest = max(abs(x.peak) for x in report.joints if x.unit == j.unit)
-    counts = _COUNTS * j.limit if math.isfinite(j.limit) else _SMALL * largest
-    wide = half > _HALF * abs(j.peak) or raw - abs(j.peak) > _HALF * raw
-    return wide and max(abs(j.peak) + half, raw) > counts
+    return (half > _HALF * size or raw - size > _HALF * raw) and max(size + half, raw) > _SMALL * largest
 
 
 def _in_words(report: TorqueReport, j: JointTorque) -> str:
@@ -147,14 +132,20 @@ def _judge_motion(report: TorqueReport, over: list[tuple[Excess, str]], unsure: 
     doubtful: dict[str, list[str]] = {}
     found = {(e.joint, e.kind): e for e in report.excesses if e.kind != "effort"}
     derived = () if report.derived is None else report.derived.excesses
-    smoothed_away = [e for e in derived if e.kind == "velocity" and (e.joint, e.kind) not in found]
-    for e in [*found.values(), *smoothed_away]:
-        if e in smoothed_away or _is_noise(report, e):
+    near = [e for e in derived if (e.joint, e.kind) not in found and e.kind == "velocity" and _reaches(report, e)]
+    for e in [*found.values(), *near]:
+        if e in near or _is_noise(report, e):
             doubtful.setdefault(_KINDS[e.kind], []).append(e.joint)
         else:
             over.append((e, f"{e.joint} at t = {seconds(e.time)} s passes its {_KINDS[e.kind]} limit"))
     for kind, joints in doubtful.items():
         unsure.append(f"noise explains why the {kind} limit of {listed(joints, _MOST_LISTED)} is passed")
+
+
+def _reaches(report: TorqueReport, e: Excess) -> bool:
+    """True if the smoothed velocity is within its limit, and may be beyond."""
+    estimate = report.joints[report.differentiation.model.velocity_names.index(e.joint)].estimate
+    return estimate is None or abs(estimate.speed) + _SURE * estimate.speed_sigma > e.limit
 
 
 def _is_noise(report: TorqueReport, e: Excess) -> bool:

@@ -13,6 +13,7 @@ from rich.text import Text
 from ...core.printed_numbers import MISSING, deviation, number, percent, percent_of_limit, seconds, torque
 from ...joints.units import unit_of
 from ...report.base_force import force_remark
+from ...report.estimates import INTERVAL
 from ...report.loaded_robot import TERMS, cause_label
 from ...report.payload_room import PayloadRoom
 from ...report.torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
@@ -207,4 +208,18 @@ def _nearest(report: TorqueReport) -> str:
     j = max(limited, key=lambda j: j.share)
     if report.is_zero(j.largest):
         return "no limit is passed, and no joint has a torque to give"
-    return f"nearest to its limit is {j.joint}, {percent_of_limit(j.share)} at t = {seconds(j.time)} s{because(j)}"
+    decides = report.derived is not None and report.derived.excesses
+    sure = f" ± {percent(INTERVAL * report.reach(j) / j.limit, 2)} (95 %)" if decides else ""
+    nearest = f"nearest to its limit is {j.joint}, {percent_of_limit(j.share)}{sure} at t = {seconds(j.time)} s{because(j)}"
+    return "; ".join([nearest, *_left_aside(report)])
+
+
+def _left_aside(report: TorqueReport) -> list[str]:
+    """What an OK leaves aside of the log: its noise where that decides, and pauses in which the robot moves."""
+    said = []
+    if report.derived is not None and report.derived.excesses:
+        count = len({e.joint for e in report.derived.excesses})
+        said.append(f"noise is smoothed away, which as logged would take {count} joint{'s' * (count > 1)} over a limit")
+    if report.gaps.hidden:
+        said.append(report.gaps.hidden_words)
+    return said
