@@ -189,7 +189,9 @@ def test_an_excess_that_noise_explains_is_none_and_the_first_line_says_so(run, u
     assert code == 0
     first = " ".join(text.split("\n\n")[0].split())
     assert first.startswith("OK: nearest to its limit is shoulder_lift_joint")
-    assert " % ± " in first and first.endswith("noise is smoothed away, which as logged would take 1 joint over a limit.")
+    assert " % ± " in first and first.endswith(
+        "noise is smoothed away, which as logged would take 1 joint over a limit."
+    )
     assert f"{joint.raw:.2f}" in text and f"{joint.peak:.2f}" in text
     assert "± 1σ" in text
 

@@ -229,6 +229,10 @@ class Contradictions:
                     "turns that the log left out"
                 )
 
+    def stamps(self) -> dict[float, float]:
+        """Times of rows whose stamp alone is wrong, and what it is late by [s]."""
+        return self._glitches.stamps()
+
     def _of_glitches(self) -> list[str]:
         return self._glitches.sentences([self._names[k] for k in self._single.tolist()], self._turns)
 

@@ -24,6 +24,7 @@ from .bounds import Bounds, bounds_or_own
 from .contradictions import Contradictions
 from .coordinates import Coordinates, joint_rates
 from .motion_files import MotionFiles
+from .single_row_glitches import stamp_words
 from .spline import FEWEST, between, continuous, spline_rates
 from .time_unit import time_doubt
 from .violations import LimitCheck, Violation
@@ -209,7 +210,7 @@ class Motion(MotionFiles):
 
     @classmethod
     def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:
-        rows = log.motion(np.concatenate(list(log.tables())))
+        rows = log.motion(log.whole())
         doubts = (*(f"LOOK AGAIN: {doubt}" for doubt in log.contradictions(robot.limits)), *log.hints(robot.limits))
         given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
         return cls(rows.time, rows.q, **given, robot=robot, notes=(*log.notes, *doubts), in_seconds=True)
@@ -292,7 +293,8 @@ class Motion(MotionFiles):
 
         tally = Contradictions(self.coordinates, time_stated=False)
         tally.add(LogRows(self.time, self.q, self.dq, self.ddq, self.tau))
-        return tally.sentences(self.robot.limits)
+        stamps = tally.stamps()
+        return (*tally.sentences(self.robot.limits), *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
 
     @cached_property
     def coordinates(self) -> Coordinates:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
 from ..model.limits import Limits
 from ..model.model import Model
@@ -23,9 +24,12 @@ from .follower_columns import FollowerTally
 from .motion_file import MotionFile, open_motion_file
 from .npz_file import NpzFile
 from .passing_runs import passing_runs
-from .repeats import Repeats
+from .repeats import Repeats, steady_times
 from .row_block import Block
+from .single_row_glitches import stamp_words
 
+_MOST_STAMPS = 1 << 24
+"""Rows whose stamps are looked at together: 128 MiB."""
 _NO_ROTATION = 1e-6  # norm of a quaternion
 
 
@@ -52,6 +56,11 @@ class _Pass:
     repeats: Repeats | None = None
     contradictions: Contradictions | None = None
     followers: FollowerTally | None = None
+    stamps: dict[float, float] = field(default_factory=dict)
+    """Times of rows whose stamp alone is wrong, which later passes leave out, and what it is late by [s]."""
+    clock: Array | None = None
+    """(n,) times of all rows, where their stamps are rounded so coarsely that several are alike [s]."""
+    clock_known: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +166,8 @@ class MotionLog:
 
         Notes
         -----
-        One row of each time is given. What was found is in :attr:`notes` and :meth:`contradictions` afterwards.
+        One row of each time is given. What was found is in :attr:`notes` and :meth:`contradictions` afterwards. Rows whose
+        stamp alone is wrong are known after a pass over all rows, and are left out in the next.
 
         Examples
         --------
@@ -183,10 +193,11 @@ class MotionLog:
 
         last, rows = -math.inf, self.first_row
         for block in self.file.blocks(self.columns.used):
+            self._look_at_clock(block.table)
             table = self._timed(block, rows, last)
             if len(table):
                 last, rows = float(table[-1, 0]), rows + len(table)
-                table = repeats.add(table)
+                table = self._without(repeats.add(table))
                 if len(table):
                     yield take_in(table)
             if progress:
@@ -195,7 +206,35 @@ class MotionLog:
         if final is None:
             line = self.file.header_line if isinstance(self.file, CsvFile) else 0
             raise TrajectoryError(f"{self.path}: no rows after the header of line {line}. Give at least one.")
-        yield take_in(final)
+        final = self._without(final)
+        if len(final):
+            yield take_in(final)
+        self._last.stamps |= found.stamps()
+
+    def whole(self) -> Array:
+        """All rows at once, as :meth:`tables` gives them, without those whose stamp is wrong.
+
+        Returns
+        -------
+        table : (n, columns) array
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> log = MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5().model)
+        >>> len(log.whole())
+        751
+        """
+        return self._without(np.concatenate(list(self.tables())))
+
+    @property
+    def stamps_left_out(self) -> int:
+        """How many rows are left out for their stamps, as known so far."""
+        return len(self._last.stamps)
+
+    def _without(self, table: Array) -> Array:
+        """The rows but those whose stamp is known to be wrong."""
+        return table[~np.isin(table[:, 0], list(self._last.stamps))] if self._last.stamps else table
 
     def part(self, begin: int, end: int) -> MotionLog | None:
         """Rows of the log from one to another, with their own times; None where the file is read from its beginning only.
@@ -217,9 +256,10 @@ class MotionLog:
         """
         if isinstance(self.file, NpzFile):
             rows = replace(self.file, table=self.file.table[max(0, begin) : end])
-            return replace(self, file=rows, first_row=max(0, begin), _last=_Pass())
+            return replace(self, file=rows, first_row=max(0, begin), _last=self._same_clock())
         if isinstance(self.file, ArrayStream):
-            return replace(self, file=self.file.part(begin, end), first_row=max(0, begin), _last=_Pass())
+            part = self.file.part(begin, end)
+            return replace(self, file=part, first_row=max(0, begin), _last=self._same_clock())
         return None
 
     def stamps(self) -> Iterator[Array]:
@@ -237,6 +277,12 @@ class MotionLog:
         751
         """
         rows = 0
+        for block in self.file.blocks(self.columns.used):
+            self._look_at_clock(block.table)
+            break
+        if self._last.clock is not None:
+            yield self._last.clock
+            return
         for block in self.file.blocks(self.columns.used[:1]):
             yield (
                 np.arange(rows, rows + len(block.table)) if self.columns.counted else block.table[:, 0]
@@ -269,8 +315,11 @@ class MotionLog:
         """
         try:
             blocks = self.file.excerpts(self.columns.used, count, rows)
-            if blocks is None:
-                return passing_runs(self.tables, count, rows, whole=self.size <= LARGE)
+            blocks = None if blocks is None else list(blocks)
+            for block in blocks or []:
+                self._look_at_clock(block.table)
+            if blocks is None or self._last.clock is not None:
+                return [self._without(x) for x in passing_runs(self.tables, count, rows, whole=self.size <= LARGE)]
             found = []
             for block in blocks:
                 repeats = self._repeats()
@@ -312,7 +361,13 @@ class MotionLog:
             said.append(f"Columns of locked joints are ignored: {', '.join(columns.of_locked)}.")
         if columns.extra:
             said.append(f"Columns that are no coordinate of this robot are ignored: {', '.join(columns.extra)}.")
+        if last.clock is not None:
+            said.append(
+                "Time stamps are rounded so that several rows share one: a steady clock of "
+                f"{number(1.0 / float(np.median(np.diff(last.clock))), 4)} Hz is taken."
+            )
         said += last.repeats.notes() if last.repeats else []
+        said += [f"Left out: {stamp_words(last.stamps)}."] if last.stamps else []
         if isinstance(self.file, CsvFile) and self.file.seems_cut:
             said.append(
                 "The last line does not end, and its last number has fewer decimals than those above: the file seems to be cut "
@@ -373,6 +428,23 @@ class MotionLog:
         turning = np.zeros(0, int) if where is None else where[angles]
         return Repeats(0, turning, math.pi / self.columns.angle[angles], str(self.path))
 
+    def _same_clock(self) -> _Pass:
+        """Nothing known yet of a part, but for the clock of the whole."""
+        return _Pass(clock=self._last.clock, clock_known=self._last.clock_known)
+
+    def _look_at_clock(self, table: Array) -> None:
+        """Take all stamps for those of a steady clock, where the first rows show that rounding makes rows share them."""
+        last = self._last
+        if last.clock_known or self.columns.counted or not len(table):
+            return
+        last.clock_known = True
+        again = np.diff(table[:, 0]) == 0
+        differ = (table[1:, 1:] != table[:-1, 1:]).any(axis=1)
+        if not (again & differ).any() or 2 * (again & differ).sum() < again.sum():
+            return
+        stamps = [block.table[:, 0] * self.columns.seconds for block in self.file.blocks(self.columns.used[:1])]
+        last.clock = steady_times(np.concatenate(stamps)) if sum(map(len, stamps)) <= _MOST_STAMPS else None
+
     def _timed(self, block: Block, rows: int, last: float) -> Array:
         """The block with time in seconds first, which is checked not to run back from ``last``; ``rows`` were before it."""
         if self.columns.counted:
@@ -383,6 +455,9 @@ class MotionLog:
             if self.columns.seconds != 1.0:
                 table = table.copy()
                 table[:, 0] *= self.columns.seconds
+        if self._last.clock is not None:
+            table = table if table is not block.table else table.copy()
+            table[:, 0] = self._last.clock[rows : rows + len(table)]
         before = np.r_[last, table[:-1, 0]][: len(table)]
         if (back := table[:, 0] < before).any():
             k = int(back.argmax())

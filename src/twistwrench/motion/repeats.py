@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..core.printed_numbers import printed
@@ -10,6 +12,10 @@ from ..typing import Array
 
 _MOST = 10_000
 """Rows of one time, from which the clock is taken to stand."""
+_FEWEST, _REPEATED, _PAUSE = 20, 0.02, 3.0
+"""Rows, and share of the steps that are 0, from which stamps seem rounded; and steps of their grid that are a pause."""
+_ROUNDED = 0.65
+"""Steps of the grid that a rounded stamp is off at most: half of one, and what few rows leave open of the clock."""
 
 
 class Repeats:
@@ -85,3 +91,29 @@ class Repeats:
                 "mean of each is taken."
             )
         return said
+
+
+def steady_times(stamps: Array) -> Array | None:
+    """Times (n,) of rows whose stamps were rounded to a grid coarser than their steps; None where they are no steady clock's.
+
+    Between pauses, times are the straight line through the stamps, which no stamp is farther from than rounding takes it.
+    """
+    steps = np.diff(stamps)
+    if len(steps) < _FEWEST or (steps < 0).any() or (steps == 0).mean() < _REPEATED:
+        return None
+    grid = float(steps[steps > 0].min(initial=np.inf))
+    on_grid = np.abs(steps - grid * np.round(steps / grid)) <= 1e-6 * grid + 4 * np.spacing(np.abs(stamps[1:]))
+    if not (np.isfinite(grid) and on_grid.all()):
+        return None
+    edges = [0, *(np.flatnonzero(steps > _PAUSE * grid) + 1).tolist(), len(stamps)]
+    found = np.empty(len(stamps))
+    for a, b in pairwise(edges):
+        if b - a < _FEWEST:
+            return None
+        rows, times = np.arange(b - a) - 0.5 * (b - a - 1), stamps[a:b]
+        middle = float(times.mean())
+        slope = float(rows @ (times - middle)) / float(rows @ rows)
+        found[a:b] = middle + slope * rows
+        if np.abs(found[a:b] - times).max() > _ROUNDED * grid:
+            return None
+    return found if (np.diff(found) > 0).all() else None

@@ -1,12 +1,14 @@
 """Rows at which one joint leaves its path and is back in the next row: no motion does that, whatever the noise.
 
 e_i is how far q_i is from the straight line between its neighbours. A corner of a path is one large e; a single wrong row of
-size d is e = (-d/2, d, -d/2), beyond all that the rest of the log has.
+size d is e = (-d/2, d, -d/2), beyond all that the rest of the log has. A stamp that is wrong by s makes d = -s dq/dt in every
+joint.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +27,23 @@ _COUNTS = 3.0
 _MOST = 50
 """Candidates that are kept for a joint; with more the log is rough, and not one row wrong."""
 _LISTED = 3
+_GAP = 5.0
+"""Usual steps of time from which a step is a pause."""
+_OF_CLOCK = 0.25
+"""Share of the largest d of a row that is left where the stamp is wrong."""
+_MOVING = 0.05
+"""Share of the fastest joint's speed from which a joint moves: one alone cannot tell its stamp from its position."""
+
+
+@dataclass(frozen=True)
+class Glitch:
+    """A wrong row of one joint."""
+
+    size: float
+    """|d| [rad, m]."""
+    time: float
+    late: float
+    """What its stamp is off by [s], if every joint leaves its path in proportion to its speed; else 0."""
 
 
 class SingleRowGlitches:
@@ -34,9 +53,10 @@ class SingleRowGlitches:
         """``count`` joints, of which those that turn (k,) bool may step by a full turn."""
         self._turns = turns
         self._tail: tuple[Array, Array] = np.empty(0), np.empty((0, count))
+        self._usual = 0.0
         self._largest, self._least_step = np.zeros(count), np.full(count, np.inf)
-        self._found: list[list[tuple[float, float]]] = [[] for _ in range(count)]
-        """Of each joint the candidates: |d|, time."""
+        self._found: list[list[Glitch]] = [[] for _ in range(count)]
+        """Of each joint the candidates."""
 
     def add(self, time: Array, q: Array) -> None:
         """Take in consecutive rows, (n,) and (n, k)."""
@@ -48,35 +68,69 @@ class SingleRowGlitches:
         curves[:, self._turns] = np.unwrap(q[:, self._turns], axis=0)
         steps = np.abs(np.diff(curves, axis=0))
         self._least_step = np.minimum(self._least_step, np.where(steps > 0, steps, np.inf).min(axis=0))
+        steps_of_time = np.diff(t)
+        self._usual = self._usual or float(np.median(steps_of_time))
+        pause = steps_of_time > _GAP * self._usual
+        bridged = (pause[1:] | pause[:-1])[:, None]  # over a pause, the path says nothing
         share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
         e = curves[1:-1] - curves[:-2] - share * (curves[2:] - curves[:-2])
+        e = np.where(bridged, 0.0, e)
         d = e[1:-1]
         beside = np.maximum(np.abs(e[:-2] + d / 2), np.abs(e[2:] + d / 2))
         candidate = (np.abs(d) > _ROUNDING) & (beside < _ALIKE * np.abs(d))
         touched = candidate[:-2] | candidate[1:-1] | candidate[2:]
         self._largest = np.maximum(self._largest, np.where(touched, 0.0, np.abs(e[2:-2])).max(axis=0))
         for row, k in np.argwhere(candidate[1:-1]).tolist():
-            found = abs(float(e[row + 2, k])), float(t[row + 3])
-            self._found[k] = sorted([*self._found[k], found], reverse=True)[:_MOST]
+            slope = (curves[row + 4] - curves[row + 2]) / (t[row + 4] - t[row + 2])
+            found = Glitch(abs(float(e[row + 2, k])), float(t[row + 3]), _late(e[row + 2], slope))
+            self._found[k] = sorted([*self._found[k], found], key=lambda g: -g.size)[:_MOST]
 
-    def result(self) -> list[tuple[int, list[tuple[float, float]]]]:
-        """Each joint that has such rows, with (size, time) of these, the largest first."""
+    def result(self) -> list[tuple[int, list[Glitch]]]:
+        """Each joint that has such rows, with these, the largest first."""
         found = []
         for k, candidates in enumerate(self._found):
             bound = max(_BEYOND * float(self._largest[k]), min(_COUNTS * float(self._least_step[k]), _NO_COUNT))
-            wrong = [(size, time) for size, time in candidates if size > bound]
+            wrong = [g for g in candidates if g.size > bound]
             if wrong and len(wrong) < _MOST:
                 found.append((k, wrong))
         return found
 
+    def stamps(self) -> dict[float, float]:
+        """Times of the rows whose stamp is wrong, and by how much it is late [s]."""
+        return {g.time: g.late for _, wrong in self.result() for g in wrong if g.late}
+
     def sentences(self, names: list[str], angular: Array) -> list[str]:
-        """A sentence for each joint."""
+        """A sentence for each joint, but for rows whose stamp is wrong."""
         said = []
-        for k, wrong in self.result():
-            size = f"{printed(math.degrees(wrong[0][0]), 3)} degrees" if angular[k] else f"{printed(wrong[0][0], 3)} m"
-            when = listed((f"{seconds(time, 4)} s" for _, time in wrong), _LISTED)
+        for k, found in self.result():
+            wrong = [g for g in found if not g.late]
+            if not wrong:
+                continue
+            size = (
+                f"{printed(math.degrees(wrong[0].size), 3)} degrees" if angular[k] else f"{printed(wrong[0].size, 3)} m"
+            )
+            when = listed((f"{seconds(g.time, 4)} s" for g in wrong), _LISTED)
             said.append(
                 f"{names[k]} leaves its path by {size} for a single row, and is back in the next, at t = {when}: "
                 "remove the row"
             )
         return said
+
+
+def _late(d: Array, speed: Array) -> float:
+    """What a row's stamp is late by [s], where joints of speeds (k,) leave their paths by d (k,); 0 where it is not that."""
+    if (np.abs(speed) > _MOVING * np.abs(speed).max(initial=0.0)).sum() < 2:
+        return 0.0
+    found = float(d @ speed) / float(speed @ speed)
+    return -found if np.abs(d - found * speed).max() < _OF_CLOCK * np.abs(d).max() else 0.0
+
+
+def stamp_words(stamps: dict[float, float]) -> str:
+    """Rows with a wrong stamp, by their times with what they are late by [s]."""
+    when = listed((f"{seconds(time, 4)} s" for time in stamps), _LISTED)
+    late = max(stamps.values(), key=abs)
+    way = "late" if late > 0 else "early"
+    return (
+        f"the time stamp of {len(stamps)} row{'s' if len(stamps) > 1 else ''} is {seconds(abs(late))} s {way}, at t = {when}, "
+        "as every joint leaves its path there in proportion to its speed"
+    )

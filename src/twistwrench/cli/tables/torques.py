@@ -210,7 +210,9 @@ def _nearest(report: TorqueReport) -> str:
         return "no limit is passed, and no joint has a torque to give"
     decides = report.derived is not None and report.derived.excesses
     sure = f" ± {percent(INTERVAL * report.reach(j) / j.limit, 2)} (95 %)" if decides else ""
-    nearest = f"nearest to its limit is {j.joint}, {percent_of_limit(j.share)}{sure} at t = {seconds(j.time)} s{because(j)}"
+    nearest = (
+        f"nearest to its limit is {j.joint}, {percent_of_limit(j.share)}{sure} at t = {seconds(j.time)} s{because(j)}"
+    )
     return "; ".join([nearest, *_left_aside(report)])
 
 
