@@ -19,6 +19,21 @@ _SHORT = 60
 """Texts of fewer characters hold no number that is too large, unless by an exponent."""
 
 
+_LONGEST = 200
+"""Characters of a file's text that a message quotes."""
+_NAMES = {"name", "reference"}
+"""Attributes that tell an element from others of its tag; Gazebo's refer to a link or joint."""
+
+
+def clipped(text: str) -> str:
+    """The text of a file as messages quote it.
+
+    >>> len(clipped("0 " * 100_000))
+    201
+    """
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
 @dataclass(eq=False, slots=True)
 class Element:
     """One element: its tag (prefix and all), attributes, line in the file, the elements in it, and its text."""
@@ -41,12 +56,13 @@ class Element:
 
     def __str__(self) -> str:
         """``<mass> of link 'arm' (line 12)``: what messages call it."""
-        owner = self.parent
-        while owner is not None and "name" not in owner.attributes:
-            owner = owner.parent
         if "name" in self.attributes:
-            return f"<{self.tag} name={self.attributes['name']!r}> ({self.place})"
-        of = f" of {owner.tag} {owner.attributes['name']!r}" if owner is not None else ""
+            return f"<{self.tag} name={clipped(self.attributes['name'])!r}> ({self.place})"
+        owner = self.parent
+        while owner is not None and not _NAMES & owner.attributes.keys():
+            owner = owner.parent
+        name = None if owner is None else owner.attributes.get("name", owner.attributes.get("reference", ""))
+        of = f" of {owner.tag} {clipped(name)!r}" if owner is not None and name is not None else ""
         return f"<{self.tag}>{of} ({self.place})"
 
     def add(self, child: Element) -> None:

@@ -23,6 +23,7 @@ from ..model.rounding import DEFAULT_SNAP, snap_rotation
 from ..typing import Array
 from .element import Element
 from .inertia_entries import tensor_of
+from .known_elements import Unread
 
 _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """The joint types of URDF."""
@@ -41,10 +42,14 @@ def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> M
     :class:`~twistwrench.model.builder.ModelBuilder` raises for what no robot can mean.
     """
     builder = ModelBuilder(robot.attributes.get("name", "").strip() or "robot", source)
+    unread = Unread("URDF")
+    unread.walk(robot)
     for link in robot.all("link"):
         add_link(builder, link, snap)
     for joint in robot.all("joint"):
         add_joint(builder, joint)
+    for text in unread.remarks:
+        builder.remark(text)
     return builder
 
 

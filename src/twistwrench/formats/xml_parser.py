@@ -21,7 +21,9 @@ MOST_BODIES = 20_000
 _BODIES = ("link", "body")
 
 _WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
-"""Root elements of formats that say everything by attributes."""
+"""Root elements of formats that say everything by attributes; text is skipped, which saves time."""
+_WITH_TEXT = ("gazebo", "gravity", "kinematic")
+"""Elements from which on text is kept all the same: Gazebo's, in URDF."""
 
 _LEVELS = 1_000
 """Elements one inside the other, beside those of bodies in bodies."""
@@ -100,6 +102,8 @@ class _TreeMaker(_Watcher):
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if name in _BODIES:
             super()._start(name, attributes)
+        elif name in _WITH_TEXT:
+            self.parser.CharacterDataHandler = self._text
         path = self._open
         parent = path[-1] if path else None
         element = self._made(name, attributes, parent)

@@ -15,6 +15,7 @@ from ...model.description import Mimic
 from ...model.remark import Remark
 from ...typing import Array
 from ..element import Element
+from ..known_elements import Unread
 from ..urdf import ENDLESS
 from .frames import MODEL, WORLD, SdfModel, unpacked
 from .values import moments, number, pose, said, vector, word
@@ -62,7 +63,7 @@ class _SdfReader:
     def __init__(
         self, root: Element, model: Element, world: Element | None, source: str, floating_base: bool | None
     ) -> None:
-        self.model, self.floating_base = model, floating_base
+        self.model, self.world, self.floating_base = model, world, floating_base
         self.version = _version(root)
         self.builder = ModelBuilder(model.text("name"), source)
         gravity = world.child("gravity") if world is not None else None
@@ -80,8 +81,6 @@ class _SdfReader:
                 raise RobotFileError(f"{link} has the name of the world itself. Rename it.")
             shaped = bool(link.all("visual") or link.all("collision"))
             builder.add_link(name, self._inertia(link), where=link.place, shaped=shaped)
-            if word(link, "gravity") in ("0", "false"):
-                builder.remark(Remark(str(link), "feels no gravity in the file, and does here"))
         held = {self._add_joint(name, joint) for name, joint in self.parts.joints.items()}
         for one in self.model.walk():
             if one.tag == "drake:joint":
@@ -90,6 +89,12 @@ class _SdfReader:
         for name, frame in self.parts.named.items():
             carrier = self.parts.link_of(name, frame)
             builder.add_site(name, carrier, self.parts.between(carrier, name, frame), where=frame.place)
+        unread = Unread("SDF")
+        for element in (self.world, self.model):
+            if element is not None:
+                unread.walk(element)
+        for text in unread.remarks:
+            builder.remark(text)
         return builder
 
     def _add_roots(self, held: set[str]) -> None:
