@@ -127,7 +127,6 @@ REFUSED = {
     "two inertials": ("<inertial mass='1' pos='0 0 0'/><inertial mass='1' pos='0 0 0'/>", ["line 4", "second"]),
     "mesh without its file": ("<geom type='mesh' mesh='m'/>", ["<geom>", "line 4", "'m'", "no <asset>"]),
     "negative mass": ("<geom size='1' mass='-1'/>", ["line 4", "negative mass"]),
-    "polynomial": ("<body><joint damping='1 2'/></body>", ["line 4", "polynomial"]),
     "word": ("<geom type='blob' size='1'/>", ["line 4", "blob", "capsule"]),
     "two joints of a name": ("<body><joint name='j'/></body>", ["line 4", "'j'"]),
     "two bodies of a name": ("<body name='x'/>", ["line 4", "'x'"]),
@@ -147,7 +146,6 @@ def test_what_is_refused_is_named_with_its_line(case):
 
 SECTIONS = {
     "joint of an actuator": ("<actuator><motor joint='k'/></actuator>", ["line 2", "'k'"]),
-    "no actuator": ("<actuator><engine joint='j'/></actuator>", ["<engine>", "line 2", "motor"]),
     "joint of a tendon": ("<tendon><fixed><joint joint='k' coef='1'/></fixed></tendon>", ["line 2", "'k'"]),
     "joint of an equality": ("<equality><joint joint1='k'/></equality>", ["line 2", "'k'"]),
     "body of an equality": ("<equality><weld body1='z'/></equality>", ["line 2", "'z'"]),
@@ -184,6 +182,8 @@ REMARKED = {
     "boundmass": ("<compiler boundmass='300'/>", "", "boundmass=300"),
     "ball spring": ("", "<body><joint type='ball' stiffness='2'/><geom size='1'/></body>", "stiffness, which is left out"),
     "ball limit": ("", "<body><joint type='ball' range='0 20'/><geom size='1'/></body>", "limit, which is not kept"),
+    "polynomial": ("", "<body><joint damping='1 2'/><geom size='1'/></body>", "polynomial"),
+    "unknown actuator": ("<actuator><engine joint='j'/></actuator>", "", "<engine> (line 1) is not an actuator known here"),
     "springdamper": ("", "<body><joint springdamper='1 1'/><geom size='1'/></body>", "springdamper"),
     "plugin": ("", "<body><plugin plugin='mujoco.elasticity.cable'/><geom size='1'/></body>", "plugin, whose forces"),
     "actuator on a tendon": (

@@ -12,7 +12,7 @@ from ..formats.element import Element
 from ..formats.inertia_entries import IN_MJCF
 from ..formats.mjcf.bodies import MjcfBody, PlacedElement, survey
 from ..formats.mjcf.defaults import Defaults
-from ..formats.mjcf.geoms import WITHOUT_MASS, shape_of
+from ..formats.mjcf.geoms import WITHOUT_SHAPE, shape_of
 from ..formats.mjcf.includes import Folders, expand
 from ..formats.mjcf.inertial import full_inertia
 from ..formats.mjcf.joints import joints_of, names_given
@@ -109,7 +109,7 @@ def _spec(
 ) -> ShapeSpec | None:
     geom = part.element
     kind = geom.attributes.get("type", "sphere").strip()
-    if kind in WITHOUT_MASS:
+    if kind in WITHOUT_SHAPE:
         return None
     try:
         if "mesh" in geom.attributes:

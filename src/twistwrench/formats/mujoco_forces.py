@@ -16,6 +16,7 @@ from ..model.remark import Remark
 from ..typing import Array
 from .mjcf.actuators import ANY, at_joint, effort_of
 from .mjcf.equality import ALL, POINT, leaders_of
+from .mjcf.left_out import LEFT_OUT
 
 _ON_JOINTS = (0, 1)
 """Of ``mjtTrn``: at a joint, and at one in its parent's frame."""
@@ -36,17 +37,19 @@ def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, flo
     found: dict[str, dict[str, float]] = {}
     forces: dict[int, Array] = {}
     remarks: list[str] = []
-    for k in range(model.nu):
+    for k in range(len(model.actuator_trntype)):
         j = int(model.actuator_trnid[k, 0])
         if int(model.actuator_trntype[k]) not in _ON_JOINTS or int(model.jnt_type[j]) < _SLIDE:
-            remarks.append(f"actuator {model.actuator(k).name or k} of MuJoCo's model drives no hinge or slide")
+            remarks.append(Remark(_actuator(model, k), LEFT_OUT["actuator/joint"]))
             continue
-        gear = float(model.actuator_gear[k, 0])
+        gear = _gear(model, k)
         forces[j] = forces.get(j, np.zeros(2)) + at_joint(_forces(model, k), gear)
         mine = found.setdefault(names[j], {"armature": 0.0, "damping": 0.0})
         for what in ("armature", "damping"):
             values = getattr(model, f"actuator_{what}", None)  # older versions have none
-            mine[what] += 0.0 if values is None else gear**2 * float(np.reshape(values, (model.nu, -1))[k, 0])
+            mine[what] += 0.0 if values is None else gear**2 * polynomial(model, f"actuator_{what}", k)[0]
+        if polynomial(model, "actuator_damping", k)[1:].any():
+            remarks.append(Remark(_actuator(model, k), LEFT_OUT["actuator/damping"]))
     bounded = getattr(model, "jnt_actfrclimited", np.zeros(model.njnt))
     for j in range(model.njnt):
         given = forces.get(j, ANY)
@@ -60,12 +63,32 @@ def drives_of(model: Any, names: Sequence[str]) -> tuple[dict[str, dict[str, flo
     return found, remarks
 
 
+def _actuator(model: Any, k: int) -> str:
+    return f"actuator {model.actuator(k).name or k} of MuJoCo's model"
+
+
+def _gear(model: Any, k: int) -> float:
+    """The first gear of an actuator; those with several outputs have several rows."""
+    rows = getattr(model, "actuator_outadr", None)
+    return float(model.actuator_gear[k if rows is None else rows[k], 0])
+
+
+def polynomial(model: Any, field: str, i: int) -> Array:
+    """The coefficients of a damping or a stiffness: the linear one, then those of higher order if MuJoCo has them."""
+    values = getattr(model, field)
+    more = getattr(model, f"{field}poly", None)
+    rows = [np.reshape(x, (len(values), -1))[i] for x in (values, more) if x is not None]
+    return np.concatenate(rows).astype(float)
+
+
 def _forces(model: Any, k: int) -> Array:
     """The least and the most that an actuator gives before its gear, infinite where that is not said."""
     force = ANY
     plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
-    if plain and model.actuator_ctrllimited[k]:
-        force = np.sort(float(model.actuator_gainprm[k, 0]) * np.array(model.actuator_ctrlrange[k], float))
+    controls = getattr(model, "actuator_ctrladr", None)
+    c = k if controls is None else int(controls[k])
+    if plain and model.actuator_ctrllimited[c]:
+        force = np.sort(float(model.actuator_gainprm[k, 0]) * np.array(model.actuator_ctrlrange[c], float))
     return np.clip(force, *model.actuator_forcerange[k]) if model.actuator_forcelimited[k] else force
 
 
@@ -132,21 +155,22 @@ def add_tendons(builder: ModelBuilder, model: Any, names: Sequence[str]) -> None
         who = f"tendon {model.tendon(t).name or t} of MuJoCo's model"
         start = int(model.tendon_adr[t])
         parts = range(start, start + int(model.tendon_num[t]))
-        stiffness = float(np.reshape(model.tendon_stiffness, (model.ntendon, -1))[t, 0])
-        losses = ("tendon_damping", "tendon_frictionloss", "tendon_armature")
+        stiffness, *more = polynomial(model, "tendon_stiffness", t)
+        losses = ("tendon_damping", "tendon_dampingpoly", "tendon_frictionloss", "tendon_armature")
         lossy = any(np.any(getattr(model, what)[t]) for what in losses if hasattr(model, what))
-        polynomial = np.any(
-            np.reshape(getattr(model, "tendon_stiffnesspoly", np.zeros(model.ntendon)), (model.ntendon, -1))[t]
-        )
         fixed = all(int(model.wrap_type[i]) == _WRAP_JOINT for i in parts)
         first, last = (float(x) for x in np.ravel(model.tendon_lengthspring[t])[[0, -1]])
-        if fixed and stiffness and first == last and not polynomial:
+        if fixed and stiffness and first == last and not any(more):
             terms: dict[str, float] = {}
             for i in parts:
                 joint = names[int(model.wrap_objid[i])]
                 terms[joint] = terms.get(joint, 0.0) + float(model.wrap_prm[i])
             builder.add_spring(terms, stiffness, first)
-        elif stiffness or polynomial:
+        elif any(more):
+            builder.remark(Remark(who, LEFT_OUT["tendon/stiffness"]))
+        elif stiffness:
             builder.remark(Remark(who, "has a spring that is left out"))
+        if stiffness and np.any(getattr(model, "tendon_springyield", np.zeros(model.ntendon))[t]):
+            builder.remark(Remark(who, LEFT_OUT["tendon/springyield"]))
         if lossy:
             builder.remark(Remark(who, "has damping, friction or armature, which is left out"))

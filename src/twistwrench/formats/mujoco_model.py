@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,14 @@ from .element import Element
 from .mjcf.bodies import WORLD, unused
 from .mjcf.chain import chain
 from .mjcf.joints import COORDINATES, MjcfJoint, screw
-from .mujoco_forces import add_closures, add_tendons, drives_of, mimics_of
+from .mjcf.left_out import LEFT_OUT
+from .mjcf.settings import also_disabled
+from .mujoco_forces import add_closures, add_tendons, drives_of, mimics_of, polynomial
 
 _KINDS = ("floating", "ball", "prismatic", "revolute")
 _SAID = ("free", "ball", "slide", "hinge")
 _VELOCITIES = (6, 3, 1, 1)
-_FORCES = ("gravity", "spring", "damper", "passive", "equality")
+_FORCES = ("gravity", "spring", "damper", "passive", "equality", "frictionloss", "constraint")
 
 
 def read_mujoco_model(model: Any) -> ModelBuilder:
@@ -62,6 +64,8 @@ def _filled(model: Any) -> ModelBuilder:
             taken.add(joint.name)
             if "spring" in disabled:
                 joint.stiffness = 0.0
+            if "frictionloss" in disabled:
+                joint.options["friction"] = 0.0
             if "damper" in disabled:
                 joint.options["damping"] = 0.0
         parent = names[int(model.body_parentid[i])]
@@ -85,9 +89,23 @@ def _filled(model: Any) -> ModelBuilder:
         add_tendons(builder, model, called)
     if "equality" not in disabled:
         add_closures(builder, model, names)
-    for text in (*more, *remarks):
+    for text in (*more, *remarks, *_left_out(model, names)):
         builder.remark(text)
     return builder
+
+
+def _left_out(model: Any, names: list[str]) -> Iterator[Remark]:
+    """Mechanics of bodies and of the whole that a robot leaves out."""
+    if model.opt.density or model.opt.viscosity:
+        yield Remark("<option> of MuJoCo's model", LEFT_OUT["option/density"])
+    for i in range(1, model.nbody):
+        if model.body_gravcomp[i]:
+            yield Remark(f"body {names[i]!r}", LEFT_OUT["body/gravcomp"])
+        if model.body_plugin[i] >= 0:
+            yield Remark(f"the plugin of body {names[i]!r}", LEFT_OUT["body/plugin"])
+    for f in range(getattr(model, "nflex", 0)):
+        if not model.flex_rigid[f]:
+            yield Remark(f"flex {f} of MuJoCo's model", LEFT_OUT["deformable/flex"])
 
 
 def _joints_of(model: Any, i: int) -> range:
@@ -101,6 +119,7 @@ def _joint(model: Any, j: int, body: str, k: int) -> MjcfJoint:
     name = model.joint(j).name or f"{body}.{_SAID[said]}{k if several else ''}"
     d, q = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
     single = said >= 2
+    stiffness, damping = polynomial(model, "jnt_stiffness", j), polynomial(model, "dof_damping", d)
     joint = MjcfJoint(
         element=Element("joint", {"name": name}, 0, None),
         name=name,
@@ -109,9 +128,9 @@ def _joint(model: Any, j: int, body: str, k: int) -> MjcfJoint:
         axis=np.array(model.jnt_axis[j], float),
         reference=float(model.qpos0[q]) if single else 0.0,
         rest=float(model.qpos_spring[q]) if single else 0.0,
-        stiffness=_first(model.jnt_stiffness, model.njnt, j),
+        stiffness=stiffness[0],
         options={
-            "damping": _first(model.dof_damping, model.nv, d),
+            "damping": damping[0],
             "friction": float(model.dof_frictionloss[d]),
             "armature": float(model.dof_armature[d]),
         },
@@ -119,6 +138,14 @@ def _joint(model: Any, j: int, body: str, k: int) -> MjcfJoint:
     armature = model.dof_armature[d : d + _VELOCITIES[said]]
     if np.ptp(armature) > 0:  # which no file can say, but a program can
         joint.remarks.append("has another armature in each direction, of which the first is kept")
+    if stiffness[1:].any():
+        joint.remarks.append(LEFT_OUT["joint/stiffness"])
+    if damping[1:].any():
+        joint.remarks.append(LEFT_OUT["joint/damping"])
+    if np.any(getattr(model, "jnt_springyield", np.zeros(model.njnt))[j]):
+        joint.remarks.append(LEFT_OUT["joint/springyield"])
+    if model.jnt_limited[j] and not single:
+        joint.remarks.append(LEFT_OUT["ball/range"])
     if single and model.jnt_limited[j]:
         joint.options |= {"lower": float(model.jnt_range[j, 0]), "upper": float(model.jnt_range[j, 1])}
     return joint
@@ -154,7 +181,7 @@ def _add(
     if joint.stiffness and joint.single:
         builder.add_spring({joint.name: 1.0}, joint.stiffness, joint.rest)
     elif joint.stiffness:
-        builder.remark(Remark(f"joint {joint.name!r}", "is no hinge or slide and has a stiffness, which is left out"))
+        builder.remark(Remark(f"joint {joint.name!r}", LEFT_OUT["ball/stiffness"]))
 
 
 def _add_configurations(builder: ModelBuilder, model: Any, names: list[str]) -> None:
@@ -170,17 +197,12 @@ def _add_configurations(builder: ModelBuilder, model: Any, names: list[str]) -> 
         builder.add_configuration(name, positions)
 
 
-def _first(values: Any, count: int, i: int) -> float:
-    """The linear coefficient, where a version of MuJoCo has polynomials."""
-    return float(np.reshape(values, (count, -1))[i, 0])
-
-
 def _disabled(model: Any) -> set[str]:
     """The forces that are turned off, whose bits moved between versions: as the library whose model this is has them."""
     bits = getattr(sys.modules.get("mujoco"), "mjtDisableBit", None)
     flags = int(model.opt.disableflags)
     found = {x for x in _FORCES if bits is not None and flags & int(getattr(bits, f"mjDSBL_{x.upper()}", 0))}
-    return found | ({"spring", "damper"} if "passive" in found else set())
+    return found | also_disabled(found)
 
 
 def _text(model: Any, start: int) -> str:

@@ -15,6 +15,7 @@ from ...typing import Array
 from ..element import Element
 from .defaults import ACTUATORS, SHORTCUT, Defaults
 from .joints import MjcfJoint, limited
+from .left_out import LEFT_OUT
 from .settings import Settings
 
 
@@ -42,14 +43,17 @@ def drives_of(root: Element, joints: Mapping[str, MjcfJoint], settings: Settings
     for section in root.all("actuator"):
         for child in section.children:
             if child.tag not in ACTUATORS:
-                raise RobotFileError(f"{child} is no actuator. Known: {', '.join(ACTUATORS)}.")
+                drives.remarks.append(Remark(str(child), LEFT_OUT["actuator/unknown"]))
             one = defaults.apply(child)
             name = one.attributes.get("joint", one.attributes.get("jointinparent", "")).strip()
             if name and name not in joints:
                 raise RobotFileError(f"{child} drives the joint {name!r}, which is not there.")
-            _add_losses(drives, one, joints.get(name))
+            if child.tag in ACTUATORS:
+                _add_losses(drives, one, joints.get(name))
             if name:
                 totals[name] = totals.get(name, np.zeros(2)) + _forces(one, settings)
+                if child.tag == "orientation":
+                    drives.remarks.append(Remark(str(one), LEFT_OUT["actuator/joint"]))
     for name, joint in joints.items():
         if not joint.single:
             continue
@@ -95,9 +99,11 @@ def _add_losses(drives: Drives, one: Element, joint: MjcfJoint | None) -> None:
         value, *more = one.floats(what, (0.0, 0.0, 0.0))
         if not value and not any(more):
             continue
-        if any(more) or joint is None or not joint.single:
+        if joint is None or not joint.single:
             drives.remarks.append(Remark(str(one), f"has a {what} that is left out"))
         else:
+            if any(more):
+                drives.remarks.append(Remark(str(one), LEFT_OUT["actuator/damping"]))
             at[joint.name] = at.get(joint.name, 0.0) + gear**2 * value
 
 
@@ -105,7 +111,9 @@ def _forces(one: Element, settings: Settings) -> Array:
     """The least and the most that an actuator gives at its joint, infinite where that is not said."""
     gear = one.floats("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))[0]
     force = ANY
-    kind = one.attributes[SHORTCUT]
+    kind = one.attributes.get(SHORTCUT)
+    if kind in (None, "orientation"):
+        return ANY
     plain = kind == "motor" or (
         kind == "general"
         and one.attributes.get("gaintype", "fixed") == "fixed"
@@ -114,7 +122,9 @@ def _forces(one: Element, settings: Settings) -> Array:
     )
     if plain and limited(one, "ctrllimited", "ctrlrange", settings):
         force = np.sort((1.0 if kind == "motor" else _gain(one)) * _range(one, "ctrlrange"))
-    if limited(one, "forcelimited", "forcerange", settings):
+    if kind == "dcmotor" and "saturation" in one.attributes:  # which stands for a range of forces
+        force = _saturation(one)
+    elif limited(one, "forcelimited", "forcerange", settings):
         force = np.clip(force, *_range(one, "forcerange"))
     return at_joint(force, gear)
 
@@ -122,6 +132,17 @@ def _forces(one: Element, settings: Settings) -> Array:
 def at_joint(force: Array, gear: float) -> Array:
     """The least and the most force of an actuator, (2,), behind its gear; a gear of zero lets nothing through."""
     return np.sort(gear * force) if gear else np.zeros(2)
+
+
+def _saturation(one: Element) -> Array:
+    """The largest torque of a ``dcmotor`` to both sides: as given, or its constant times the largest current."""
+    torque, current, _ = one.floats("saturation", (0.0, 0.0, 0.0))
+    of_torque, of_speed = one.floats("motorconst", (0.0, 0.0))
+    voltage, _, speed = one.floats("nominal", (0.0, 0.0, 0.0))
+    given = [x for x in (of_torque, of_speed or (voltage / speed if speed else 0.0)) if x > 0]
+    constant = math.prod(given) ** (1.0 / len(given)) if given else 0.0
+    most = torque or constant * current
+    return np.array([-most, most]) if most else ANY
 
 
 def _gain(one: Element) -> float:

@@ -10,7 +10,8 @@ from ...errors import RobotFileError
 from ..element import Element
 
 ACTUATORS = (
-    "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "plugin",
+    "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
+    "orientation", "plugin",
 )  # fmt: skip
 """The elements of ``<actuator>``; they share their defaults."""
 

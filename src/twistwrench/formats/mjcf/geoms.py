@@ -18,9 +18,9 @@ from .settings import Settings
 
 _WATER = 1000.0
 """kg/m³, the format's density."""
-WITHOUT_MASS = ("plane", "hfield")
-"""Types without mass and shape of their own."""
-_TYPES = (*WITHOUT_MASS, "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+WITHOUT_SHAPE = ("plane", "hfield")
+"""Types without a shape of their own; a plane has no mass either."""
+_TYPES = (*WITHOUT_SHAPE, "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 _LENGTHS = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
 _ALONG = ("capsule", "cylinder", "ellipsoid", "box")
 """Shapes that may be given by the ends of their axis."""
@@ -31,7 +31,7 @@ def weighs(geom: Element, settings: Settings) -> bool:
     first, last = settings.groups
     if not first <= geom.floats("group", (0.0,))[0] <= last:
         return False
-    if geom.word("type", _TYPES, "sphere") in WITHOUT_MASS:
+    if geom.word("type", _TYPES, "sphere") == "plane":
         return False
     return any(_mass_or_density(geom).values())
 
@@ -52,6 +52,8 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
         G = meshes.inertia(geom, **given) if kind == "mesh" else _fitted(geom)
         return G.in_frame(product(part.frame, placement(geom, settings)))
     T, size = shape_of(geom, kind, settings)
+    if kind == "hfield":
+        kind, size = "box", meshes.half_sizes_of_hfield(geom)
     if min(size) <= 0:
         raise RobotFileError(
             f"{geom} is a {kind} of size {' '.join(f'{printed(x)}' for x in size)}; sizes are above zero."

@@ -12,6 +12,7 @@ from ...lie import so3
 from ...typing import Array
 from ..element import Element
 from .bodies import MjcfBody, PlacedElement, unused
+from .left_out import LEFT_OUT
 from .placement import direction
 from .settings import Settings
 
@@ -81,14 +82,19 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
         axis=part.turned(direction(e, "axis", e.floats("axis", (0.0, 0.0, 1.0)))),
         reference=unit * e.floats("ref", (0.0,))[0],
         rest=unit * e.floats("springref", (0.0,))[0],
-        stiffness=_first(e, "stiffness", 0.0),
+        stiffness=e.floats("stiffness", (0.0, 0.0, 0.0))[0],
     )
     if e.tag == "freejoint":
         if e.word("align", ("true", "false", "auto"), "auto") == "true" or settings.align_free:
             joint.remarks.append("moves its body's frame to the centre of mass in MuJoCo (align), and not here")
         return joint
+    for attribute in ("stiffness", "damping"):
+        if any(e.floats(attribute, (0.0, 0.0, 0.0))[1:]):
+            joint.remarks.append(LEFT_OUT[f"joint/{attribute}"])
+    if e.floats("springyield", (0.0,))[0]:
+        joint.remarks.append(LEFT_OUT["joint/springyield"])
     joint.options = {
-        "damping": _first(e, "damping", 0.0),
+        "damping": e.floats("damping", (0.0, 0.0, 0.0))[0],
         "friction": e.floats("frictionloss", (0.0,))[0],
         "armature": e.floats("armature", (0.0,))[0],
     }
@@ -97,9 +103,9 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
         if limited(e, "limited", "range", settings):
             joint.options |= {"lower": lower, "upper": upper}
     elif kind == "ball" and limited(e, "limited", "range", settings):
-        joint.remarks.append("is a ball joint with a limit, which is not kept")
+        joint.remarks.append(LEFT_OUT["ball/range"])
     if not joint.single and joint.stiffness:
-        joint.remarks.append(f"is a {said} joint with a stiffness, which is left out")
+        joint.remarks.append(LEFT_OUT["ball/stiffness"])
     if any(e.floats("springdamper", (0.0, 0.0))):
         joint.remarks.append("has a springdamper, which is left out. Give its stiffness and damping")
     return joint
@@ -116,13 +122,3 @@ def screw(joint: MjcfJoint) -> Array:
     if joint.kind == "prismatic":
         return np.concatenate([np.zeros(3), joint.axis])
     return np.concatenate([joint.axis, so3.cross(joint.point, joint.axis) + 0.0])
-
-
-def _first(element: Element, attribute: str, default: float) -> float:
-    """The linear coefficient; the others of a polynomial have no place in the equations here."""
-    values = element.floats(attribute, (default, 0.0, 0.0))
-    if any(values[1:]):
-        raise RobotFileError(
-            f"{element} has a {attribute} that is a polynomial, {element.attributes[attribute]!r}; only a constant is read."
-        )
-    return values[0]

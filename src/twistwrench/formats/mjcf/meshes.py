@@ -28,12 +28,27 @@ class Meshes:
         self._settings, self._folders = settings, folders
         self._meshes: dict[str, Element] = {}
         self._doubled: dict[str, Element] = {}
+        self._hfields: dict[str, Element] = {}
         for asset in root.all("asset"):
+            for hfield in asset.all("hfield"):
+                name = hfield.attributes.get("name", "").strip() or Path(hfield.attributes.get("file", "")).stem
+                self._hfields[name] = hfield
             for mesh in asset.all("mesh"):
                 name = mesh.attributes.get("name", "").strip() or Path(mesh.attributes.get("file", "")).stem
                 if name in self._meshes:
                     self._doubled[name] = mesh
                 self._meshes[name] = defaults.apply(mesh)
+
+    def half_sizes_of_hfield(self, geom: Element) -> list[float]:
+        """Half sizes of the box about its origin by which MuJoCo weighs a height field, whatever its heights.
+
+        Raises :class:`~twistwrench.RobotFileError` naming the geom if the height field is missing.
+        """
+        name = geom.text("hfield")
+        if name not in self._hfields:
+            raise RobotFileError(f"{geom} shows the height field {name!r}, which no <asset> describes.")
+        x, y, top, bottom = self._hfields[name].values("size", 4)
+        return [x, y, 0.25 * top + 0.5 * bottom]
 
     def inertia(self, geom: Element, *, mass: float | None = None, density: float | None = None) -> SpatialInertia:
         """That of a mesh geom in the mesh's own frame, as MuJoCo has it.

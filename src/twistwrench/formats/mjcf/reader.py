@@ -22,6 +22,7 @@ from .includes import Folders, expand
 from .inertial import inertias_of
 from .joints import MjcfJoint, joints_of, names_given, screw
 from .keyframes import add_configurations
+from .left_out import LEFT_OUT
 from .meshes import Meshes
 from .settings import Settings, disabled_by, fluid_of, gravity_of
 from .tendons import add_tendons
@@ -106,7 +107,7 @@ class _Reader:
         add_configurations(self.builder, self.root, ordered, kept)
         fluid = fluid_of(self.root)
         if fluid is not None:
-            self.builder.remark(f"{fluid} fills the world with a fluid, whose forces are left out")
+            self.builder.remark(Remark(str(fluid), LEFT_OUT["option/density"]))
         return self.builder, bool(self.floating_base) and not any(j.name in kept for j in floats)
 
     def _refuse_deformable(self) -> None:
@@ -142,9 +143,9 @@ class _Reader:
         body, where = self.bodies[k], self.bodies[k].element.place
         self.builder.add_link(body.name, inertia, where, shaped=bool(body.geoms))
         if body.element.floats("gravcomp", (0.0,))[0]:
-            self.builder.remark(Remark(str(body.element), "is held against gravity (gravcomp), which is left out"))
+            self.builder.remark(Remark(str(body.element), LEFT_OUT["body/gravcomp"]))
         for plugin in body.plugins:
-            self.builder.remark(Remark(str(plugin), "is a plugin, whose forces are left out"))
+            self.builder.remark(Remark(str(plugin), LEFT_OUT["body/plugin"]))
         top = body.parent not in self.kept  # what stands in the world, or what is kept of more
         parent = WORLD if top else self.bodies[body.parent].name
         pending = poses[k] if top else body.T
@@ -180,6 +181,8 @@ class _Reader:
             options[what] = options.get(what, 0.0) + more.get(joint.name, 0.0)
         if "damper" in self.disabled:
             options["damping"] = 0.0
+        if "frictionloss" in self.disabled:
+            options["friction"] = 0.0
         self.builder.add_joint(
             joint.name,
             joint.kind,

@@ -75,7 +75,13 @@ def disabled_by(root: Element) -> set[str]:
         for flag in option.all("flag"):
             found |= {name for name, value in flag.attributes.items() if value.strip() == "disable"}
             found -= {name for name, value in flag.attributes.items() if value.strip() == "enable"}
-    return found | ({"spring", "damper"} if "passive" in found else set())
+    return found | also_disabled(found)
+
+
+def also_disabled(found: set[str]) -> set[str]:
+    """The forces that flags for several of them turn off."""
+    passive = {"spring", "damper"} if "passive" in found else set()
+    return passive | ({"equality", "frictionloss"} if "constraint" in found else set())
 
 
 def gravity_of(root: Element) -> list[float]:

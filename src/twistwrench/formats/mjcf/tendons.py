@@ -10,6 +10,7 @@ from ...model.remark import Remark
 from ..element import Element
 from .defaults import Defaults
 from .joints import MjcfJoint
+from .left_out import LEFT_OUT
 
 _LOSSES = ("damping", "frictionloss", "armature")
 """What tendons have that has no place in the model."""
@@ -45,7 +46,10 @@ def _add_fixed(builder: ModelBuilder, one: Element, joints: Mapping[str, MjcfJoi
     if not stiffness and not any(more):
         return
     if any(more):
-        raise RobotFileError(f"{one} has a stiffness that is a polynomial; only a constant is read.")
+        builder.remark(Remark(str(one), LEFT_OUT["tendon/stiffness"]))
+        return
+    if one.floats("springyield", (0.0,))[0]:
+        builder.remark(Remark(str(one), LEFT_OUT["tendon/springyield"]))
     first, last = one.floats("springlength", (-1.0, -1.0))
     if "springlength" in one.attributes and len(one.attributes["springlength"].split()) == 1:
         last = first

@@ -1,0 +1,180 @@
+"""MJCF files and compiled models of MuJoCo: the numbers of MuJoCo, or a remark that names the feature."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import twistwrench as tw
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)
+
+Q, DQ, DDQ = 0.4, 1.5, -0.7
+
+
+def hinge(body="", joint="", option="", inside="", rest="", kind="hinge"):
+    """A 0.1 m sphere 0.3 m beside a joint, with what is given put into its elements."""
+    return f"""<mujoco>{option}<worldbody><body name="b" {body}><joint name="j" type="{kind}" axis="0 1 0" {joint}/>
+    <geom size=".1" pos=".3 0 0"/>{inside}</body></worldbody>{rest}</mujoco>"""
+
+
+def quietly(make, *arguments, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tw.ModelWarning)
+        return make(*arguments, **options)
+
+
+def doors(text):
+    """(the robot of the text, the robot of the compiled model, the model)."""
+    model = mujoco.MjModel.from_xml_string(text)
+    return quietly(tw.load, text, snap=0), quietly(tw.from_mujoco, model, snap=0), model
+
+
+def of_mujoco(robot, model, q, dq, ddq):
+    """qfrc_inverse in the robot's velocities, without contacts and limits."""
+    data = mujoco.MjData(model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    data.qpos[:], data.qvel[:], data.qacc[:] = tw.convert.to_mujoco(robot, model, q, dq, ddq)
+    mujoco.mj_inverse(model, data)
+    return tw.convert.mujoco_rates(robot, model, q).T @ data.qfrc_inverse
+
+
+def same_numbers(robot, model, seed=0):
+    rng = np.random.default_rng(seed)
+    q = np.full(1, Q) if robot.nq == 1 else robot.random_configuration(rng)
+    dq, ddq = (np.full(1, DQ), np.full(1, DDQ)) if robot.nv == 1 else rng.uniform(-1, 1, (2, robot.nv))
+    theirs = of_mujoco(robot, model, q, dq, ddq)
+    ours = robot.inverse_dynamics(q, dq, ddq, friction=True)
+    return bool(np.abs(ours - theirs).max(initial=0.0) <= 1e-8 * max(1.0, np.abs(theirs).max(initial=0.0)))
+
+
+MOTOR = '<actuator><motor name="m" joint="j" {}/></actuator>'
+TENDON = '<tendon><fixed {}><joint joint="j" coef="1"/></fixed></tendon>'
+FIELD = '<asset><hfield name="h" nrow="2" ncol="2" size="1 .5 .5 .2" elevation="0 1 2 3"/></asset>'
+FEATURES = {
+    "plain": (hinge(), ""),
+    "gravcomp": (hinge(body='gravcomp="1"'), "gravcomp"),
+    "density": (hinge(option='<option density="1000"/>'), "fluid"),
+    "viscosity": (hinge(option='<option viscosity="1" wind="1 2 3"/>'), "fluid"),
+    "wind without a medium": (hinge(option='<option wind="1 2 3"/>'), ""),
+    "damping": (hinge(joint='damping="3"'), ""),
+    "damping polynomial": (hinge(joint='damping="3 .5 .2"'), "damping that is a polynomial"),
+    "damping off": (hinge(joint='damping="3"', option='<option><flag damper="disable"/></option>'), ""),
+    "stiffness": (hinge(joint='stiffness="3" springref="9"'), ""),
+    "stiffness polynomial": (hinge(joint='stiffness="3 5 9"'), "stiffness that is a polynomial"),
+    "spring off": (hinge(joint='stiffness="3"', option='<option><flag spring="disable"/></option>'), ""),
+    "springdamper": (hinge(joint='springdamper="1 1"'), None),
+    "frictionloss off": (hinge(joint='frictionloss="2"', option='<option><flag frictionloss="disable"/></option>'), ""),
+    "constraints off": (hinge(joint='frictionloss="2"', option='<option><flag constraint="disable"/></option>'), ""),
+    "gravity off": (hinge(option='<option><flag gravity="disable"/></option>'), ""),
+    "armature": (hinge(joint='armature="2"'), ""),
+    "motor damping": (hinge(rest=MOTOR.format('damping=".3" gear="2"')), ""),
+    "motor damping polynomial": (hinge(rest=MOTOR.format('damping=".3 .2"')), "damping that is a polynomial"),
+    "motor armature": (hinge(rest=MOTOR.format('armature=".3" gear="3"')), ""),
+    "tendon stiffness": (hinge(rest=TENDON.format('stiffness="2" springlength=".3"')), ""),
+    "tendon stiffness polynomial": (hinge(rest=TENDON.format('stiffness="2 3" springlength=".3"')), "polynomial"),
+    "tendon damping": (hinge(rest=TENDON.format('damping="2"')), "damping"),
+    "tendon damping polynomial": (hinge(rest=TENDON.format('damping="0 2"')), "damping"),
+    "tendon armature": (hinge(rest=TENDON.format('armature="2"')), "armature"),
+    "hfield": (hinge(option=FIELD, inside='<geom type="hfield" hfield="h" pos=".1 .2 .3" euler="10 20 30"/>'), ""),
+    "hfield with mass": (hinge(option=FIELD, inside='<geom type="hfield" hfield="h" mass="3"/>'), ""),
+    "ball stiffness": (hinge(joint='stiffness="2"', kind="ball"), "stiffness, which is left out"),
+    "slide": (hinge(joint='stiffness="2" damping="1"', kind="slide"), ""),
+    "slide polynomial": (hinge(joint='stiffness="2 1" damping="1 1"', kind="slide"), "stiffness that is a polynomial"),
+    "free damping": (hinge(joint='damping="1"', kind="free"), ""),
+    "springyield": (hinge(joint='stiffness="2" springyield=".1"'), None),
+}  # fmt: skip
+"""(text, remark): the same numbers where the remark is empty, the remark or the same numbers where it is None."""
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_finding_03_each_feature_alone_has_the_numbers_of_mujoco_or_a_remark(name):
+    text, word = FEATURES[name]
+    try:
+        mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        pytest.skip(f"this version of MuJoCo does not read it: {error}")
+    *robots, model = doors(text)
+    remarks = [[one for one in robot.defects if "largest force is not given" not in one] for robot in robots]
+    for robot, said in zip(robots, remarks, strict=True):
+        if word == "":
+            assert same_numbers(robot, model)
+            assert said == []
+        elif word is None:
+            assert said or same_numbers(robot, model)
+        else:
+            assert not same_numbers(robot, model)
+            assert any(word in one for one in said)
+    if name != "springdamper":  # which the compiled model has as a stiffness and a damping
+        assert len(remarks[0]) == len(remarks[1])
+        np.testing.assert_allclose(*(r.reference("mass_matrix", r.random_configuration(0)) for r in robots), rtol=1e-8)
+
+
+def test_finding_03_flexible_bodies_and_plugins_of_a_compiled_model_are_remarked():
+    cloth = """<mujoco><worldbody><flexcomp name="c" type="grid" count="3 3 3" spacing=".1 .1 .1" mass="1" dim="3">
+    <elasticity young="1e4" poisson=".1"/></flexcomp></worldbody></mujoco>"""
+    robot = quietly(tw.from_mujoco, mujoco.MjModel.from_xml_string(cloth))
+    assert any("deformable body, whose elastic forces are left out" in one for one in robot.defects)
+    cable = """<mujoco><extension><plugin plugin="mujoco.elasticity.cable"/></extension><worldbody>
+    <composite type="cable" curve="s" count="5 1 1" size="1" initial="none"><plugin plugin="mujoco.elasticity.cable">
+    <config key="twist" value="1e6"/><config key="bend" value="1e6"/></plugin><joint kind="main" damping=".1"/>
+    <geom type="capsule" size=".01"/></composite></worldbody></mujoco>"""
+    try:
+        model = mujoco.MjModel.from_xml_string(cable)
+    except ValueError:
+        return  # older and newer versions write cables otherwise
+    assert any("plugin, whose forces are left out" in one for one in quietly(tw.from_mujoco, model).defects)
+
+
+def test_finding_04_a_height_field_without_its_asset_is_refused():
+    with pytest.raises(tw.RobotFileError, match=r"<geom> of body 'b' .* shows the height field 'k', which no <asset>"):
+        tw.load(hinge(inside='<geom type="hfield" hfield="k"/>'))
+
+
+DRIVES = {
+    "motor": '<motor joint="j" gear="3" forcerange="-2 2"/>',
+    "motor by control": '<motor joint="j" gear="3" ctrlrange="-2 2"/>',
+    "orientation elsewhere": '<orientation joint="k" kp="1"/><motor joint="j" ctrlrange="-4 4"/>',
+    "dcmotor": '<dcmotor joint="j" gear="50" motorconst="0.05" resistance="0.5" saturation="1.2 0 0"/>',
+    "dcmotor by current": '<dcmotor joint="j" gear="-2" nominal="24 1.5 300" saturation="0 10 0"/>',
+    "dcmotor by two constants": '<dcmotor joint="j" motorconst="0.05 0.08" resistance="2" saturation="0 10 0"/>',
+    "dcmotor by both": '<dcmotor joint="j" nominal="24 1.5 300" motorconst="0.05" saturation="0 10 0"/>',
+    "dcmotor by all": '<dcmotor joint="j" nominal="24 1.5 300" motorconst="0.05 .07" saturation="0 10 0"/>',
+    "dcmotor without limit": '<dcmotor joint="j" motorconst="0.05" resistance="0.5" saturation="0 0 0"/>',
+    "dcmotor with a controller": '<dcmotor joint="j" input="pos vel" controller="10 0 5" motorconst="0.05" resistance="0.5" '
+    'saturation="1 0 0"/><motor joint="j" ctrlrange="-4 4"/>',
+    "pid": '<pid joint="j" kp="2" kv="1" gear="2" forcerange="-3 3"/>',
+    "pid without limit": '<pid joint="j" kp="2" kv="1"/>',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_findings_39_and_40_efforts_are_those_of_the_compiled_model(name):
+    ball = '<body><joint name="k" type="ball"/><geom size=".1"/></body>'
+    text = hinge(inside=ball, rest=f"<actuator>{DRIVES[name]}</actuator>")
+    try:
+        filed, compiled, model = doors(text)
+    except ValueError as error:
+        pytest.skip(f"this version of MuJoCo does not read it: {error}")
+    total = np.zeros(2)
+    for k in range(len(model.actuator_trntype)):
+        if model.actuator_trnid[k, 0] == 0:
+            c, o = (int(getattr(model, f"actuator_{x}adr", range(99))[k]) for x in ("ctrl", "out"))
+            ends = np.array([-np.inf, np.inf])
+            if model.actuator_forcelimited[k]:
+                ends = model.actuator_forcerange[k]
+            elif model.actuator_ctrllimited[c]:
+                ends = model.actuator_ctrlrange[c]
+            total = total + np.sort(model.actuator_gear[o, 0] * ends)
+    for robot in (filed, compiled):
+        np.testing.assert_allclose(robot.limits.effort[0], total[1], rtol=1e-12)
+        assert any("largest force is not given" in one for one in robot.defects) == np.isinf(total[1])
+        assert any("drives no hinge or slide" in one for one in robot.defects) == ("orientation" in name)
+
+
+def test_finding_39_an_unknown_actuator_leaves_the_effort_unknown_and_the_file_read():
+    robot = quietly(tw.load, hinge(rest='<actuator><motor joint="j" ctrlrange="-1 1"/><engine joint="j"/></actuator>'))
+    assert np.isinf(robot.limits.effort[0])
+    assert any("<engine>" in one and "is not an actuator known here" in one for one in robot.defects)
