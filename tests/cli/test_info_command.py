@@ -159,7 +159,7 @@ def test_names_fold_and_no_number_is_cut(long_names, width, ur5):
 
 def test_info_as_json_and_csv_has_the_numbers_of_the_robot(run, ur5):
     summary = json.loads(run("info", "ur5", "--json")[1])
-    rows = list(csv.DictReader(io.StringIO(run("info", "ur5", "--csv")[1])))
+    rows = list(csv.DictReader(io.StringIO(run("info", "ur5", "--csv", "-")[1])))
     assert [j["joint"] for j in summary["joints"]] == [r["joint"] for r in rows] == list(ur5.joint_names)
     for side in ("lower", "upper", "velocity", "effort"):
         limits = getattr(ur5.limits, side).tolist()
@@ -215,7 +215,7 @@ def test_json_has_null_where_nothing_is_known(run):
 
 @pytest.mark.parametrize(
     ("flags", "said"),
-    [(["--json", "--csv"], "Choose one"), (["--json", "--degrees"], "Leave --degrees out")],
+    [(["--json", "--csv", "-"], "Choose one"), (["--json", "--degrees"], "Leave --degrees out")],
 )
 def test_info_refuses_flags_that_contradict(run, flags, said):
     code, text = run("info", "ur5", *flags)

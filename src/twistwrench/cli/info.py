@@ -9,17 +9,20 @@ from typing import Any
 import click
 
 from ..errors import ModelWarning, ValueRangeError
+from ..outputs import check_outputs, replacing
 from .robot_options import RobotOptions
 
 
-def answer_info(options: RobotOptions, show: Callable[[Any], None], *, as_json: bool, as_csv: bool) -> None:
-    """Show a robot, or print it as JSON or CSV."""
+def answer_info(options: RobotOptions, show: Callable[[Any], None], *, as_json: bool, csv_path: str | None) -> None:
+    """Show a robot, print it as JSON, or write its joints as CSV."""
     from .tables.robot_info import info_view
 
-    if as_json and as_csv:
-        raise ValueRangeError("--json and --csv both write to the standard output. Choose one.")
-    if options.degrees and (as_json or as_csv):
+    if as_json and csv_path is not None:
+        raise ValueRangeError("--json prints the robot, and --csv writes its joints. Choose one.")
+    if options.degrees and (as_json or csv_path is not None):
         raise ValueRangeError("--json and --csv are in SI units and radians. Leave --degrees out.")
+    if csv_path is not None and csv_path != "-":
+        check_outputs({"--csv": csv_path}, options.files)
 
     with warnings.catch_warnings(record=True) as remarks:
         warnings.simplefilter("always", ModelWarning)
@@ -27,9 +30,15 @@ def answer_info(options: RobotOptions, show: Callable[[Any], None], *, as_json: 
     for remark in remarks:  # those of the model itself stand below its tree
         if not any(defect in str(remark.message) for defect in robot.defects):
             warnings.warn_explicit(remark.message, remark.category, remark.filename, remark.lineno)
-    if as_json or as_csv:
+    if as_json or csv_path is not None:
         from ..report.robot_summary import as_text
 
-        click.echo(as_text(robot, "json" if as_json else "csv"), nl=False)
+        text = as_text(robot, "json" if as_json else "csv")
+        if as_json or csv_path == "-":
+            click.echo(text, nl=False)
+        elif csv_path is not None:
+            with replacing(csv_path) as scratch:
+                scratch.write_text(text, encoding="utf-8", newline="")
+            click.echo(f"wrote {csv_path}")
         return
     show(info_view(robot, degrees=options.degrees))

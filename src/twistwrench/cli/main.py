@@ -58,13 +58,18 @@ def torques(options: RobotOptions, **given: Any) -> None:
 
 @main.command(**about("info"))
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON, in SI units and radians.")
-@click.option("--csv", "as_csv", is_flag=True, help="Print the joints as CSV, in SI units and radians.")
+@click.option(
+    "--csv",
+    "csv_path",
+    metavar="OUT.csv",
+    help="Write the joints as CSV, in SI units and radians, as --limits reads it; '-' prints it.",
+)
 @robot_command
-def info(options: RobotOptions, as_json: bool, as_csv: bool) -> None:
+def info(options: RobotOptions, as_json: bool, csv_path: str | None) -> None:
     """What the robot is made of: joints, limits, inertias, masses, frames, and its tree."""
     from .info import answer_info
 
-    answer_info(options, console().print, as_json=as_json, as_csv=as_csv)
+    answer_info(options, console().print, as_json=as_json, csv_path=csv_path)
 
 
 @main.command(name="robots", **about("robots"))

@@ -77,6 +77,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
 
     from ..motion.bounds import bounds_of
     from ..report.joint_values import degrees_hint, parse_configuration
+    from ..report.limit_doubts import limit_doubts
     from ..report.loaded_robot import LoadedRobot, parse_payload
     from ..report.model_doubts import model_doubts
     from .tables.trajectory import joint_uses, move_view
@@ -112,7 +113,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     words = " and ".join(f"{number(p.mass)} kg" for p in carried)
     cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
     uses = joint_uses(moving, bounds, friction=friction)
-    doubts = model_doubts(robot.model, uses)
+    doubts = limit_doubts(robot.model, bounds.effort, [use.peak for use in uses]) + model_doubts(robot.model, uses)
     show(
         move_view(
             moving,

@@ -59,6 +59,7 @@ def answer_payload(
     Raises errors of the library.
     """
     from ..report.joint_values import degrees_hint, parse_configuration, parse_numbers
+    from ..report.limit_doubts import limit_doubts, unlimited
     from ..report.loaded_robot import LoadedRobot, parse_payload
     from ..report.model_doubts import model_doubts
     from ..statics.joint_stops import joints_beyond_stops
@@ -98,11 +99,21 @@ def answer_payload(
     where, carried = place_words(name, place), carried_words(robot, load.payloads)
     if beyond:
         show(stops_view(beyond, degrees=degrees))
-    if doubts := model_doubts(robot.model):
+    loads = np.abs(found.unloaded) + np.abs(found.per_kilogram)
+    judged = not unlimited(robot.model, limits, loads)
+    doubts = limit_doubts(robot.model, limits, loads)
+    if lacking := model_doubts(robot.model):
+        doubts.append(f"{'; '.join(lacking)}: the payload may be less")
+    if doubts:
         show(doubts_view(doubts))
     if hint:
         show(f"! {hint}")
-    show(payload_view(robot, found, q, name, where, carried=carried, degrees=degrees, limits=limits))
+    show(payload_view(robot, found, q, name, where, carried=carried, degrees=degrees, limits=limits, judged=judged))
+    if not judged and (plane or plot_path):
+        click.echo(
+            "note: --map and --plot need a torque limit of every joint that is loaded; none is written.", err=True
+        )
+        plane = plot_path = None
     chart = None
     if plane is not None:
         chart = payload_map(robot, plane, samples=count, com=place, frame=frame, limits=limits)
@@ -115,7 +126,7 @@ def answer_payload(
     for slip in unit_slips(robot, q, allowed, places, degrees=degrees):
         click.echo(f"note: {slip}", err=True)
     if csv_path is not None:
-        write_payload(robot, found, q, csv_path, degrees=degrees)
+        write_payload(robot, found, q, csv_path, degrees=degrees, judged=judged)
     if plot_path is not None:
         from ..plotting.payload import plot_payload
 

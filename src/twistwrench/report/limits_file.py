@@ -1,4 +1,7 @@
-"""Joint limits from a CSV file, ``joint,lower,upper,velocity,effort``, in place of the robot's; blanks keep those."""
+"""Joint limits from a CSV file, ``joint,lower,upper,velocity,effort``, in place of the robot's; blanks keep those.
+
+The table of ``twistwrench info --csv`` is read too: a row for each entry of dq, whose other columns are ignored.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from ..model.model import Model
 from ..motion.coordinates import Coordinates
 from ..motion.csv_dialect import Dialect
 from ..motion.csv_file import CsvFile, table_errors
+from .robot_summary import COLUMNS
 
 _KINDS = ("lower", "upper", "velocity", "effort")
 _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for sign in ("", "+", "-")} | {
@@ -38,6 +42,8 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
     found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
     seen: set[str] = set()
     for line, cells in rows:
+        if "leader" in header and cells[header.index("leader")]:
+            continue
         where = f"{path}: line {line}"
         joint, values = _joint_of(header, cells, where, file.dialect)
         k = _check(joint, values, joints, seen, where)
@@ -55,8 +61,8 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
 def _joint_of(header: list[str], cells: list[str], where: str, dialect: Dialect) -> tuple[str, dict[str, float]]:
     """The joint of a line and the limits it gives, as they stand there."""
     row = dict(zip(header, cells, strict=True))
-    joint = row.pop("joint")
-    return joint, {kind: _limit(text, kind, where, dialect) for kind, text in row.items() if text}
+    values = {kind: _limit(row[kind], kind, where, dialect) for kind in _KINDS if row.get(kind)}
+    return row.get("velocity_name") or row["joint"], values
 
 
 def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
@@ -78,7 +84,7 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
 
 def _header(file: CsvFile) -> list[str]:
     header = [cell.strip().lower() for cell in file.header]
-    unknown = [name for name in header if name not in ("joint", *_KINDS)]
+    unknown = [name for name in header if name not in COLUMNS]
     if "joint" not in header or unknown or len(set(header)) < len(header):
         raise ValueRangeError(
             f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "

@@ -38,6 +38,16 @@ def cause_label(term: str) -> str:
     return _LABELS.get(term, term)
 
 
+_NO_LEVER = 1e-6
+"""Share of reach times gravity below which a torque per kilogram is that of a rounded angle."""
+
+
+def least_torque_per_kilogram(model: Model) -> float:
+    """Torque of a kilogram [N m/kg] below which a joint does not carry it: 1e-6 of the robot's reach times gravity."""
+    most = reach(model)
+    return _NO_LEVER * float(np.linalg.norm(model.gravity)) * (most if 0 < most < np.inf else 1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Payload:
     """A point mass [kg] at a place (3,) [m] of a frame; the robot's tip if the frame is None."""
@@ -73,13 +83,13 @@ class LoadedRobot:
     def contradictions(self) -> tuple[str, ...]:
         """A sentence for each payload that is farther from its frame than the robot reaches."""
         model, found = self.bare.model, []
-        reach = _reach(model)
+        most = reach(model)
         for p in self.payloads:
             distance = float(np.linalg.norm(p.place))
-            if distance > reach > 0:
+            if distance > most > 0:
                 found.append(
                     f"the payload of {printed(p.mass)} kg lies {number(distance)} m from {p.frame or model.tip}, and the robot "
-                    f"reaches {number(reach, 3)} m: offsets are in metres"
+                    f"reaches {number(most, 3)} m: offsets are in metres"
                 )
         return tuple(found)
 
@@ -141,8 +151,8 @@ class LoadedRobot:
         return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))
 
 
-def _reach(model: Model) -> float:
-    """The farthest that any frame can be from the base [m], all links stretched; inf with a joint that slides without end.
+def reach(model: Model) -> float:
+    """Farthest that any frame can be from the base [m], all links stretched; inf with a joint that slides without end.
 
     Of a base that moves freely it is what the robot reaches from there.
     """

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..core.printed_numbers import number, seconds
 from ..typing import Array
-from .loaded_robot import LoadedRobot
+from .limit_doubts import unlimited
+from .loaded_robot import LoadedRobot, least_torque_per_kilogram
 
 
 @dataclass(frozen=True)
@@ -44,21 +45,28 @@ class PayloadRoomTally:
         self._load, self._effort = load, np.asarray(effort, float)
         self._share, self._joint, self._time = math.inf, 0, math.nan
         self._alone = True
+        self._carried = np.zeros(load.bare.nv)
+        self._least = load.payloads[0].mass * least_torque_per_kilogram(load.bare.model) if self.asked else 0.0
 
     def add(self, time: Array, torques: Array, carried: Array) -> None:
         """Torques (n, nv) at times (n,), and what the payload adds to them (n, nv)."""
         alone = torques - carried
+        self._carried = np.maximum(self._carried, np.abs(carried).max(axis=0, initial=0.0))
         self._alone = self._alone and bool((np.abs(alone) <= self._effort).all())
         limit = np.copysign(self._effort, carried)
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(carried != 0, (limit - alone) / carried, np.inf)  # alone + share carried = limit
+            share = np.where(
+                np.abs(carried) > self._least, (limit - alone) / carried, np.inf
+            )  # alone + share carried = limit
         row, joint = np.unravel_index(int(np.nanargmin(share)), share.shape)
         if share[row, joint] < self._share:
             self._share, self._joint, self._time = float(share[row, joint]), int(joint), float(time[row])
 
     def result(self) -> PayloadRoom | None:
-        """None where it cannot be told: no limit bounds it, or the robot alone is beyond one."""
+        """None where it cannot be told: a joint that it loads has no limit, or the robot alone is beyond one."""
         if not self.asked or not self._alone or not math.isfinite(self._share):
+            return None
+        if unlimited(self._load.bare.model, self._effort, self._carried):
             return None
         names = self._load.bare.model.velocity_names
         return PayloadRoom(self._share * self._load.payloads[0].mass, names[self._joint], self._time)

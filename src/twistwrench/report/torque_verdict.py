@@ -9,6 +9,7 @@ from ..listing import listed
 from ..model.limits import over_limit
 from ..verdict import Verdict
 from .estimates import INTERVAL
+from .limit_doubts import limit_doubts
 from .loaded_robot import cause_label
 from .model_doubts import model_doubts
 from .torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
@@ -36,7 +37,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
     worst joint, counted in. What noise may hide, or make, is unsure; what smoothing takes off for certain is neither.
     """
     over: list[tuple[Excess, str]] = []
-    unsure: list[str] = []
+    unsure = limit_doubts(report.load.loaded.model, report.limits.effort, [j.peak for j in report.joints])
     _judge_torques(report, over, unsure)
     _judge_motion(report, over, unsure)
     stated = _grouped(over)

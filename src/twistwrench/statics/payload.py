@@ -12,6 +12,7 @@ from ..core import arguments
 from ..core.printed_numbers import number, printed
 from ..errors import ShapeError
 from ..model.limits import margin
+from ..report.loaded_robot import least_torque_per_kilogram
 from ..typing import Array
 from .pose_arguments import one_configuration, same_batch
 from .torque_limits import effort_limits, growth, require_fixed_base, resting_torques, span
@@ -70,7 +71,7 @@ class LargestPayload:
                 "to hold the robot alone"
             )
         if self.joint < 0:
-            return "any payload: no joint with a limit feels it"
+            return "not limited at this pose: no joint with a limit carries the payload"
         k = int(self.joint)
         return f"{number(self.mass)} kg, then {self.joint_names[k]} is at {printed(self.side * self.limits[k], 4, signed=True)}"
 
@@ -146,7 +147,8 @@ def largest_payload(
 
     Notes
     -----
-    Any batch of q and com broadcasts. Joint friction, which helps to hold, is left out.
+    Any batch of q and com broadcasts. Joint friction, which helps to hold, is left out, and a torque per kilogram below 1e-6
+    of the robot's reach times gravity is zero.
 
     Examples
     --------
@@ -159,6 +161,7 @@ def largest_payload(
     L = effort_limits(robot, limits)
     unloaded = resting_torques(robot, q)
     per_kilogram = torques_per_kilogram(robot, q, com, frame)
+    per_kilogram = np.where(np.abs(per_kilogram) < least_torque_per_kilogram(robot.model), 0.0, per_kilogram)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
     s = growth(unloaded, per_kilogram, L)
     holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)

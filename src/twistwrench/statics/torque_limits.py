@@ -27,7 +27,8 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
 
     Nothing drives a floating joint, so its entries are zero. Joints without a limit have inf. At rest an elastic joint
     carries what its motor gives, so the motor's limit is the joint's. Raises
-    :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint has one.
+    :class:`~twistwrench.ShapeError`, and :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint of the robot
+    has one.
 
     >>> import twistwrench as tw
     >>> effort_limits(tw.robots.ur5()).tolist()
@@ -52,7 +53,7 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
         raise ValueRangeError(
             f"the limit of {names[k]!r} is {printed(effort[k])}. Give a torque or force of at least zero."
         )
-    if robot.nv and not free.all() and np.isinf(effort[~free]).all():
+    if limits is None and robot.nv and not free.all() and np.isinf(effort[~free]).all():
         raise ValueRangeError(
             f"robot {robot.name!r} gives no effort limits, so nothing bounds what it can hold. "
             f"Pass limits= with {robot.nv} numbers [N m or N], one for each of {', '.join(names[:12])}."

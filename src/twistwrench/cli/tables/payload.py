@@ -45,26 +45,29 @@ def payload_view(
     carried: str = "",
     degrees: bool = False,
     limits: ArrayLike | None = None,
+    judged: bool = True,
 ) -> RenderableType:
     """Heading, a row per joint, the forces the robot can apply there, and the verdict; for one pose.
 
-    ``where`` the payload is, and what is ``carried`` already, in words.
+    ``where`` the payload is, and what is ``carried`` already, in words. Without limits to judge by, holding torques alone.
     """
     turning = Coordinates.of(robot.model).angular_velocity
     table = PlainTable(f"Holding torques [{heading_unit('tau', turning)}]")
     table.words("joint", fold=False)
-    table.numbers(f"q [{heading_unit('q', turning, degrees=degrees)}]", "alone", "per kg", "loaded", "limit")
-    table.numbers("up to [kg]", "share")
-    table.words("", fold=False)
+    table.numbers(f"q [{heading_unit('q', turning, degrees=degrees)}]", "alone", "per kg")
+    table.numbers(*(("loaded", "limit", "up to [kg]", "share") if judged else ("limit",)))
+    table.words(*([""] if judged else []), fold=False)
     places = _places(robot, q, degrees=degrees)
     for k, name in enumerate(found.joint_names):
         share, worst = float(found.share[k]), k == int(found.joint)
         over, limited = bool(over_limit(share)), math.isfinite(found.limits[k])
-        torques = (found.unloaded[k], found.per_kilogram[k], found.torques[k])
+        row = (name, number(places[k], decimals=_ROUNDING, missing=""))
+        if not judged:
+            table.row(*row, torque(found.unloaded[k]), torque(found.per_kilogram[k]), found.limits[k])
+            continue
         table.row(
-            name,
-            number(places[k], decimals=_ROUNDING, missing=""),
-            *map(torque, torques),
+            *row,
+            *map(torque, (found.unloaded[k], found.per_kilogram[k], found.torques[k])),
             found.limits[k],
             torque(max(found.per_joint[k], 0.0)),
             percent_of_limit(share if limited else None),
@@ -73,6 +76,8 @@ def payload_view(
         )
     besides = f"  ·  carrying {carried} already" if carried else ""
     heading = Text.assemble((robot.name, "bold"), f"  ·  payload at {where}{besides}")
+    if not judged:
+        return Group(Text(), heading, table)
     return Group(_verdict(found, carried), Text(), heading, table, *_forces(robot, q, frame, limits))
 
 
@@ -137,7 +142,9 @@ def _verdict(found: LargestPayload, carried: str) -> Text:
         )
         return Text.assemble(("NONE", "bold red"), f": {why}.")
     if found.joint < 0:
-        return Text.assemble(("ANY", "bold green"), ": no joint with a limit feels the payload at this pose.")
+        return Text.assemble(
+            verdict_word(Word.OK), ": the payload is not limited at this pose: no joint's torque depends on it."
+        )
     k = int(found.joint)
     side = "upper" if found.side > 0 else "lower"
     return Text.assemble(
@@ -160,15 +167,17 @@ def stops_view(beyond: Sequence[BeyondStop], *, degrees: bool = False) -> Text:
 
 
 def doubts_view(doubts: Sequence[str]) -> Text:
-    """What the model lacks, so that less may be too much."""
-    return Text.assemble(verdict_word(Word.UNSURE), f": {'; '.join(doubts)}: the payload may be less.")
+    """What the limits and the model lack, so that less may be too much."""
+    return Text.assemble(verdict_word(Word.UNSURE), f": {'; '.join(doubts)}.")
 
 
-def write_payload(robot: Robot, found: LargestPayload, q: Array, path: str | Path, *, degrees: bool = False) -> None:
+def write_payload(
+    robot: Robot, found: LargestPayload, q: Array, path: str | Path, *, degrees: bool = False, judged: bool = True
+) -> None:
     """A CSV row per joint: its name, where it is (``q_degrees`` if so, and empty where that is no one number), its torques.
 
-    Numbers have all their digits, and what rounding left in place of a zero is zero. ValueRangeError if the file cannot be
-    written.
+    Without limits to judge by, columns that need them are left out. Numbers have all their digits, and what
+    rounding left in place of a zero is zero. ValueRangeError if the file cannot be written.
     """
     columns = (
         "q_degrees" if degrees else "q",
@@ -181,6 +190,8 @@ def write_payload(robot: Robot, found: LargestPayload, q: Array, path: str | Pat
     )
     torques = (without_noise(x) for x in (found.unloaded, found.per_kilogram, found.torques))
     data = (_places(robot, q, degrees=degrees), *torques, found.limits, found.per_joint, without_noise(found.share))
+    if not judged:
+        columns, data = (columns[0], "alone", "per_kilogram", "limit"), (*data[:3], found.limits)
     with replacing(path) as scratch, scratch.open("wb") as file:
         writer = CsvWriter(file)
         writer.row(("joint", *columns))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from ...core.printed_numbers import deviation, number, percent, seconds
 from ...joints.units import unit_of
+from ...listing import listed
 from ...model.model import BASE
 from ...motion.coordinates import Coordinates
+from ...report.limit_doubts import TEMPLATE, unlimited
 from ...report.torque_findings import NEGLIGIBLE, TorqueReport
+from ...verdict import Word
 
 _NOISY = 0.02
 """Share of a peak from which what is not known of it is a reason to log better."""
@@ -39,12 +41,10 @@ def notes(report: TorqueReport) -> Iterator[str]:
     floating = {b.joint.name for b in report.load.bare.model.bodies if not b.joint.driven}
     if floating:
         yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
-    unlimited = [
-        j.joint for j in report.joints if not math.isfinite(j.limit) and j.joint.rpartition(".")[0] not in floating
-    ]
-    if unlimited:
-        asked = report.limits is not report.load.bare.model.limits
-        yield f"No torque limit is known for {', '.join(unlimited)}." + ("" if asked else " Give one with --limits.")
+    model = report.load.loaded.model
+    missing = unlimited(model, report.limits.effort, [j.peak for j in report.joints])
+    if missing and report.verdict.word is not Word.UNSURE:  # where it is among the reasons
+        yield f"No torque limit is known for {listed(missing)}: {TEMPLATE}."
     if resting := [
         f"{p.frame or report.load.bare.model.tip}"
         for p in report.load.payloads

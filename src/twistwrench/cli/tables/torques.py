@@ -204,7 +204,7 @@ def _nearest(report: TorqueReport) -> str:
     """What an OK says besides."""
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     if not limited:
-        return "no limit is passed; torque limits are not known"
+        return "no limit is passed, and no motor has a torque to give"
     j = max(limited, key=lambda j: j.share)
     if report.is_zero(j.largest):
         return "no limit is passed, and no joint has a torque to give"

@@ -140,8 +140,9 @@ def _verdict(
     if violations:
         over = [Text.assemble(verdict_word(Word.OVER_LIMIT), f": {v}.") for v in violations[:_PASSED]]
         return [*first, *over, *([Text(f"and {len(violations) - _PASSED} more")] if len(violations) > _PASSED else [])]
-    unknown = _unknown_limits(trajectory, bounds)
-    within = f"{'until there, ' if cannot else ''}within {'the limits that are known' if unknown else 'all limits'}"
+    unknown = _unknown_velocities(trajectory, bounds)
+    unlimited = unknown or np.isinf(bounds.effort).any()
+    within = f"{'until there, ' if cannot else ''}within {'the limits that are known' if unlimited else 'all limits'}"
     if isinstance(trajectory, Fastest):
         within += ", and at one of them at all times: it cannot be done faster on this path"
     word = Word.UNSURE if doubts else Word.OK
@@ -150,17 +151,11 @@ def _verdict(
     return [*first, said, *remarks(unknown)]
 
 
-def _unknown_limits(trajectory: Trajectory, bounds: Bounds) -> list[str]:
-    """A sentence for each kind of limit that some joints have not."""
+def _unknown_velocities(trajectory: Trajectory, bounds: Bounds) -> list[str]:
+    """A sentence on the joints without a limit of velocity."""
     names = np.array(trajectory.robot.model.velocity_names)
-    found = []
-    for kind, most in (("torque", bounds.effort), ("velocity", bounds.velocity)):
-        missing = names[~np.isfinite(most)]
-        if not len(missing):
-            continue
-        of = "any joint" if len(missing) == len(names) else listed(missing, 6)
-        column = "effort" if kind == "torque" else kind
-        found.append(
-            f"No {kind} limit of {of} is known, so none was asked for: --limits FILE.csv gives them ({column})."
-        )
-    return found
+    missing = names[~np.isfinite(bounds.velocity)]
+    if not len(missing):
+        return []
+    of = "any joint" if len(missing) == len(names) else listed(missing, 6)
+    return [f"No velocity limit of {of} is known, so none was asked for: --limits FILE.csv gives them (velocity)."]
