@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -261,3 +263,77 @@ def test_wrong_logs_are_not_believed(kind, name, words, tmp_path):
     bench = Bench(name, tmp_path)
     result = bench.torques(kind(bench))
     assert first_word(result) in words.split(" or ") and result.exit_code != 0, result.output
+
+
+# What identify makes of the log of findings 33 and 34.
+
+
+def known_log(folder):
+    """The robot's file, times, positions and torques of 20 s at 250 Hz, with viscous friction that the file lacks."""
+    asked = folder / "big.urdf"
+    asked.write_text(arm((300, 300), 50))
+    t = np.arange(0, 20, 0.004)
+    w, a, p = np.array([1.3, 2.9, 1.9, 3.7]), np.array([0.9, 0.4, 0.8, 0.5]), np.array([0, 1, 2, 0])
+    x = [a * w**k * np.sin(w * t[:, None] + p + k * np.pi / 2) for k in range(3)]
+    q, dq, ddq = (np.c_[v[:, 0] + v[:, 1], v[:, 2] + v[:, 3]] for v in x)
+    tau = tw.load(asked).inverse_dynamics(q, dq, ddq) + 0.5 * dq + np.random.default_rng(0).normal(0, 0.05, q.shape)
+    return asked, t, q, tau
+
+
+HEAD = ["time", "shoulder", "elbow", "shoulder.torque", "elbow.torque"]
+
+
+def identified(folder, asked, t, q, tau):
+    """Held-out residual, first words and exit code of ``identify --out``, and whether the file was written."""
+    out, told = folder / "new.urdf", folder / "found.json"
+    log = write(folder / "log.csv", HEAD, t, q, tau)
+    result = run("identify", asked, log, "--cutoff", 20, "--out", out, "--json", told)
+    return json.loads(told.read_text())["held_out"]["all"], result, out.exists()
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    """Held-out residual of the log without a fault."""
+    folder = tmp_path_factory.mktemp("clean")
+    left, result, written = identified(folder, *known_log(folder))
+    assert result.output.startswith("OK") and result.exit_code == 0 and written
+    return left
+
+
+def test_finding_33_a_log_with_one_wrong_stamp_is_identified_and_written(clean, tmp_path):
+    asked, t, q, tau = known_log(tmp_path)
+    t[2500] += 0.001
+    left, result, written = identified(tmp_path, asked, t, q, tau)
+    assert result.output.startswith("OK") and result.exit_code == 0 and written
+    assert left < 1.2 * clean
+    assert "the time stamp of 1 row is 0.001 s late, at t = 10.0010 s" in " ".join(result.output.split())
+    assert "Left out: the time stamp of 1 row" in " ".join(
+        run("torques", asked, "--trajectory", tmp_path / "log.csv").output.split()
+    )
+
+
+def test_finding_33_a_row_with_one_wrong_position_is_left_out(clean, tmp_path):
+    asked, t, q, tau = known_log(tmp_path)
+    q[2500, 0] += 0.05
+    left, result, written = identified(tmp_path, asked, t, q, tau)
+    assert result.exit_code == 0 and written and left < 1.2 * clean
+    assert "shoulder leaves its path by 2.86 degrees for a single row" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("seconds", [0.1, 2.0, 10.0])
+def test_finding_34_a_pause_is_not_filled(clean, tmp_path, seconds):
+    asked, t, q, tau = known_log(tmp_path)
+    kept = (t < 8) | (t >= 8 + seconds)
+    left, result, written = identified(tmp_path, asked, t[kept], q[kept], tau[kept])
+    assert result.output.startswith("OK") and result.exit_code == 0 and written
+    assert left < 1.2 * clean
+    assert f"1 gap, {seconds + 0.004:.3g} s in all" in result.output
+
+
+def test_finding_34_rows_of_a_long_log_stay_out_of_its_pauses(clean, tmp_path):
+    """By the pass for logs of any length."""
+    asked, t, q, tau = known_log(tmp_path)
+    kept = (t < 8) | (t >= 8.5)
+    log = write(tmp_path / "log.csv", HEAD, t[kept], q[kept], tau[kept])
+    found = tw.identification.gather(tw.load(asked), log, cutoff=20.0).identified()
+    assert found.verdict.ok and found.held_out.all < 1.2 * clean

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.printed_numbers import percent
 from ..motion.motion import Motion
+from ..motion.single_row_glitches import SINGLE_ROW
 from ..typing import Array
 from .held_out import HeldOut
 from .normal_equations import Prior
@@ -42,13 +43,13 @@ class LogDoubt:
         return self.sentence
 
 
-_OF_RATES = ("velocity column", "acceleration column", "velocities make")
-"""What contradictions of columns say that identification does not use: it derives from positions."""
+_HARMLESS = ("velocity column", "acceleration column", "velocities make", SINGLE_ROW)
+"""What contradictions say that change nothing here: rates are derived from positions, and single rows weigh next to nothing."""
 
 
 def contradiction(sentence: str, log: str = "") -> LogDoubt:
     """The doubt about columns of a log that contradict each other, as reading it found."""
-    refuses = not any(word in sentence for word in _OF_RATES)
+    refuses = not any(word in sentence for word in _HARMLESS)
     return LogDoubt("contradiction", f"{log}: {sentence}" if log else sentence, refuses=refuses)
 
 

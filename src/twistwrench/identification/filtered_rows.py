@@ -105,7 +105,7 @@ class FilteredRows:
         total = sum(log.seconds for log in samples)
         for k, log in enumerate(samples):
             s = states_below(log, cutoff)
-            rows = kept_rows(s, cutoff, max(1.0, most * log.seconds / total))
+            rows = kept_rows(s, cutoff, max(1.0, most * log.seconds / total), cut=log.cut)
             w, fixed = _columns(base, s, rows, cutoff, friction_speed)
             W.append(w)
             known.append(fixed)

@@ -55,6 +55,7 @@ class IdentifiedRobot:
     information : tuple, N, c and |τ|² of the weighted rows, in units of their residuals
     folds : tuple of NormalEquations, of the weighted rows of each fifth of the time, joint by joint, in the same units
     payload_frame : str or None, what carries the payload that alone was sought
+    notes : tuple of str, on rows and pauses that were left out of the logs
     """
 
     original: Robot
@@ -72,6 +73,7 @@ class IdentifiedRobot:
     information: Information
     folds: tuple[NormalEquations, ...]
     payload_frame: str | None = None
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -352,6 +354,7 @@ class IdentifiedRobot:
                 {"kind": d.kind, "joints": list(d.joints), "sentence": d.sentence, "refuses": d.refuses}
                 for d in self.doubts
             ],
+            "notes": list(self.notes),
             "base_parameters": self.base.count,
             "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": _known(self.held_out.joints)},
             "training": {"all": self.trained.all, "joints": _known(self.trained.joints)},

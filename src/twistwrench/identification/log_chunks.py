@@ -32,6 +32,7 @@ class Chunk:
     first : int, number of the first sample here
     q, tau : (n, nv) arrays
     own : (a, b), numbers of the stretch's samples, from the first to the one after the last
+    cut : bool, whether there are other stretches
     """
 
     stretch: int
@@ -42,6 +43,7 @@ class Chunk:
     q: Array
     tau: Array
     own: tuple[int, int]
+    cut: bool = False
 
 
 def overlapping(
@@ -97,7 +99,7 @@ def chunks(
                 continue
             first, positions, torques = steady
             own = _number(since, begin, clock.step, count), _number(until, begin, clock.step, count)
-            yield Chunk(s, count, begin, clock.step, first, positions, torques, own)
+            yield Chunk(s, count, begin, clock.step, first, positions, torques, own, len(clock.begins) > 1)
 
 
 def _number(time: float, begin: float, step: float, count: int) -> int:

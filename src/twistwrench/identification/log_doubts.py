@@ -9,6 +9,7 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..core.printed_numbers import number, percent, plus_minus
 from ..model.model import BASE
+from ..motion.single_row_glitches import LEFT_OUT
 from ..typing import Array
 from .column_doubts import column_doubts, drive_places, least
 from .evidence import Evidence, LogDoubt, contradiction, left_unexplained
@@ -49,7 +50,7 @@ def _contradictions(seen: Evidence) -> list[LogDoubt]:
     """What reading the logs found."""
     said = [note.removeprefix(_SAID) for motion in seen.motions for note in motion.notes if note.startswith(_SAID)]
     for motion in seen.motions:
-        if not motion.notes:  # those of files were looked at when they were read
+        if all(note.startswith(LEFT_OUT) for note in motion.notes):  # those of files were looked at when they were read
             said += motion.contradictions
     return [contradiction(sentence) for sentence in said]
 

@@ -15,12 +15,10 @@ from ..motion.motion_log import LogRows, MotionLog
 from ..robot import Robot
 from ..typing import Array
 from .log_side import MotorSide
+from .zero_phase import GAP, PAUSE
 
 PIECE = 1 << 20
 """Rows that are one piece of work: seventeen minutes at 1 kHz."""
-PAUSE = 1.0
-"""s without a row, from which a log goes on as another one."""
-_GAP = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +77,9 @@ class LogClock:
             steps = np.diff(t)
             if not usual and (steps > 0).any():
                 usual = float(steps[steps > 0].mean())
-            regular = (steps > 0) & (steps <= _GAP * usual)
+            regular = (steps > 0) & (steps <= GAP * usual)
             total, count = total + float(steps[regular].sum()), count + int(regular.sum())
-            for k in np.flatnonzero(steps > max(PAUSE, _GAP * usual)).tolist():
+            for k in np.flatnonzero(steps > max(PAUSE, GAP * usual)).tolist():
                 ends.append(float(t[k]))
                 begins.append(float(t[k + 1]))
         if not count:

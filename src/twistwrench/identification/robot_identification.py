@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from ..core.printed_numbers import number
 from ..errors import ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
 from ..motion.motion import Motion
+from ..motion.single_row_glitches import LEFT_OUT, SINGLE_ROW, SingleRowGlitches, stamp_words
 from ..robot import Robot
 from ..robot.robot_argument import require_robot
 from ..typing import Array
@@ -27,11 +29,13 @@ from .setting_choice import SettingRows
 from .setting_trial import FOLDS, Asked, FitSettings, Trial
 from .unknown_parameters import FRICTION, STRIBECK_SPEED, UnknownParameters, check_speed
 from .weights import Method, weighted_fit
-from .zero_phase import SteadySamples
+from .zero_phase import SteadySamples, pauses
 
 MOST_SAMPLES = 90_000
 """Of all logs, from which their rows are gathered in portions."""
 METHODS = ("irls", "wls", "ols")
+_WRONG = 0.01
+"""Share of the rows that may leave their path alone, to be left out."""
 _DEAD = 0.8
 """Share of the rows, in which a torque that is measured is one number at most."""
 
@@ -108,7 +112,10 @@ def identify(
     (True, 12)
     """
     require_robot(robot, "identify")
-    trained, tested = checked_motions(robot, logs, "logs"), checked_motions(robot, test, "test")
+    trained, tested = (
+        tuple(_believed(motion) for motion in checked_motions(robot, given, what))
+        for given, what in ((logs, "logs"), (test, "test"))
+    )
     if not trained:
         raise ShapeError("identify: there is no log. Give one with torques at least.")
     if method not in METHODS:
@@ -157,7 +164,9 @@ def identified(
 ) -> Identified:
     """The identification of checked logs; settings are chosen anew for each fifth held out where ``anew``."""
     base = BaseParameters.of(unknown)
-    samples = [_samples(motion, k, "logs") for k, motion in enumerate(trained)]
+    samples = [piece for k, motion in enumerate(trained) for piece in _samples(motion, k, "logs")]
+    if asked.cutoff is not None:  # pieces too short for it
+        samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
     dead = _dead(trained)
     if dead.all():
         raise TrajectoryError("identify: the torques of all joints are one number throughout, so nothing can be told.")
@@ -198,6 +207,7 @@ def identified(
         information=_weighted(trial, sigma, weights).together(),
         folds=tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS)),
         payload_frame=payload_only,
+        notes=_remarks((*trained, *tested)),
     )
     return Identified(found, dead, rows, hanging((trial.tau - trial.W @ x) / sigma))
 
@@ -231,11 +241,39 @@ def checked_motions(robot: Robot, given: Motion | Sequence[Motion], what: str) -
     return motions
 
 
-def _samples(motion: Motion, number: int, what: str) -> SteadySamples:
+def _samples(motion: Motion, number: int, what: str) -> list[SteadySamples]:
     from ..motion.spline import continuous
 
     q = continuous(motion.robot.model, motion.q)
-    return SteadySamples.of(motion.time, q, np.asarray(motion.tau), f"{what} number {number + 1}")
+    return SteadySamples.pieces(motion.time, q, np.asarray(motion.tau), f"{what} number {number + 1}")
+
+
+def _believed(motion: Motion) -> Motion:
+    """The motion without rows that one wrong number, or a wrong stamp, takes from their path; its notes say so."""
+    c = motion.coordinates
+    at = c.position_of[c.position_of >= 0]
+    glitches = SingleRowGlitches(len(at), c.angular[at])
+    glitches.add(motion.time, motion.q[:, at])
+    wrong = glitches.times()
+    if not 0 < len(wrong) <= max(1.0, _WRONG * len(motion)):
+        return motion
+    kept = ~np.isin(motion.time, wrong)
+    names = [motion.robot.model.velocity_names[k] for k in np.flatnonzero(c.position_of >= 0)]
+    said = (*(f"{LEFT_OUT}{s}." for s in glitches.sentences(names, c.angular[at])),)
+    said += (f"{LEFT_OUT}{stamp_words(glitches.stamps())}.",) if glitches.stamps() else ()
+    before = tuple(note for note in motion.notes if SINGLE_ROW not in note)
+    columns = {name: getattr(motion, name)[kept] for name in ("time", "q", "dq", "ddq", "tau")}
+    return replace(motion, **columns, notes=(*before, *said))
+
+
+def _remarks(motions: Sequence[Motion]) -> tuple[str, ...]:
+    """What was left out of the logs."""
+    said = [note for motion in motions for note in motion.notes if note.startswith(LEFT_OUT)]
+    lengths = [float(np.diff(motion.time)[k]) for motion in motions for k in pauses(motion.time).tolist()]
+    if lengths:
+        count = f"{len(lengths)} gap{'s' if len(lengths) > 1 else ''}"
+        said.append(f"{count}, {number(sum(lengths), 3)} s in all: the logs are split there, and nothing is filled in.")
+    return tuple(said)
 
 
 def _dead(motions: Sequence[Motion]) -> Array:
@@ -307,7 +345,7 @@ def _predicted(
     names: Sequence[str],
 ) -> HeldOut:
     """Logs of their own, with the settings of the training logs."""
-    samples = [_samples(motion, k, "test") for k, motion in enumerate(tested)]
+    samples = [piece for k, motion in enumerate(tested) for piece in _samples(motion, k, "test")]
     source = SettingRows(base, samples, Asked(settings.cutoff, asked.friction_speed, settings.shift), dead)
     trial = Trial(source, settings)
     rows = source.rows(settings.cutoff)

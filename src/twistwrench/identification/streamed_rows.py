@@ -21,7 +21,7 @@ from .filtered_rows import of_springs
 from .log_chunks import Chunk
 from .parameter_groups import BaseParameters
 from .setting_trial import FitSettings
-from .zero_phase import ROW_RATE, STATE_RATE, Filtered, low_pass, states_below_of
+from .zero_phase import ROW_RATE, STATE_RATE, Filtered, border_of, low_pass, states_below_of
 
 PERIODS = 16
 """Of the cut-off, that a filter reaches to either side: what comes from beyond is below 1e-16."""
@@ -100,7 +100,7 @@ def rows_of(frame: RowFrame, chunk: Chunk) -> Iterator[JointRows]:
     states, number = _states(chunk, cutoff, every)
     total = -(-chunk.count // every)
     apart = max(1, math.floor(states.rate / (ROW_RATE * cutoff)))
-    border = min(math.ceil(states.rate / cutoff), total // 10)
+    border = border_of(states.rate, cutoff, total, cut=chunk.cut)
     first, last = -(-chunk.own[0] // every), min(-(-chunk.own[1] // every), total - border)
     first = border + max(0, -(-(first - border) // apart)) * apart
     wanted = np.arange(first, max(first, last), apart) - number

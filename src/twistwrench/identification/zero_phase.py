@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,8 +23,12 @@ STATE_RATE, ROW_RATE = 20.0, 2.5
 """Samples per period of the cut-off that states are computed at, and that rows of equations are kept at."""
 _STEADY = 1e-3
 """Share of the step that stamps may be off without being moved to a steady clock."""
-_GAP = 5.0
-"""Times the mean step, from which a step is a gap."""
+GAP, PAUSE = 5.0, 0.05
+"""Times the usual step, and s, beyond which a step is a pause that a log is split at: what is between is never filled."""
+_CUT_BORDER = 2
+"""Periods of the cut-off at a pause, in which filters that begin there are not settled."""
+_SHORT = 0.1
+"""Share of the longest piece that others last at least."""
 FEWEST = 60
 """Samples that anything can be identified from."""
 
@@ -39,6 +44,7 @@ class SteadySamples:
     q : (n, nv) array, positions of the joints
     tau : (n, nv) array, torques of the joints
     moved : float, share of the stamps that were off the steady clock by a tenth of a step
+    cut : bool, whether it is one of several pieces of a log with pauses
     """
 
     start: float
@@ -46,6 +52,42 @@ class SteadySamples:
     q: Array
     tau: Array
     moved: float = 0.0
+    cut: bool = False
+
+    @classmethod
+    def pieces(cls, time: Array, q: Array, tau: Array, where: str) -> list[SteadySamples]:
+        """Split a log at its pauses, each piece on a steady clock of its own; pieces too short to tell anything are left out.
+
+        Parameters
+        ----------
+        time : (n,) array [s], increasing
+        q : (n, nv) array
+        tau : (n, nv) array
+        where : str, what errors begin with
+
+        Returns
+        -------
+        pieces : list of SteadySamples
+
+        Raises
+        ------
+        TrajectoryError
+            There are too few samples.
+
+        Examples
+        --------
+        >>> t = np.r_[np.arange(100), np.arange(300, 400)] * 0.01
+        >>> [len(x) for x in SteadySamples.pieces(t, np.zeros((200, 1)), np.zeros((200, 1)), "a log")]
+        [100, 100]
+        """
+        edges = [0, *(pauses(time) + 1).tolist(), len(time)]
+        rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= FEWEST]
+        if len(rows) < 2:
+            rows = rows or [slice(None)]
+            return [replace(cls.of(time[s], q[s], tau[s], where), cut=len(edges) > 2) for s in rows]
+        found = [replace(cls.of(time[s], q[s], tau[s], where), cut=True) for s in rows]
+        longest = max(piece.seconds for piece in found)
+        return [piece for piece in found if piece.seconds >= _SHORT * longest]
 
     @classmethod
     def of(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
@@ -79,7 +121,7 @@ class SteadySamples:
             )
         steps = np.diff(time)
         mean = float((time[-1] - time[0]) / (len(time) - 1))
-        step = float(steps[steps <= _GAP * mean].mean())  # of a log with gaps the clock's own
+        step = float(steps[steps <= GAP * mean].mean())  # of a log with gaps the clock's own
         count = round((time[-1] - time[0]) / step) + 1
         steady = time[0] + step * np.arange(count)
         if len(time) == count and np.abs(time - steady).max() <= _STEADY * step:
@@ -99,6 +141,12 @@ class SteadySamples:
     def seconds(self) -> float:
         """How long it is [s]."""
         return (len(self) - 1) / self.rate
+
+
+def pauses(time: Array) -> Array:
+    """Numbers of the samples (n,) after which a log pauses."""
+    steps = np.diff(time)
+    return np.flatnonzero(steps > max(PAUSE, GAP * float(np.median(steps)))) if len(steps) else np.zeros(0, int)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,15 +257,21 @@ def states_below_of(time: Array, q: Array, tau: Array, step: float, cutoff: floa
     return Filtered(time[rows], rate / (rows.step or 1), *states)
 
 
-def kept_rows(states: Filtered, cutoff: float, most: float) -> slice:
+def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False) -> slice:
     """Which states become rows: two and a half a period of the cut-off, without the first and the last, where filters begin.
 
-    Of long logs fewer, ``most``, spread evenly: rows that are near each other hang together anyway.
+    Of long logs fewer, ``most``, spread evenly: rows that are near each other hang together anyway. Of a piece that is ``cut``
+    from a log with pauses two periods of the cut-off are left out at both ends, however short it is.
     """
     every = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(len(states.time) / most))
-    border = math.ceil(states.rate / cutoff)
-    border = min(border, len(states.time) // 10)
-    return slice(border, len(states.time) - border, every)
+    border = border_of(states.rate, cutoff, len(states.time), cut=cut)
+    return slice(border, max(border, len(states.time) - border), every)
+
+
+def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
+    """States at either end of so many that are left out."""
+    border = math.ceil(rate / cutoff)
+    return _CUT_BORDER * border if cut else min(border, count // 10)
 
 
 def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
@@ -226,7 +280,9 @@ def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
     At each of them there are ``rows`` rows at least.
     """
     most = 0.1 * min(s.rate for s in samples)
-    least = max(4.0 / min(s.seconds for s in samples), rows / (ROW_RATE * sum(s.seconds for s in samples)))
+    whole = min((s.seconds for s in samples if not s.cut), default=np.inf)
+    pieces = 0.5 * max((s.seconds for s in samples if s.cut), default=np.inf)  # the shorter ones have no rows then
+    least = max(4.0 / min(whole, pieces), rows / (ROW_RATE * sum(s.seconds for s in samples)))
     steps = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
     found = tuple(f for f in steps if least <= f <= most)
     return found or (most,)

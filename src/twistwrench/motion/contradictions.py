@@ -234,7 +234,8 @@ class Contradictions:
         return self._glitches.stamps()
 
     def _of_glitches(self) -> list[str]:
-        return self._glitches.sentences([self._names[k] for k in self._single.tolist()], self._turns)
+        said = self._glitches.sentences([self._names[k] for k in self._single.tolist()], self._turns)
+        return [f"{sentence}: remove the row" for sentence in said]
 
     def _of_rates(self, *, time_told: bool, late: Array) -> Iterable[str]:
         """``late`` (k,) bool are joints whose velocity is the slope of another time, so that its size says nothing."""

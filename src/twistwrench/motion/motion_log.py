@@ -26,7 +26,7 @@ from .npz_file import NpzFile
 from .passing_runs import passing_runs
 from .repeats import Repeats, steady_times
 from .row_block import Block
-from .single_row_glitches import stamp_words
+from .single_row_glitches import LEFT_OUT, stamp_words
 
 _MOST_STAMPS = 1 << 24
 """Rows whose stamps are looked at together: 128 MiB."""
@@ -367,7 +367,7 @@ class MotionLog:
                 f"{number(1.0 / float(np.median(np.diff(last.clock))), 4)} Hz is taken."
             )
         said += last.repeats.notes() if last.repeats else []
-        said += [f"Left out: {stamp_words(last.stamps)}."] if last.stamps else []
+        said += [f"{LEFT_OUT}{stamp_words(last.stamps)}."] if last.stamps else []
         if isinstance(self.file, CsvFile) and self.file.seems_cut:
             said.append(
                 "The last line does not end, and its last number has fewer decimals than those above: the file seems to be cut "

@@ -27,6 +27,9 @@ _COUNTS = 3.0
 _MOST = 50
 """Candidates that are kept for a joint; with more the log is rough, and not one row wrong."""
 _LISTED = 3
+SINGLE_ROW = "for a single row"
+LEFT_OUT = "Left out: "
+"""What a sentence on a wrong row has in it, and what a note on one begins with that is left out."""
 _GAP = 5.0
 """Usual steps of time from which a step is a pause."""
 _OF_CLOCK = 0.25
@@ -95,6 +98,10 @@ class SingleRowGlitches:
                 found.append((k, wrong))
         return found
 
+    def times(self) -> Array:
+        """Times of all such rows, whatever is wrong in them."""
+        return np.array(sorted({g.time for _, wrong in self.result() for g in wrong}))
+
     def stamps(self) -> dict[float, float]:
         """Times of the rows whose stamp is wrong, and by how much it is late [s]."""
         return {g.time: g.late for _, wrong in self.result() for g in wrong if g.late}
@@ -110,10 +117,7 @@ class SingleRowGlitches:
                 f"{printed(math.degrees(wrong[0].size), 3)} degrees" if angular[k] else f"{printed(wrong[0].size, 3)} m"
             )
             when = listed((f"{seconds(g.time, 4)} s" for g in wrong), _LISTED)
-            said.append(
-                f"{names[k]} leaves its path by {size} for a single row, and is back in the next, at t = {when}: "
-                "remove the row"
-            )
+            said.append(f"{names[k]} leaves its path by {size} {SINGLE_ROW}, and is back in the next, at t = {when}")
         return said
 
 

@@ -128,6 +128,8 @@ def _page(found: IdentifiedRobot) -> Iterator[str]:
     yield f"<p>{percent(found.held_out.all, 3)} of the torques are left unexplained in rows held out.</p><ul>"
     for doubt in found.doubts:
         yield f"<li{' class=no' if doubt.refuses else ''}>{html.escape(doubt.sentence)}</li>"
+    for note in found.notes:
+        yield f"<li>{html.escape(note)}</li>"
     yield (
         f"</ul><p>{found.settings}; weights {found.method}; deviations from blocks of "
         f"{number(found.covariance.block)} s.</p>"

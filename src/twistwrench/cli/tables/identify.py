@@ -31,6 +31,8 @@ def _parts(found: IdentifiedRobot) -> Iterator[RenderableType]:
     )
     for doubt in found.doubts:
         yield Text(f"• {doubt.sentence}", "" if not doubt.refuses else "red")
+    for note in found.notes:
+        yield Text(note)
     yield Text(
         f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
     )
