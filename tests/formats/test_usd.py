@@ -458,3 +458,49 @@ def test_verify_and_writers_take_it(stage):
         warnings.simplefilter("ignore", tw.ModelWarning)
         again = tw.load(robot.to_urdf())
     same_robot(again.with_armature({"elbow": 0.1}), robot, 1e-9)
+
+
+JOINT, BODY = 'def PhysicsRevoluteJoint "elbow"', 'def Xform "hand"'
+
+
+FREE = "\n".join(line for line in usd_text().split("\n") if "newton:damping" not in line)
+
+
+def with_line(prim, line):
+    """The stage with a line more in a prim."""
+    before, head, after = FREE.partition(prim)
+    first, brace, rest = after.partition("\n{\n")
+    return before + head + first + brace + line + "\n" + rest
+
+
+def unread(kind):
+    from twistwrench.formats.known_elements import KNOWN, LeftOut
+
+    return [(name, entry) for name, entry in KNOWN["USD"][kind].items() if isinstance(entry, LeftOut)]
+
+
+@pytest.mark.parametrize(
+    ("prim", "name", "entry"), [(JOINT, *one) for one in unread("joint")] + [(BODY, *one) for one in unread("body")]
+)
+def test_what_is_left_out_is_remarked_and_changes_nothing(stage, prim, name, entry):
+    whole = stage(FREE)
+    if name.startswith("<"):
+        api = name[1:-1]
+        text = FREE.replace(f"{prim} (prepend apiSchemas = [", f'{prim} (prepend apiSchemas = ["{api}", ')
+    else:
+        text = with_line(prim, f"float {name} = 3")
+        assert stage(with_line(prim, f"float {name} = {(entry.unless or ('0',))[0]}")).defects == whole.defects
+    robot = stage(text)
+    (new,) = [said for said in robot.defects if said not in whole.defects]
+    assert entry.change in new
+    assert name.strip("<>") in new
+    assert "elbow" in new or "hand" in new
+    assert robot.to_sdf() == whole.to_sdf()
+
+
+def test_names_of_the_schema_that_are_not_known_are_remarked(stage):
+    (new,) = stage(with_line(BODY, "float physics:masss = 3")).defects
+    assert new == "prim </arm/hand>: physics:masss is not an attribute of <body> in USD; did you mean physics:mass?"
+    assert stage(with_line(BODY, "float physxRigidBody:sleepThreshold = 3\nfloat other:thing = 1")).defects == ()
+    both = "float mjc:armature = 0.1\nfloat newton:armature = 0.2"  # converters write both, and one is read
+    assert stage(with_line(JOINT, both)).defects == ()

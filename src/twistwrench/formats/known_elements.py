@@ -151,7 +151,8 @@ _SDF_AXIS: Mapping[str, Entry] = {
 }
 _SDF: Rows = {
     "world": {
-        **_all(READ, "name <gravity>"),
+        "<gravity>": READ,
+        **_all(NO_MECHANICS, "name"),
         **_all(NO_MECHANICS, "<model> <light> <actor> <plugin> <physics> <scene> <gui> <audio> <atmosphere> <road>"),
         **_all(NO_MECHANICS, "<magnetic_field> <spherical_coordinates> <state> <population> <frame> <include>"),
         "<wind>": _WIND,
@@ -209,7 +210,9 @@ _SDF: Rows = {
     "simbody": {OTHERS: NO_MECHANICS, "<must_be_loop_joint>": LeftOut("the joint is part of the tree here")},
 }
 
-_USD: Rows = {
+_CONE = LeftOut("the limit of the cone is not kept", ("-1.0", "inf"))
+_FRICTION = LeftOut("the friction of the joint is missing")
+_USD: Rows = {  # rows of kinds of prims; schemas that are applied to them stand as elements
     "body": {
         **_all(READ, "physics:mass physics:density physics:centerOfMass physics:diagonalInertia physics:principalAxes"),
         **_all(READ, "physics:rigidBodyEnabled physics:kinematicEnabled"),
@@ -228,21 +231,17 @@ _USD: Rows = {
         **_all(READ, "drive:angular:physics:maxForce drive:linear:physics:maxForce"),
         **_all(READ, "physxJoint:maxJointVelocity physxJoint:armature newton:armature newton:damping newton:friction"),
         **_all(NO_MECHANICS, "physics:collisionEnabled physics:breakForce physics:breakTorque"),
-        **_all(
-            LeftOut("the limit of the cone is not kept", ("-1", "-1.0", "inf")),
-            "physics:coneAngle0Limit physics:coneAngle1Limit",
-        ),
-        **_all(
-            LeftOut("the friction of the joint is missing"), "physxJoint:jointFriction mjc:frictionloss mjc:damping"
-        ),
+        **_all(_CONE, "physics:coneAngle0Limit physics:coneAngle1Limit"),
+        **_all(_FRICTION, "physxJoint:jointFriction mjc:frictionloss mjc:damping"),
         "mjc:armature": _ROTOR,
         "mjc:stiffness": _SPRING,
+        **_all(_FREE, "<NewtonMimicAPI> <PhysxMimicJointAPI> <MjcEqualityJointAPI>"),
+        "<PhysxTendonAxisRootAPI>": LeftOut("the coupling of joints is missing"),
     },
     "scene": _all(READ, "physics:gravityDirection physics:gravityMagnitude"),
 }
 
 KNOWN: Mapping[str, Rows] = {"URDF": _URDF, "SDF": _SDF, "USD": _USD}
-
 
 _MOST = 100
 """Names that are remarked one by one."""

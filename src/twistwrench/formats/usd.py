@@ -24,6 +24,7 @@ from ..model.builder import ModelBuilder
 from ..model.closure import OfferedClosure
 from ..model.remark import Remark
 from ..screws.component_names import TWIST
+from .known_elements import LeftOut, Unread
 from .usd_shapes import has_colliders, inertia_of_shapes
 from .usd_stage import Stage, axis_of, number_of, opened, quaternion_of, vector_of, who
 from .usd_tree import HOW_TO_SPLIT, TreeJoint, UsdTree
@@ -92,6 +93,16 @@ class _Reader:
             self.builder.remark(
                 f"{who(left[0])} and {len(left) - 1} other bodies are not joined to the robot, and are left out"
             )
+        unread = Unread("USD")
+        for kind, prims in (
+            ("scene", self.stage.scenes[:1]),
+            ("body", [body for body in self.stage.bodies if body.GetPath() in members]),
+            ("joint", [link.joint for link in tree]),
+        ):
+            for prim in prims:
+                _note_unread(unread, kind, prim)
+        for text in unread.remarks:
+            self.builder.remark(text)
         return self.builder, bool(self.floating_base) and start is None
 
     def _name(self, prim: Any) -> str:
@@ -121,8 +132,6 @@ class _Reader:
                 self.builder.add_link(below, hidden=True)
                 self.builder.add_joint(f"{name}.fixed", "fixed", below, child, placement=back, where=where)
             self.builder.add_joint(name, kind, parent, below, placement=placement @ at, where=where)
-            if any(number_of(joint, f"physics:coneAngle{k}Limit", -1.0) >= 0 for k in "01"):
-                self.builder.remark(Remark(who(joint), "has a limit of its cone, which is not kept"))
             return
         axis = T_far[:3, axis_of(joint)] * (1.0 if link.forward else -1.0)
         S = np.r_[np.zeros(3), axis] if kind == "prismatic" else np.r_[axis, so3.cross(T_far[:3, 3], axis) + 0.0]
@@ -186,6 +195,24 @@ class _Reader:
             G = inertia_of_shapes(self.stage, body, mass)
             mass, com, I = G.mass, com if has_com else G.com, I if has_moments else G.moment_about_com
         return SpatialInertia.from_com(mass, com, I)
+
+
+def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
+    """Note what is written of a prim and is not read."""
+    row = unread.row(kind)
+    written = {one.GetName(): one for one in prim.GetAuthoredAttributes() if ":" in one.GetName() and one.HasValue()}
+    for name, attribute in written.items():
+        entry = unread.entry(row, name)
+        if entry is None:
+            unread.unknown(kind, name, who(prim))
+        elif isinstance(entry, LeftOut) and entry.acts([str(attribute.Get())]):
+            if name.replace("mjc:", "newton:").removesuffix("loss") in written and name.startswith("mjc:"):
+                continue  # converters write both, and Newton's is read
+            unread.left_out(kind, name, entry, f"{name} of {who(prim)}")
+    for schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():  # those that no plugin defines too
+        entry = unread.entry(row, f"<{schema.partition(':')[0]}>")
+        if isinstance(entry, LeftOut):
+            unread.left_out(kind, schema, entry, f"{schema} of {who(prim)}")
 
 
 def _names(prims: Sequence[Any], *taken: str) -> dict[str, str]:

@@ -90,7 +90,6 @@ def unpacked(model: Element) -> SdfModel:
         if element.all("include"):
             raise RobotFileError(f"{element.all('include')[0]} is not read. Put the model that it names in its place.")
         own = scope[:-2] if scope else MODEL
-        first = next((scope + link.text("name") for link in element.all("link")), "")
         for child in element.children:
             if child.tag not in ("link", "joint", "frame", "model"):
                 continue
@@ -113,15 +112,19 @@ def unpacked(model: Element) -> SdfModel:
                 found.links[name] = child
             else:
                 stack.append((child, f"{name}::"))
-                canonical = child.attributes.get("canonical_link", "").strip()
-                links = [link.text("name") for link in child.all("link")]
-                attached = f"{name}::{canonical or (links[0] if links else '')}"
+                attached = f"{name}::{_canonical_link(child)}"
             relative = place.attributes.get("relative_to", "").strip() if place is not None else ""
             relative = (own if relative == MODEL else scope + relative) if relative else default
             found.frames[name] = SdfFrame(child, scope, pose(place), relative, attached)
         if not scope:
-            found.frames[MODEL] = SdfFrame(element, "", np.eye(4), MODEL, first)
+            found.frames[MODEL] = SdfFrame(element, "", np.eye(4), MODEL, _canonical_link(element))
     return found
+
+
+def _canonical_link(model: Element) -> str:
+    """Name of the link that the model's own frame is fixed to."""
+    named = model.attributes.get("canonical_link", "").strip()
+    return named or next((link.text("name") for link in model.all("link")), "")
 
 
 def _end(joint: Element, which: str) -> str:
