@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -41,3 +45,120 @@ def test_finding_68_a_state_of_a_large_batch_takes_about_what_one_of_a_small_bat
                 kernel(*given, out=out)
                 taken[count] = min(taken[count], (time.thread_time_ns() - began) / count)
     assert taken[4096] < 1.8 * taken[512], taken
+
+
+# ── kept robots ──
+
+DOUBTFUL = """<robot name="arm"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>
+<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.02"/></inertial></link>
+<joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint></robot>"""
+FIRST_TORQUE = """
+import sys
+import twistwrench as tw
+{imports}
+robot = tw.load({path!r})
+print(robot.inverse_dynamics([0.1], [0.2], [0.3]).tobytes().hex(), "twistwrench.formats.urdf" in sys.modules)
+print(*robot.defects, sep="; ")
+"""
+
+
+def first_torque(path: Path, place: Path | str, imports: str = "") -> tuple[str, bool, str, str]:
+    """Bits of a torque in a process of its own, whether the file was read for it, the defects, and the warnings."""
+    done = subprocess.run(
+        [sys.executable, "-W", "always", "-c", FIRST_TORQUE.format(path=str(path), imports=imports)],
+        env={**os.environ, "TWISTWRENCH_CACHE_DIR": str(place)}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    torque, defects = done.stdout.splitlines()
+    bits, read = torque.split()
+    return bits, read == "True", defects, done.stderr.replace("<string>", "")
+
+
+def test_finding_70_a_file_with_a_remark_is_known_again_in_any_order_of_imports(tmp_path):
+    path, place = tmp_path / "arm.urdf", tmp_path / "cache"
+    path.write_text(DOUBTFUL)
+    made = first_torque(path, place)
+    assert made[1]
+    assert "has no <limit>" in made[2]
+    assert made[3].count("ModelWarning") == 1
+    for imports in ("", "import twistwrench.trajectories, twistwrench.model.builder"):
+        found = first_torque(path, place, imports)
+        assert found[:3] == (made[0], False, made[2])
+        assert found[3].partition("ModelWarning")[2] == made[3].partition("ModelWarning")[2] != ""
+    assert first_torque(path, "off")[::2] == made[::2]
+
+
+# ── second derivatives in JAX ──
+
+
+@pytest.fixture
+def jax():
+    found = pytest.importorskip("jax", reason="needs the extra jax")
+    before = found.config.jax_enable_x64
+    found.config.update("jax_enable_x64", True)
+    yield found
+    found.config.update("jax_enable_x64", before)
+
+
+def test_finding_69_second_derivatives_are_calls_of_compiled_kernels(jax):
+    """As custom calls, of which XLA compiles nothing: the operations of J's program would be thousands."""
+    robot = tw.robots.planar_3r()
+    x = [np.linspace(-1, 1, 3), np.array([0.3, -0.2, 0.5]), np.array([1.0, 0.4, -0.7])]
+    torque = robot.to_jax("inverse_dynamics")
+
+    def cost(*given):
+        return (torque(*given) ** 2).sum()
+
+    traced = jax.jit(jax.hessian(cost, argnums=(0, 1, 2))).lower(*x)
+    assert traced.as_text().count("\n") < 500
+    found = traced.compile()(*x)
+    tau = robot.inverse_dynamics(*x)
+    H = robot.kernel("inverse_dynamics", by=("q", "dq", "ddq"), form="hessian")(*x)
+    J = np.concatenate(robot.kernel("inverse_dynamics", by=("q", "dq", "ddq"))(*x), axis=1)
+    expected = 2 * (J.T @ J + np.tensordot(tau, H, axes=1))
+    np.testing.assert_allclose(
+        np.block([list(row) for row in found]), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+    )
+
+
+def test_finding_69_products_with_a_vector_and_mixed_derivatives_are_the_same(jax):
+    """Forward over reverse, reverse over forward, by inputs that did not move at first, of batches, of several results."""
+    robot = tw.robots.planar_2r()
+    rng = np.random.default_rng(69)
+    x, v = (tuple(rng.normal(size=(3, 2))) for _ in range(2))
+    terms = robot.to_jax("inverse_dynamics")
+
+    def cost(*given):
+        return (terms(*given) ** 2).sum()
+
+    every = (0, 1, 2)
+    mixed, J = jax.jacfwd(jax.grad(cost, argnums=1), argnums=0), robot.to_jax("jacobian")
+
+    @jax.jit
+    def derivatives(x, v):
+        many = [jax.numpy.stack([2 * a, a]) for a in x]
+        return {
+            "hessian": jax.hessian(cost, argnums=every)(*x),
+            "forward over reverse": jax.jvp(jax.grad(cost, argnums=every), x, v)[1],
+            "reverse over forward": jax.grad(lambda *y: jax.jvp(cost, y, v)[1], argnums=every)(*x),
+            "mixed": mixed(*x),
+            "batch": jax.vmap(mixed)(*many)[1],
+            "jacobian": jax.jacfwd(jax.jacfwd(J))(x[0]),
+        }
+
+    found = derivatives(x, v)
+    H = np.block([list(row) for row in found["hessian"]])
+    near = {"rtol": 0, "atol": 1e-12 * np.abs(H).max()}
+    for order in ("forward over reverse", "reverse over forward"):
+        np.testing.assert_allclose(np.concatenate(found[order]), H @ np.concatenate(v), **near)
+    for way in ("mixed", "batch"):
+        np.testing.assert_allclose(found[way], H[2:4, :2], **near)
+    expected = robot.kernel("jacobian", by="q", form="hessian")(x[0])
+    np.testing.assert_allclose(found["jacobian"], expected, rtol=0, atol=1e-12)
+
+
+def test_finding_69_a_traced_array_in_a_method_is_told_of_to_jax(jax):
+    robot = tw.robots.planar_2r()
+    for transform in (jax.jit, jax.jacfwd, jax.vmap):
+        with pytest.raises(tw.ShapeError, match=r"traced by JAX.*to_jax"):
+            transform(robot.gravity_forces)(np.ones((2, 2)) if transform is jax.vmap else np.ones(2))

@@ -139,9 +139,14 @@ def test_what_is_doubtful_is_said_each_time(file, place):
     file.write_text(ARM.replace('<limit lower="-2" upper="2" effort="10" velocity="1"/>', "", 1))
     code = TORQUE.format(path=str(file), options="", nv=2)
     said = [python(code, place, "-W", "always") for _ in range(3)]
+    assert [text.split()[1] for text in said] == ["True", "False", "False"]
     assert "ModelWarning" in said[0]
     said = [text.partition("ModelWarning")[2] for text in said]
     assert said[0] == said[1] == said[2]
+    code += "print(*robot.defects, sep='; ')"  # for which the model is made, without the warnings again
+    said = [python(code, folder, "-W", "always") for folder in ("off", place)]
+    assert said[0].splitlines()[1:] == said[1].splitlines()[1:]
+    assert said[1].count("ModelWarning") == 1
 
 
 def test_an_error_is_the_same_each_time(file, place):
@@ -167,8 +172,8 @@ def test_a_library_in_an_archive_reads_files_as_any_other(file, place, tmp_path)
 
 
 def test_another_version_is_another_one_where_only_compiled_files_are_there(tmp_path, monkeypatch):
-    for part in kept_robots._PARTS:
-        (tmp_path / part).mkdir(exist_ok=True)
+    for part in ("robot", "model"):
+        (tmp_path / part).mkdir()
         (tmp_path / part / "module.pyc").write_bytes(b"old")
     monkeypatch.setattr(kept_robots, "__file__", str(tmp_path / "robot" / "kept_robots.pyc"))
     before = kept_robots._version.__wrapped__()
@@ -300,12 +305,13 @@ def test_kernels_with_options_are_told_apart(file, place):
     assert (first[3], second[3]) == ("True", "False")
 
 
-def test_where_modules_were_imported_before_perhaps_to_change_them_nothing_is_kept(file, place):
+def test_a_robot_is_known_whatever_was_imported_before(file, place):
     torque(file, place)
     code = "import twistwrench.algorithms.inverse_dynamics, twistwrench.program.trace\n" + TORQUE.format(
         path=str(file), options="", nv=2
     )
-    assert python(code, place).split()[1] == "True"
+    code += "print('twistwrench.formats.urdf' in sys.modules)"
+    assert python(code, place).split()[3] == "False"
 
 
 @pytest.mark.parametrize("name", ["text", "mjcf"])

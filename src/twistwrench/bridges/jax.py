@@ -1,20 +1,24 @@
 """A quantity as a function of JAX arrays, which jits, vmaps and differentiates: the program itself, in JAX's operations.
 
-Its derivatives are those of the analytic programs, J = df/d(x ⊕ v), in both modes and in first order; those of J are JAX's:
+Its derivatives are those of the analytic programs, J = df/d(x ⊕ v), in both modes, and so are those of J, H = dJ/dx:
 
-    forward   df = J B dx,    backward   dx = Bᵀ Jᵀ w,
+    forward   df = J B dx,  dJ = H dx,    backward   dx = Bᵀ Jᵀ w,
 
-with B from the rates of coordinates to velocities, 1 but for quaternions. On the processor the compiled kernels run instead.
+with B from the rates of coordinates to velocities, 1 but for quaternions, by which the derivatives of J are JAX's; third
+derivatives are JAX's as well. On the processor the compiled kernels run.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from functools import cache, partial
+from itertools import accumulate
 from math import prod
 from typing import Any
 
 from ..errors import MissingExtraError, ModelWarning, ValueRangeError
+from ..kernels.interpreter import compiles
 from ..program.port import Port
 from ..program.program import Program
 from ..targets.elementwise import batch_shape, evaluated, functions_of
@@ -30,23 +34,24 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
     except ImportError:
         raise MissingExtraError.of("jax", "jax", "robot.to_jax") from None
     inputs = quantity.inputs
-    names = [port.name for port in inputs]
+    names, outputs = [port.name for port in inputs], quantity.program.outputs
     rates = _on_arrays(jnp, quantity.velocities()) if quantity.curved else None
-    jacobians: dict[tuple[str, ...], Callable[..., Any]] = {}
+    jacobians: dict[tuple[str, ...], Any] = {}
 
     def with_jacobian(by: tuple[str, ...]) -> Callable[..., Any]:
         if by not in jacobians:
-            jacobians[by] = _compiled(jax, quantity.derivative(by, values=True))
+            jacobians[by] = jax.custom_jvp(_compiled(jax, quantity.derivative(by, values=True)))
+            jacobians[by].defjvp(partial(along_again, by), symbolic_zeros=True)
         return jacobians[by]
 
     values = jax.custom_jvp(_compiled(jax, quantity))
 
     def along(primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
         """The values and df = J B dx, of those inputs that move."""
-        moved = [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
+        moved = _moved(jax, tangents)
         by = tuple(names[k] for k in moved)
         found = with_jacobian(by)(*primals)
-        results, slopes = found[: len(found) // (1 + len(by))], found[len(found) // (1 + len(by)) :]
+        results, slopes = found[: len(outputs)], found[len(outputs) :]
         steps = [
             rates(primals[k], tangents[k]) if rates and names[k] in quantity.curved else tangents[k] for k in moved
         ]
@@ -56,11 +61,43 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
                 _contracted(jnp, J, v, rank, port.shape)
                 for J, v, rank in zip(slopes[r * len(by) : (r + 1) * len(by)], steps, ranks, strict=True)
             )
-            for r, port in enumerate(quantity.program.outputs)
+            for r, port in enumerate(outputs)
         ]
         return _alone(results), _alone(tuple(changes))
 
     values.defjvp(along, symbolic_zeros=True)
+
+    @cache
+    def with_hessian(by: tuple[str, ...]) -> Callable[..., Any]:
+        return _compiled(jax, quantity.derivative(by, "hessian"))
+
+    def along_again(by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
+        """The values and J by some inputs, and df = J dx and dJ = H dx, of those inputs that move."""
+        moved = _moved(jax, tangents)
+        every = tuple(name for k, name in enumerate(names) if name in by or k in moved)
+        if not compiles() or any(name in quantity.curved for name in every):
+            plain = _on_arrays(jnp, quantity.derivative(by, values=True).program)
+            whole = [t if k in moved else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
+            derived: tuple[Any, Any] = jax.jvp(plain, tuple(primals), tuple(whole))
+            return derived
+        sizes = {port.name: port.size for port in inputs if port.name in every}
+        ends = dict(zip(sizes, accumulate(sizes.values()), strict=True))
+        part = {name: slice(end - sizes[name], end) for name, end in ends.items()}
+        given, found = with_jacobian(every)(*primals), with_jacobian(by)(*primals)
+        hessians = _listed(with_hessian(every)(*primals))
+        slopes, changes, bends = given[len(outputs) :], [], []
+        for r, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
+            J = dict(zip(every, slopes[r * len(every) :], strict=False))
+            change: Any = 0.0
+            bend: Any = 0.0
+            for k in moved:
+                step, rank = tangents[k], len(inputs[k].shape)
+                change += _contracted(jnp, J[names[k]], step, rank, port.shape)
+                flat = step.reshape((*step.shape[: step.ndim - rank], inputs[k].size))
+                bend += _contracted(jnp, H[..., part[names[k]]], flat, 1, (*port.shape, H.shape[-1]))
+            changes.append(change)
+            bends += [bend[..., part[name]].reshape(J[name].shape) for name in by]
+        return found, (*changes, *bends)
 
     def function(*arrays: Any) -> Any:
         dtype = _dtype(jax, jnp, precision)
@@ -103,6 +140,11 @@ def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
     found.defjvp(lambda primals, tangents: jax.jvp(plain, primals, tangents))
     result: Callable[..., Any] = found
     return result
+
+
+def _moved(jax: Any, tangents: Sequence[Any]) -> list[int]:
+    """The inputs that move: whose tangents are not known to be zero."""
+    return [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
 
 
 def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:

@@ -46,6 +46,11 @@ def brought(x: Any, what: str, names: Sequence[str] = (), *, complaint: str = _N
     except TwistWrenchError:
         raise
     except Exception as error:  # rows of different lengths, integers beyond floats, whatever another library raises
+        if type(error).__module__.startswith("jax."):
+            raise ShapeError(
+                f"{what} is being traced by JAX, and NumPy cannot read it. Inside jit, vmap and grad use the quantity as a "
+                "function of JAX arrays: robot.to_jax(name)."
+            ) from None
         raise ShapeError(f"{what} {complaint}: {error}") from None
     masked = sys.modules.get("numpy.ma")  # NumPy imports it when asked for it
     if masked and isinstance(x, masked.MaskedArray) and masked.is_masked(x):

@@ -27,6 +27,7 @@ def load_model(
     source: str | os.PathLike[str],
     *,
     data: bytes | None = None,
+    quiet: bool = False,
     format: str | None = None,  # noqa: A002  what it is called everywhere
     floating_base: bool | None = None,
     keep: str | None = None,
@@ -42,7 +43,8 @@ def load_model(
 ) -> Model:
     """The model in a robot file, or in XML text; options as in :func:`twistwrench.load`. ``data``: the file's bytes, if read.
 
-    Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` for what is no readable file, other
+    With ``quiet``, remarks are not issued as warnings; they are in the model's defects all the same. Raises
+    :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.RobotFileError` for what is no readable file, other
     :class:`~twistwrench.ModelError` for what no robot can mean, each with the file's name and the line.
 
     >>> load_model('<robot name="stone"><link name="stone"/></robot>').tip
@@ -91,8 +93,9 @@ def load_model(
 
             builder, floating = read_urdf(root, origin, snap), bool(floating_base)
         return builder.build(
-            floating_base=floating, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity
-        )
+            floating_base=floating, lock=lock, tip=tip, mimic=mimic, inertia=inertia, snap=snap, gravity=gravity,
+            quiet=quiet,
+        )  # fmt: skip
     except ModelError as error:
         # What is wrong is known deep inside, and which file it is only here.
         raise type(error)(f"{origin}: {error}") from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..bodies.inertia import SpatialInertia
 from ..core.gravity import GRAVITY
 from ..core.printed_numbers import printed
-from ..errors import ModelError, ModelWarning, ValueRangeError
+from ..errors import ModelError, ValueRangeError
 from ..joints import Floating
 from ..joints.axes import number, numbers
 from ..listing import listed
@@ -36,7 +35,7 @@ from .inertia_checks import INERTIA_POLICIES, judge
 from .massless import massless_links
 from .mimic import MIMIC_POLICIES, find_drives
 from .model import Model
-from .remark import Remark, frames_to_user, grouped
+from .remark import Remark, issue, sentences
 from .rounding import DEFAULT_SNAP
 from .spring import Spring
 from .tree import Tree, find_tree
@@ -340,6 +339,7 @@ class ModelBuilder:
         inertia: str = "error",
         snap: float = DEFAULT_SNAP,
         gravity: ArrayLike | None = None,
+        quiet: bool = False,
     ) -> Model:
         """Build the model, checked: one tree, possible bodies, mimic chains resolved, fixed links fused.
 
@@ -352,6 +352,7 @@ class ModelBuilder:
         inertia : "error", "accept" or "repair", what to do with bodies that cannot exist
         snap : float, entries of fixed rotations this near to 0 or ±1 are set to it
         gravity : (3,) array_like, optional, in the base frame [m/s²]; None: what was described
+        quiet : bool, issue no warnings; remarks are in ``model.defects`` all the same
 
         Returns
         -------
@@ -407,8 +408,8 @@ class ModelBuilder:
         described = [self._links[link] for link in massless_links(model) if self._links[link].where]
         found += _on_massless([str(link) for link in described])
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *found))
-        for text in grouped(model.defects):
-            warnings.warn(f"robot {self.name!r}: {text}.", ModelWarning, stacklevel=frames_to_user())
+        if not quiet:
+            issue(sentences(self.name, model.defects))
         return model
 
     def _floating_remarks(self, tree: Tree, floating_base: bool) -> list[str]:

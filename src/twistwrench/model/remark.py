@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Iterable
 
+from ..errors import ModelWarning
 from ..listing import listed
 
 _NAMED = 4
@@ -49,6 +51,17 @@ def _together(remark: Remark, others: list[str]) -> str:
     if not others:
         return remark
     return f"{remark}; the same of {listed(others, _NAMED)}"
+
+
+def sentences(name: str, remarks: Iterable[str]) -> list[str]:
+    """The warnings of a robot with such remarks."""
+    return [f"robot {name!r}: {text}." for text in grouped(remarks)]
+
+
+def issue(texts: Iterable[str]) -> None:
+    """Issue such warnings, at the user's line."""
+    for text in texts:
+        warnings.warn(text, ModelWarning, stacklevel=frames_to_user())
 
 
 def frames_to_user() -> int:

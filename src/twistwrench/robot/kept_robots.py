@@ -1,18 +1,21 @@
 """Robots whose files an earlier process has read: what a first result needs is kept on disk, and nothing is parsed or traced.
 
-A robot is known by the bytes of its file, the options it was loaded with, and the version of this library. Only URDF is known
-so, which is read from one file, and only where there was nothing to remark: what is doubtful is said at each loading. The model
-is made, from the bytes that were read, when somebody asks for more than the kernels that are kept.
+A robot is known by the bytes of its file, the options it was loaded with, and the versions of this library, Python and NumPy.
+Only URDF is known so, which is read from one file. Remarks are kept too, and issued at each loading. The model is made, from
+the bytes that were read, when more is asked for than the kernels that are kept.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+from ast import literal_eval
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from ..core import cache as disk
 from ..core.files import read_bytes
@@ -23,25 +26,6 @@ if TYPE_CHECKING:
 
 _PLAIN = (str, int, float, bool, type(None))
 """Types of options that are known again by how they are written."""
-_SOUND = b"nothing to remark"
-_READERS = ("twistwrench.model.builder", "twistwrench.program.trace")
-"""Modules that are imported to make a robot and a kernel. Where somebody else has imported one first, perhaps to change it,
-nothing is kept and nothing taken."""
-_PARTS = (
-    "",
-    "algorithms",
-    "bodies",
-    "core",
-    "formats",
-    "joints",
-    "kernels",
-    "lie",
-    "model",
-    "program",
-    "robot",
-    "targets",
-)
-"""Packages that robots and kernels depend on."""
 
 
 class KnownFile(NamedTuple):
@@ -49,8 +33,8 @@ class KnownFile(NamedTuple):
 
     data: bytes
     key: str
-    sound: bool
-    """Whether it was loaded before, and nothing was to be remarked."""
+    remarks: tuple[str, ...] | None
+    """Warnings of an earlier loading; None if there was none."""
 
 
 class KeptModel:
@@ -67,7 +51,7 @@ class KeptModel:
 
 def known_file(source: object, options: Mapping[str, Any]) -> KnownFile | None:
     """What is known of a robot's file; None of all that is no plain URDF file, and where nothing is kept."""
-    if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf") or not _serves():
+    if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
         return None
     written = _written(options)
     try:
@@ -79,13 +63,13 @@ def known_file(source: object, options: Mapping[str, Any]) -> KnownFile | None:
     if b"<robot" not in data or b"<mujoco" in data or b"<sdf" in data:
         return None
     key = disk.digest("robot", version, os.fspath(source), written, data).hex()
-    return KnownFile(data, key, disk.load(key) == _SOUND)
+    kept = disk.load(key)
+    return KnownFile(data, key, None if kept is None else literal_eval(kept.decode()))
 
 
-def keep_file(known: KnownFile) -> None:
-    """Note that a file was loaded, and nothing was to be remarked."""
-    if not known.sound:
-        disk.store(known.key, _SOUND)
+def keep_file(known: KnownFile, remarks: Sequence[str]) -> None:
+    """Note that a file was loaded, and the warnings that came with it."""
+    disk.store(known.key, repr(tuple(remarks)).encode())
 
 
 def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
@@ -120,26 +104,21 @@ def keep_kernel(key: str, made: Any) -> None:
 
 
 @cache
-def _serves() -> bool:
-    """Whether robots are kept in this process; decided when the first is loaded."""
-    return not any(name in sys.modules for name in _READERS)
-
-
-@cache
 def _version() -> str:
-    """What tells this library from another version of it: size and time of its files, compiled ones where it has no others.
+    """Versions of Python and NumPy, and of this library: size and time of all its files, so that an edited copy is another.
 
-    Raises OSError where a package is in no folder, or has no files there.
+    Raises OSError if the library is in no folder, as in an archive.
     """
-    root = Path(__file__).parents[1]
-    about = []
-    for part in _PARTS:
-        with os.scandir(root / part) as entries:
-            files = sorted((entry.name, entry.stat()) for entry in entries if entry.name.endswith((".py", ".pyc")))
-        if not files:
-            raise FileNotFoundError(root / part)
-        about += [f"{part}/{name} {s.st_size} {s.st_mtime_ns}" for name, s in files]
-    return "\n".join([sys.version, *about])
+    found, folders = [], [str(Path(__file__).parents[1])]
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.name.endswith((".py", ".pyc")):  # compiled ones in the place of others, if it has no others
+                    about = entry.stat()
+                    found.append(f"{entry.path} {about.st_size} {about.st_mtime_ns}")
+                elif "." not in entry.name and entry.name != "__pycache__" and entry.is_dir():
+                    folders.append(entry.path)
+    return "\n".join([sys.version, np.__version__, *sorted(found)])
 
 
 def _written(options: Mapping[str, Any]) -> str | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, TypedDict
 from numpy.typing import ArrayLike
 
 from ..core.gravity import GRAVITY
+from ..model.remark import issue, sentences
 from ..model.rounding import DEFAULT_SNAP
 from .kept_robots import KeptModel, keep_file, known_file
 from .robot import Robot
@@ -126,20 +127,19 @@ def load(
     known = known_file(source, options)
     if known is None:
         return Robot(_read(source, None, options))
-    if known.sound:
+    if known.remarks is not None:
+        issue(known.remarks)
         mine = deepcopy(options)  # as they are now
-        return Robot(KeptModel(known.key, lambda: _read(source, known.data, mine)))
+        return Robot(KeptModel(known.key, lambda: _read(source, known.data, mine, quiet=True)))
     found = _read(source, known.data, options)
-    if found.defects:
-        return Robot(found)
-    keep_file(known)
+    keep_file(known, sentences(found.name, found.defects))
     return Robot(KeptModel(known.key, lambda: found))
 
 
-def _read(source: str | Path, data: bytes | None, options: LoadOptions) -> Model:
+def _read(source: str | Path, data: bytes | None, options: LoadOptions, *, quiet: bool = False) -> Model:
     from ..formats import load_model
 
-    return load_model(source, data=data, **options)
+    return load_model(source, data=data, quiet=quiet, **options)
 
 
 def from_screws(
