@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import signal
+import struct
 import subprocess
 import sys
 import time
@@ -162,3 +165,83 @@ def test_finding_69_a_traced_array_in_a_method_is_told_of_to_jax(jax):
     for transform in (jax.jit, jax.jacfwd, jax.vmap):
         with pytest.raises(tw.ShapeError, match=r"traced by JAX.*to_jax"):
             transform(robot.gravity_forces)(np.ones((2, 2)) if transform is jax.vmap else np.ones(2))
+
+
+# ── interrupts ──
+
+
+def test_finding_11_an_interrupt_of_the_first_call_in_single_precision_is_raised(monkeypatch):
+    """Where LLVM is at work for it, below NumPy, which no exception can cross."""
+    llvm = pytest.importorskip("llvmlite.binding", reason="compiles nothing here")
+    monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", "off")
+    robot = tw.robots.cart_pole()
+    for way in (robot.kernel("mass_matrix"), robot.gravity_forces):
+        q = np.array([[0.1, 0.2], [0.3, -0.4]])
+        right = way(q)
+        with monkeypatch.context() as patch:
+            patch.setattr(llvm.TargetMachine, "emit_object", lambda *_: signal.raise_signal(signal.SIGINT))
+            with pytest.raises(KeyboardInterrupt):
+                way(q.astype("f"))
+        np.testing.assert_allclose(way(q.astype("f")), right, rtol=1e-5, atol=1e-6)
+
+
+# ── stacks, and object code ──
+
+SMALL_STACK = """
+import threading
+import numpy as np
+import twistwrench as tw
+panda, found = tw.robots.panda(), []
+x = np.linspace(-1, 1, 64 * 7).reshape(64, 7)
+def work():
+    found.append(panda.inverse_dynamics_derivatives(x, x, x)[0])
+    found.append(panda.regressor(x, x, x))
+work()
+threading.stack_size(65536)
+thread = threading.Thread(target=work)
+thread.start()
+thread.join()
+print(all((a == b).all() for a, b in zip(found[:2], found[2:], strict=True)))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="stacks grow there")
+def test_finding_55_kernels_run_in_a_thread_of_64_kb():
+    done = subprocess.run([sys.executable, "-c", SMALL_STACK], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux") or os.uname().machine != "x86_64", reason="ELF of x86-64")
+def test_finding_56_object_code_that_points_out_of_its_section_is_not_placed(tmp_path):
+    """An entry of the cache with a right checksum whose first relocation lies 64 bytes before its section."""
+    code = "import twistwrench as tw; print(tw.robots.cart_pole().gravity_forces([0.1, 0.2]).tobytes().hex())"
+
+    def bits() -> str:
+        place = {**os.environ, "TWISTWRENCH_CACHE_DIR": str(tmp_path / "cache")}
+        return subprocess.run(
+            [sys.executable, "-c", code], env=place, capture_output=True, text=True, check=True
+        ).stdout
+
+    right = bits()
+    entries = [(path, path.read_bytes()) for path in (tmp_path / "cache").iterdir()]
+    spoiled = 0
+    for path, raw in entries:
+        head = raw.find(b"\x7fELF")
+        if head < 0:
+            continue
+        made, object_code = bytearray(raw), raw[head:]
+        (table,), (count,) = struct.unpack_from("<Q", object_code, 40), struct.unpack_from("<H", object_code, 60)
+        for k in range(count):
+            kind, offset = (
+                struct.unpack_from(form, object_code, table + 64 * k + at)[0] for form, at in (("<I", 4), ("<Q", 24))
+            )
+            if kind == 4:  # relocations with addends
+                struct.pack_into("<Q", made, head + offset, 2**64 - 64)
+        state = hashlib.blake2b(digest_size=32)
+        for part in (path.name.encode(), bytes(made[head:])):
+            state.update(len(part).to_bytes(8, "little") + part)
+        made[head - 32 : head] = state.digest()
+        path.write_bytes(made)
+        spoiled += made != raw
+    assert spoiled
+    assert bits() == right

@@ -111,7 +111,7 @@ def test_the_second_process_compiles_nothing(place):
         "import twistwrench as tw; from twistwrench.kernels import jit, kept_kernels, ufunc; made = []\n"
         "def spy(*a): made.append(jit.compiled(*a)); return made[-1]\n"
         "ufunc.compiled = kept_kernels.compiled = spy\n"
-        "robot = tw.load(tw.robots.path_of('planar_2r').read_text())\n"  # as text: files are known again, and nothing is asked for
+        "robot = tw.load(tw.robots.path_of('cart_pole').read_text())\n"  # as text: files are known again, and nothing is asked for
         "robot.mass_matrix([0, 0.5]); robot.gravity_forces([0, 0.5])\n"
         "robot.mass_matrix(robot.neutral.astype('f'))\n"
         "print([c.cached for c in made])"

@@ -69,7 +69,7 @@ def by_llvm(monkeypatch):
     monkeypatch.setattr(avx2_module, "serves", lambda *_: False)
 
 
-def both_ways(monkeypatch, program: Program, section: int, on_stack: int = batch_loop.ON_STACK):
+def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_000):
     """The kernel in one function, and the kernel in sections of so many instructions, five to a module."""
     whole = make_ufunc(program, "whole", "")
     whole(*states(program, 1, np.float32))  # single precision is compiled at its first call
@@ -85,7 +85,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = batch
 
 
 @pytest.mark.parametrize(("name", "quantity"), KERNELS)
-@pytest.mark.parametrize(("section", "on_stack"), [(50, batch_loop.ON_STACK), (170, 0)], ids=["short", "in memory"])
+@pytest.mark.parametrize(("section", "on_stack"), [(50, 100_000), (170, 0)], ids=["short", "in memory"])
 def test_sections_change_no_bit(bundled, monkeypatch, by_llvm, name, quantity, section, on_stack):
     program = bundled(name).program(quantity)
     monkeypatch.setattr(emitter_choice, "LONG", len(program.instructions))

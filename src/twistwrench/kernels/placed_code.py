@@ -38,7 +38,10 @@ class Placed:
 
 
 def placed(objects: Sequence[bytes]) -> Placed:
-    """The functions of several object files together. Raises :class:`Unplaced`."""
+    """The functions of several object files together.
+
+    Raises :class:`Unplaced` for what LLVM's linker is to try, RuntimeError for what it must not see.
+    """
     try:
         image, known = linked([_read(raw) for raw in objects])
     except (IndexError, KeyError, OverflowError, ValueError):  # a file that is none, or is cut
@@ -92,9 +95,12 @@ def _fill(image: Array, file: ObjectFile, mine: dict[int, int], places: dict[byt
     for number, (contents, _) in file.sections.items():
         image[mine[number] : mine[number] + len(contents)] = np.frombuffer(contents, np.uint8)
     for number, at, symbols, addends in file.relocations:
-        to, at = addresses[symbols], mine[number] + at
+        to, last = addresses[symbols], len(file.sections[number].contents) - 4
+        if (at < 0).any() or (at > last).any():  # LLVM's linker would write there
+            raise RuntimeError("a relocation lies outside its section")
         if (to < 0).any():
             raise Unplaced
+        at = mine[number] + at
         distance = (to + addends - at).astype("<i4")
         image[at[:, None] + np.arange(4)] = distance.view(np.uint8).reshape(-1, 4)
 

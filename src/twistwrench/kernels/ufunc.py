@@ -8,7 +8,9 @@ the other. Everything the ufunc points to belongs to one owner object that the u
 from __future__ import annotations
 
 import ctypes
-from functools import cache, cached_property
+import threading
+import weakref
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +62,20 @@ class _UFuncObject(ctypes.Structure):
     )
 
 
+class _Returned:
+    """Result of a callback, freed once no code of Python runs in it any more: then it cannot swallow an exception."""
+
+
+@cache
+def _raise_in_thread() -> Any:
+    """CPython's function that raises an exception in a thread when it next runs Python code.
+
+    As the callback of a weak reference it is given the reference besides, which C ignores.
+    """
+    prototype = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_ulong, ctypes.py_object, ctypes.py_object)
+    return prototype(("PyThreadState_SetAsyncExc", ctypes.pythonapi))
+
+
 class _Owner:
     """All memory and code behind one ufunc."""
 
@@ -78,6 +94,7 @@ class _Owner:
         self.code: dict[str, Code] = {"d": known or compiled(self.form, DOUBLE, self.machine)}
         self.lone: dict[str, Code] = {}
         self.stand_in = _LOOP(self._single)
+        self.interrupt: Any = None
         # float32 first: NumPy takes the first loop the arguments can be cast to without loss.
         self.functions = (ctypes.c_void_p * 2)(
             ctypes.cast(self.stand_in, ctypes.c_void_p).value, self.code["d"].address
@@ -118,18 +135,23 @@ class _Owner:
         """Bytes of all results of a sample, in doubles."""
         return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
 
-    def _single(self, args: int, dims: int, steps: int, data: int) -> None:
+    def _single(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
         """Stand in for the float32 loop: compile it, put it in the table, run it.
 
-        An exception cannot leave a callback; Python prints it as ignored. So if compiling fails, or is interrupted, the
-        results are NaN, never what happened to be in memory; the next call tries again.
+        An exception cannot leave a callback; Python prints it as ignored. So if compiling fails, the results are NaN, never
+        what happened to be in memory, and the next call tries again. An interrupt is raised anew once NumPy has returned.
         """
         try:
             address = self.address(SINGLE)
-        except BaseException:
+        except BaseException as problem:
             self._spoil(args, dims, steps)
-            raise
+            if isinstance(problem, Exception):
+                raise
+            returned = _Returned()
+            self.interrupt = weakref.ref(returned, partial(_raise_in_thread(), threading.get_ident(), type(problem)))
+            return returned
         _LOOP(address)(args, dims, steps, data)
+        return None
 
     def _spoil(self, args: int, dims: int, steps: int) -> None:
         """Write NaN into every float32 result of a call of the loop."""

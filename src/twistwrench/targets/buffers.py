@@ -18,8 +18,8 @@ Step = tuple[str, list[str]]
 RANK = 3
 """Most axes an array of one sample may have."""
 
-ON_STACK = 100_000
-"""Bytes of buffers and frame that a call may have on the stack; threads have 256 kB of it and more."""
+ON_STACK = 16_000
+"""Bytes of buffers and frame that a call may have on the stack: threads may have no more than 64 kB of it."""
 
 LINE = 64
 """Bytes of a cache line: buffers start with one."""
