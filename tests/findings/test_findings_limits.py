@@ -145,3 +145,82 @@ def test_finding_25_nor_does_a_motion_that_stands_upright(run, tmp_path):
     table("up.csv", T, 0 * T, 0 * T)
     code, said = run("torques", "arm.urdf", "--trajectory", "up.csv", "--payload", 1)
     assert code == 0 and "may have up to" not in said, said
+
+
+# ── 20: joints held still although columns that vary are not used ──
+
+UR5 = tw.robots.ur5().joint_names
+
+
+def ur5_rows():
+    motion = tw.Motion.from_file(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), tw.robots.ur5())
+    return np.c_[motion.time, motion.q]
+
+
+def test_finding_20_lock_missing_is_not_offered_while_columns_that_vary_are_unused(run):
+    table("log.csv", ur5_rows(), head="time,pan,lift,elbow,w1,w2,w3")
+    code, said = run("torques", "ur5", "--trajectory", "log.csv", "--payload", 2)
+    assert code == 2 and "--lock-missing" not in said and "--columns" in said, said
+    assert "columns that vary and are not used: pan, lift, w1, w3" in said
+    code, said = run("torques", "ur5", "--trajectory", "log.csv", "--payload", 2, "--lock-missing")
+    said = said[said.index("LOOK AGAIN") :]
+    assert code == 1 and said.startswith("LOOK AGAIN: 1 of 6 joints checked: "), said
+    assert "pan, lift, w1, w3" in said and "may have up to" not in said
+
+
+@pytest.mark.parametrize("beside", [None, "elbow_temperature [K]"])
+def test_finding_20_an_ok_says_how_many_joints_were_checked(run, beside):
+    rows = ur5_rows()[:, :5]
+    more = [] if beside is None else [310 + rows[:, 0]]
+    table("log.csv", rows, *more, head=",".join(["time", *UR5[:4], *([beside] if beside else [])]))
+    assert "--lock-missing" in run("torques", "ur5", "--trajectory", "log.csv")[1]
+    code, said = run("torques", "ur5", "--trajectory", "log.csv", "--lock-missing")
+    said = said[said.index("OK: ") :]
+    assert (
+        code == 0 and "; 1 assumption: 4 of 6 joints checked, and wrist_2_joint, wrist_3_joint held still." in said
+    ), said
+
+
+def test_what_was_assumed_is_counted_in_the_first_line(run, tmp_path):
+    """The payload's frame, where the file has several tips apart from each other, and friction left out on request."""
+    second = '<link name="probe"/><joint name="pf" type="fixed"><origin xyz="1.3 0 0"/><parent link="l2"/><child link="probe"/></joint>'
+    text = arm((60, 30), extra=second).replace('effort="60"/>', 'effort="60"/><dynamics friction="0.5"/>')
+    (tmp_path / "arm.urdf").write_text(text)
+    command = ("torques", "arm.urdf", "--trajectory", "ok.csv", "--payload")
+    for load, flags, words in (
+        ("0.5", (), "; 1 assumption: the payload is at probe, one of 2 tips."),
+        ("0.5", ("--no-friction",), "; 2 assumptions, first: the payload is at probe, one of 2 tips."),
+        ("0.5@tool", ("--no-friction",), "; 1 assumption: joint friction is left out."),
+        ("0.5@tool", (), ""),
+        ("0.5", ("--tip", "tool"), ""),
+    ):
+        code, said = run(*command, load, *flags)
+        first = said[: said.index("By the joints'")]
+        assert code == 0 and ("assumption" in first) == bool(words) and words in first, said
+
+
+# ── 22: a limits file in degrees ──
+
+
+@pytest.mark.parametrize("command", ["torques", "payload", "move"])
+def test_finding_22_limits_in_degrees_are_found(run, tmp_path, command):
+    (tmp_path / "arm.urdf").write_text(arm())
+    rows = "joint,lower,upper,velocity,effort\nshoulder,-180,180,300,30\nelbow,-180,180,300,10\n"
+    (tmp_path / "limits.csv").write_text(rows)
+    code, said = run(*COMMANDS[command], "--limits", "limits.csv")
+    assert code == 2 and "look like degrees: 180 for 'shoulder'" in said and "--degrees" in said, said
+    (tmp_path / "limits.csv").write_text(rows.replace("180", "3.14").replace("300", "5"))
+    assert run(*COMMANDS[command], "--limits", "limits.csv")[0] == 0
+    (tmp_path / "limits.csv").write_text(rows.replace("180", "inf"))
+    assert run(*COMMANDS[command], "--limits", "limits.csv")[0] == 0
+
+
+def test_finding_22_many_turns_of_a_joint_are_no_degrees(run, tmp_path):
+    """The robot's own limits are as wide, or most joints have such as turn less than twice."""
+    wide = arm().replace('lower="-3.1" upper="3.1"', 'lower="-40" upper="40"')
+    (tmp_path / "wide.urdf").write_text(wide)
+    (tmp_path / "arm.urdf").write_text(arm())
+    (tmp_path / "limits.csv").write_text("joint,lower,upper\nshoulder,-40,40\nelbow,-40,40\n")
+    assert run("torques", "wide.urdf", "--trajectory", "ok.csv", "--limits", "limits.csv")[0] == 0
+    (tmp_path / "limits.csv").write_text("joint,lower,upper\nshoulder,-40,40\nelbow,-3,3\n")
+    assert run("torques", "arm.urdf", "--trajectory", "ok.csv", "--limits", "limits.csv")[0] == 0

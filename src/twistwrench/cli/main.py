@@ -117,7 +117,7 @@ def payload(options: RobotOptions, **given: Any) -> None:
         {"--limits": given["limits_path"], **options.files},
     )
     robot = options.load()
-    if not answer_payload(robot, console().print, degrees=options.degrees, **given):
+    if not answer_payload(robot, console().print, degrees=options.degrees, tip=options.tip, **given):
         sys.exit(_FOUND_A_PROBLEM)
 
 
@@ -185,7 +185,7 @@ def move(options: RobotOptions, **given: Any) -> None:
         {"--csv": given["csv_path"], "--plot": given["plot_path"]},
         {"--limits": given["limits_path"], "--waypoints": given["waypoints"], **options.files},
     )
-    if not answer_move(options.load(), console().print, degrees=options.degrees, **given):
+    if not answer_move(options.load(), console().print, degrees=options.degrees, tip=options.tip, **given):
         sys.exit(_FOUND_A_PROBLEM)
 
 

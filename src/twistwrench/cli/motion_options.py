@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from .robot_options import RobotOptions
 from .shared_options import COLUMNS, LOCK_MISSING, NO_FRICTION, PAYLOADS, RATE, WRENCHES, Decorator, option_group
 
 if TYPE_CHECKING:
+    from ..model.model import Model
     from ..motion.motion import Motion
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
@@ -56,10 +56,16 @@ def open_motion(
 
     told = parse_columns(columns)
     file = open_motion_file(path)
-    held = partial(joints_without_column, file, columns=told) if lock_missing else None
-    options: dict[str, Any] = {"stiff": not moves_motors(file)} | ({} if held is None else {"held": held})
+    missing: list[str] = []
+
+    def held(model: Model) -> list[str]:
+        missing[:] = joints_without_column(file, model, columns=told)
+        return missing
+
+    options: dict[str, Any] = {"stiff": not moves_motors(file)} | ({"held": held} if lock_missing else {})
     robot, locked = load(**options)
-    return robot, MotionLog.open(file, robot.model, degrees=degrees, locked=locked, columns=told, rate=rate)
+    still = [name for name in missing if name in locked]
+    return robot, MotionLog.open(file, robot.model, degrees=degrees, locked=locked, columns=told, rate=rate, held=still)
 
 
 def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None:

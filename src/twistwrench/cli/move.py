@@ -68,7 +68,9 @@ move_options = option_group(
 """The options of the command, all but the robot's own."""
 
 
-def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees: bool, **given: Any) -> bool:
+def answer_move(
+    robot: Robot, show: Callable[[RenderableType], None], *, degrees: bool, tip: str | None, **given: Any
+) -> bool:
     """Print the answer with ``show`` and write the files; whether the motion exists and stays within all limits for certain.
 
     Raises errors of the library.
@@ -79,10 +81,10 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
     from ..report.joint_values import degrees_hint, parse_configuration
     from ..report.limit_doubts import limit_doubts
     from ..report.loaded_robot import LoadedRobot, parse_payload
-    from ..report.model_doubts import model_doubts
+    from ..report.model_doubts import assumed_words, assumptions, model_doubts
     from .tables.trajectory import joint_uses, move_view
 
-    carried = [parse_payload(text) for text in given["payloads"]]
+    carried = [parse_payload(text, tip) for text in given["payloads"]]
     robot = LoadedRobot(robot, tuple(carried)).loaded
     bounds = bounds_of(robot, acceleration=given["acceleration"])
     if given["limits_path"] is not None:
@@ -125,6 +127,7 @@ def answer_move(robot: Robot, show: Callable[[RenderableType], None], *, degrees
             degrees=degrees,
             carried=words,
             cannot=cannot,
+            assumed=assumed_words(assumptions(robot.model, carried, friction=not given["no_friction"])),
         )
     )
     if given["csv_path"] is not None:

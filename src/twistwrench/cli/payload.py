@@ -41,6 +41,7 @@ def answer_payload(
     show: Callable[[RenderableType], None],
     *,
     degrees: bool,
+    tip: str | None,
     at: tuple[str, ...],
     configuration: str | None,
     frame: str | None,
@@ -60,8 +61,8 @@ def answer_payload(
     """
     from ..report.joint_values import degrees_hint, parse_configuration, parse_numbers
     from ..report.limit_doubts import limit_doubts, unlimited
-    from ..report.loaded_robot import LoadedRobot, parse_payload
-    from ..report.model_doubts import model_doubts
+    from ..report.loaded_robot import LoadedRobot, Payload, parse_payload
+    from ..report.model_doubts import assumed_words, assumptions, model_doubts
     from ..statics.joint_stops import joints_beyond_stops
     from ..statics.payload import largest_payload
     from ..statics.payload_map import payload_map, plane_and_samples
@@ -92,9 +93,10 @@ def answer_payload(
         allowed = read_limits(limits_path, robot.model, degrees=degrees)
     limits = allowed.effort
     beyond = joints_beyond_stops(robot, q, allowed)
-    load = LoadedRobot(robot, tuple(map(parse_payload, payloads)))
+    load = LoadedRobot(robot, tuple(parse_payload(text, tip) for text in payloads))
     robot = load.loaded
     found = largest_payload(robot, q, place, frame=frame, limits=limits)
+    assumed = assumed_words(assumptions(robot.model, (Payload(1.0, frame=frame or tip), *load.payloads)))
     name = str(robot.tip if frame is None else frame)
     where, carried = place_words(name, place), carried_words(robot, load.payloads)
     if beyond:
@@ -108,7 +110,8 @@ def answer_payload(
         show(doubts_view(doubts))
     if hint:
         show(f"! {hint}")
-    show(payload_view(robot, found, q, name, where, carried=carried, degrees=degrees, limits=limits, judged=judged))
+    words = {"carried": carried, "assumed": assumed}
+    show(payload_view(robot, found, q, name, where, **words, degrees=degrees, limits=limits, judged=judged))
     if not judged and (plane or plot_path):
         click.echo(
             "note: --map and --plot need a torque limit of every joint that is loaded; none is written.", err=True

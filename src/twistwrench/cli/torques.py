@@ -96,7 +96,8 @@ def answer_torques(
 
     robot, read = open_motion(options.load_and_locked, path, degrees=options.degrees, **reading)
     refuse_motor_side(options, robot, "torques")
-    load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches), friction=not no_friction)
+    carried = tuple(parse_payload(text, options.tip) for text in payloads)
+    load = LoadedRobot(robot, carried, parse_wrenches(wrenches), friction=not no_friction)
     limits = (
         robot.model.limits if limits_path is None else read_limits(limits_path, robot.model, degrees=options.degrees)
     )

@@ -72,7 +72,7 @@ def choose(
     taken |= {c.column for c in followers.values()}
     unread = [cell for k, cell in enumerate(cells) if cell and k not in taken and k not in of_locked]
     extra = [cell for cell in unread if not is_result(cell)]
-    check_complete(header, names, given, extra)
+    check_complete(header, names, given, extra, look)
     if unnamed := [str(k + 1) for k, cell in enumerate(cells) if not cell]:
         notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
     return Chosen(

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..core.printed_numbers import number
 from ..errors import TrajectoryError, TwistWrenchError, ValueRangeError
+from ..listing import listed
 from ..model.limits import Limits
 from ..model.model import Model
 from ..typing import Array
@@ -21,6 +22,7 @@ from .contradictions import Contradictions
 from .coordinates import Coordinates
 from .csv_file import CsvFile
 from .follower_columns import FollowerTally
+from .missing_columns import varying_columns
 from .motion_file import MotionFile, open_motion_file
 from .npz_file import NpzFile
 from .passing_runs import passing_runs
@@ -75,6 +77,10 @@ class MotionLog:
     """Names and units of the robot's coordinates."""
     first_row: int = 0
     """Number of the first row that is given, of a part of a file."""
+    held: tuple[str, ...] = ()
+    """Joints that are held still as the file has no column for them."""
+    unused: tuple[str, ...] = ()
+    """Columns that may be theirs: numbers that vary and are not used."""
     _last: _Pass = field(default_factory=_Pass)
 
     @classmethod
@@ -87,6 +93,7 @@ class MotionLog:
         locked: Sequence[str] = (),
         columns: Mapping[str, str] | None = None,
         rate: float | None = None,
+        held: Sequence[str] = (),
     ) -> MotionLog:
         r"""Read and check the header of a motion file, and see which column is which.
 
@@ -102,6 +109,7 @@ class MotionLog:
         columns : {name: column}, optional, which column is which, where its name does not say so
             ``{"elbow": "pos3", "elbow.vel": "w3"}``; ``.acc``, ``.tau`` and ``time`` likewise.
         rate : float, optional, rows a second of a file without a column of time [Hz]
+        held : sequence of str, those of ``locked`` that the file has no column for
 
         Returns
         -------
@@ -135,8 +143,10 @@ class MotionLog:
         coordinates = Coordinates.of(model)
         where = f"{file.path}: line {file.header_line}" if isinstance(file, CsvFile) else str(file.path)
         options: dict[str, Any] = {"degrees": degrees, "locked": locked, "columns": columns, "rate": rate}
-        options["look"] = lambda column: next((b.table[:, 0] for b in file.blocks([column])), np.zeros(0))
-        return cls(file, Columns.of(file.header, coordinates, where, **options), coordinates)
+        options["look"] = look = lambda column: next((b.table[:, 0] for b in file.blocks([column])), np.zeros(0))
+        found = Columns.of(file.header, coordinates, where, **options)
+        unused = varying_columns(file.header, found.extra, look) if held else ()
+        return cls(file, found, coordinates, held=tuple(held), unused=tuple(unused))
 
     @property
     def path(self) -> Path:
@@ -398,7 +408,14 @@ class MotionLog:
         found, followers = self._last.contradictions, self._last.followers
         if found is None or followers is None:
             return ()
-        return (*found.sentences(limits, glitches=glitches), *followers.sentences())
+        misread = []
+        if self.unused:
+            checked, held = len(self.coordinates.velocity_names), len(self.held)
+            misread.append(
+                f"{checked} of {checked + held} joints checked: {listed(self.held, 6)} held still for want of a column, while "
+                f"columns that vary are not used, {listed(self.unused, 6)}. Say which they are with --columns"
+            )
+        return (*misread, *found.sentences(limits, glitches=glitches), *followers.sentences())
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """Hints: a sentence for each thing that is odd, and may yet be meant.

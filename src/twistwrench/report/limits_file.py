@@ -18,6 +18,7 @@ from ..model.model import Model
 from ..motion.coordinates import Coordinates
 from ..motion.csv_dialect import Dialect
 from ..motion.csv_file import CsvFile, table_errors
+from ..typing import Array
 from .robot_summary import COLUMNS
 
 _KINDS = ("lower", "upper", "velocity", "effort")
@@ -25,6 +26,8 @@ _BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for 
     "nan": math.nan
 }
 """Words for numbers."""
+_TURNS, _ENDLESS, _FAR = 4 * math.pi, 1e4, 3.0
+"""Two turns [rad], from which positions may be degrees; numbers that stand for no limit; times the robot's own limit."""
 
 
 def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Limits:
@@ -41,6 +44,7 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
     angles = np.where(joints.angular_velocity & degrees, math.radians(1.0), 1.0)
     found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
     seen: set[str] = set()
+    sizes = np.zeros(model.nv)
     for line, cells in rows:
         if "leader" in header and cells[header.index("leader")]:
             continue
@@ -50,12 +54,33 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
         seen.add(joint)
         for kind, value in values.items():
             found[kind][k] = value * (1.0 if kind == "effort" else angles[k])
+        sizes[k] = max(
+            (abs(x) for kind, x in values.items() if kind in ("lower", "upper") and math.isfinite(x)), default=0
+        )
         if found["lower"][k] > found["upper"][k]:
             raise ValueRangeError(
                 f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
                 f"{printed(found['upper'][k])}. Swap them."
             )
+    if not degrees:
+        _check_radians(path, sizes * joints.angular_velocity, model)
     return Limits(**found)
+
+
+def _check_radians(path: Path, sizes: Array, model: Model) -> None:
+    """Refuse positions of turning joints that are degrees: more than half are beyond two turns and the robot's own.
+
+    ``sizes`` (nv,) are the largest magnitudes in the file, zero where none is given.
+    """
+    own = np.maximum(np.abs(model.limits.lower), np.abs(model.limits.upper))
+    far = (sizes > _TURNS) & (sizes < _ENDLESS) & (sizes > _FAR * np.where(np.isfinite(own), own, 0.0))
+    if not 2 * int(far.sum()) > int((sizes > 0).sum()):
+        return
+    k = int(np.argmax(far))
+    raise ValueRangeError(
+        f"{path}: the limits of position look like degrees: {printed(sizes[k])} for {model.velocity_names[k]!r} is "
+        f"{printed(sizes[k] / math.tau, 3)} turns in radians. Add --degrees, or write radians; inf stands for no limit."
+    )
 
 
 def _joint_of(header: list[str], cells: list[str], where: str, dialect: Dialect) -> tuple[str, dict[str, float]]:

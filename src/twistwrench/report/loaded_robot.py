@@ -172,8 +172,11 @@ def reach(model: Model) -> float:
     return max(ends, default=0.0)
 
 
-def parse_payload(text: str) -> Payload:
-    """Read ``MASS[,x,y,z][@FRAME]``; raises :class:`~twistwrench.ValueRangeError`, which shows the form."""
+def parse_payload(text: str, tip: str | None = None) -> Payload:
+    """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` asked for if it names no frame.
+
+    Raises :class:`~twistwrench.ValueRangeError`, which shows the form.
+    """
     numbers, _, frame = text.partition("@")
     form = "MASS[,x,y,z][@FRAME], for example 5 or 2.5,0,0,0.08@tool0"
     values = _numbers(numbers, f"payload {text!r}", form)
@@ -184,7 +187,7 @@ def parse_payload(text: str) -> Payload:
     if "@" in text and not frame.strip():
         raise ValueRangeError(f"payload {text!r} names no frame after '@'. Write {form}.")
     x, y, z = values[1:] or (0.0, 0.0, 0.0)
-    return Payload(values[0], (x, y, z), frame.strip() or None)
+    return Payload(values[0], (x, y, z), frame.strip() or tip)
 
 
 def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:

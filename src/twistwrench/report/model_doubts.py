@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ..listing import listed
 from ..model.massless import massless_links
 from ..model.model import Model
 from .base_force import PeakTorque, force_in_words, missing_force
+from .loaded_robot import Payload
+
+_APART = 1e-3
+"""m between two tips, from which it matters which of them carries the payload."""
 
 
 def model_doubts(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
@@ -20,3 +26,32 @@ def model_doubts(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
         words = force_in_words(model, force)
         said.append(f"{words[0].lower()}{words[1:]}, so contacts are missing from the torques")
     return said
+
+
+def assumptions(
+    model: Model, payloads: Sequence[Payload], *, held: Sequence[str] = (), friction: bool = True
+) -> list[str]:
+    """A clause for each thing that a verdict takes for granted, the most momentous first.
+
+    ``held`` joints are left out as a log has no column for them; ``friction`` is False where it is left out on request.
+    """
+    said = []
+    if held:
+        joints = len(model.leaders) + len(held)
+        said.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(held, 4)} held still")
+    if any(p.mass and p.frame is None for p in payloads) and model.tip is not None:
+        tip = model.frame(model.tip)
+        ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]
+        apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
+        if apart:
+            said.append(f"the payload is at {model.tip}, one of {len(ends)} tips")
+    if not friction and model.friction.any:
+        said.append("joint friction is left out")
+    return said
+
+
+def assumed_words(said: Sequence[str]) -> str:
+    """How many there are, and the first of :func:`assumptions`; empty without any."""
+    if not said:
+        return ""
+    return f"; 1 assumption: {said[0]}" if len(said) == 1 else f"; {len(said)} assumptions, first: {said[0]}"

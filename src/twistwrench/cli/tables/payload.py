@@ -46,10 +46,12 @@ def payload_view(
     degrees: bool = False,
     limits: ArrayLike | None = None,
     judged: bool = True,
+    assumed: str = "",
 ) -> RenderableType:
     """Heading, a row per joint, the forces the robot can apply there, and the verdict; for one pose.
 
     ``where`` the payload is, and what is ``carried`` already, in words. Without limits to judge by, holding torques alone.
+    ``assumed`` is what the figure takes for granted.
     """
     turning = Coordinates.of(robot.model).angular_velocity
     table = PlainTable(f"Holding torques [{heading_unit('tau', turning)}]")
@@ -78,7 +80,7 @@ def payload_view(
     heading = Text.assemble((robot.name, "bold"), f"  ·  payload at {where}{besides}")
     if not judged:
         return Group(Text(), heading, table)
-    return Group(_verdict(found, carried), Text(), heading, table, *_forces(robot, q, frame, limits))
+    return Group(_verdict(found, carried, assumed), Text(), heading, table, *_forces(robot, q, frame, limits))
 
 
 def place_words(frame: str, com: Array) -> str:
@@ -134,7 +136,7 @@ def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> lis
     return [*lines, Text(f"Weakest along ({d}): {_force(weakest.magnitude)} N{limited}."), Text()]
 
 
-def _verdict(found: LargestPayload, carried: str) -> Text:
+def _verdict(found: LargestPayload, carried: str, assumed: str) -> Text:
     itself = "the robot and what it carries" if carried else "the robot itself"
     if not found.holds:
         why = (
@@ -143,14 +145,15 @@ def _verdict(found: LargestPayload, carried: str) -> Text:
         return Text.assemble(("NONE", "bold red"), f": {why}.")
     if found.joint < 0:
         return Text.assemble(
-            verdict_word(Word.OK), ": the payload is not limited at this pose: no joint's torque depends on it."
+            verdict_word(Word.OK),
+            f": the payload is not limited at this pose: no joint's torque depends on it{assumed}.",
         )
     k = int(found.joint)
     side = "upper" if found.side > 0 else "lower"
     return Text.assemble(
         (f"{number(found.mass)} kg", "bold green"),
         f": the largest payload held at rest, limited by {found.joint_names[k]} at its {side} limit "
-        f"({torque(found.torques[k])}, of which {torque(found.unloaded[k])} hold {itself}).",
+        f"({torque(found.torques[k])}, of which {torque(found.unloaded[k])} hold {itself}){assumed}.",
     )
 
 

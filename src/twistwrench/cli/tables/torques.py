@@ -15,6 +15,7 @@ from ...joints.units import unit_of
 from ...report.base_force import force_remark
 from ...report.estimates import INTERVAL
 from ...report.loaded_robot import TERMS, cause_label
+from ...report.model_doubts import assumed_words, assumptions
 from ...report.payload_room import PayloadRoom
 from ...report.torque_findings import NEGLIGIBLE, Excess, JointTorque, TorqueReport
 from ...report.torque_verdict import because
@@ -180,7 +181,12 @@ def verdict_view(report: TorqueReport) -> Text:
     """The verdict with its reasons, the first beside it and each other on a line of its own."""
     verdict = report.verdict
     reasons = verdict.reasons or (_nearest(report),)
-    text = Text.assemble(verdict_word(verdict.word), f": {reasons[0]}.")
+    said = ""
+    if verdict.ok:
+        held = report.differentiation.trajectory.held
+        load = report.load
+        said = assumed_words(assumptions(load.bare.model, load.payloads, held=held, friction=load.friction))
+    text = Text.assemble(verdict_word(verdict.word), f": {reasons[0]}{said}.")
     for reason in reasons[1:]:
         text.append(f"\n  - {reason}.")
     if (room := _room(report)) is not None:

@@ -78,10 +78,12 @@ def move_view(
     degrees: bool,
     carried: str = "",
     cannot: str = "",
+    assumed: str = "",
 ) -> RenderableType:
     """The verdict, heading, a row per joint, and what limits the fastest motion when.
 
-    ``uses`` are those of :func:`joint_uses`, ``doubts`` what makes torques unsure, and ``cannot`` says why the motion ends
+    ``uses`` are those of :func:`joint_uses`, ``doubts`` what makes torques unsure, ``assumed`` what an OK takes for granted,
+    and ``cannot`` says why the motion ends
     before its path does.
     """
     robot = trajectory.robot
@@ -116,7 +118,7 @@ def move_view(
     parts: list[RenderableType] = [first, table]
     if isinstance(trajectory, Fastest):
         parts.extend(_timeline(trajectory))
-    return Group(*_verdict(trajectory, bounds, violations, doubts, cannot), Text(), *parts)
+    return Group(*_verdict(trajectory, bounds, violations, doubts, cannot, assumed), Text(), *parts)
 
 
 def _timeline(trajectory: Fastest) -> list[RenderableType]:
@@ -134,7 +136,12 @@ def _timeline(trajectory: Fastest) -> list[RenderableType]:
 
 
 def _verdict(
-    trajectory: Trajectory, bounds: Bounds, violations: tuple[Violation, ...], doubts: list[str], cannot: str
+    trajectory: Trajectory,
+    bounds: Bounds,
+    violations: tuple[Violation, ...],
+    doubts: list[str],
+    cannot: str,
+    assumed: str,
 ) -> list[Text]:
     first = [Text.assemble(("CANNOT", "bold red"), f": {cannot}")] if cannot else []
     if violations:
@@ -146,7 +153,7 @@ def _verdict(
     if isinstance(trajectory, Fastest):
         within += ", and at one of them at all times: it cannot be done faster on this path"
     word = Word.UNSURE if doubts else Word.OK
-    within = "; ".join([*doubts, f"otherwise {within}"] if doubts else [within])
+    within = "; ".join([*doubts, f"otherwise {within}"] if doubts else [within + assumed])
     said = Text(f"{within[0].upper()}{within[1:]}.") if cannot else Text.assemble(verdict_word(word), f": {within}.")
     return [*first, said, *remarks(unknown)]
 
