@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import os
+import pickle
 import signal
 import struct
 import subprocess
@@ -245,3 +247,32 @@ def test_finding_56_object_code_that_points_out_of_its_section_is_not_placed(tmp
         spoiled += made != raw
     assert spoiled
     assert bits() == right
+
+
+# ── kernels as objects, and arrays of many axes ──
+
+
+def test_finding_43_kernels_pickle():
+    robot = tw.robots.cart_pole()
+    q, dq = np.array([[0.1, 0.2], [0.3, -0.4]]), np.array([0.5, 0.6])
+    for kernel, given in (
+        (robot.kernel("mass_matrix"), (q,)),
+        (robot.kernel("mass_matrix", "bias_forces"), (q, dq)),
+        (tw.differentiate(lambda q: robot.gravity_forces(q), {"q": robot}), (q,)),
+    ):
+        found = pickle.loads(pickle.dumps(kernel))
+        assert (found.signature, found.__name__, found.__doc__) == (kernel.signature, kernel.__name__, kernel.__doc__)
+        results = (made if isinstance(made, tuple) else (made,) for made in (found(*given), kernel(*given)))
+        for a, b in zip(*results, strict=True):
+            np.testing.assert_array_equal(a, b)
+        assert copy.deepcopy([kernel])[0] is copy.copy(kernel) is kernel
+    assert pickle.loads(pickle.dumps(np.add)) is np.add
+
+
+@pytest.mark.parametrize("name", ["mass_matrix", "jacobian", "forward_kinematics"])
+def test_finding_44_more_axes_than_numpy_has_are_an_error_of_ours(name):
+    robot = tw.robots.ur5()
+    most = robot.mass_matrix(np.zeros((1,) * 62 + (6,)))
+    assert most.shape == (1,) * 62 + (6, 6)
+    with pytest.raises(tw.ShapeError, match="q has 63 batch axes"):
+        getattr(robot, name)(np.zeros((1,) * 63 + (6,)))

@@ -7,6 +7,7 @@ the other. Everything the ufunc points to belongs to one owner object that the u
 
 from __future__ import annotations
 
+import copyreg
 import ctypes
 import threading
 import weakref
@@ -85,6 +86,7 @@ class _Owner:
             raise KernelError(
                 f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
             )
+        self.is_lone = lone
         self.machine = chosen().narrowed(DOUBLE.bits) if lone else chosen()
         known = found(program.code, self.machine) if isinstance(program, KernelOutline) else None
         self.given = program.form() if isinstance(program, KernelOutline) and known is None else program
@@ -190,7 +192,7 @@ class _Owner:
         return code_of(self.kept, precision, machine, lambda: self.form)
 
 
-def make_ufunc(program: Form | KernelOutline, name: str, doc: str, *, lone: bool = False) -> np.ufunc:
+def make_ufunc(program: Form | KernelOutline, name: str, doc: str, lone: bool = False) -> np.ufunc:
     """Compile ``program`` and wrap it; the signature has the program's own sizes, so NumPy refuses wrong ones.
 
     That of a recurrence has two of the caller's, and NumPy cannot know how many rows to keep: it wants ``out=``. What is
@@ -223,6 +225,33 @@ def owner_of(kernel: Any) -> _Owner | None:
     except ValueError:  # a null pointer
         return None
     return owner if isinstance(owner, _Owner) else None
+
+
+class _Recipe:
+    """A kernel to be pickled as the program that it is made of, and copied as itself."""
+
+    def __init__(self, kernel: Any) -> None:
+        self.kernel = kernel
+
+    def __deepcopy__(self, memo: Any) -> _Recipe:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        owner = owner_of(self.kernel)
+        assert owner is not None
+        return make_ufunc, (owner.form, self.kernel.__name__, owner.description, owner.is_lone)
+
+
+def _kernel_of(given: Any) -> Any:
+    return given.kernel if isinstance(given, _Recipe) else given
+
+
+def _reduced(ufunc: np.ufunc) -> Any:
+    return (_kernel_of, (_Recipe(ufunc),)) if owner_of(ufunc) else _reduced_by_numpy(ufunc)
+
+
+_reduced_by_numpy: Any = copyreg.dispatch_table[np.ufunc]
+copyreg.pickle(np.ufunc, _reduced)
 
 
 @cache

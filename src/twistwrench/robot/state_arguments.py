@@ -109,6 +109,12 @@ def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str,
     except ValueError:
         listed = ", ".join(f"{label} {shape}" for label, shape in batches)
         return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
+    except RuntimeError:  # more axes than NumPy compares
+        label, shape = max(batches, key=lambda batch: len(batch[1]))
+        return ShapeError(
+            f"{name}: {label} has {len(shape)} batch axes. NumPy's arrays have at most 64 axes, those of one result included. "
+            "Reshape the batch to one axis."
+        )
     return None
 
 
