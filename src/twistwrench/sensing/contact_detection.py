@@ -16,6 +16,8 @@ from ..screws.component_names import WRENCH
 from ..typing import Array
 from .noise import checked_noise, six_noises
 
+_ROUNDING = 1e-12  # of the variances: the least eigenvalue that a covariance scaled by them counts with
+
 
 def stray_couple(F: ArrayLike) -> Array:
     """The moment about the line of action (...,) [N m] of wrenches F (..., 6).
@@ -312,7 +314,7 @@ class CollisionThreshold:
         """
         given = arguments.real(compensated, "compensated readings", 6)
         r = (given - self.middle)[..., self.axes]
-        u = np.linalg.solve(np.linalg.cholesky(self._S), r[..., None])[..., 0]
+        u = np.linalg.solve(np.linalg.cholesky(_definite(self._S)), r[..., None])[..., 0]
         if self.freedom is not None:
             u = _normal_scores(u, self.freedom[self.axes])
         return np.asarray((u * u).sum(-1))
@@ -335,8 +337,24 @@ class CollisionThreshold:
             known = self.freedom[self.axes]
             times = np.where(np.isinf(known), times, -special.stdtrit(np.minimum(known, 1e9), special.ndtr(-times)))
         least = np.full(6, math.inf)
-        least[self.axes] = times / np.sqrt(np.diag(np.linalg.inv(S)))
+        least[self.axes] = times / np.sqrt(np.diag(np.linalg.inv(_definite(S))))
         return least
+
+
+def _definite(S: Array) -> Array:
+    """S (..., k, k) as it is if it has Cholesky factors, else with rounding of its variances added, so that it has them.
+
+    A semidefinite S comes from an estimate that is exact in a combination of axes, or nearly so beside the others.
+    """
+    try:
+        np.linalg.cholesky(S)
+    except np.linalg.LinAlgError:
+        variance = np.abs(np.diagonal(S, axis1=-2, axis2=-1))  # rounding beside large ones may be negative
+        size = np.sqrt(np.maximum(variance, 1e-30 * variance.max() + np.finfo(float).tiny))
+        scale = size[..., None] * size[..., None, :]
+        missing = np.maximum(_ROUNDING - np.linalg.eigvalsh(S / scale)[..., :1], 0.0)
+        return np.asarray(S + missing[..., None] * scale * np.eye(S.shape[-1]))
+    return S
 
 
 def _normal_scores(u: Array, freedom: Array) -> Array:

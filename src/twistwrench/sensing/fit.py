@@ -83,6 +83,8 @@ class Fit:
     """The mounting, the tilt of gravity and the delay."""
     design: Array
     """(n, 6, p)."""
+    leverage: Array
+    """(n, 6) share of each row's own reading in what the fit makes of it; zero where the row is left out."""
 
     def __repr__(self) -> str:
         return f"<Fit: {', '.join(self.unknowns.names)} from {len(self.residuals)} witnesses>"
@@ -175,8 +177,10 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
         joint = joint * min(max(1.0, ratio), float((size**2).sum() / size.sum()))
         sigma, freedom = _of_one(problem, v, keep, freedom)
     known, com_known = known[: len(x)], known[len(x) :]
-    deviation = np.sqrt(v)
-    return Fit(asked, x, C, known, com_known, joint, joint_freedom, sigma, freedom, deviation, residuals, state, A)
+    deviation, leverage = np.sqrt(v), (Q * Q).sum(axis=2)
+    return Fit(
+        asked, x, C, known, com_known, joint, joint_freedom, sigma, freedom, deviation, residuals, state, A, leverage
+    )
 
 
 def _of_one(problem: Problem, v: Array, keep: Array, freedom: Array) -> tuple[Array, Array]:

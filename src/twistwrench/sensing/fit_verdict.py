@@ -10,6 +10,7 @@ import numpy as np
 from ..bodies.inertia import SpatialInertia
 from ..core.printed_numbers import number, percent, plus_minus, seconds
 from ..errors import ValueRangeError
+from ..screws.component_names import WRENCH
 from ..typing import Array
 from ..verdict import Verdict
 from .fit import Problem, few
@@ -43,6 +44,7 @@ from .whiteness import Whiteness
 
 _MISFIT = 1.5  # residuals this many times the noise given are not that noise
 _UNEXPLAINED = 0.05  # of the change of forces, from which what is left may be more than noise
+_ORIENTATIONS, _FREEDOM = 10, 6  # that determine the noise, of each channel; with fewer, intervals are too narrow
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,8 @@ class Use:
     """(N,) readings that the others contradict."""
     between: Array
     """(N,) readings between dwells."""
+    orientation: Array
+    """(n,) label of the orientation of each row that the fit was asked to explain."""
     whiteness: Whiteness | None
     """Of what is left; None of rows too few."""
 
@@ -113,11 +117,18 @@ def judged(found: Diagnosis, confidence: float, problem: Problem, log: ReadingLo
 def _witness_doubts(found: Diagnosis, problem: Problem, use: Use) -> list[str]:
     """Why the intervals may be too narrow."""
     doubts = []
-    count = len(np.unique(problem.label[found.kept]))
-    if problem.noise is None and few(problem.label[found.kept]):
+    label = use.orientation[found.kept]
+    count = len(np.unique(label))
+    # Readings of an orientation that is visited again share its error.
+    left = (1.0 - found.fit.leverage[found.kept]).sum(axis=0) - (len(label) - count)
+    wanted = max(_ORIENTATIONS - count, math.ceil(_FREEDOM - left.min() - 1e-9))
+    if problem.noise is None and wanted > 0:
+        alike = ", and it is taken to be alike in the three forces and in the three moments" if few(label) else ""
         doubts.append(
-            f"{count} orientations are too few to tell the noise of each channel: it is taken to be alike in the three forces "
-            "and in the three moments. Take six or more."
+            f"{count} orientations are too few to determine the noise: {WRENCH[int(left.argmin())]} is left with "
+            f"{number(max(left.min(), 0.0), 2)} degrees of freedom{alike}. The intervals may be too narrow. "
+            f"Add {wanted} or more orientations ({_ORIENTATIONS} at least, and {_FREEDOM} degrees of freedom of each channel), "
+            "or give the noise."
         )
     white = use.whiteness
     if white is not None and not white.white:
@@ -228,7 +239,7 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
             doubts.append(f"Poses, sign or mounting do not explain the readings: {left}. {_ways(better, found, log)}")
         elif seems_moving(log):
             doubts.append(f"Poses do not explain the readings: {left}. {MAY_MOVE}")
-        elif (own := unexplained_turns(rows, found.fit, found.kept)) is not None:
+        elif (own := unexplained_turns(rows, found.fit, found.kept)) is not None and not _drifts(found, problem):
             doubts.append(f"Look at the poses: {_poses(found, own)}")
     if log.V is not None and not found.fit.unknowns.inertia:
         whole = explain(found.sign, problem.asked(inertia=True))
@@ -245,6 +256,16 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
                 "sure of the sign, or add readings tilted about another axis."
             )
     return None, doubts
+
+
+def _drifts(found: Diagnosis, problem: Problem) -> bool:
+    """True if a bias that drifts with time, or in the order of the log, explains what the poses would be blamed for."""
+    if found.fit.unknowns.drift:
+        return False
+    steady = explain(found.sign, problem.asked(drift=True))
+    if steady is None or not steady.improves(found.fit):
+        return False
+    return any(offer.kind == "drift" for offer in offers(problem, found.fit, found.kept))
 
 
 def _noise(found: Diagnosis) -> str:

@@ -21,6 +21,7 @@ from .observability import advice, blind_spots
 from .outliers import least_rows, touched_in_dwells, trimmed
 from .sensor import Sign, sign_factor
 from .sign_and_mounting import Diagnosis, guessed
+from .suggested_unknowns import unless_drift
 from .unknowns import Unknowns
 from .whiteness import whiteness
 
@@ -109,10 +110,11 @@ def identify(
     problem = guessed(problem)
     kept = np.ones(len(witness.log), bool)
     if outliers == "trim" and len(witness.log) > least_rows(problem):
-        found, kept = trimmed(problem)
+        found, kept = unless_drift(problem, *trimmed(problem))
     else:
         found = fit(problem, keep=kept)
-    white = whiteness(found, kept, problem.label)
+    orientation = problem.label
+    white = whiteness(found, kept, orientation)
     again = len(np.unique(problem.label)) < len(kept)
     if white is not None and white.length > 1 and not again:  # neighbours that hang together are one witness
         problem = replace(problem, label=np.arange(len(kept)) // white.length, state=found.state)
@@ -120,7 +122,7 @@ def identify(
     left_out, between = ~used, np.zeros(len(log), bool)
     between[used] = witness.row < 0
     left_out[used] = ~witness.spread(kept) & ~between[used]
-    return judged(Diagnosis(sign, found, kept), confidence, problem, log, Use(left_out, between, white))
+    return judged(Diagnosis(sign, found, kept), confidence, problem, log, Use(left_out, between, orientation, white))
 
 
 def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:

@@ -83,7 +83,7 @@ def trimmed(problem: Problem) -> tuple[Fit, Array]:
         if problem.noise is None and found.freedom.min() < 1:
             return fit(start, keep=everything), everything
         A, v = found.design[suspects], found.deviation[suspects] ** 2
-        S = A @ found.covariance @ np.swapaxes(A, -1, -2) + v[..., None] * np.eye(6)
+        S = A @ found.joint @ np.swapaxes(A, -1, -2) + v[..., None] * np.eye(6)
         test = CollisionThreshold.predictive(S, found.freedom, _FALSE_ALARM / n)
         alarm = np.where(problem.count[suspects] < _DWELL, _FALSE_ALARM / n, _DWELL_ALARM)
         outside = test.distance(found.residuals[suspects]) > special.chdtri(6, alarm)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..core.printed_numbers import number, percent
 from ..typing import Array
-from .fit import Fit, Problem
+from .fit import Fit, Problem, fit
 from .log_mistakes import listed_bias
+from .observability import blind_spots
+from .outliers import least_rows, trimmed
 from .unknowns import SensorState
 
 _SURE = 1e-4  # chance that an unknown which is none is offered
@@ -39,6 +41,21 @@ class Offer:
             f"{what}: readings are linear in the load's wrench, but not equal to it. Check the sensor's calibration matrix and "
             "its scale."
         )
+
+
+def unless_drift(problem: Problem, found: Fit, kept: Array) -> tuple[Fit, Array]:
+    """The fit and its kept rows (n,), or those with rows that only contradict the others because the bias drifts."""
+    drifts = problem.asked(drift=True)
+    if kept.all() or problem.unknowns.drift or len(kept) <= least_rows(drifts):
+        return found, kept
+    if blind_spots(drifts.log, drifts.unknowns, drifts.factor):
+        return found, kept
+    _, more = trimmed(drifts)
+    if more.sum() <= kept.sum():
+        return found, kept
+    again = fit(replace(problem, state=found.state), keep=more)
+    drift = any(offer.kind == "drift" for offer in offers(problem, again, more))
+    return (again, more) if drift else (found, kept)
 
 
 def offers(problem: Problem, fit: Fit, kept: Array) -> list[Offer]:

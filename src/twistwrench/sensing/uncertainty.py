@@ -82,7 +82,7 @@ def uncertainty_of(fit: Fit) -> Uncertainty:
     kinds = [kind for kind in fit.unknowns.kinds if kind in _KINDS]
     places = np.concatenate([np.arange(*fit.unknowns.part(kind).indices(len(fit.estimate))) for kind in kinds])
     names = tuple(fit.unknowns.names[k] for k in places)
-    C = fit.covariance[np.ix_(places, places)]
+    C = fit.joint[np.ix_(places, places)]
     return Uncertainty(names, C, fit.known[places], fit.sigma, fit.freedom)
 
 
