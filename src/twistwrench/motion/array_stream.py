@@ -1,7 +1,9 @@
-"""Large binary files of columns, read in blocks: npy, parquet and HDF5; memory stays bounded however long they are."""
+"""Large binary files of columns, read in blocks: npy, npz, parquet and HDF5; memory stays bounded however long they are."""
 
 from __future__ import annotations
 
+import contextlib
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,10 +15,11 @@ import numpy as np
 from ..core.foreign_errors import foreign_errors
 from ..errors import MissingExtraError, TrajectoryError
 from ..typing import Array
+from .npz_file import array_header, is_archive, is_simulation
 from .row_block import Block
 
 LARGE = 1 << 25
-"""Bytes, beyond which a file is not read whole."""
+"""Bytes of all columns once unpacked, beyond which a file is not read whole."""
 _ROWS = 1 << 14
 _NUMBERS = "iufb"
 
@@ -33,7 +36,7 @@ class ArrayStream:
     path : Path
     header : tuple of str
     rows : int, of the file
-    size : int, of the file [bytes]
+    size : int, of the file, or of its columns unpacked where that is more [bytes]
     read : callable, portions of some columns between two rows
     begin, end : int, the rows that are given
     """
@@ -45,19 +48,23 @@ class ArrayStream:
     read: Read
     begin: int = 0
     end: int = -1
+    notes: tuple[str, ...] = ()
+    """A sentence for each thing in the file that is not read."""
 
     @classmethod
     def open(cls, path: Path) -> ArrayStream | None:
         """Look at the file; None where it is small, or not made of columns that can be read in portions."""
-        reader = _READERS.get(path.suffix.lower())
-        if reader is None or not path.is_file() or path.stat().st_size < LARGE:
+        suffix = path.suffix.lower() or (".npz" if is_archive(path) else "")
+        reader = _READERS.get(suffix)
+        if reader is None or not path.is_file():
             return None
-        with foreign_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {path.suffix[1:]}: {reason}.")):
+        with foreign_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
             found = reader(path)
         if found is None:
             return None
-        header, rows, read = found
-        return cls(path, tuple(header), rows, path.stat().st_size, read, 0, rows)
+        header, rows, read = found[:3]
+        size = max(path.stat().st_size, 8 * rows * len(header))
+        return None if size < LARGE else cls(path, tuple(header), rows, size, read, 0, rows, *found[3:])
 
     def part(self, begin: int, end: int) -> ArrayStream:
         """The same file from one row to another, as far as it has them."""
@@ -96,9 +103,7 @@ class ArrayStream:
 def _npy(path: Path) -> tuple[list[str], int, Read] | None:
     """Rows in C order of one type, or records of numbers."""
     with path.open("rb") as file:
-        version = np.lib.format.read_magic(file)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, columns_first, dtype = read_header(file)
+        shape, columns_first, dtype = array_header(file)
         offset = file.tell()
     names = dtype.names
     kinds = [dtype[name].kind if not dtype[name].shape else "-" for name in names] if names else [dtype.kind]
@@ -126,7 +131,52 @@ def _npy(path: Path) -> tuple[list[str], int, Read] | None:
     return header, shape[0], read
 
 
-def _parquet(path: Path) -> tuple[list[str], int, Read] | None:
+def _npz(path: Path) -> tuple[list[str], int, Read] | None:
+    """Arrays of numbers, those of several columns in C order."""
+    found: list[tuple[str, tuple[int, ...]]] = []
+    heads: dict[str, tuple[str, int, np.dtype[Any], int]] = {}
+    if is_simulation(path):
+        return None
+    with zipfile.ZipFile(path) as archive:
+        for item in archive.infolist():
+            name = item.filename.removesuffix(".npy")
+            if name == item.filename or name in heads:
+                return None
+            with archive.open(item) as file:
+                shape, columns_first, dtype = array_header(file)
+                offset = file.tell()
+            if dtype.names or dtype.kind in "bmM" or (columns_first and len(shape) > 1):
+                return None
+            if dtype.kind in _NUMBERS and len(shape) in (1, 2) and 0 not in shape:
+                found.append((name, shape))
+                heads[name] = item.filename, offset, dtype, 1 if len(shape) == 1 else shape[1]
+    told = _places(found)
+    if told is None:
+        return None
+    rows, places = told
+
+    def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
+        wanted = [places[k][:2] for k in used]
+        with zipfile.ZipFile(path) as archive, contextlib.ExitStack() as open_files:
+            files = {}
+            for name in dict.fromkeys(name for name, _ in wanted):
+                member, offset, dtype, width = heads[name]
+                files[name] = open_files.enter_context(archive.open(member))
+                files[name].seek(offset + begin * width * dtype.itemsize)
+            for first in range(begin, end, _ROWS):
+                count, parts = min(_ROWS, end - first), {}
+                for name, file in files.items():
+                    _, _, dtype, width = heads[name]
+                    data = file.read(count * width * dtype.itemsize)
+                    if len(data) < count * width * dtype.itemsize:
+                        raise TrajectoryError("there are fewer rows than its header says")
+                    parts[name] = np.frombuffer(data, dtype).reshape(count, width)
+                yield np.stack([parts[name][:, k or 0] for name, k in wanted], axis=1).astype(float, copy=False)
+
+    return [label for _, _, label in places], rows, read
+
+
+def _parquet(path: Path) -> tuple[list[str], int, Read, tuple[str, ...]] | None:
     try:
         import pyarrow.parquet
         import pyarrow.types
@@ -139,6 +189,7 @@ def _parquet(path: Path) -> tuple[list[str], int, Read] | None:
     header = [f.name for f in fields if any(test(f.type) for test in is_number)]
     if not header or any(pyarrow.types.is_temporal(f.type) for f in fields):
         return None  # dates are seconds since the first of them
+    notes = lists_left_out(fields)
 
     def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
         names = [header[k] for k in used]
@@ -155,7 +206,16 @@ def _parquet(path: Path) -> tuple[list[str], int, Read] | None:
                         axis=1,
                     )
 
-    return header, int(starts[-1]), read
+    return header, int(starts[-1]), read, notes
+
+
+def lists_left_out(fields: Sequence[Any]) -> tuple[str, ...]:
+    """What is said of the fields of an arrow schema whose cells are lists or structures of numbers."""
+    import pyarrow.types
+
+    nested = [f"{f.name!r} ({f.type})" for f in fields if pyarrow.types.is_nested(f.type)]
+    said = "Not read, as each cell holds several values: {}. Write one column for each of them."
+    return (said.format(", ".join(nested)),) if nested else ()
 
 
 def _hdf5(path: Path) -> tuple[list[str], int, Read] | None:
@@ -171,16 +231,10 @@ def _hdf5(path: Path) -> tuple[list[str], int, Read] | None:
 
     with h5py.File(path, "r") as file:
         file.visititems(look)
-    counts = Counter(shape[0] for _, shape in found for _ in range(1 if len(shape) == 1 else shape[1]))
-    if not counts or any(len(shape) == 2 and 1 in shape for _, shape in found):
+    told = _places(found)
+    if told is None:
         return None
-    rows = max(counts, key=lambda n: (counts[n], n))
-    places: list[tuple[str, int | None, str]] = []
-    for name, shape in found:
-        if shape[0] == rows and len(shape) == 1:
-            places.append((name, None, name))
-        elif shape[0] == rows:
-            places += [(name, k, f"{name}{k + 1}") for k in range(shape[1])]
+    rows, places = told
 
     def read(used: Sequence[int], begin: int, end: int) -> Iterator[Array]:
         wanted = [places[k][:2] for k in used]
@@ -195,8 +249,24 @@ def _hdf5(path: Path) -> tuple[list[str], int, Read] | None:
     return [label for _, _, label in places], rows, read
 
 
-_READERS: dict[str, Callable[[Path], tuple[list[str], int, Read] | None]] = {
+def _places(found: Sequence[tuple[str, tuple[int, ...]]]) -> tuple[int, list[tuple[str, int | None, str]]] | None:
+    """Rows, and of each column its array, its place in it and its label; arrays of another length than most are left out."""
+    counts = Counter(shape[0] for _, shape in found for _ in range(1 if len(shape) == 1 else shape[1]))
+    if not counts or any(len(shape) == 2 and 1 in shape for _, shape in found):
+        return None
+    rows = max(counts, key=lambda n: (counts[n], n))
+    places: list[tuple[str, int | None, str]] = []
+    for name, shape in found:
+        if shape[0] == rows and len(shape) == 1:
+            places.append((name, None, name))
+        elif shape[0] == rows:
+            places += [(name, k, f"{name}{k + 1}") for k in range(shape[1])]
+    return rows, places
+
+
+_READERS: dict[str, Callable[[Path], Any]] = {
     ".npy": _npy,
+    ".npz": _npz,
     ".parquet": _parquet,
     **dict.fromkeys((".h5", ".hdf5"), _hdf5),
 }

@@ -97,6 +97,16 @@ class CsvFile:
         """Of its text [bytes]."""
         return self.source.size
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence where the file seems to be cut short."""
+        if not self.seems_cut:
+            return ()
+        return (
+            "The last line does not end, and its last number has fewer decimals than those above: the file seems to be cut "
+            "short there. Complete or remove the row.",
+        )
+
     def blocks(self, used: Sequence[int]) -> Iterator[Block]:
         """All rows, in blocks: of the ``used`` columns. Rows are checked to be whole, and numbers to be finite numbers."""
         line = self.header_line + 1

@@ -47,6 +47,10 @@ class Table(Protocol):
     def size(self) -> int:
         """Of the file [bytes]."""
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each thing in the file that is not read."""
+
     def blocks(self, used: Sequence[int]) -> Iterator[Block]:
         """All rows of some columns, in blocks."""
 
@@ -63,6 +67,7 @@ class JoinedFile:
     stamps: tuple[int | None, ...]
     """Of each file: its column of time."""
     size: int
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def open(cls, path: str | Path, reader: Callable[[str], Table]) -> JoinedFile:
@@ -87,8 +92,8 @@ class JoinedFile:
             _told_apart(cell, parts[k].path) if cell in twice else cell
             for cell, (k, _) in zip(cells, places, strict=True)
         ]
-        size = sum(part.size for part in parts)
-        return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size)
+        size, notes = sum(part.size for part in parts), tuple(note for part in parts for note in part.notes)
+        return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, notes)
 
     def blocks(self, used: Sequence[int]) -> Iterator[Block]:
         """All rows, in blocks: of the ``used`` columns. Files whose stamps differ are read whole, as they may be anywhere."""

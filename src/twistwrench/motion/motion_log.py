@@ -378,11 +378,7 @@ class MotionLog:
             )
         said += last.repeats.notes() if last.repeats else []
         said += [f"{LEFT_OUT}{stamp_words(last.stamps)}."] if last.stamps else []
-        if isinstance(self.file, CsvFile) and self.file.seems_cut:
-            said.append(
-                "The last line does not end, and its last number has fewer decimals than those above: the file seems to be cut "
-                "short there. Complete or remove the row."
-            )
+        said += self.file.notes
         return (*said, *(last.contradictions.notes() if last.contradictions else ()))
 
     def contradictions(self, limits: Limits | None = None, *, glitches: bool = True) -> tuple[str, ...]:
@@ -459,8 +455,13 @@ class MotionLog:
         differ = (table[1:, 1:] != table[:-1, 1:]).any(axis=1)
         if not (again & differ).any() or 2 * (again & differ).sum() < again.sum():
             return
-        stamps = [block.table[:, 0] * self.columns.seconds for block in self.file.blocks(self.columns.used[:1])]
-        last.clock = steady_times(np.concatenate(stamps)) if sum(map(len, stamps)) <= _MOST_STAMPS else None
+        stamps, rows = [], 0
+        for block in self.file.blocks(self.columns.used[:1]):
+            rows += len(block.table)
+            if rows > _MOST_STAMPS:
+                return
+            stamps.append(block.table[:, 0] * self.columns.seconds)
+        last.clock = steady_times(np.concatenate(stamps))
 
     def _timed(self, block: Block, rows: int, last: float) -> Array:
         """The block with time in seconds first, which is checked not to run back from ``last``; ``rows`` were before it."""

@@ -3,22 +3,61 @@
 from __future__ import annotations
 
 import json
+import math
+import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..core.files import as_path
 from ..core.foreign_errors import foreign_errors
+from ..core.printed_numbers import number
 from ..errors import NotFoundError, TrajectoryError
 from ..typing import Array
 from .column_names import time_column
 from .column_suffixes import SUFFIX
 from .row_block import Block
 
+MOST_UNPACKED = 1 << 30
+"""Bytes that a file read whole may unpack to."""
 _MARK = "twistwrench simulation"
+_MARK_BYTES = 1 << 12
 _ROWS = 1 << 14
+
+
+def check_unpacked(path: Path, size: int) -> None:
+    """Refuse a file whose columns would take more memory than a file read whole may; ``size`` in bytes."""
+    if size > MOST_UNPACKED:
+        raise TrajectoryError(
+            f"{path}: takes {number(size / 2**30)} GiB once unpacked, and such a file is read whole up to "
+            f"{number(MOST_UNPACKED / 2**30)} GiB. Save parts of it, or write CSV, HDF5, parquet without dates, or an npy "
+            "file with rows in C order, which are read in portions."
+        )
+
+
+def array_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether columns come first, and type of an array in NumPy's format; the file is at its first number then."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, columns_first, dtype = read(file)
+    if any(n < 0 for n in shape):
+        raise ValueError(f"a shape of {shape}")
+    return shape, columns_first, dtype
+
+
+def check_archive(path: Path) -> None:
+    """Refuse an archive of arrays that would take more memory than a file read whole may, by its headers."""
+    size = 0
+    with zipfile.ZipFile(path) as archive:
+        for item in archive.infolist():
+            if item.filename.endswith(".npy"):
+                with archive.open(item) as file:
+                    shape, _, dtype = array_header(file)
+                size += math.prod(shape) * max(8, dtype.itemsize)
+    check_unpacked(path, size)
 
 
 def is_archive(path: Path) -> bool:
@@ -35,8 +74,14 @@ def is_archive(path: Path) -> bool:
 def is_simulation(path: Path) -> bool:
     """Whether the archive is one that ``simulate --npz`` wrote; False for what cannot be read."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return "format" in archive and str(archive["format"]).startswith(_MARK)
+        with zipfile.ZipFile(path) as archive:
+            if "format.npy" not in archive.namelist():
+                return False
+            with archive.open("format.npy") as file:
+                shape, _, dtype = array_header(file)
+                said = file.read(min(_MARK_BYTES, dtype.itemsize))
+            coding = "utf-32-be" if dtype.byteorder == ">" else "utf-32-le"
+            return shape == () and dtype.kind == "U" and said.decode(coding).startswith(_MARK)
     except Exception:  # whatever NumPy raises: reading it says what is wrong
         return True
 
@@ -50,6 +95,8 @@ class NpzFile:
     table: Array
     size: int
     """Of the file [bytes]."""
+    notes: tuple[str, ...] = ()
+    """A sentence for each thing in the file that is not read."""
 
     @classmethod
     def open(cls, path: str | Path) -> NpzFile:
@@ -95,6 +142,7 @@ class NpzFile:
 
 
 def _read(path: Path) -> tuple[list[str], Array]:
+    check_archive(path)
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         if not str(archive["format"]).startswith(_MARK):
             raise TrajectoryError(f"{path}: an archive of NumPy, but not one that simulate --npz wrote.")

@@ -65,6 +65,7 @@ class LogQuality:
     backward : int, rows whose stamp is before that of the row above
     jitter : float, standard deviation of the steps that are no gaps [s]
     columns : tuple of LogColumn
+    notes : tuple of str, a sentence for each thing in the file that is not read
     """
 
     path: Path
@@ -78,6 +79,7 @@ class LogQuality:
     backward: int
     jitter: float
     columns: tuple[LogColumn, ...]
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, path: str | Path) -> LogQuality:
@@ -119,6 +121,7 @@ class LogQuality:
             tuple(
                 _column(file.header[k], table[:, k]) for k in range(table.shape[1]) if place is None or k != place[0]
             ),
+            file.notes,
         )
 
 
@@ -150,6 +153,7 @@ def large_quality(file: MotionFile) -> LogQuality | None:
         "" if place is None else file.header[place[0]],
         *(_no_clock() if clock is None else clock.found()),
         tuple(columns),
+        file.notes,
     )
 
 

@@ -23,7 +23,8 @@ def log_view(quality: LogQuality) -> RenderableType:
     table.words("", style="yellow")
     for column in quality.columns:
         table.row(column.name, column.least, column.most, column.grid or None, column.noise or None, _said(column))
-    return Group(Text.assemble((quality.path.name, "bold"), f"  {_clock(quality)}"), table)
+    notes = [Text(f"note: {note}") for note in quality.notes]
+    return Group(Text.assemble((quality.path.name, "bold"), f"  {_clock(quality)}"), table, *notes)
 
 
 def _clock(quality: LogQuality) -> str:
