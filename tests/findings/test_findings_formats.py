@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 
 import numpy as np
@@ -123,3 +124,94 @@ def test_finding_10_elements_of_sdf_with_mechanics_are_remarked(parts, remarked)
     assert len(new) == bool(remarked)
     assert remarked in "".join(new)
     np.testing.assert_array_equal(numbers(robot), numbers(whole))
+
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def _urdf(n: int, parent: str = "l{k}", kind: str = "continuous", mimic: str = "") -> str:
+    joints = (
+        f'<link name="l{k + 1}">{INERTIAL}</link><joint name="j{k}" type="{kind}"><parent link="{parent.format(k=k)}"/>'
+        f'<child link="l{k + 1}"/>{mimic.format(k=k - 1) if k else ""}</joint>'
+        for k in range(n)
+    )
+    return f'<robot name="r"><link name="l0"/>{"".join(joints)}</robot>'
+
+
+def _sdf(parts: str) -> str:
+    return f'<sdf version="1.9"><model name="m"><link name="f"/>{parts}</model></sdf>'
+
+
+def _mjcf(parts: str, rest: str = "") -> str:
+    body = f'<body name="b"><joint name="j"/><geom size="1"/>{parts}</body>'
+    return f"<mujoco><worldbody>{body}</worldbody>{rest}</mujoco>"
+
+
+REPEATED = {
+    "SDF frames attached to each other": lambda n: _sdf(
+        '<frame name="f0" attached_to="f"/>' + "".join(f'<frame name="f{k + 1}" attached_to="f{k}"/>' for k in range(n))
+    ),
+    "URDF followers of followers": lambda n: _urdf(n, "l0", mimic='<mimic joint="j{k}"/>'),
+    "SDF frames attached to later ones": lambda n: _sdf(
+        "".join(f'<frame name="f{k}" attached_to="f{k + 1}"/>' for k in range(n))
+        + f'<frame name="f{n}" attached_to="f"/>'
+    ),
+    "SDF frames relative to later ones": lambda n: _sdf(
+        "".join(f'<frame name="f{k}"><pose relative_to="f{k + 1}">0 0 1 0 0 0</pose></frame>' for k in range(n))
+        + f'<frame name="f{n}" attached_to="f"/>'
+    ),
+    "SDF models in models": lambda n: _sdf('<model name="a"><link name="b"/>' * n + "</model>" * n),
+    "URDF followers of one joint": lambda n: _urdf(n, "l0", mimic='<mimic joint="j0"/>'),
+    "URDF links in a chain": _urdf,
+    "URDF links side by side": lambda n: _urdf(n, "l0"),
+    "URDF fixed links": lambda n: _urdf(n, kind="fixed"),
+    "URDF unknown elements of different names": lambda n: _urdf(1).replace(
+        "</robot>", "".join(f"<a{k:05}/>" for k in range(n)) + "</robot>"
+    ),
+    "MJCF geoms": lambda n: _mjcf('<geom size="1"/>' * n),
+    "MJCF sites": lambda n: _mjcf("".join(f'<site name="s{k}"/>' for k in range(n))),
+    "MJCF frames in frames": lambda n: _mjcf('<frame pos="0 0 1">' * n + '<geom size="1"/>' + "</frame>" * n),
+    "MJCF bodies in bodies": lambda n: _mjcf('<body><joint/><geom size="1"/>' * n + "</body>" * n),
+    "MJCF bodies side by side": lambda n: _mjcf('<body><joint/><geom size="1"/></body>' * n),
+    "MJCF joints of one body": lambda n: _mjcf("<joint/>" * n),
+    "MJCF couplings": lambda n: _mjcf(
+        "".join(f'<body><joint name="j{k}"/><geom size="1"/></body>' for k in range(n)),
+        "<equality>" + "".join(f'<joint joint1="j{k + 1}" joint2="j{k}"/>' for k in range(n - 1)) + "</equality>",
+    ),
+}
+
+
+def growth(text: str, twice_twice: str) -> float:
+    """Processor time of loading the longer text per that of the shorter one, the least of a few."""
+    took = []
+    for one in (text, twice_twice):
+        times = []
+        for _ in range(3):
+            before = time.process_time()
+            quiet(one)
+            times.append(time.process_time() - before)
+        took.append(min(times))
+    return took[1] / took[0]
+
+
+@pytest.mark.parametrize(
+    "kind", [*REPEATED][:2] + [pytest.param(kind, marks=pytest.mark.slow) for kind in [*REPEATED][2:]]
+)
+def test_finding_48_loading_time_grows_with_the_size_of_the_file(kind):
+    size = len(REPEATED[kind](200)) - len(REPEATED[kind](100))
+    files = [REPEATED[kind](kilobytes * 100_000 // size) for kilobytes in (25, 100)]
+    assert 95_000 < len(files[1]) < 105_000
+    # Doubling it may take three times as long; with the square of the size it takes four times, from here on.
+    assert any(growth(*files) < 3**2 for _ in range(3))
+
+
+@pytest.mark.parametrize("tag", ["geom", "site", "frame"])
+def test_finding_48_the_limit_on_bodies_holds_for_their_parts(tag):
+    with pytest.raises(tw.RobotFileError, match=f"more than 20,000 <{tag}> elements"):
+        tw.load(_mjcf(f"<{tag}/>" * 20_001))
+    assert quiet(_mjcf('<geom size="0.1"/>' * 30), max_bodies=3).nv == 1
+
+
+def test_finding_48_a_million_elements_are_refused_before_they_are_read():
+    with pytest.raises(tw.RobotFileError, match=r"about 1,200,0.. elements; more than 1,000,000"):
+        tw.load(_urdf(1).replace("</robot>", "<a/>" * 1_200_000 + "</robot>"))

@@ -19,6 +19,10 @@ MOST_BODIES = 20_000
 """Links or bodies that a file may have unless ``max_bodies`` says otherwise: more is a mistake, or meant to take all memory."""
 
 _BODIES = ("link", "body")
+_PARTS = ("frame", "geom", "site")
+"""Counted too, but never against fewer than MOST_BODIES: a body may have many."""
+_ELEMENTS = 50
+"""Elements that a file may have for each body that it may have."""
 
 _WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
 """Root elements of formats that say everything by attributes; text is skipped, which saves time."""
@@ -46,15 +50,18 @@ class _Watcher:
         self.parser.EntityDeclHandler = self._entity
         self.parser.UnparsedEntityDeclHandler = self._entity
         self.parser.StartDoctypeDeclHandler = self._doctype
-        self.skipped, self.file, self.most, self.bodies = skipped, file, most, 0
+        self.skipped, self.file, self.most = skipped, file, most
+        self.counts: dict[str, int] = dict.fromkeys((*_BODIES, *_PARTS), 0)
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if name in _BODIES:
-            self.bodies += 1
-            if self.bodies > self.most:
+        if name in self.counts:
+            self.counts[name] += 1
+            most = self.most if name in _BODIES else max(self.most, MOST_BODIES)
+            if self.counts[name] > most:
+                kind = "bodies" if name in _BODIES else f"<{name}> elements"
                 place = self._made(name, attributes, None).place
                 raise RobotFileError(
-                    f"it has more than {self.most:,} bodies ({place}). Raise the limit, max_bodies=, if that is meant."
+                    f"it has more than {most:,} {kind} ({place}). Raise the limit, max_bodies=, if that is meant."
                 )
 
     def _made(self, name: str, attributes: dict[str, str], parent: Element | None) -> Element:
@@ -100,7 +107,7 @@ class _TreeMaker(_Watcher):
         self._open: list[Element] = []
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if name in _BODIES:
+        if name in self.counts:
             super()._start(name, attributes)
         elif name in _WITH_TEXT:
             self.parser.CharacterDataHandler = self._text
@@ -157,6 +164,11 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
         )
     skipped = text[: len(text) - len(body)].count("\n")
     body = without_loose_declaration(body)
+    most = _ELEMENTS * max(max_bodies, MOST_BODIES)
+    if (count := body.count("<") - body.count("</")) > most:
+        raise RobotFileError(
+            f"it has about {count:,} elements; more than {most:,} are refused. Raise the limit, max_bodies=, if that is meant."
+        )
     if sum(body.count(f"<{tag}") for tag in _BODIES) > max_bodies:  # comments counted, so it is worth a closer look
         _Watcher(skipped, file, max_bodies).watch(body)
     maker = _TreeMaker(skipped, file, max_bodies)

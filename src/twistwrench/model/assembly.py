@@ -65,7 +65,11 @@ def assemble(
     for entry in leaders:
         columns[entry.name] = _Column(nq, nv)
         nq, nv = nq + entry.joint.nq, nv + entry.joint.nv
-    limits = [shared_limits(entry, joints, drives) for entry in leaders]
+    followers: dict[str, list[JointEntry]] = {}
+    for entry in joints:
+        if entry.name in drives:
+            followers.setdefault(drives[entry.name].leader, []).append(entry)
+    limits = [shared_limits(entry, followers.get(entry.name, ()), drives) for entry in leaders]
     every = {entry.name: drives.get(entry.name) or Drive(entry.name, 1.0, 0.0) for entry in joints}
     index = {} if floating_base else {tree.root: BASE}
     bodies: list[Body] = []

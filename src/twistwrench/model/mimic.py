@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.printed_numbers import number
 from ..errors import ModelError, UnknownNameError
-from .description import JointEntry
+from .description import JointEntry, Mimic
 from .limits import TOLERANCE, Limits
 
 MIMIC_POLICIES = ("follow", "independent")
@@ -31,26 +31,24 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
     Raises :class:`~twistwrench.ModelError` for cycles, missing leaders, and joints with several coordinates.
     """
     by_name = {joint.name: joint for joint in joints}
-    return {name: _drive(joint, by_name) for name, joint in by_name.items() if _follows(joint)}
-
-
-def _follows(joint: JointEntry) -> bool:
-    return joint.mimic is not None and not joint.fixed
-
-
-def _drive(follower: JointEntry, by_name: Mapping[str, JointEntry]) -> Drive:
-    ratio, offset = 1.0, 0.0
-    path, joint = [follower.name], follower
-    while joint.mimic is not None and not joint.fixed:
-        leader, step, shift = joint.mimic
-        _check_pair(joint, leader, by_name)
-        if leader in path:
-            loop = " → ".join(map(repr, [*path[path.index(leader) :], leader]))
-            raise ModelError(f"{follower} is part of a mimic cycle, {loop}. Remove the <mimic> of one of them.")
-        ratio, offset = ratio * step, offset + ratio * shift
-        path.append(leader)
-        joint = by_name[leader]
-    return Drive(joint.name, ratio, offset)
+    found: dict[str, Drive] = {}
+    for joint in by_name.values():
+        path: dict[str, tuple[JointEntry, Mimic]] = {}  # followers up to one that is resolved, or that follows nobody
+        while joint.mimic is not None and not joint.fixed and joint.name not in found:
+            leader = joint.mimic[0]
+            _check_pair(joint, leader, by_name)
+            path[joint.name] = joint, joint.mimic
+            if leader in path:
+                names = [*path]
+                loop = " → ".join(map(repr, [*names[names.index(leader) :], leader]))
+                raise ModelError(
+                    f"{path[names[0]][0]} is part of a mimic cycle, {loop}. Remove the <mimic> of one of them."
+                )
+            joint = by_name[leader]
+        drive = found.get(joint.name, Drive(joint.name, 1.0, 0.0))
+        for name, (_, (_, ratio, offset)) in reversed(path.items()):
+            found[name] = drive = Drive(drive.leader, ratio * drive.ratio, offset + ratio * drive.offset)
+    return found
 
 
 def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry]) -> None:
@@ -66,16 +64,16 @@ def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry
 
 
 def shared_limits(
-    leader: JointEntry, joints: Iterable[JointEntry], drives: Mapping[str, Drive]
+    leader: JointEntry, followers: Iterable[JointEntry], drives: Mapping[str, Drive]
 ) -> tuple[Limits, list[str]]:
     """The limits of a leader in which its followers keep theirs, and a remark on each follower that none would suit.
 
     Limits of position and velocity are shared. A limit of effort is none of the leader's: a follower has no drive.
     """
     limits, remarks = leader.limits, []
-    for joint in joints:
-        drive = drives.get(joint.name)
-        if drive is None or drive.leader != leader.name or not drive.ratio:
+    for joint in followers:
+        drive = drives[joint.name]
+        if not drive.ratio:
             continue
         slack = limits.tolerance
         least, most = np.sort((np.stack([joint.limits.lower, joint.limits.upper]) - drive.offset) / drive.ratio, axis=0)

@@ -41,15 +41,17 @@ class SdfModel:
     named: dict[str, Element] = field(default_factory=dict)
     """The elements ``<frame>``."""
     _poses: dict[str, Array] = field(default_factory=dict)
+    _carriers: dict[str, str] = field(default_factory=dict)
+    """Links of the frames that were followed to them."""
 
     def pose(self, name: str, asked: Element) -> Array:
         """The pose (4, 4) of a frame in the model's own; raises for frames that are not there, and that refer to themselves."""
-        path: list[str] = []
+        path: dict[str, None] = {}
         at = name
         while at not in self._poses and at != MODEL:
             if at in path:
                 raise RobotFileError(f"{asked}: the frames {' → '.join([*path, at])} are given relative to each other.")
-            path.append(at)
+            path[at] = None
             at = self.frame(at, asked).relative_to
         T = self._poses.get(at, np.eye(4))
         for one in reversed(path):
@@ -59,13 +61,15 @@ class SdfModel:
 
     def link_of(self, name: str, asked: Element) -> str:
         """The link that a frame is fixed to."""
-        path: list[str] = []
-        while name not in self.links:
+        path: dict[str, None] = {}
+        while name not in self.links and name not in self._carriers:
             if name in path:
                 raise RobotFileError(f"{asked}: the frames {' → '.join([*path, name])} are attached to each other.")
-            path.append(name)
+            path[name] = None
             name = self.frame(name, asked).attached_to
-        return name
+        link = self._carriers.get(name, name)
+        self._carriers |= dict.fromkeys(path, link)
+        return link
 
     def frame(self, name: str, asked: Element) -> SdfFrame:
         """The frame of that name."""
