@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -337,3 +338,42 @@ def test_finding_34_rows_of_a_long_log_stay_out_of_its_pauses(clean, tmp_path):
     log = write(tmp_path / "log.csv", HEAD, t[kept], q[kept], tau[kept])
     found = tw.identification.gather(tw.load(asked), log, cutoff=20.0).identified()
     assert found.verdict.ok and found.held_out.all < 1.2 * clean
+
+
+def payload_log():
+    """A clean log of a UR5 that carries 2 kg, as a motion of the empty one."""
+    t, n = np.arange(0, 20, 0.005), np.arange(6)
+    w = 2 * np.pi * 0.1 * np.array([1, 3, 5])
+    phase = np.c_[n, 2 * n + 1, 3 * n + 2]
+    x = [(0.35 * w**k * np.sin(w * t[:, None, None] + phase + k * np.pi / 2)).sum(axis=2) for k in range(3)]
+    ur5 = tw.robots.ur5()
+    loaded = ur5.with_payload(tw.SpatialInertia.from_com(2.0, [0.05, 0.02, 0.1]))
+    tau = np.asarray(loaded.inverse_dynamics(*x))
+    size = tau.std(axis=0)
+    tau = tau + 0.1 * size * np.tanh(x[1] / 0.05) + np.random.default_rng(0).normal(0, 0.02 * size, tau.shape)
+    return ur5, tw.Motion(t, *x, tau, robot=ur5, in_seconds=True)
+
+
+@pytest.mark.parametrize(("factor", "word"), [(1.0, "OK"), (1e3, "LOOK AGAIN"), (-1.0, "LOOK AGAIN")])
+def test_finding_35_a_payload_is_not_another_unit(factor, word):
+    """The file may be wrong by much: 2 kg at a light wrist are ten times what its links weigh. N mm and signs are found."""
+    ur5, log = payload_log()
+    other = tw.Motion(log.time, log.q, log.dq, log.ddq, factor * log.tau, robot=ur5, in_seconds=True)
+    found = tw.identification.identify(ur5, other, cutoff=10.0, friction_speed=0.05, shift=0.0)
+    assert found.verdict.word == word, found.doubts
+    assert {doubt.kind for doubt in found.doubts if doubt.refuses} == {1.0: set(), 1e3: {"gain"}, -1.0: {"sign"}}[
+        factor
+    ]
+
+
+def test_finding_6_rates_of_arrays_are_looked_at():
+    arm, t = tw.robots.pendulum(), np.arange(0, 4, 0.01)
+    q, dq, ddq = np.sin(3 * t)[:, None], 3 * np.cos(3 * t)[:, None], -9 * np.sin(3 * t)[:, None]
+    with pytest.warns(tw.ModelWarning, match=r"velocity column is 57\.3 times the slope"):
+        motion = tw.Motion(t, q, np.degrees(dq), robot=arm)
+    assert any(note.startswith("LOOK AGAIN") and "deg/s" in note for note in motion.notes)
+    with pytest.warns(tw.ModelWarning, match="is next to nothing"):
+        assert tw.Motion(t, q, 0 * dq, 0 * ddq, robot=arm).notes
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert tw.Motion(t, q, dq, ddq, robot=arm).notes == ()

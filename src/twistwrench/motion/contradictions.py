@@ -146,9 +146,12 @@ class Contradictions:
         wrapped = (self._wraps > 0) & self._within_a_turn()
         turns = () if limits is None else self._turned.sentences(wrapped, self._single, self._names, limits)
         jumps = () if angles else (*self._of_jumps(limits), *turns, *(self._of_glitches() if glitches else ()))
-        delays = self._delay.result() if not of_time else np.zeros(len(self._single))
-        of_rates = tuple(self._of_rates(time_told=bool(of_time), late=delays != 0.0))
-        return (*of_time, *angles, *jumps, *of_rates, *self._of_delays(delays))
+        return (*of_time, *angles, *jumps, *self.of_rates(time_told=bool(of_time)))
+
+    def of_rates(self, *, time_told: bool = False) -> tuple[str, ...]:
+        """A sentence for each rate that is not the slope of what it belongs to, and for each that is late."""
+        delays = np.zeros(len(self._single)) if time_told else self._delay.result()
+        return (*self._of_rates(time_told=time_told, late=delays != 0.0), *self._of_delays(delays))
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """A sentence for each thing that is odd, and may yet be meant."""

@@ -55,7 +55,8 @@ class Motion(MotionFiles):
     ------
     ShapeError, ValueRangeError
         For arrays of other shapes, times that do not increase, fewer than six samples without rates, and numbers that are
-        not finite. Times that seem to be milliseconds are a ModelWarning, and in ``notes``.
+        not finite. Times that seem to be milliseconds, and rates that are not the slopes of what they belong to, are a
+        ModelWarning, and in ``notes``.
 
     Examples
     --------
@@ -114,8 +115,13 @@ class Motion(MotionFiles):
             derived = _derived(self.robot, t, q, rates["dq"])
             rates["dq"] = derived[0] if rates["dq"] is None else rates["dq"]
             rates["ddq"] = derived[1] if rates["ddq"] is None else rates["ddq"]
+        believed = bool(self.notes) or self.in_seconds or (given["dq"] is None and given["ddq"] is None)
         for label, x in {"time": t, "q": q, **rates}.items():
             object.__setattr__(self, label, x)
+        if not believed and (said := self._tally.of_rates()):
+            for doubt in said:
+                warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
+            object.__setattr__(self, "notes", tuple(f"LOOK AGAIN: {doubt}" for doubt in said))
 
     @classmethod
     def from_file(
@@ -289,12 +295,17 @@ class Motion(MotionFiles):
         >>> [said[:31] for said in motion.contradictions]
         ['the usual step of time is 10 s,']
         """
+        stamps = self._tally.stamps()
+        said = self._tally.sentences(self.robot.limits)
+        return (*said, *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
+
+    @cached_property
+    def _tally(self) -> Contradictions:
         from .motion_log import LogRows
 
         tally = Contradictions(self.coordinates, time_stated=False)
         tally.add(LogRows(self.time, self.q, self.dq, self.ddq, self.tau))
-        stamps = tally.stamps()
-        return (*tally.sentences(self.robot.limits), *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
+        return tally
 
     @cached_property
     def coordinates(self) -> Coordinates:

@@ -138,7 +138,7 @@ class SimulationResult:
             )
         from ..motion.motion import Motion
 
-        return Motion(self.times, self.q, self.dq, self.ddq, self.tau, self.simulated)
+        return Motion(self.times, self.q, self.dq, self.ddq, self.tau, self.simulated, in_seconds=True)
 
     def of(self, robot: Robot) -> SimulationResult:
         """The same with the robot that was simulated, for a result from a file.

@@ -97,7 +97,7 @@ class Rollout:
         from ..motion.motion import Motion
 
         tau = None if self.tau is None else np.concatenate([self.tau[index], self.tau[index][-1:]])
-        return Motion(self.times, self.q[index], self.dq[index], tau=tau, robot=self._robot())
+        return Motion(self.times, self.q[index], self.dq[index], tau=tau, robot=self._robot(), in_seconds=True)
 
     def to_xarray(self) -> Any:
         """Dataset of q, dq, and tau where it was asked for, whose axes are named: samples, time, coordinate, joint.

@@ -117,7 +117,7 @@ class Trajectory:
         if self.duration - t[-1] > 1e-9 * min(step, self.duration):
             t = np.append(t, self.duration)
         t[-1] = min(t[-1], self.duration)
-        return Motion(t, *self(t), robot=self.robot)
+        return Motion(t, *self(t), robot=self.robot, in_seconds=True)
 
     def violations(self, bounds: Bounds | None = None, *, friction: bool = False) -> tuple[Violation, ...]:
         """Limits that it passes, worst first; see :func:`~twistwrench.trajectories.violations`.
