@@ -178,3 +178,87 @@ def test_finding_39_an_unknown_actuator_leaves_the_effort_unknown_and_the_file_r
     robot = quietly(tw.load, hinge(rest='<actuator><motor joint="j" ctrlrange="-1 1"/><engine joint="j"/></actuator>'))
     assert np.isinf(robot.limits.effort[0])
     assert any("<engine>" in one and "is not an actuator known here" in one for one in robot.defects)
+
+
+def written(text, **options):
+    """(the robot of a URDF, its MJCF, MuJoCo's model of that, what writing warned of)."""
+    robot = quietly(tw.load, text, inertia="accept", **options)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = robot.to_mjcf()
+    return robot, found, [str(one.message) for one in caught]
+
+
+MASS = """<inertial><origin xyz="0 .1 .4"/><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+
+
+def links(**inertials):
+    return "".join(f'<link name="{name}">{inertial}</link>' for name, inertial in inertials.items())
+
+
+def joint(name, parent, child, axis, kind="continuous"):
+    return f"""<joint name="{name}" type="{kind}"><origin xyz=".1 .2 .3" rpy=".3 .2 .1"/><parent link="{parent}"/>
+    <child link="{child}"/><axis xyz="{axis}"/></joint>"""
+
+
+def test_finding_05_joints_about_a_massless_link_are_joints_of_one_body():
+    chain = joint("i", "a", "b", "0 1 0") + joint("f", "b", "c", "0 0 1", "fixed") + joint("j", "c", "d", "1 0 0")
+    end = joint("k", "d", "e", "0 0 1")
+    text = f'<robot name="r">{links(a=MASS, b="", c="", d=MASS, e=MASS)}{chain}{end}</robot>'
+    robot, file, said = written(text)
+    model = mujoco.MjModel.from_xml_string(file)
+    assert (model.nv, model.nbody) == (3, 4)
+    assert same_numbers(robot, model)
+    again = quietly(tw.load, file)
+    q = robot.random_configuration(0)
+    np.testing.assert_allclose(again.mass_matrix(q), robot.mass_matrix(q), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        again.forward_kinematics(q, frame="e"), robot.forward_kinematics(q, frame="e"), atol=1e-12
+    )
+    assert any("link 'b' has no mass" in one and "frame is lost" in one for one in said)
+
+
+BASES = {
+    "indefinite": MASS.replace('ixx=".1"', 'ixx="-.1"'),
+    "no moments": MASS.replace('".1"', '"0"'),
+    "no body has": MASS.replace('ixx=".1"', 'ixx=".9"'),
+    "right": MASS,
+}
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_finding_05_a_base_that_stands_still_never_stops_mujoco(name):
+    text = f'<robot name="r">{links(a=BASES[name], b=MASS)}{joint("j", "a", "b", "0 1 0")}</robot>'
+    robot, file, said = written(text)
+    assert same_numbers(robot, mujoco.MjModel.from_xml_string(file))
+    assert any("link 'a' stands still" in one for one in said) == (name != "right")
+
+
+REFUSED = {
+    "has no mass": links(a="", b=""),
+    "has a mass without inertia": links(a="", b=BASES["no moments"]),
+    "moments of inertia that no body can have": links(a="", b=BASES["no body has"]),
+}
+
+
+@pytest.mark.parametrize("said", REFUSED)
+def test_finding_05_what_mujoco_does_not_compile_is_warned_of_by_the_links_name(said):
+    _, file, warned = written(f'<robot name="r">{REFUSED[said]}{joint("j", "a", "b", "0 1 0")}</robot>')
+    assert any("link 'b' moves and" in one and said in one and "MuJoCo does not compile" in one for one in warned)
+    with pytest.raises(ValueError, match=r"mjMINVAL|eigenvalues|A \+ B"):
+        mujoco.MjModel.from_xml_string(file)
+
+
+def test_finding_05_flat_bodies_compile_in_every_orientation():
+    """A thin plate: two principal moments add up to the third, up to the last digit."""
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        R, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        moments = rng.uniform(0.001, 1.0, 3)
+        moments[2] = moments[0] + moments[1]
+        I = R @ np.diag(moments) @ R.T
+        entries = " ".join(f'i{"xyz"[i]}{"xyz"[k]}="{float(I[i, k])!r}"' for i in range(3) for k in range(i, 3))
+        body = f'<inertial><origin xyz="0 .1 .2"/><mass value="1"/><inertia {entries}/></inertial>'
+        _, file, _ = written(f'<robot name="r">{links(a="", b=body)}{joint("j", "a", "b", "0 1 0")}</robot>')
+        model = mujoco.MjModel.from_xml_string(file)
+        np.testing.assert_allclose(np.sort(model.body_inertia[-1]), np.sort(moments), rtol=1e-12)

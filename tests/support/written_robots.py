@@ -34,7 +34,7 @@ def differences(robot, other, *, seed=0, states=2, without=(), lost=()):
     """What is not the same by more than the tolerance: a list of sentences, empty where all is.
 
     ``without``: what need not be the same, of "names", "velocity", "limits", "friction", "armature", "gravity", "tip". ``lost`` names
-    links that the file calls by another name.
+    links that the file calls by another name, or whose frame it has not.
     """
     if (robot.nq, robot.nv) != (other.nq, other.nv):
         return [f"nq, nv = {robot.nq}, {robot.nv}, then {other.nq}, {other.nv}"]
@@ -53,7 +53,14 @@ def differences(robot, other, *, seed=0, states=2, without=(), lost=()):
         found += _gap("armature", robot.armature, other.armature)
     if "gravity" not in without:
         found += _gap("gravity", robot.gravity, other.gravity)
-    frames = [name for name in robot.frame_names if not any(f"{name!r} is written as" in said for said in lost)]
+    frames = [
+        name
+        for name in robot.frame_names
+        if not any(
+            f"{name!r} is written as" in said or (f"link {name!r} " in said and "frame is lost" in said)
+            for said in lost
+        )
+    ]
     found += [f"no frame {name}" for name in frames if name not in other.frame_names]
     rng = np.random.default_rng(seed)
     for _ in range(states):

@@ -20,13 +20,17 @@ from .mjcf_joints import MjcfJoints
 from .written import Losses, Written, configurations_of, unused
 
 WORLD = "world"
+_LEAST = 1e-14
+"""MuJoCo's least moment of a body, and mass of one that moves."""
+_ROUNDING = 4e-15
+"""Of principal moments, relative to the largest."""
 
 
 def write_mjcf(model: Model) -> Written:
     """The MJCF file of a model. Each moving body has the inertia of all that is fixed to it.
 
     >>> import twistwrench as tw
-    >>> write_mjcf(tw.robots.planar_2r().model).lost
+    >>> write_mjcf(tw.robots.cart_pole().model).lost
     ()
     """
     return _MjcfWriter(outline(model)).write()
@@ -46,6 +50,12 @@ class _MjcfWriter:
         )
         self.joints = MjcfJoints(found, self.equality, self.losses)
         self.bodies: dict[str, Element] = {}
+        self.children: dict[str, list[JointEntry]] = {}
+        for joint in found.joints:
+            self.children.setdefault(joint.parent, []).append(joint)
+        closed = (frame for c in found.additions.closures.values() for frame in (c.frame_a, c.frame_b))
+        self.named = {*(site.link for site in found.additions.sites.values()), *closed}
+        """Links that sites and closures are at."""
         self.standing: set[str] = set()
         """Links that do not move, each with an inertia of its own: where the base is the world, which has none."""
 
@@ -65,7 +75,7 @@ class _MjcfWriter:
         pending: dict[str, tuple[JointEntry, ...]] = {}
         for entry in found.joints:
             before = pending.pop(entry.parent, ())
-            if self._is_between(entry):
+            if (before or not entry.fixed) and self._is_between(entry):
                 pending[entry.child] = (*before, entry)
             else:
                 self._add((*before, entry))
@@ -79,14 +89,25 @@ class _MjcfWriter:
         return Written(xml_text(self.root), tuple(self.losses.found))
 
     def _is_between(self, entry: JointEntry) -> bool:
-        """Whether the child of a joint only stands between two joints of one body."""
+        """True if the child of a joint only stands between two joints, which then are joints of one body."""
         link = self.found.links[entry.child]
-        return (
-            link.hidden
-            and entry.joint.nv == 1
-            and not link.inertia.parameters.any()
-            and [j.joint.nv for j in self.found.joints if j.parent == entry.child] == [1]
-        )
+        while entry.joint.nv == int(not entry.fixed) and entry.child not in self.named:
+            following = self.children.get(entry.child, [])
+            if self.found.links[entry.child].inertia.parameters.any() or len(following) != 1:
+                return False
+            (entry,) = following
+            if not entry.fixed:
+                break
+        else:
+            return False
+        if entry.joint.nv == 1 and not link.hidden:
+            self.losses.found.append(
+                Remark(
+                    f"link {link.name!r}",
+                    "has no mass; its joint moves the next body with mass, and its frame is lost",
+                )
+            )
+        return entry.joint.nv == 1
 
     def _body(self, name: str, parent: Element, T: Array, inertia: SpatialInertia | None) -> Element:
         called = name if name != WORLD else unused(name, {WORLD, *self.found.links})
@@ -94,11 +115,32 @@ class _MjcfWriter:
             self.losses.say(f"link {name!r} is written as {called!r}, for the world itself has its name")
         body = new("body", parent, name=called)
         body.attributes |= _pose(T)
-        if inertia is not None and inertia.parameters.any():
-            I = inertia.moment_about_com
+        moves = self.found.floating or (name != self.found.root and name not in self.standing)
+        if inertia is not None and (moves or inertia.parameters.any()):
+            self._add_inertial(body, f"link {name!r}", inertia, moves)
+        return body
+
+    def _add_inertial(self, body: Element, who: str, inertia: SpatialInertia, moves: bool) -> None:
+        """The inertial of a body; a loss where MuJoCo does not compile it."""
+        I = inertia.moment_about_com
+        small, middle, large = np.linalg.eigvalsh(I)
+        flat = small + middle - large
+        if abs(flat) <= _ROUNDING * large:  # exactly flat in exact numbers, but perhaps not to MuJoCo's last digit
+            I = I + _ROUNDING * large * np.eye(3)
+        refused = (
+            "has no mass" if inertia.mass < _LEAST
+            else "has a mass without inertia about some axis" if small < _LEAST
+            else "has moments of inertia that no body can have" if flat < -_ROUNDING * large
+            else ""
+        )  # fmt: skip
+        if refused and moves:
+            self.losses.found.append(Remark(who, f"moves and {refused}: MuJoCo does not compile the file"))
+        elif refused:
+            self.losses.found.append(Remark(who, f"stands still and {refused}: its inertia is left out"))
+            return
+        if inertia.parameters.any():
             full = [I[ENTRIES[name]] for name in IN_MJCF]
             new("inertial", body, pos=figures(inertia.com), mass=figures(inertia.mass), fullinertia=figures(full))
-        return body
 
     def _add(self, entries: tuple[JointEntry, ...]) -> None:
         """A body with its joints, the last of which is that of its link."""
