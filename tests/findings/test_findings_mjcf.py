@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.simulation import Event
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)
 
@@ -262,3 +263,99 @@ def test_finding_05_flat_bodies_compile_in_every_orientation():
         _, file, _ = written(f'<robot name="r">{links(a="", b=body)}{joint("j", "a", "b", "0 1 0")}</robot>')
         model = mujoco.MjModel.from_xml_string(file)
         np.testing.assert_allclose(np.sort(model.body_inertia[-1]), np.sort(moments), rtol=1e-12)
+
+
+def test_finding_15_events_that_may_pass_zero_more_than_once_in_a_step_are_remarked():
+    pendulum = tw.robots.pendulum()
+    seen = [Event(lambda t, q, dq: np.sin(200 * t), "fast")]
+    for options in ({"method": "rk4"}, {}):
+        found = pendulum.simulate([1.0], [0.0], duration=1.0, dt=0.1, events=seen, **options)
+        assert len(found.events) < 63
+        assert any("event 'fast' may pass zero more often than was seen" in one for one in found.remarks)
+
+
+QUIET = {
+    "angle": lambda t, q, dq: q[0] - 0.5,
+    "rate": lambda t, q, dq: dq[0],
+    "time": lambda t, q, dq: t - 2.345,
+    "jump at a step": lambda t, q, dq: 1.0 if t < 2 else -1.0,
+    "jump": lambda t, q, dq: 1.0 if t < 2.001 else -1.0,
+    "slow enough": lambda t, q, dq: np.sin(20 * t),
+    "never": lambda t, q, dq: 2.0 + np.sin(20 * t),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", QUIET)
+def test_finding_15_events_that_are_seen_have_no_remark(name):
+    event = Event(QUIET[name], "event")
+    for method in ("rk4", "midpoint"):
+        found = tw.robots.pendulum().simulate([1.0], [0.0], duration=3.0, dt=0.02, method=method, events=[event])
+        assert not any("more often" in one for one in found.remarks)
+
+
+@pytest.mark.parametrize("rows", [None, "vx vy vz", "wx wy wz vx vy vz"])
+def test_finding_14_the_distance_left_is_that_between_the_origins(rows):
+    panda = tw.robots.panda()
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        T = tw.se3.exp(rng.uniform(-3, 3, 6))
+        found = panda.inverse_kinematics(T, rows=rows, restarts=1)
+        apart = np.linalg.norm(panda.forward_kinematics(found.q)[:3, 3] - T[:3, 3])
+        np.testing.assert_allclose(found.distance, apart, rtol=1e-9, atol=1e-12)
+    near = panda.forward_kinematics(panda.random_configuration(0)) @ tw.se3.exp([0, 0, 0, 0.03, 0, 0])
+    turned = near @ tw.se3.exp([0.9, 0.4, 0, 0, 0, 0])
+    loose = panda.inverse_kinematics(turned, angle=3.0, distance=0.05, restarts=20)
+    assert loose.converged
+    assert loose.distance <= 0.05 * max(1.0, 2.0)
+
+
+def test_finding_14_two_frames_each_have_their_own_distance():
+    quadruped = tw.robots.quadruped()
+    feet = ("FL_foot", "FR_foot")
+    T = quadruped.forward_kinematics(quadruped.neutral, frame=feet[0]), tw.se3.exp([0.3, 1.2, 0.1, 4.0, 1.0, 2.0])
+    found = quadruped.inverse_kinematics(np.array(T), feet, rows={feet[0]: "vx vy vz"}, restarts=0)
+    apart = [quadruped.forward_kinematics(found.q, frame=f)[:3, 3] - t[:3, 3] for f, t in zip(feet, T, strict=True)]
+    np.testing.assert_allclose(found.distance, np.linalg.norm(apart), rtol=1e-9, atol=1e-12)
+
+
+def test_finding_13_between_samples_a_motion_keeps_to_its_rates():
+    """sin 4t at 50 Hz: the linear rates were 3.2e-3 rad/s off, and the slope of q up to 0.158 rad/s off dq."""
+    t, robot = np.arange(0, 2, 0.02), tw.robots.pendulum()
+    x = 4 * t[:, None]
+    motion = tw.Motion(t, np.sin(x), 4 * np.cos(x), -16 * np.sin(x), robot=robot)
+    between = np.linspace(0, t[-1], 777)
+    for found, true in zip(
+        motion.at(between), (np.sin, lambda y: 4 * np.cos(y), lambda y: -16 * np.sin(y)), strict=True
+    ):
+        assert np.abs(found[:, 0] - true(4 * between)).max() < 2e-5
+    assert np.abs(motion.at(between)[0][:, 0] - np.sin(4 * between)).max() < 1e-10
+    for found, given in zip(motion.at(t), (motion.q, motion.dq, motion.ddq), strict=True):
+        np.testing.assert_allclose(found, given, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["ball", "floating", "planar"])
+def test_finding_13_joints_of_several_degrees_too(kind):
+    """A curve whose rates are known: q0 exp(c1 t + c2 t^2), sampled, with rates by central differences of fourth order."""
+    from twistwrench.testing import random_robot
+
+    robot = random_robot(3, 2, (kind,))
+    rng = np.random.default_rng(1)
+    q0, (c1, c2) = robot.random_configuration(0), rng.normal(size=(2, robot.nv))
+
+    def q(t):
+        t = np.asarray(t, float)[..., None]
+        return robot.add(q0, c1 * t + c2 * t**2)
+
+    def rates(t, h=1e-3):
+        steps = [robot.subtract(q(t + k * h), q(t)) for k in (-2, -1, 1, 2)]
+        first = (steps[0] - 8 * steps[1] + 8 * steps[2] - steps[3]) / (12 * h)
+        return first, (-steps[0] + 16 * steps[1] + 16 * steps[2] - steps[3]) / (12 * h * h)
+
+    t = np.linspace(0, 1, 21)
+    motion = tw.Motion(t, q(t), *rates(t), robot=robot)
+    between = np.linspace(0.01, 0.99, 57)
+    found = motion.at(between)
+    dq, ddq = rates(between)
+    assert np.abs(robot.subtract(found[0], q(between))).max() < 1e-8
+    assert np.abs(found[1] - dq).max() < 1e-6
+    assert np.abs(found[2] - ddq).max() < 1e-3

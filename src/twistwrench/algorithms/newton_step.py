@@ -95,10 +95,10 @@ class NewtonStep:
         best, (arrived, cost), least, held, (idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
         poses = 16 * len(self.frames)
         targets, wanted, allowed = np.split(given, [poses, len(given) - 2])
-        e = self.left(angles, targets.reshape(-1, 4, 4))  # (1)
+        e, ways = self.left(angles, targets.reshape(-1, 4, 4))  # (1)
         V = self.scale * e
         dq, held_now, some = self.step(angles, q, V, wanted, 1.0 + idle)
-        there = self.there(e, allowed)
+        there = self.there(e, ways, allowed)
         odd = 1.0 - self.are_poses(targets.reshape(-1, 4, 4))
         now = np.sqrt(V @ V)
         if self.posture:  # as many steps as there are, the last is the best, and shorter ones where they get no shorter
@@ -126,27 +126,31 @@ class NewtonStep:
             fine = fine * (1.0 - positive(off @ off - _POSE * _POSE))
         return fine
 
-    def left(self, angles: Array, targets: Array) -> Array:
-        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself; then gaps of loops."""
-        parts = []
+    def left(self, angles: Array, targets: Array) -> tuple[Array, Array]:
+        """The body twists V of (1), frame by frame; of some rows, turning and moving each by itself; then gaps of loops.
+
+        And the ways between the origins, in the rows that are asked.
+        """
+        parts, ways = [], [np.zeros(0)]
         for (frame, rows), T_d in zip(self.frames, targets, strict=True):
             T, last = forward_kinematics(self.model, angles, frame), np.array([[0.0, 0.0, 0.0, 1.0]])
             between = se3.inverse(T) @ np.concatenate([T_d[:3], last])
+            ways.append(between[[row - 3 for row in rows if row >= 3], 3])
             if len(rows) == 6:
                 parts.append(pose_log(between)[0])
             else:
                 parts.append(np.concatenate([rotation_log(between[:3, :3])[0], between[:3, 3]])[list(rows)])
         if self.loops is not None:
             parts.append(-self.loops.gaps(self.model, angles))
-        return np.concatenate(parts)
+        return np.concatenate(parts), np.concatenate(ways)
 
-    def there(self, e: Array, allowed: Array) -> Any:
+    def there(self, e: Array, ways: Array, allowed: Array) -> Any:
         """1 where what is left is allowed."""
         turns = np.array([row < 3 for row in self.rows])
         fine: Any = 1.0
         poses, open_by = np.split(e, [len(turns)])
         gaps = open_by / np.array(self.gaps)
-        for part, most in ((poses[turns], allowed[0]), (poses[~turns], allowed[1]), (gaps, 1.0)):
+        for part, most in ((poses[turns], allowed[0]), (ways, allowed[1]), (gaps, 1.0)):
             if len(part):
                 fine = fine * (1.0 - positive(part @ part - most))
         return fine

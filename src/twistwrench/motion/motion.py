@@ -25,7 +25,7 @@ from .contradictions import Contradictions
 from .coordinates import Coordinates, joint_rates
 from .motion_files import MotionFiles
 from .single_row_glitches import stamp_words
-from .spline import FEWEST, between, continuous, spline_rates
+from .spline import FEWEST, continuous, spline_rates, states_between
 from .time_unit import time_doubt
 from .violations import LimitCheck, Violation
 
@@ -329,8 +329,8 @@ class Motion(MotionFiles):
 
         Notes
         -----
-        Between two samples q moves along the constant joint twists that lead from one to the other; rates are
-        interpolated linearly.
+        Between two samples q moves along a polynomial of degree 5 in the joint twists that has the velocities and
+        accelerations of both (Hermite interpolation); dq and ddq are its derivatives.
 
         Examples
         --------
@@ -341,9 +341,9 @@ class Motion(MotionFiles):
         [0.25, -0.25]
         """
         t = np.asarray(arguments.finite(t, "Motion.at: t"), float)
-        q, k, after, share = between(self.robot, self.time, self.q, t)
+        q, *rates = states_between(self.robot, self.time, self.q, self.dq, self.ddq, t)
         inside = ((t >= self.time[0]) & (t <= self.time[-1]))[..., None]
-        dq, ddq = (np.where(inside, (1 - share) * x[k] + share * x[after], 0.0) for x in (self.dq, self.ddq))
+        dq, ddq = (np.where(inside, x, 0.0) for x in rates)
         return q, dq, ddq
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:

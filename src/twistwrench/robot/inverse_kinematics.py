@@ -136,7 +136,7 @@ def _looked_at(
     return (
         Searched(
             robot.model.velocity_names,
-            tuple(k for _, mine in frames for k in mine),
+            tuple(mine for _, mine in frames),
             0 if loops is None else len(loops.kinds),
         ),
         search,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.printed_numbers import printed
+from ..lie import se3
 from ..typing import Array
 
 _OPEN = 1e-9
@@ -18,7 +19,8 @@ class Searched:
     """What was looked for: all that results have in common."""
 
     joint_names: tuple[str, ...]
-    rows: tuple[int, ...]
+    frames: tuple[tuple[int, ...], ...]
+    """The rows of each frame."""
     loops: int = 0
     """How many rows of loops were to be closed, too."""
 
@@ -48,7 +50,7 @@ class InverseKinematics:
 
     @property
     def distance(self) -> Array:
-        """(...) m that are left."""
+        """(...) m between the origins, those of the frame and of the pose, or along the rows asked for."""
         return self._length(turning=False)
 
     @property
@@ -76,14 +78,19 @@ class InverseKinematics:
     @property
     def rows(self) -> tuple[int, ...]:
         """Rows of the twist that were asked for, 0 to 5."""
-        return self._asked.rows
+        return tuple(row for rows in self._asked.frames for row in rows)
 
     def _length(self, *, turning: bool) -> Array:
-        """Of the part of the twist that is left."""
-        total = np.zeros(self._said.shape[:-1])
-        for k, row in enumerate(self.rows):
-            if (row < 3) == turning:
-                total = total + self._said[..., 3 + k] ** 2
+        """Of the angles that are left, or of the ways between the origins."""
+        total, at = np.zeros(self._said.shape[:-1]), 3
+        for rows in self._asked.frames:
+            left = self._said[..., at : at + len(rows)]
+            at += len(rows)
+            if len(rows) == 6 and not turning:  # a twist, whose linear part is longer than the way if it turns, too
+                left = np.concatenate([left[..., :3], se3.exp(left)[..., :3, 3]], axis=-1)
+            for k, row in enumerate(rows):
+                if (row < 3) == turning:
+                    total = total + left[..., k] ** 2
         return np.asarray(np.sqrt(total), self.q.dtype)
 
     def reason(self, *index: int) -> str:

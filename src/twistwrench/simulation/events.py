@@ -18,6 +18,10 @@ from .user_functions import Function, Law, require_three
 if TYPE_CHECKING:
     from .robot_contact import RobotContact
 
+_NEAR = 1e-4
+"""Part of a step over which the slope of an event is measured."""
+_STEEPER = 3.0
+"""Slope of an event that passes zero once in a step, over that of the straight line: more is remarked."""
 _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
 
 
@@ -25,7 +29,8 @@ _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
 class Event:
     """Event of a simulation: a function g(t, q, dq) whose zeros are looked for, and whether the simulation ends there.
 
-    Two zeros within a step of a method are not seen. A zero at the very start is none.
+    Of several zeros within a step of a method one is seen at most; a remark of the result names the event if its slope
+    admits more. A zero at the very start does not count.
 
     Raises
     ------
@@ -90,6 +95,10 @@ class Watch:
         """g of each event, when last looked at."""
         self.margins: Array = np.zeros(0)
         """Of the limits of position, when last looked at."""
+        self.state: Array | None = None
+        """When last looked at."""
+        self.several: dict[str, str] = {}
+        """By event that may pass zero more often than was seen: a sentence."""
 
     def values(self, t: float, y: Array) -> tuple[list[float], Array]:
         """g of each event, and the margin of each limit."""
@@ -149,6 +158,7 @@ class Watch:
     def begin(self, t: float, y: Array) -> None:
         """Take the values of the first state."""
         self.before, self.margins = self.values(t, y)
+        self.state = y.copy()
 
     def leaves_at_once(self, y: Array, later: Array, h: float) -> Happening | None:
         """A joint that begins at a limit and moves beyond it, where ``later`` is the state ``h`` s after the first."""
@@ -163,6 +173,7 @@ class Watch:
         happened, s0 = [], 0.0
         for s1, y1 in points:
             after, margins = self.values(t + s1, y1)
+            self._note_several(t + s1, s1 - s0, y1, after)
             pairs = list(zip(self.before, after, strict=True))
             crossed = [k for k, pair in enumerate(pairs) if self._passed(k, *pair)]
             if self.limits is not None and not (margins > self.limits.tolerances).all():
@@ -175,6 +186,25 @@ class Watch:
                     return happened, s
             self.before, self.margins, s0 = after, margins, s1
         return happened, None
+
+    def _note_several(self, t: float, h: float, y: Array, after: Sequence[float]) -> None:
+        """Remark events whose slope at t, after a step of h, leads past zero more often than their values tell."""
+        if self.state is not None and h > 0.0:
+            y0 = y + _NEAR * (self.state - y)
+            for k, event in enumerate(self.events[: self.asked]):
+                if event.name in self.several:
+                    continue
+                slope = (after[k] - self._value(k, t - _NEAR * h, y0)) / _NEAR
+                ends = abs(self.before[k]) + abs(after[k])
+                seen = min(self.before[k], after[k]) <= 0.0 <= max(self.before[k], after[k])
+                jumps = abs(slope) * _NEAR > 0.5 * ends
+                if abs(slope) > (_STEEPER if seen else 1.0) * ends and not jumps:
+                    self.several[event.name] = (
+                        f"event {event.name!r} may pass zero more often than was seen: in the step to {number(t, 6)} s its "
+                        f"slope is {number(abs(slope) / h, 3)} 1/s, and its values are {number(self.before[k], 3)} and "
+                        f"{number(after[k], 3)}. Take a smaller dt than {number(h, 3)} s"
+                    )
+        self.state = y.copy()
 
     def _passed(self, k: int, g0: float, g1: float) -> bool:
         way = _DIRECTIONS[self.events[k].direction]

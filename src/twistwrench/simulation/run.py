@@ -110,6 +110,8 @@ class Run:
         counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
         errors = {"error_estimate": self.accuracy.error, "relative_error": self.accuracy.relative}
         remarks = (*self.remarks, *filter(None, [self.touches.remark(self.h)]))
+        if self.watch is not None:
+            remarks = (*remarks, *self.watch.several.values())
         found = self.record.result(self.robot, WORKS, **said, **counts, **errors, remarks=remarks)
         more = self.accuracy.remarks(self.method, found.relative_drift)
         return replace(found, remarks=(*remarks, *more)) if more else found

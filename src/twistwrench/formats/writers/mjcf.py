@@ -30,7 +30,7 @@ def write_mjcf(model: Model) -> Written:
     """The MJCF file of a model. Each moving body has the inertia of all that is fixed to it.
 
     >>> import twistwrench as tw
-    >>> write_mjcf(tw.robots.cart_pole().model).lost
+    >>> write_mjcf(tw.robots.planar_3r().model).lost
     ()
     """
     return _MjcfWriter(outline(model)).write()
