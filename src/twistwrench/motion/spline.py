@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
-from math import factorial
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -74,8 +75,9 @@ def _way(robot: Robot, q0: Array, q1: Array) -> Array:
 def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t: Array) -> tuple[Array, Array, Array]:
     """States at times t (...) inside of those of the samples, which they meet with their rates.
 
-    With ξ(t) of degree 5 in t, q = q_k ⊕ ξ is a Hermite polynomial along the joint twists. For joints of several degrees,
-    V = Σ (-ad ξ)ⁿ/(n + 1)! dξ, and dξ is the series' inverse of V.
+    q = q_k ⊕ x with x(t) of degree 5, a Hermite polynomial along the joint twists; of joints of several degrees
+    V = Σ (-ad x)ⁿ/(n + 1)! dx. Where q, dq and ddq of two samples contradict each other, as rounded positions beside smooth
+    accelerations do, that polynomial would swing, and the twist is constant between the two with rates on straight lines.
     """
     k = np.clip(np.searchsorted(time, t, side="right") - 1, 0, max(0, len(time) - 2))
     after = np.minimum(k + 1, len(time) - 1)
@@ -83,55 +85,84 @@ def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t
     h = np.where(h > 0, h, 1.0)
     s = np.clip((t - time[k])[..., None] / h, 0.0, 1.0)
     way = _way(robot, q[k], q[after])
-    groups = brackets(robot.model) if any(body.joint.nv > 1 for body in robot.model.leaders) else None
-    rate1, bend1 = _rates(groups, way, dq[after], ddq[after])
-    v0, a0, v1, a1 = h * dq[k], h * h * ddq[k], h * rate1, h * h * bend1
+    several = [body.places[1] for body in robot.model.leaders if body.joint.nv > 1]
+    groups = _brackets(robot.model) if several else None
+    ends = dq[after], ddq[after]
+    v1, a1 = ends if groups is None else _rates(groups, way, *ends)
+    v0, a0, v1, a1 = h * dq[k], h * h * ddq[k], h * v1, h * h * a1
+    swing = 60 * np.abs(way - 0.5 * (v0 + v1) + (a1 - a0) / 12) + 6 * np.abs(v1 - v0 - 0.5 * (a0 + a1))
+    fits = swing <= _SWING * np.maximum(np.abs(a0), np.abs(a1))
+    for mine in several:
+        fits[..., mine] = fits[..., mine].all(axis=-1, keepdims=True)
     e0, e1, e2 = way - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     c3, c4, c5 = 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2
-    x = s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
-    rate = (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
-    bend = (a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / (h * h)
-    return np.asarray(robot.add(q[k], x)), *_twists(groups, x, rate, bend)
+    x = np.where(fits, s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))), s * way)
+    rates = (
+        (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h,
+        (a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / (h * h),
+    )
+    straight = ((1 - s) * y[k] + s * y[after] for y in (dq, ddq))
+    smooth = rates if groups is None else _twists(groups, x, *rates)
+    V, dV = (np.where(fits, one, other) for one, other in zip(smooth, straight, strict=True))
+    return np.asarray(robot.add(q[k], x)), V, dV
 
 
-def _twists(groups: Array | None, x: Array, rate: Array, bend: Array) -> tuple[Array, Array]:
+@lru_cache(8)
+def _brackets(model: Model) -> Array:
+    """c (nv, nv²) with ad(x) = x c."""
+    c = brackets(model)
+    return np.ascontiguousarray(np.swapaxes(c, 1, 2)).reshape(len(c), -1)
+
+
+def _ad(groups: Array, x: Array) -> Array:
+    """(..., nv, nv)."""
+    return (x @ groups).reshape(*x.shape, x.shape[-1])
+
+
+def _needed(x: Array) -> int:
+    """How many terms of the series matter: they fall as (|x|/2π)ⁿ at least."""
+    reach = min(2.0 * float(np.abs(x).max(initial=1e-3)), 4.0)
+    return min(len(_FORWARD), math.ceil(_DIGITS / math.log(2 * math.pi / reach)))
+
+
+def _twists(groups: Array, x: Array, rate: Array, bend: Array) -> tuple[Array, Array]:
     """V and dV where q = q_k ⊕ x, from the derivatives of x."""
-    if groups is None:
-        return rate, bend
-    (V, dV), term, slope = (rate, bend), rate, bend
-    for c in _FORWARD[1:]:  # terms (ad x)ⁿ rate, and their derivatives
-        term, slope = _bracket(groups, x, term), _bracket(groups, rate, term) + _bracket(groups, x, slope)
+    A, dA = _ad(groups, x), _ad(groups, rate)
+    term, slope = rate[..., None], bend[..., None]
+    V, dV = term, slope
+    for c in _FORWARD[1 : _needed(x)]:  # terms (ad x)ⁿ rate, and their derivatives
+        term, slope = A @ term, dA @ term + A @ slope
         V, dV = V + c * term, dV + c * slope
-    return V, dV
+    return V[..., 0], dV[..., 0]
 
 
-def _rates(groups: Array | None, x: Array, V: Array, dV: Array) -> tuple[Array, Array]:
+def _rates(groups: Array, x: Array, V: Array, dV: Array) -> tuple[Array, Array]:
     """The derivatives of x where q = q_k ⊕ x, from V and dV."""
-    if groups is None:
-        return V, dV
-    terms = [V]
-    for _ in _INVERSE[1:]:
-        terms.append(_bracket(groups, x, terms[-1]))
-    rate = sum(c * term for c, term in zip(_INVERSE, terms, strict=True))
-    slope = bend = dV
+    A = _ad(groups, x)
+    terms = [V[..., None]]
+    for _ in _INVERSE[1 : _needed(x)]:
+        terms.append(A @ terms[-1])
+    rate = np.asarray(sum(c * term for c, term in zip(_INVERSE, terms, strict=False)))[..., 0]
+    dA = _ad(groups, rate)
+    slope = bend = dV[..., None]
     for c, term in zip(_INVERSE[1:], terms, strict=False):
-        slope = _bracket(groups, rate, term) + _bracket(groups, x, slope)
+        slope = dA @ term + A @ slope
         bend = bend + c * slope
-    return np.asarray(rate), np.asarray(bend)
-
-
-def _bracket(groups: Array, x: Array, y: Array) -> Array:
-    return np.asarray(np.einsum("...a,abd,...b->...d", x, groups, y, optimize=True))
+    return rate, bend[..., 0]
 
 
 def _series(n: int) -> tuple[Array, Array]:
     """Coefficients of (1 - e⁻ˣ)/x and of x/(1 - e⁻ˣ), up to xⁿ⁻¹."""
-    forward = [Fraction((-1) ** i, factorial(i + 1)) for i in range(n)]
+    forward = [Fraction((-1) ** i, math.factorial(i + 1)) for i in range(n)]
     inverse = [Fraction(1)]
     for i in range(1, n):
         inverse.append(-sum((forward[j] * inverse[i - j] for j in range(1, i + 1)), Fraction(0)))
     return np.array(forward, float), np.array(inverse, float)
 
 
+_DIGITS = 39.0
+"""Minus the logarithm of what is left out."""
+_SWING = 0.1
+"""Largest acceleration that a polynomial between two samples adds to the straight line, over the larger one of theirs."""
 _FORWARD, _INVERSE = _series(27)
 """A turn of half a revolution between two samples leaves 1e-8 out, one of 1 rad nothing."""
