@@ -18,6 +18,7 @@ from .shared_options import LIMITS, NO_FRICTION, PAYLOADS, option_group
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from ..model.limits import Limits
     from ..robot import Robot
     from ..trajectories.paths import JointPath
     from ..trajectories.trajectory import Trajectory
@@ -85,13 +86,14 @@ def answer_move(
     from .tables.trajectory import joint_uses, move_view
 
     carried = [parse_payload(text, tip) for text in given["payloads"]]
-    robot = LoadedRobot(robot, tuple(carried)).loaded
+    bare, robot = robot, LoadedRobot(robot, tuple(carried)).loaded
+    limits: Limits = robot.limits
     bounds = bounds_of(robot, acceleration=given["acceleration"])
     if given["limits_path"] is not None:
         from ..report.limits_file import read_limits
 
-        mine = read_limits(given["limits_path"], robot.model, degrees=degrees)
-        bounds = replace(bounds, lower=mine.lower, upper=mine.upper, velocity=mine.velocity, effort=mine.effort)
+        limits = read_limits(given["limits_path"], robot.model, degrees=degrees)
+        bounds = replace(bounds, **{kind: getattr(limits, kind) for kind in ("lower", "upper", "velocity", "effort")})
     if given["fastest"] and given["duration"] is not None:
         raise ValueRangeError("--fastest finds the duration, and --duration says it. Leave one of them out.")
     if not given["step"] > 0:
@@ -115,7 +117,7 @@ def answer_move(
     words = " and ".join(f"{number(p.mass)} kg" for p in carried)
     cannot = "" if trouble is None else f"{trouble} The motion below, and in the files, is the path until there."
     uses = joint_uses(moving, bounds, friction=friction)
-    doubts = limit_doubts(robot.model, bounds.effort, [use.peak for use in uses]) + model_doubts(robot.model, uses)
+    doubts = limit_doubts(bare, limits, [use.peak for use in uses]) + model_doubts(robot.model, uses)
     show(
         move_view(
             moving,

@@ -103,7 +103,7 @@ def answer_payload(
         show(stops_view(beyond, degrees=degrees))
     loads = np.abs(found.unloaded) + np.abs(found.per_kilogram)
     judged = not unlimited(robot.model, limits, loads)
-    doubts = limit_doubts(robot.model, limits, loads)
+    doubts = limit_doubts(load.bare, allowed, loads)
     if lacking := model_doubts(robot.model):
         doubts.append(f"{'; '.join(lacking)}: the payload may be less")
     if doubts:

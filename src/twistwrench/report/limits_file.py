@@ -6,6 +6,7 @@ The table of ``twistwrench info --csv`` is read too: a row for each entry of dq,
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,15 @@ _TURNS, _ENDLESS, _FAR = 4 * math.pi, 1e4, 3.0
 """Two turns [rad], from which positions may be degrees; numbers that stand for no limit; times the robot's own limit."""
 
 
-def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Limits:
+@dataclass(frozen=True, eq=False)
+class StatedLimits(Limits):
+    """Limits of which some are the user's own."""
+
+    stated: Array
+    """(nv,) of bool: joints whose effort the user gave."""
+
+
+def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> StatedLimits:
     """The model's limits with those of the file in their places; angles of the file are in degrees if ``degrees``.
 
     Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
@@ -44,7 +53,7 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
     angles = np.where(joints.angular_velocity & degrees, math.radians(1.0), 1.0)
     found = {kind: getattr(model.limits, kind).copy() for kind in _KINDS}
     seen: set[str] = set()
-    sizes = np.zeros(model.nv)
+    sizes, stated = np.zeros(model.nv), np.zeros(model.nv, bool)
     for line, cells in rows:
         if "leader" in header and cells[header.index("leader")]:
             continue
@@ -52,6 +61,7 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
         joint, values = _joint_of(header, cells, where, file.dialect)
         k = _check(joint, values, joints, seen, where)
         seen.add(joint)
+        stated[k] = "effort" in values
         for kind, value in values.items():
             found[kind][k] = value * (1.0 if kind == "effort" else angles[k])
         sizes[k] = max(
@@ -64,7 +74,7 @@ def read_limits(path: str | Path, model: Model, *, degrees: bool = False) -> Lim
             )
     if not degrees:
         _check_radians(path, sizes * joints.angular_velocity, model)
-    return Limits(**found)
+    return StatedLimits(**found, stated=stated)
 
 
 def _check_radians(path: Path, sizes: Array, model: Model) -> None:

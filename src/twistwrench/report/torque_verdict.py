@@ -37,7 +37,7 @@ def verdict_of(report: TorqueReport) -> Verdict:
     worst joint, counted in. What noise may hide, or make, is unsure; what smoothing takes off for certain is neither.
     """
     over: list[tuple[Excess, str]] = []
-    unsure = limit_doubts(report.load.loaded.model, report.limits.effort, [j.peak for j in report.joints])
+    unsure = limit_doubts(report.load.bare, report.limits, [j.peak for j in report.joints])
     _judge_torques(report, over, unsure)
     _judge_motion(report, over, unsure)
     stated = _grouped(over)
