@@ -59,7 +59,7 @@ class Arm:
             out.append(
                 f'  </link>\n  <joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>'
                 f'<origin xyz="0 0 0.4"/><axis xyz="{axis}"/>'
-                '<limit lower="-2" upper="2" effort="900" velocity="3"/><dynamics damping="0.1"/></joint>'
+                '<limit lower="-2" upper="2" effort="250" velocity="3"/><dynamics damping="0.1"/></joint>'
             )
         return "\n".join(out) + "\n</robot>\n"
 
@@ -381,7 +381,7 @@ def test_the_command_says_what_it_found_and_ends_with_its_code(tmp_path):
     data = json.loads(run(path, "--json").output)
     assert data["findings"][0]["check"] == "impossible" and data["findings"][0]["line"] > 0
     assert run(path, "--only", "axis").exit_code == 0
-    assert run("planar_2r").exit_code == 0 and run("planar_2r", "--strict").exit_code == 1
+    assert run("pendulum").exit_code == 0 and run("pendulum", "--strict").exit_code == 1
 
 
 @pytest.mark.parametrize(
@@ -529,7 +529,7 @@ def test_meshes_are_scaled(tmp_path):
         ("degrees", 'lower="-2" upper="2"', 'lower="-90" upper="90"', "joint 'joint0'"),
         ("axis", "<axis xyz=", "<axis xyz=", "joint"),
         ("limits", 'lower="-2"', 'lower="0.5"', "joint 'joint0'"),
-        ("effort", 'effort="900"', 'effort="0"', "joint 'joint0'"),
+        ("effort", 'effort="250"', 'effort="0"', "joint 'joint0'"),
         ("friction", '<dynamics damping="0.1"/>', "", "robot 'arm'"),
         ("placeholder", None, np.eye(3) * 1e-3, "link 'link1'"),
         ("no-inertia", None, np.zeros((3, 3)), "link 'link1'"),

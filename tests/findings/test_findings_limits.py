@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -224,3 +226,92 @@ def test_finding_22_many_turns_of_a_joint_are_no_degrees(run, tmp_path):
     assert run("torques", "wide.urdf", "--trajectory", "ok.csv", "--limits", "limits.csv")[0] == 0
     (tmp_path / "limits.csv").write_text("joint,lower,upper\nshoulder,-40,40\nelbow,-3,3\n")
     assert run("torques", "arm.urdf", "--trajectory", "ok.csv", "--limits", "limits.csv")[0] == 0
+
+
+# ── 19: placeholder limits, and what the doctor says of limits ──
+
+SMALL = "".join(link(f"l{k}", 0.15, 0.1) for k in range(1, 4))
+
+
+def small(effort):
+    """Three links of 0.15 kg and 0.1 m, whose weight takes 0.66 N m at most."""
+    joints = "".join(
+        joint(f"j{k}", f"l{k - 1}" if k > 1 else "base", f"l{k}", effort, x=0.1 * (k > 1)) for k in (1, 2, 3)
+    )
+    tool = '<link name="tool"/><joint name="tf" type="fixed"><origin xyz="0.1 0 0"/><parent link="l3"/><child link="tool"/></joint>'
+    return f'<robot name="small"><link name="base"/>{SMALL}{joints}{tool}</robot>'
+
+
+@pytest.mark.parametrize("command", ["torques", "payload", "move"])
+def test_finding_19_placeholder_limits_are_doubted_unless_they_are_the_users(run, tmp_path, command):
+    (tmp_path / "arm.urdf").write_text(small(35))
+    table("small.csv", T, S, 0.3 + 0.5 * S, 0.2 * S, head="time,j1,j2,j3")
+    given = {
+        "torques": ("torques", "arm.urdf", "--trajectory", "small.csv", "--payload", 0.1),
+        "payload": ("payload", "arm.urdf"),
+        "move": ("move", "arm.urdf", "--to", "1,0.8,0.2", "--duration", 4),
+    }[command]
+    code, said = run(*given)
+    assert code == 1 and said.startswith("UNSURE: effort 35 on all 3 joints: the arm's own weight takes at most 1."), (
+        said
+    )
+    (tmp_path / "limits.csv").write_text("joint,effort\nj1,35\nj2,35\nj3,35\n")
+    assert run(*given, "--limits", "limits.csv")[0] == 0
+    (tmp_path / "arm.urdf").write_text(small(2))  # 33 %
+    assert run(*given)[0] == 0
+
+
+def test_finding_19_the_doctor_warns_of_placeholder_and_missing_limits(run, tmp_path):
+    (tmp_path / "arm.urdf").write_text(small(35))
+    code, said = run("doctor", "arm.urdf", "--only", "placeholder-limits")
+    assert code == 1 and "warning placeholder-limits, robot 'small' effort 35 on all 3 joints" in said, said
+    (tmp_path / "arm.urdf").write_text(small(0))
+    code, said = run("doctor", "arm.urdf", "--only", "effort")
+    assert code == 1 and "warning effort, joints 'j1', 'j2', 'j3', line 1 there is no limit of effort" in said, said
+    assert tw.doctor(tw.robots.path_of("ur5"), only="placeholder-limits").summary == "nothing found"
+
+
+PLACEHOLDERS = {
+    *("so100.urdf", "so101.urdf", "bolt.urdf", "finger_edu.urdf", "quadruped.urdf", "solo.urdf", "solo12.urdf"),
+    *("icub_genova02.urdf", "ur3_gripper.urdf", "ur3_joint_limited_robot.urdf", "ur3_robot.urdf"),
+}
+
+
+@pytest.mark.slow
+def test_finding_19_of_public_robots_the_wrong_files_alone_are_doubted():
+    roots = [Path(entry) / "cmeel.prefix/share/example-robot-data" for entry in sys.path]
+    files = sorted(file for root in roots if root.is_dir() for file in root.rglob("*.urdf"))
+    if not files:
+        pytest.skip("example-robot-data is not installed")
+    found = set()
+    for file in files:
+        try:
+            report = tw.doctor(file, only="placeholder-limits", meshes=False)
+        except tw.TwistWrenchError:
+            continue
+        found |= {file.name} if report.findings and report.subject.robot.model.nv > 2 else set()
+    assert found == PLACEHOLDERS
+
+
+def test_finding_28_links_of_a_gram_are_a_warning_and_a_tool_without_mass_is_counted(run, tmp_path):
+    (tmp_path / "light.urdf").write_text(arm().replace('mass value="1.0"', 'mass value="0.001"'))
+    code, said = run("doctor", "light.urdf", "--only", "light")
+    assert code == 1 and "warning light, robot 'arm2' all that moves weighs 2 g, and the robot reaches 2 m" in said, (
+        said
+    )
+    seen = '<link name="tool"><visual><geometry><box size=".1 .1 .1"/></geometry></visual></link>'
+    (tmp_path / "tool.urdf").write_text(arm().replace('<link name="tool"/>', seen))
+    code, said = run("torques", "tool.urdf", "--trajectory", "ok.csv")
+    assert code == 0 and "; 1 assumption: tool has a shape and no mass, so no weight." in said, said
+
+
+def test_finding_66_the_doctor_prints_each_finding_once(run, tmp_path):
+    (tmp_path / "arm.urdf").write_text(arm((0, 0)).replace('mass value="1.0"', 'mass value="0.001"'))
+    _, said = run("doctor", "arm.urdf")
+    findings = tw.doctor(tmp_path / "arm.urdf").findings
+    assert len(findings) > 2
+    for finding in findings:
+        assert said.count(finding.sentence) == sum(f.sentence == finding.sentence for f in findings)
+        assert said.count(f"{finding.check}, {finding.where}") == sum(
+            (f.check, f.where) == (finding.check, finding.where) for f in findings
+        )

@@ -97,7 +97,7 @@ def placeholder_limits(robot: Robot) -> str:
             f"efforts of {number(float(effort[large].min()))} and more on {large.sum()} of {driven.sum()} joints of a robot of "
             f"{number(model.moving_mass)} kg, which stand for no limit"
         )
-    chain = _arm(model)
+    chain = arm_entries(model)
     if len(chain) < _CHAIN or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):
         return ""
     q = robot.random_configuration(np.random.default_rng(0), _POSES)
@@ -118,8 +118,8 @@ def placeholder_limits(robot: Robot) -> str:
     )
 
 
-def _arm(model: Model) -> list[int]:
-    """Entries of dq of an arm on a fixed base, from the base to where it branches into fingers; empty of other robots."""
+def arm_entries(model: Model) -> list[int]:
+    """Entries of dq of an arm on a fixed base, from the base to where it branches into fingers; empty for other robots."""
     moving = [k for k, b in enumerate(model.bodies) if b.joint.moves_body]
     below = {k: [i for i in moving if model.bodies[i].parent == k] for k in [BASE, *moving]}
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..listing import listed
 from ..model.massless import massless_links
-from ..model.model import Model
+from ..model.model import BASE, Model
 from .base_force import PeakTorque, force_in_words, missing_force
 from .loaded_robot import Payload
 
@@ -45,9 +45,19 @@ def assumptions(
         apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
         if apart:
             said.append(f"the payload is at {model.tip}, one of {len(ends)} tips")
+    weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
+    if weightless:
+        have = "have a shape" if len(weightless) > 1 else "has a shape"
+        said.append(f"{listed(weightless, 4)} {have} and no mass, so no weight")
     if not friction and model.friction.any:
         said.append("joint friction is left out")
     return said
+
+
+def _without_mass(model: Model, link: str) -> bool:
+    """Whether a link that moves, as part of a body with mass, has none itself."""
+    body, own = model.frames[link].body, model.link_inertias.get(link)
+    return body != BASE and own is not None and not own.parameters.any() and model.bodies[body].inertia.mass > 0
 
 
 def assumed_words(said: Sequence[str]) -> str:

@@ -9,7 +9,6 @@ from rich.padding import Padding
 from rich.text import Text
 
 from ...diagnosis import DoctorReport, Finding, Severity
-from .plain_table import PlainTable
 
 _COLOURS = {Severity.ERROR: "bold red", Severity.WARNING: "yellow", Severity.NOTE: "dim"}
 _LISTED = 6
@@ -17,7 +16,7 @@ _LISTED = 6
 
 
 def doctor_view(report: DoctorReport, *, every: bool = False) -> RenderableType:
-    """A heading, a table of the findings, and a paragraph for each error and warning; all notes if ``every``."""
+    """A heading and a paragraph for each finding; all notes if ``every``."""
     heading = Text.assemble((report.robot, "bold"), f"  {report.summary}")
     if not report.findings:
         return heading
@@ -26,7 +25,7 @@ def doctor_view(report: DoctorReport, *, every: bool = False) -> RenderableType:
     parts: list[RenderableType] = [heading]
     if str(report.effect) != "none":
         parts.append(Text(f"all repairs together change: {report.effect}"))
-    parts.append(_table(shown))
+    parts.append(Text())
     parts += [part for finding in shown for part in _paragraph(finding)]
     if left:
         parts.append(Text(f"{left} more notes; --json lists all.", "dim"))
@@ -43,19 +42,13 @@ def _shown(report: DoctorReport, *, every: bool) -> Iterator[Finding]:
         yield finding
 
 
-def _table(findings: list[Finding]) -> PlainTable:
-    table = PlainTable("Findings")
-    table.words("severity", "check", fold=False)
-    table.numbers("line")
-    table.words("where", "effect of the repair")
-    for finding in findings:
-        colour = _COLOURS[finding.severity]
-        line = f"{finding.file}:{finding.line}" if finding.file else str(finding.line or "")
-        table.row(Text(finding.severity, colour), finding.check, line, finding.where, str(finding.effect))
-    return table
-
-
 def _paragraph(finding: Finding) -> Iterator[RenderableType]:
-    yield Text.assemble((f"{finding.severity} ", _COLOURS[finding.severity]), str(finding).partition(": ")[2])
+    """Severity, check and place, and below them the sentence, the repair and its effect."""
+    line = f"{finding.file + ', ' if finding.file else ''}line {finding.line}" if finding.line else ""
+    head = ", ".join(x for x in (finding.check, finding.where, line) if x)
+    yield Text.assemble((str(finding.severity), _COLOURS[finding.severity]), f"  {head}")
+    yield Padding(Text(finding.sentence), (0, 0, 0, 2))
     if finding.repair is not None:
         yield Padding(Text(f"repair: {finding.repair.sentence}"), (0, 0, 0, 2))
+    if str(finding.effect) != "none":
+        yield Padding(Text(f"effect of the repair: {finding.effect}"), (0, 0, 0, 2))

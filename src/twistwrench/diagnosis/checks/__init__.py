@@ -7,8 +7,24 @@ from collections.abc import Callable, Iterator, Mapping
 from ..described import DescribedRobot
 from ..findings import Finding
 from .inertia import check_impossible, check_too_large, check_too_small
-from .joints import check_axis, check_degrees, check_effort, check_friction, check_limits, check_mimic
-from .masses import check_assumed, check_density, check_massless, check_no_inertia, check_no_mass, check_placeholder
+from .joints import (
+    check_axis,
+    check_degrees,
+    check_effort,
+    check_friction,
+    check_limits,
+    check_mimic,
+    check_placeholder_limits,
+)
+from .masses import (
+    check_assumed,
+    check_density,
+    check_light,
+    check_massless,
+    check_no_inertia,
+    check_no_mass,
+    check_placeholder,
+)  # fmt: skip
 from .mirror import check_mirror
 from .options import Options
 from .places import check_com, check_units
@@ -26,12 +42,14 @@ CHECKS: Mapping[str, Callable[[DescribedRobot, Options], Iterator[Finding]]] = {
     "assumed": check_assumed,
     "com-outside": check_com,
     "density": check_density,
+    "light": check_light,
     "units": check_units,
     "mirror": check_mirror,
     "mimic": check_mimic,
     "degrees": check_degrees,
     "limits": check_limits,
     "effort": check_effort,
+    "placeholder-limits": check_placeholder_limits,
     "axis": check_axis,
     "friction": check_friction,
 }

@@ -10,6 +10,8 @@ import numpy as np
 from ...core.printed_numbers import in_file, number, printed
 from ...listing import listed
 from ...model.limits import margin
+from ...report.limit_doubts import arm_entries, placeholder_limits
+from ...robot import Robot
 from ..described import DescribedJoint, DescribedRobot
 from ..findings import Edit, FileRepair, Finding, Severity
 from .options import Options
@@ -71,12 +73,25 @@ def check_effort(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
         if robot.format == "urdf":
             none = [j.name for j in joints if not j.numbers.get(what)]
             large = [j.name for j in joints if j.numbers.get(what, 0.0) >= 1e4 or j.numbers.get(what) == 1000.0]
-            yield from _of_several(robot, "effort", none, f"there is no limit of {what}")
+            arm = what == "effort" and len(arm_entries(robot.model)) > 1
+            said = ", so neither torques nor payloads can be judged" if arm else ""
+            severity = Severity.WARNING if arm else Severity.NOTE
+            yield from _of_several(robot, "effort", none, f"there is no limit of {what}{said}", severity)
             yield from _of_several(robot, "effort", large, f"the limit of {what} stands for none")
     limits, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
     names = robot.model.velocity_names
     weak = [names[k] for k in range(robot.model.nv) if torques[k] > limits[k] + margin(limits[k])]
     yield from _of_several(robot, "effort", weak, "the robot's own weight takes more than the effort at some pose")
+
+
+def check_placeholder_limits(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Efforts that are probably no limits of the motors: far above what the robot's weight takes."""
+    said = placeholder_limits(Robot(robot.model))
+    if said:
+        yield Finding(
+            "placeholder-limits", Severity.WARNING, f"robot {robot.model.name!r}", 0, said,
+            repair=FileRepair("advice", "take the efforts from the data sheet, or give them with --limits"),
+        )  # fmt: skip
 
 
 def check_axis(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
@@ -109,13 +124,15 @@ def _finding(
     )
 
 
-def _of_several(robot: DescribedRobot, check: str, names: list[str], sentence: str) -> Iterator[Finding]:
-    """One note on all joints of which the same is to be said."""
+def _of_several(
+    robot: DescribedRobot, check: str, names: list[str], sentence: str, severity: Severity = Severity.NOTE
+) -> Iterator[Finding]:
+    """One finding on all joints of which the same is to be said."""
     if not names:
         return
     first = robot.joints.get(names[0])
     noun = "joint" if len(names) == 1 else "joints"
     yield Finding(
-        check, Severity.NOTE, f"{noun} {listed(map(repr, names), _NAMED)}", first.line if first else 0,
+        check, severity, f"{noun} {listed(map(repr, names), _NAMED)}", first.line if first else 0,
         sentence, {"joints": float(len(names))}, file=first.file if first else "",
     )  # fmt: skip

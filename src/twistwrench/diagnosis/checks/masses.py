@@ -10,6 +10,7 @@ from ...bodies.inertia import SpatialInertia
 from ...core.printed_numbers import number, printed
 from ...listing import listed
 from ...model.massless import massless_links
+from ...report.loaded_robot import reach
 from ..described import DescribedLink, DescribedRobot, WrittenInertia
 from ..findings import Effect, FileRepair, Finding, Severity
 from ..shapes import hull_solid
@@ -18,6 +19,8 @@ from .options import Options
 
 _POINT = 10.0
 """% of M from which a mass without inertia matters: below it is a point mass as models in books have it."""
+_LEAST_PER_METRE = 0.01
+"""kg of moving links for each metre of reach: a thin carbon rod has twice as much."""
 _NAMED = 6
 """Links that a sentence names; more are counted."""
 _DENSITIES = 50.0, 8000.0
@@ -97,6 +100,19 @@ def check_massless(robot: DescribedRobot, _options: Options) -> Iterator[Finding
             repair=FileRepair("advice", f"give each a mass and a tensor, or fix the joints, lock={{{joints[0]!r}: 0, …}}"),
             file=link.file,
         )  # fmt: skip
+
+
+def check_light(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
+    """Robots whose links weigh a few grams for each metre: masses in kilograms that were meant to be more."""
+    model, length = robot.model, reach(robot.model)
+    if not 0 < length < np.inf or not 0 < model.moving_mass < _LEAST_PER_METRE * length:
+        return
+    yield Finding(
+        "light", Severity.WARNING, f"robot {model.name!r}", 0,
+        f"all that moves weighs {number(1e3 * model.moving_mass)} g, and the robot reaches {number(length)} m",
+        {"mass": model.moving_mass, "reach": length},
+        repair=FileRepair("advice", "give each link its mass, in kilograms"),
+    )  # fmt: skip
 
 
 def check_assumed(robot: DescribedRobot, _options: Options) -> Iterator[Finding]:
