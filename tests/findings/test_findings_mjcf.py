@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
+from places import SHARED
 
 import twistwrench as tw
 from twistwrench.simulation import Event
@@ -359,3 +362,29 @@ def test_finding_13_joints_of_several_degrees_too(kind):
     assert np.abs(robot.subtract(found[0], q(between))).max() < 1e-8
     assert np.abs(found[1] - dq).max() < 1e-6
     assert np.abs(found[2] - ddq).max() < 1e-3
+
+
+def _model_files():
+    """MJCF files of MuJoCo's wheel, of gymnasium and beside the checkout."""
+    folders = [SHARED / "robots" / "mjcf", Path(mujoco.__file__).parent]
+    found = importlib.util.find_spec("gymnasium")
+    folders += (
+        [Path(p) / "envs" / "mujoco" / "assets" for p in (found.submodule_search_locations or ())] if found else []
+    )
+    return sorted(path for folder in folders if folder.is_dir() for path in folder.rglob("*.xml"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", _model_files(), ids=lambda path: path.name)
+def test_finding_03_every_model_of_mujoco_has_its_numbers_or_a_remark(path):
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError:
+        pytest.skip("MuJoCo does not compile it alone")
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)  # constraints are the robot's closures
+    robot = quietly(tw.from_mujoco, model, snap=0, inertia="accept", mimic="independent")
+    if robot.nv == 0:
+        pytest.skip("nothing of it moves")
+    acting = ("left out", "alone is kept", "read as elastic", "is not kept")
+    said = [one for one in robot.defects if any(word in one for word in acting)]
+    assert said or same_numbers(robot, model)

@@ -14,9 +14,9 @@ from ..model.closure import OfferedClosure
 from ..model.description import Mimic
 from ..model.remark import Remark
 from ..typing import Array
+from .known_elements import LEFT_OUT
 from .mjcf.actuators import ANY, at_joint, effort_of
 from .mjcf.equality import ALL, POINT, leaders_of
-from .mjcf.left_out import LEFT_OUT
 
 _ON_JOINTS = (0, 1)
 """Of ``mjtTrn``: at a joint, and at one in its parent's frame."""

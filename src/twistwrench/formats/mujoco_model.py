@@ -16,10 +16,10 @@ from ..model.description import Mimic
 from ..model.remark import Remark
 from ..typing import Array
 from .element import Element
+from .known_elements import LEFT_OUT
 from .mjcf.bodies import WORLD, unused
 from .mjcf.chain import chain
 from .mjcf.joints import COORDINATES, MjcfJoint, screw
-from .mjcf.left_out import LEFT_OUT
 from .mjcf.settings import also_disabled
 from .mujoco_forces import add_closures, add_tendons, drives_of, mimics_of, polynomial
 

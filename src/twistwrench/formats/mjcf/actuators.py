@@ -13,9 +13,9 @@ from ...errors import RobotFileError
 from ...model.remark import Remark
 from ...typing import Array
 from ..element import Element
+from ..known_elements import LEFT_OUT
 from .defaults import ACTUATORS, SHORTCUT, Defaults
 from .joints import MjcfJoint, limited
-from .left_out import LEFT_OUT
 from .settings import Settings
 
 

@@ -11,8 +11,8 @@ from ...errors import RobotFileError
 from ...lie import so3
 from ...typing import Array
 from ..element import Element
+from ..known_elements import LEFT_OUT
 from .bodies import MjcfBody, PlacedElement, unused
-from .left_out import LEFT_OUT
 from .placement import direction
 from .settings import Settings
 

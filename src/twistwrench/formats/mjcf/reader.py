@@ -12,6 +12,7 @@ from ...model.description import Mimic
 from ...model.remark import Remark
 from ...typing import Array
 from ..element import Element
+from ..known_elements import LEFT_OUT
 from .actuators import Drives, drives_of
 from .bodies import WORLD, MjcfBody, survey, unused
 from .chain import chain
@@ -22,7 +23,6 @@ from .includes import Folders, expand
 from .inertial import inertias_of
 from .joints import MjcfJoint, joints_of, names_given, screw
 from .keyframes import add_configurations
-from .left_out import LEFT_OUT
 from .meshes import Meshes
 from .settings import Settings, disabled_by, fluid_of, gravity_of
 from .tendons import add_tendons

@@ -8,9 +8,9 @@ from ...errors import RobotFileError
 from ...model.builder import ModelBuilder
 from ...model.remark import Remark
 from ..element import Element
+from ..known_elements import LEFT_OUT
 from .defaults import Defaults
 from .joints import MjcfJoint
-from .left_out import LEFT_OUT
 
 _LOSSES = ("damping", "frictionloss", "armature")
 """What tendons have that has no place in the model."""
