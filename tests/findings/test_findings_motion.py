@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from robot_files import FILES
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -162,3 +163,128 @@ def test_finding_42_errors_show_numbers_and_names_of_numpy_without_their_types(c
     with pytest.raises(tw.TwistWrenchError) as caught:
         call()
     assert "np." not in str(caught.value)
+
+
+# ── 26 and 72: an exciting motion whose clearance was looked at ──
+
+FOLDING = """<link name="link{k}"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
+  <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.005"/></inertial>{shape}</link>
+<joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/><origin xyz="0 0 {z}"/>
+  <axis xyz="{axis}"/><limit lower="-2.9" upper="2.9" velocity="3" effort="60"/></joint>"""
+CYLINDER = '<visual><origin xyz="0 0 0.2"/><geometry><cylinder radius="0.03" length="0.3"/></geometry></visual>'
+BOX = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
+QUICKLY = ("--seconds", 4, "--harmonics", 2, "--acceleration", 10, "--restarts", 1, "--friction", "none")
+
+
+def folding(shapes=True):
+    """Three links of 0.4 m in one plane, which fold onto the base and onto each other."""
+    links = "".join(
+        FOLDING.format(
+            k=k,
+            parent=f"link{k - 1}" if k else "base",
+            z=0.4,
+            axis="0 1 0" if k else "0 1 0.001",
+            shape=CYLINDER * shapes,
+        )
+        for k in range(3)
+    )
+    return f'<robot name="folding"><link name="base">{BOX * shapes}</link>{links}</robot>'
+
+
+def axes_apart(robot, q, a, b):
+    """Least distance between the axes of two links, 0.05 to 0.35 m along each."""
+    poses, along = robot.link_poses(q), np.linspace(0.05, 0.35, 61)
+    lines = [
+        T[:, None, :3, 3] + along[:, None] * T[:, None, :3, 2]
+        for T in (poses[:, robot.link_names.index(name)] for name in (a, b))
+    ]
+    return np.linalg.norm(lines[0][:, :, None] - lines[1][:, None, :], axis=-1).min()
+
+
+def test_finding_26_excite_is_unsure_where_capsules_are_assumed(run, tmp_path):
+    (tmp_path / "bare.urdf").write_text(folding(shapes=False))
+    code, said = run("excite", "bare.urdf", *QUICKLY, "--out", "m.csv")
+    assert code == 1
+    assert said.startswith(
+        "UNSURE: 3 links have no shapes in the robot's file, so clearances are those of assumed capsules"
+    )
+    assert "80 mm around link0, link1, link2" in said and "mm of capsules around links from each other" in said
+    robot = tw.load(tmp_path / "bare.urdf")
+    motion = tw.Motion.from_file(tmp_path / "m.csv", robot)
+    assert (
+        axes_apart(robot, motion.q, "link0", "link2") > 2 * 0.08
+    )  # of assumed radii, 20 mm between them less the sampling
+
+
+def test_finding_26_excite_is_ok_where_shapes_of_the_file_keep_clear(run, tmp_path):
+    (tmp_path / "shaped.urdf").write_text(folding())
+    code, said = run("excite", "shaped.urdf", *QUICKLY, "--floor=-0.5", "--out", "m.csv")
+    assert code == 0
+    assert said.startswith("OK: least distances: 2")
+    robot = tw.load(tmp_path / "shaped.urdf")
+    motion = tw.Motion.from_file(tmp_path / "m.csv", robot)
+    assert axes_apart(robot, motion.q, "link0", "link2") > 2 * 0.03 + 0.019
+    code, said = run("excite", "shaped.urdf", *QUICKLY, "--ignore-self")
+    assert code == 1
+    assert said.startswith("UNSURE: not looked at: distances of links from each other")
+
+
+def test_finding_26_links_at_a_fixed_height_are_named_where_the_floor_is_too_near(run):
+    hold = [x for joint in ("wrist_1_joint=-1", "wrist_2_joint=0.3", "wrist_3_joint=0") for x in ("--lock", joint)]
+    code, said = run("excite", "ur5", *hold, *QUICKLY, "--floor", 0.1)
+    assert code == 1
+    assert (
+        "not looked at: the floor is too near shoulder_link, upper_arm_link wherever the joints are, at a fixed height"
+        in said
+    )
+    assert "mm from the floor" in said
+
+
+def test_finding_26_the_help_does_not_contradict_its_options(run):
+    code, said = run("excite", "--help")
+    assert code == 0
+    assert "Whether links touch each other is not looked at" not in said
+    assert "--ignore-self" in said and "UNSURE" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_finding_72_no_real_shapes_touch_and_none_is_below_the_floor(run, tmp_path, name):
+    """By Pinocchio's collision checks of the meshes of example-robot-data, in 1,001 samples of the bundled robot's motion.
+
+    Pairs are all but those of links that one joint connects; heights are those of links whose frame changes its own.
+    """
+    pin = pytest.importorskip("pinocchio", exc_type=ImportError)
+    file = {"ur5": "ur_description/ur5_robot", "panda": "panda_description/panda"}[name]
+    if file not in FILES:
+        pytest.skip("example-robot-data is not there")
+    asked = ("--seconds", 20, "--harmonics", 5, "--share", 0.9, "--acceleration", 10, "--floor", 0.1)
+    code, said = run("excite", name, *asked, "--out", "m.csv")
+    assert code == 1 and said.startswith("UNSURE: ")
+    assert ("shoulder_link, upper_arm_link wherever" in said) == (name == "ur5")
+    robot = getattr(tw.robots, name)()
+    motion, path = tw.Motion.from_file(tmp_path / "m.csv", robot), str(FILES[file])
+    t = np.linspace(motion.time[0], motion.time[-1], 1001)
+    q = np.stack([np.interp(t, motion.time, x) for x in motion.q.T], axis=1)
+    model, shapes, _ = pin.buildModelsFromUrdf(path, package_dirs=[path.split("/example-robot-data/robots")[0]])
+    joints = [min(shape.parentJoint, robot.nv) for shape in shapes.geometryObjects]  # the fingers are held
+    shapes.addAllCollisionPairs()
+    for pair in [p for p in shapes.collisionPairs if abs(joints[p.first] - joints[p.second]) <= 1]:
+        shapes.removeCollisionPair(pair)
+    assert len(shapes.collisionPairs) >= 20
+    data, seen = model.createData(), shapes.createData()
+    heights, origins = np.full((len(t), len(joints)), np.inf), np.zeros((len(t), len(joints)))
+    touching = 0
+    for i, row in enumerate(q):
+        pin.forwardKinematics(model, data, np.concatenate([row, np.zeros(model.nq - robot.nq)]))
+        pin.updateGeometryPlacements(model, data, shapes, seen)
+        touching += pin.computeCollisions(shapes, seen, True)
+        for k, shape in enumerate(shapes.geometryObjects):
+            origins[i, k] = data.oMi[joints[k]].translation[2]
+            if hasattr(shape.geometry, "vertices"):
+                M = seen.oMg[k]
+                heights[i, k] = (np.asarray(shape.geometry.vertices()) @ M.rotation[2]).min() + M.translation[2]
+    moving = np.ptp(origins, axis=0) > 1e-9
+    assert moving.sum() >= 4
+    assert touching == 0
+    assert heights[:, moving].min() > 0.1

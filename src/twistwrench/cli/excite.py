@@ -28,7 +28,9 @@ excite_options = option_group(
     ),
     click.option("--restarts", type=int, default=3, show_default=True, help="How often the search begins anew."),
     click.option("--seed", type=int, default=0, show_default=True, help="Of the motions it begins with."),
-    click.option("--ignore-self", is_flag=True, help="Do not look whether links touch each other."),
+    click.option(
+        "--ignore-self", is_flag=True, help="Do not keep links clear of each other; the answer is then UNSURE."
+    ),
     click.option("--floor", type=float, metavar="Z", help="Height that no link goes below [m]."),
     click.option(
         "--criterion",
@@ -72,7 +74,7 @@ def answer_excite(
     step: float,
     out_path: str | None,
 ) -> ExitCode:
-    """Print what the motion will tell with ``show``, and write it. Raises errors of the library."""
+    """Print what the motion will tell with ``show``, and write it; 0 where the verdict is OK. Raises errors of the library."""
     from ..identification import exciting_trajectory
     from ..outputs import check_outputs
     from .tables.excite import excitation_view
@@ -100,4 +102,4 @@ def answer_excite(
     show(excitation_view(found, degrees=options.degrees))
     if out_path is not None:
         click.echo(f"wrote {found.to_csv(out_path, degrees=options.degrees)}")
-    return ExitCode.FINE
+    return found.verdict.exit_code

@@ -18,10 +18,11 @@ from ..robot import Robot
 from ..typing import Array
 from .link_capsules import LinkCapsules
 
-_STEP = 1e-6
-_SAMPLES = 500
+MARGIN = 0.02
+"""m: what capsules stay away from each other and from the floor."""
+_SAMPLES = 200
 _ALWAYS = 0.95
-"""Share of random configurations, from which on a pair of capsules overlaps by how the robot is built."""
+"""Share of random configurations from which on a pair of capsules, or one and the floor, is near by how the robot is built."""
 _STILL = 1e-9
 _POINT = 1e-14
 """m²: segments that are points."""
@@ -73,9 +74,11 @@ class CapsuleRoom:
     robot : Robot
     capsules : LinkCapsules
     pairs : (m, 2) array, capsules that are looked at together
-    above : (k,) array, capsules whose heights change
+    above : (k,) array, capsules that are looked at together with the floor: those whose heights change
     floor : float or None, height [m]
-    overlapping : tuple of pairs of str, links whose capsules overlap by how the robot is built, and that are not looked at
+    overlapping : tuple of pairs of str, links whose capsules are too near by how the robot is built, and that are not looked at
+    itself : bool, whether links are looked at together
+    low : tuple of str, links fixed at a height that are not looked at, as the floor is too near wherever the joints are
     """
 
     robot: Robot
@@ -84,10 +87,14 @@ class CapsuleRoom:
     above: Array
     floor: float | None
     overlapping: tuple[tuple[str, str], ...] = ()
+    itself: bool = True
+    low: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, robot: Robot, capsules: LinkCapsules, *, floor: float | None, itself: bool) -> CapsuleRoom:
-        """The pairs that can touch: of links that no joint connects, and that do not overlap always.
+        """The pairs that can touch: of links that no joint connects, and that are not always near each other.
+
+        The capsules of a link whose origin stays at one height, and that are always near the floor, are left out likewise.
 
         Parameters
         ----------
@@ -109,21 +116,28 @@ class CapsuleRoom:
         pairs = np.stack([i, j], axis=1)[apart]
         q = robot.random_configuration(0, _SAMPLES)
         every = cls(robot, capsules, pairs, np.zeros(0, int), None)
-        built = (every.distances(q) <= 0).mean(axis=0) >= _ALWAYS
-        heights = capsules.placed(robot.link_poses(q))[:, 2].min(axis=0)
-        moves = np.flatnonzero((np.ptp(heights, axis=0) > _STILL) & (floor is not None))
+        built = (every.distances(q) < MARGIN).mean(axis=0) >= _ALWAYS
+        poses = robot.link_poses(q)
+        heights = capsules.placed(poses)[:, 2].min(axis=0)
+        above, low = np.zeros(0, int), np.zeros(0, int)
+        if floor is not None:
+            moves = np.ptp(heights, axis=0) > _STILL
+            fixed = np.ptp(poses[:, capsules.links, 2, 3], axis=0) <= _STILL
+            near = (heights - capsules.radii - floor < MARGIN).mean(axis=0) >= _ALWAYS
+            moving = bodies != BASE
+            above, low = np.flatnonzero(moves & ~(fixed & near)), np.flatnonzero(moving & fixed & near)
         over = sorted({(names[capsules.links[a]], names[capsules.links[b]]) for a, b in pairs[built]})
-        return cls(robot, capsules, pairs[~built], moves, floor, tuple(over))
+        under = tuple(dict.fromkeys(names[capsules.links[k]] for k in low))
+        return cls(robot, capsules, pairs[~built], above, floor, tuple(over), itself, under)
 
     @property
     def unwatched(self) -> tuple[str, ...]:
         """What is not looked at, in sentences."""
-        found = list[str]()
-        if self.capsules.bare:
-            found.append(
-                f"no shape is known of {', '.join(self.capsules.bare)}: of them only the origins stay above the floor"
-            )
-        found += [f"capsules around {a} and {b} overlap wherever the joints are" for a, b in self.overlapping]
+        found = [
+            f"capsules around {a} and {b} are near each other wherever the joints are" for a, b in self.overlapping
+        ]
+        if self.low:
+            found.append(f"the floor is too near {', '.join(self.low)} wherever the joints are, at a fixed height")
         return tuple(found)
 
     @property
@@ -145,7 +159,7 @@ class CapsuleRoom:
         """
         ends = self.capsules.placed(self.robot.link_poses(q))
         i, j = self.pairs.T
-        middle, r = ends.mean(axis=0), self.capsules.radii
+        middle, r = 0.5 * (ends[0] + ends[1]), self.capsules.radii
         half = r + 0.5 * np.linalg.norm(self.capsules.ends[:, 1] - self.capsules.ends[:, 0], axis=1)
         d = middle[..., j] - middle[..., i]
         found = np.sqrt(_dot(d, d)) - half[i] - half[j]
@@ -183,10 +197,14 @@ class CapsuleRoom:
         s, t = nearest_points(a, b)
         n = _between(a, b, s, t)
         n *= weights[:, used] / np.maximum(np.sqrt(_dot(n, n)), 1e-12)
-        of_heights = np.stack([weights[:, m : m + k], weights[:, m + k :]])
-        for c, step in enumerate(_STEP * np.eye(q.shape[1])):
-            ahead, behind = (self.capsules.placed(self.robot.link_poses(q + sign * step)) for sign in (1, -1))
-            moved = (ahead - behind) / (2.0 * _STEP)
-            found[rows, c] = _dot(n, _between(moved[..., i], moved[..., j], s, t)).sum(axis=1)
-            found[rows, c] += (of_heights * moved[:, 2][..., self.above]).sum(axis=(0, 2))
+        along_z = np.zeros((2, 3, len(q), k))
+        along_z[0, 2], along_z[1, 2] = weights[:, m : m + k], weights[:, m + k :]
+        points = np.concatenate([a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0]), *ends[..., self.above]], axis=2)
+        forces = np.concatenate([-n, n, *along_z], axis=2)
+        wrenches = np.concatenate([np.cross(points, forces, axis=0), forces])  # about the base's origin, (6, n, points)
+        links = self.capsules.links[np.concatenate([i, j, self.above, self.above])]
+        for link in np.unique(links):
+            total = wrenches[:, :, links == link].sum(axis=2)
+            J = self.robot.jacobian(q, frame=self.robot.link_names[link], kind="space")
+            found[rows] += np.einsum("niv,in->nv", J, total)
         return found

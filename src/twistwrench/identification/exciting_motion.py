@@ -11,16 +11,21 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.printed_numbers import number
+from ..listing import listed
 from ..motion.bounds import Bounds
 from ..motion.motion import Motion
 from ..robot import Robot
 from ..typing import Array
+from ..verdict import Verdict
+from .capsule_distances import MARGIN
 from .motion_information import MotionInformation
-from .motion_room import MotionRoom
+from .motion_room import DENSE, MotionRoom
 from .rest_series import RestSeries
 
 _JUDGED = 2001
-"""Instants at which a motion is judged."""
+"""Instants at which a motion is judged, at least."""
+NAMES = {"itself": "itself", "floor": "the floor"}
+"""What clearances are from."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,7 +115,8 @@ class ExcitingMotion:
     @cached_property
     def clearances(self) -> dict[str, float]:
         """Least distances [m] of the capsules from the ``floor`` and from each other, ``itself``, of what was looked at."""
-        found = self.room.capsules.distances(self(np.linspace(0.0, self.duration, _JUDGED))[0])
+        count = max(_JUDGED, int(np.ceil(self.duration / DENSE)) + 1)
+        found = self.room.capsules.distances(self(np.linspace(0.0, self.duration, count))[0])
         count = len(self.room.capsules.pairs)
         parts = {"itself": found[:, :count], "floor": found[:, count:]}
         return {name: float(part.min()) for name, part in parts.items() if part.size}
@@ -118,7 +124,34 @@ class ExcitingMotion:
     @property
     def unwatched(self) -> tuple[str, ...]:
         """What was not looked at, in sentences."""
-        return self.room.capsules.unwatched
+        itself = (
+            () if self.room.capsules.itself or self.room.clear is not None else ("distances of links from each other",)
+        )
+        return (*itself, *self.room.capsules.unwatched)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """OK only where clearances were looked at, by the file's own shapes; else UNSURE.
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> found = tw.identification.exciting_trajectory(tw.robots.pendulum(), 4.0, 2, acceleration=5.0)
+        >>> print(found.verdict)  # one link has nothing to touch
+        OK
+        """
+        capsules, unsure = self.room.capsules.capsules, list[str]()
+        if capsules.assumed and (self.clearances or self.unwatched):
+            count, most = len(capsules.assumed), number(1000.0 * capsules.thickness)
+            lacking = "a link has no shape" if count == 1 else f"{count} links have no shapes"
+            unsure.append(
+                f"{lacking} in the robot's file, so clearances are those of assumed capsules of {most} mm around "
+                f"{listed(capsules.assumed, 4)}; a file with <collision> or <visual> shapes gives true ones"
+            )
+        unsure += [f"not looked at: {sentence}" for sentence in self.unwatched]
+        near = {name: value for name, value in self.clearances.items() if value < MARGIN}
+        unsure += [f"it comes within {number(1000.0 * value)} mm of {NAMES[name]}" for name, value in near.items()]
+        return Verdict.of(unsure=unsure)
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
         """Write a CSV file that ``twistwrench torques`` reads.

@@ -92,9 +92,12 @@ def exciting_trajectory(
 
     Notes
     -----
-    Limits are kept at 320 instants per period of the highest harmonic, the file's friction counted. Links are capsules
-    around the shapes of the robot's file, those for contact where there are any; :attr:`ExcitingMotion.unwatched` says what
-    has none.
+    Limits are kept at 320 instants per period of the highest harmonic, and at least every 10 ms, the file's friction counted.
+    Links are capsules around the shapes of the robot's file, those for contact where there are any, which stay 20 mm away
+    from each other and from the floor. Links without shapes have assumed capsules, between the origins of neighbouring joints
+    and around centres of mass, of a quarter of the longest distance between joints, at most 0.08 m;
+    :attr:`ExcitingMotion.verdict` is UNSURE then, and where :attr:`ExcitingMotion.unwatched` says that something is not
+    looked at.
 
     Examples
     --------

@@ -7,6 +7,10 @@ distances from the axis and t_i their places along it,
 
 u and c such that the volume π r² (b - a) + 4/3 π r³ is least.
 
+Where the robot's file gives no shapes, capsules are assumed between the origins of neighbouring joints and of links fixed to
+them. Their radius is a quarter of the longest distance between two of these, at most 0.08 m. They begin half a radius beyond
+the joint that moves them, where the link before has its end. A sphere of that radius is around each centre of mass.
+
 Source: Ericson, "Real-Time Collision Detection", 2005, 4.5, for the capsules of points.
 """
 
@@ -29,6 +33,12 @@ _FACETS = 0.015
 """Share of a radius that facets are within the round, 0.012 at most."""
 _STEPS = 200
 """Of the search for the least volume."""
+_THICK, _THICKEST = 0.25, 0.08
+"""Radius assumed: share of the longest distance between joints, and the most [m]."""
+_BESIDE = 0.5
+"""Share of it from the joint at which a link begins."""
+_SAME = 1e-6
+"""m: two origins are one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +50,23 @@ class LinkCapsules:
     links : (k,) array, the number of each one's link
     ends : (k, 2, 3) array [m]
     radii : (k,) array [m]
-    bare : tuple of str, moving links that have mass and a shape that is missing or could not be read
+    assumed : tuple of str, moving links that have mass and a shape that is missing or could not be read
+    thickness : float, radius of their assumed capsules [m]
 
-    A link without any shape has a capsule of radius 0 at its origin.
+    A frame without mass and shape has a capsule of radius 0 at its origin.
     """
 
     links: Array
     ends: Array
     radii: Array
-    bare: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
+    thickness: float = 0.0
 
     @classmethod
     def of(cls, robot: Robot) -> LinkCapsules:
         """Capsules around the shapes that the robot's file gives its links: those for contact, else those to be seen.
+
+        Bodies of which a link with mass has none have assumed ones.
 
         Parameters
         ----------
@@ -66,23 +80,36 @@ class LinkCapsules:
         --------
         >>> import twistwrench as tw
         >>> found = LinkCapsules.of(tw.robots.planar_2r())
-        >>> float(found.radii.max()), found.bare
-        (0.0, ('link1', 'link2'))
+        >>> float(found.radii.max()), found.assumed
+        (0.08, ('link1', 'link2'))
         """
         described = read_subject(robot).robot
-        links, ends, radii, bare = list[int](), list[Array](), list[float](), list[str]()
-        for k, name in enumerate(robot.link_names):
+        names, frames = robot.link_names, robot.model.frames
+        found, lacking = list[tuple[int, Array, float]](), list[str]()
+        seen = set[int]()
+        for k, name in enumerate(names):
             link = described.links.get(name)
             shapes = LinkShapes() if link is None else link.shapes
-            found = _of_solids(_looked_at(shapes))
+            mine = _of_solids(_looked_at(shapes))
             heavy = link is None or (link.written is not None and link.written.mass > 0)
-            if heavy and not (found and shapes.complete) and robot.model.frames[name].body != BASE:
-                bare.append(name)
-            for segment, radius in found or [(np.zeros((2, 3)), 0.0)]:
-                links.append(k)
-                ends.append(segment)
-                radii.append(radius)
-        return cls(np.array(links, int), np.reshape(ends, (-1, 2, 3)), np.array(radii, float), tuple(bare))
+            if heavy and not (mine and shapes.complete):
+                lacking.append(name)
+            if mine:
+                seen.add(frames[name].body)
+            found += [(k, segment, radius) for segment, radius in mine or [(np.zeros((2, 3)), 0.0)]]
+        bodies = {frames[name].body for name in lacking if frames[name].body != BASE}
+        if bodies and BASE not in seen:
+            bodies.add(BASE)
+        made = _assumed(robot, bodies) if bodies else []
+        links, ends, radii = zip(*found, *made, strict=True)
+        moving = tuple(name for name in lacking if frames[name].body != BASE)
+        return cls(
+            np.array(links, int),
+            np.reshape(ends, (-1, 2, 3)),
+            np.array(radii, float),
+            moving,
+            made[0][2] if made else 0.0,
+        )
 
     def placed(self, poses: Array) -> Array:
         """Ends of the capsules.
@@ -101,9 +128,55 @@ class LinkCapsules:
         >>> one.placed(np.eye(4)[None, None]).ravel().tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
         """
-        T = np.ascontiguousarray(np.moveaxis(poses[:, self.links, :3, :], (2, 3), (0, 1)))
-        x, y, z = np.moveaxis(self.ends, (0, 1, 2), (2, 1, 0))[:, :, None, None]
-        return np.asarray(T[:, 0] * x + T[:, 1] * y + T[:, 2] * z + T[:, 3])
+        n, count = poses.shape[:2]
+        rows = np.moveaxis(poses[:, :, :3, :], 2, 0).reshape(3 * n, 4 * count)
+        placed = (rows @ self._columns(count)).reshape(3, n, 2, len(self.links))
+        return np.moveaxis(placed, 2, 0)
+
+    def _columns(self, count: int) -> Array:
+        """(4 count, 2 k) homogeneous coordinates of all ends, each in the rows of its link, the others zero."""
+        if "columns" not in self.__dict__:
+            k = len(self.links)
+            found = np.zeros((count, 4, 2, k))
+            found[self.links, :3, :, np.arange(k)] = np.swapaxes(self.ends, 1, 2)
+            found[self.links, 3, :, np.arange(k)] = 1.0
+            self.__dict__["columns"] = found.reshape(4 * count, 2 * k)
+        return np.asarray(self.__dict__["columns"])
+
+
+def _assumed(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, float]]:
+    """Capsules (link, ends in its frame, radius) of bodies without shapes."""
+    names, model, poses = robot.link_names, robot.model, robot.link_poses(robot.neutral)
+    links = dict[int, list[int]]()
+    for k, name in enumerate(names):
+        links.setdefault(model.frames[name].body, []).append(k)
+    rods = dict[int, list[tuple[Array, Array]]]()
+    for body, mine in links.items():
+        next_ones = [links[b][0] for b in links if b != BASE and model.bodies[b].parent == body]
+        inverse = np.linalg.inv(poses[mine[0]])
+        places = [(inverse @ poses[k])[:3, 3] for k in (*mine, *next_ones)]
+        if body != BASE and np.ptp(places, axis=0).max() <= _SAME and not next_ones:
+            places.append(2.0 * np.asarray(model.bodies[body].inertia.com))  # a rod of its own
+        origins = [places[0]]
+        rods[body] = []
+        for place in sorted(places[1:], key=lambda x: float(np.linalg.norm(x))):
+            near = min(origins, key=lambda x: float(np.linalg.norm(x - place)))
+            if np.linalg.norm(place - near) > _SAME:
+                origins.append(place)
+                rods[body].append((near, place))
+        rods[body] = rods[body] or [(places[0], places[0])]
+    longest = max(float(np.linalg.norm(b)) for body in rods.values() for _, b in body)
+    radius = min(_THICKEST, _THICK * longest)
+    found = list[tuple[int, Array, float]]()
+    for body in sorted(bodies):
+        k = links[body][0]
+        for near, far in rods[body]:
+            length = float(np.linalg.norm(far - near))
+            begin = near if body == BASE or not length else near + min(1.0, _BESIDE * radius / length) * (far - near)
+            found.append((k, np.array([begin, far]), radius))
+        if body != BASE and model.bodies[body].inertia.mass > 0:
+            found.append((k, np.array(2 * [model.bodies[body].inertia.com]), radius))
+    return found
 
 
 def _looked_at(shapes: LinkShapes) -> list[Solid]:

@@ -15,12 +15,14 @@ from ..errors import ShapeError, ValueRangeError
 from ..motion.bounds import Bounds
 from ..robot import Robot
 from ..typing import Array
-from .capsule_distances import CapsuleRoom
+from .capsule_distances import MARGIN, CapsuleRoom
 
 Clear = Callable[[Array], Array]
 """Distances (n, ...) [m] of configurations (n, nq), below 0 where something touches."""
 _NEAR = 0.1
 """m: the size of a clearance."""
+DENSE = 0.01
+"""s: the longest step at which clearances are looked at in the end."""
 _STEP = 1e-5
 """By which configurations are displaced for slopes of what the user tells."""
 
@@ -90,12 +92,16 @@ class MotionRoom:
             _both_ways(b.velocity),
             _both_ways(b.acceleration),
             _both_ways(b.effort),
-            Band(np.zeros(count), np.full(count, np.inf), np.full(count, _NEAR)),
+            Band(
+                np.where(np.arange(count) < self.capsules.count, MARGIN, 0.0),
+                np.full(count, np.inf),
+                np.full(count, _NEAR),
+            ),
         )
 
     def clearances(self, q: Array) -> Array:
         """(n, m) distances [m]: those of the capsules, and those of ``clear``."""
-        return np.concatenate([self.capsules.distances(q, _NEAR), self._told(q)], axis=1)
+        return np.concatenate([self.capsules.distances(q, MARGIN + _NEAR), self._told(q)], axis=1)
 
     def clearance_slopes(self, q: Array, weights: Array) -> Array:
         """(n, nq) derivative by the joints of a sum of the clearances with weights (n, m)."""

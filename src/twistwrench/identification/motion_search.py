@@ -8,6 +8,7 @@ and regressor, one joint displaced at a time, all instants in one call; slopes b
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,16 +19,16 @@ import numpy as np
 from ..typing import Array
 from .motion_edges import Edges, Round
 from .motion_information import MotionInformation
-from .motion_room import MotionRoom
+from .motion_room import DENSE, MotionRoom
 from .rest_series import RestSeries
 
 _PER_PERIOD = 32
 """Instants per period of the highest harmonic at which limits are looked at in the search."""
 _FINER = 10
-"""Times as many at which a motion is judged in the end."""
+"""Times as many, at least, at which a motion is judged in the end."""
 _MARGIN = 1e-4
 """Share of each limit that is left: what may happen between those."""
-_ROUNDS = (Round(5.0, 60), Round(20.0, 50), Round(80.0, 50), Round(320.0, 50), Round(1000.0, 30, 3))
+_ROUNDS = (Round(5.0, 60), Round(20.0, 50), Round(80.0, 50), Round(320.0, 50), Round(1000.0, 30, 2))
 _REPAIRS = 6
 """Times that a motion which passes a limit between the instants of the search is asked to stay farther from it."""
 _STEP = 1e-5
@@ -65,6 +66,10 @@ class MotionSearch:
     def _bases(self) -> dict[int, Array]:
         return {}
 
+    @property
+    def _fine(self) -> int:
+        return max(_FINER, math.ceil(self.series.duration / (DENSE * _PER_PERIOD * self.series.harmonics)))
+
     def _basis(self, finer: int) -> Array:
         """(3, n, K) at the instants of the search, or as many times finer ones."""
         if finer not in self._bases:
@@ -101,27 +106,29 @@ class MotionSearch:
     # ── motions that fit ──
 
     def random(self, rng: np.random.Generator) -> Array | None:
-        """A random motion (nv, K) as wide as its limits let it be, at fine instants; None where there is none in many tries."""
+        """A random motion (nv, K) as wide as its limits let it be, at the instants of the search; None after many tries."""
         for _ in range(_TRIES):
             z = rng.normal(size=(len(self.middle), self.series.count))
             z[:, 0] = rng.uniform(-0.6, 0.6, len(z))
-            if (found := self.fitted(z, widen=True)) is not None:
+            if (found := self.fitted(z, widen=True, finer=1)) is not None:
                 return found
         return None
 
-    def fitted(self, z: Array, *, widen: bool = False) -> Array | None:
+    def fitted(self, z: Array, *, widen: bool = False, finer: int | None = None) -> Array | None:
         """The motion with each joint as narrow as its own limits ask for, then all together as the others do; None if none is.
 
         Parameters
         ----------
         z : (nv, K) array
         widen : bool, whether joints are made wider, too
+        finer : int, times as many instants as the search's; None: those at which a motion is judged in the end
 
         Returns
         -------
         z : (nv, K) array or None
         """
-        q, dq, ddq = self._states(z, _FINER)
+        finer = self._fine if finer is None else finer
+        q, dq, ddq = self._states(z, finer)
         rest, bounds = self.coefficients(z)[:, 0], self.room.bounds
         with np.errstate(divide="ignore", invalid="ignore"):
             wide = [
@@ -135,9 +142,9 @@ class MotionSearch:
             return None
         z = z.copy()
         z[:, 1:] *= (share if widen else np.minimum(share, 1.0))[:, None]
-        return self._together(z)
+        return self._together(z, finer)
 
-    def _together(self, z: Array) -> Array | None:
+    def _together(self, z: Array, finer: int) -> Array | None:
         """The motion as much narrower about where it rests as all limits ask for; None where it cannot rest there."""
 
         def narrowed(share: float) -> Array:
@@ -146,8 +153,11 @@ class MotionSearch:
             return found
 
         def fits(share: float) -> bool:
-            return self.room.least(*self._states(narrowed(share), _FINER)) >= _MARGIN
+            return self.room.least(*self._states(narrowed(share), finer)) >= _MARGIN
 
+        rests = np.stack([self.coefficients(z)[None, :, 0], *np.zeros((2, 1, len(z)))])
+        if self.room.least(*rests) < _MARGIN:
+            return None
         if fits(1.0):
             return z
         if not fits(_NARROW):
@@ -179,15 +189,15 @@ class MotionSearch:
             edges = edges.followed(self._shares(z, edges.finer))
             done += round_.steps
         for _ in range(_REPAIRS):
-            beyond = _MARGIN - self.room.least(*self._states(z, _FINER))
+            beyond = _MARGIN - self.room.least(*self._states(z, self._fine))
             if beyond <= 0.0:
                 break
             edges = replace(edges, aim=edges.aim + 1.5 * beyond)
             z = self._descended(z, edges, _ROUNDS[-1].steps, lambda _: None)
             edges = edges.followed(self._shares(z, edges.finer))
-        found = self.fitted(z)
+        fits = [found for found in (self.fitted(z), self.fitted(start)) if found is not None]
         told(1.0)
-        return found if found is not None and self.merit(found) > self.merit(start) else start
+        return max(fits, key=self.merit, default=None)
 
     def _edges(self, z: Array) -> Edges:
         """Edges of which none holds anything yet."""

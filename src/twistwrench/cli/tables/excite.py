@@ -12,13 +12,15 @@ from ...core.printed_numbers import number, percent_of_limit
 from ...identification import ExcitingMotion
 from ...joints.units import heading_unit
 from ...motion.coordinates import Coordinates
-from .plain_table import PlainTable
+from .plain_table import PlainTable, verdict_word
 
 
 def excitation_view(found: ExcitingMotion, *, degrees: bool) -> RenderableType:
-    """Heading, a row per joint, a row per group, and what was not looked at."""
+    """The verdict, heading, a row per joint, and a row per group."""
     deviations = found.predicted_deviations
     return Group(
+        *_verdict(found),
+        Text(),
         Text.assemble(
             (found.robot.name, "bold"),
             f"  ·  {number(found.duration)} s, {found.series.harmonics} harmonics, at rest at both ends  ·  condition "
@@ -27,18 +29,18 @@ def excitation_view(found: ExcitingMotion, *, degrees: bool) -> RenderableType:
         ),
         _joints(found, degrees=degrees),
         _groups(found),
-        *_clearances(found),
     )
 
 
-def _clearances(found: ExcitingMotion) -> list[Text]:
-    """How far it stays from things, and what was not looked at."""
+def _verdict(found: ExcitingMotion) -> list[Text]:
+    """The first word, with the least distances or what makes it unsure, a line each."""
     words = {"itself": "of capsules around links from each other", "floor": "from the floor"}
-    said = [f"{number(1000.0 * value)} mm {words[name]}" for name, value in found.clearances.items()]
-    lines = [Text(f"least distances: {', '.join(said)}")] if said else []
-    if "itself" not in found.clearances:
-        lines.append(Text("! Whether links touch each other was not looked at: twistwrench view shows the motion."))
-    return lines + [Text(f"! not looked at: {sentence}.") for sentence in found.unwatched]
+    least = [f"{number(1000.0 * value)} mm {words[name]}" for name, value in found.clearances.items()]
+    distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
+    reasons = found.verdict.reasons or (distances,)
+    lines = [Text.assemble(verdict_word(found.verdict.word), f": {reasons[0]}.")]
+    lines += [Text(f"  - {reason}.") for reason in reasons[1:]]
+    return lines + ([Text(f"{distances[0].upper()}{distances[1:]}.")] if found.verdict.reasons and least else [])
 
 
 def _joints(found: ExcitingMotion, *, degrees: bool) -> PlainTable:
