@@ -288,3 +288,36 @@ def test_finding_72_no_real_shapes_touch_and_none_is_below_the_floor(run, tmp_pa
     assert moving.sum() >= 4
     assert touching == 0
     assert heights[:, moving].min() > 0.1
+
+
+def test_finding_28_a_position_beyond_its_limit_is_said_with_its_amount(run, tmp_path):
+    """Half a milliradian at a stop: over its limit, and the first line says by how little."""
+    (tmp_path / "arm.urdf").write_text(arm(efforts=(100, 100)))
+    t = np.linspace(0, 4, 401)
+    s = (t / 4) ** 3 * (10 - 15 * t / 4 + 6 * (t / 4) ** 2)
+    table = np.column_stack([t, 2.0 + 1.1005 * s, 0.3 + 0.5 * s])
+    np.savetxt(tmp_path / "m.csv", table, delimiter=",", header="time,shoulder,elbow", comments="", fmt="%.9g")
+    code, said = run("torques", "arm.urdf", "--trajectory", "m.csv")
+    assert code == 1
+    assert said.startswith(
+        "OVER LIMIT: shoulder at t = 4.000 s passes its position limit by 0.0005 rad: 3.1005, limit 3.1"
+    )
+
+
+def test_finding_28_identify_writes_the_robot_that_explains_a_log_already(run, tmp_path):
+    """The first word and the exit code agree: OK, 0, and the file is there."""
+    (tmp_path / "arm.urdf").write_text(arm(efforts=(100, 100)))
+    robot, rng = tw.load(tmp_path / "arm.urdf"), np.random.default_rng(0)
+    t, w = np.arange(0, 5, 0.01), 2 * np.pi / 5 * np.arange(1, 5)
+    k = w[:, None] * t
+    a, b = rng.normal(size=(2, 2, 4)) * 0.3
+    q = a @ np.sin(k) + b @ np.cos(k)
+    dq = (a * w) @ np.cos(k) - (b * w) @ np.sin(k)
+    ddq = -(a * w**2) @ np.sin(k) - (b * w**2) @ np.cos(k)
+    tau = robot.inverse_dynamics(q.T, dq.T, ddq.T) + rng.normal(size=(len(t), 2)) * 0.001
+    table = np.column_stack([t, q.T, tau])
+    head = "time,shoulder,elbow,shoulder.torque,elbow.torque"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=head, comments="", fmt="%.9g")
+    code, said = run("identify", "arm.urdf", "log.csv", "--out", "new.urdf")
+    assert (code, said[:3]) == (0, "OK "), said[-600:]
+    assert (tmp_path / "new.urdf").exists() and "error" not in said

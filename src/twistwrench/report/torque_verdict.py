@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..core.printed_numbers import deviation, number, percent, percent_of_limit, seconds, torque
+from ..joints.units import unit_of
 from ..listing import listed
 from ..model.limits import over_limit
 from ..verdict import Verdict
@@ -138,9 +139,20 @@ def _judge_motion(report: TorqueReport, over: list[tuple[Excess, str]], unsure: 
         if e in near or _is_noise(report, e):
             doubtful.setdefault(_KINDS[e.kind], []).append(e.joint)
         else:
-            over.append((e, f"{e.joint} at t = {seconds(e.time)} s passes its {_KINDS[e.kind]} limit"))
+            over.append((e, _excess_in_words(e)))
     for kind, joints in doubtful.items():
         unsure.append(f"noise explains why the {kind} limit of {listed(joints, _MOST_LISTED)} is passed")
+
+
+def _excess_in_words(e: Excess) -> str:
+    """A position or a velocity beyond its limit, and by how much."""
+    speed = e.kind == "velocity"
+    by = abs(e.value) - e.limit if speed else abs(e.value - e.limit)
+    unit = unit_of("dq" if speed else "q", e.angular)
+    return (
+        f"{e.joint} at t = {seconds(e.time)} s passes its {_KINDS[e.kind]} limit by {number(by, 3)} {unit}: "
+        f"{number(e.value, 5)}, limit {number(e.limit, 5)}"
+    )
 
 
 def _reaches(report: TorqueReport, e: Excess) -> bool:

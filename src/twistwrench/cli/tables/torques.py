@@ -173,7 +173,9 @@ def _motion_limits(excesses: list[Excess], *, degrees: bool) -> PlainTable:
         factor = math.degrees(1.0) if degrees and e.angular else 1.0
         what = {"lower": "position, lower", "upper": "position, upper"}.get(e.kind, e.kind)
         unit = unit_of("dq" if e.kind == "velocity" else "q", e.angular, degrees=degrees)
-        table.row(e.joint, f"{what} [{unit}]", torque(e.value * factor), torque(e.limit * factor), seconds(e.time))
+        table.row(
+            e.joint, f"{what} [{unit}]", number(e.value * factor, 5), number(e.limit * factor, 5), seconds(e.time)
+        )
     return table
 
 
