@@ -382,3 +382,64 @@ def test_finding_6_rates_of_arrays_are_looked_at():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert tw.Motion(t, q, dq, ddq, robot=arm).notes == ()
+
+
+# One number each of the findings that the lists above try.
+
+
+def test_finding_23_a_clipped_torque_column_is_named(tmp_path):
+    bench = Bench("arm", tmp_path)
+    said = " ".join(bench.torques(clipped(bench)).output.split())
+    assert said.startswith("UNSURE: the measured torque of shoulder is exactly -15 N m in 100 % of the rows")
+
+
+def test_finding_23_rest_and_coarse_torques_are_not_cut_off(tmp_path):
+    bench = Bench("arm", tmp_path)
+    t = np.arange(0, 8, 0.01)
+    q = bench.move(np.clip(t - 2, 0, 4))  # at rest for two seconds at both ends
+    still = np.zeros_like(q)
+    tau = bench.robot.inverse_dynamics(q, still, still)
+    for measured in (tau, np.round(tau), np.round(tau / 2) * 2):
+        assert first_word(bench.torques(bench.with_torques(t, q, measured))) == "OK"
+
+
+def test_finding_29_rounded_stamps_become_the_clock(tmp_path):
+    bench = Bench("arm", tmp_path)
+    motion = tw.Motion.from_file(rounded_stamps(bench), bench.robot)
+    assert len(motion) == 500 and np.allclose(np.diff(motion.time), 0.008, rtol=1e-4)
+    held = abs(float(bench.robot.gravity_forces([0.0, 0.3])[0]))  # at the start, where the torque is largest
+    assert np.abs(motion.torques()[:, 0]).max() == pytest.approx(held, rel=2e-3)
+    assert any("a steady clock of 125 Hz is taken" in note for note in motion.notes)
+    t = np.repeat(np.arange(0, 4, 0.016), 2)  # each row twice: no clock is made of that
+    again = tw.Motion.from_file(bench.file(t, bench.move(t)), bench.robot)
+    assert len(again) == 250 and np.allclose(np.diff(again.time), 0.016)
+
+
+def test_finding_30_a_slow_log_is_asked_about(tmp_path):
+    bench = Bench("arm", tmp_path)
+    result = bench.torques(slow(bench))
+    assert first_word(result) == "OK" and "Is time in ms?" in result.output
+
+
+def test_finding_31_the_smoothed_answer_is_given_with_its_interval(tmp_path):
+    bench = Bench("arm", tmp_path)
+    path = noisy(bench)
+    said = " ".join(bench.torques(path).output.split())
+    assert "(95 %)" in said and "noise is smoothed away, which as logged would take 2 joints over a limit" in said
+    bench.options = ["--smooth"]
+    assert first_word(bench.torques(path)) == "OK"
+
+
+def test_finding_32_a_flattened_sample_counts_where_it_could_pass_a_limit(tmp_path):
+    """A knock of 1 rad/s within a row could take a hundred newton metres and more; one of 0.03 rad/s could not."""
+    bench = Bench("arm", tmp_path)
+    bench.asked.write_text(arm((90, 60)))
+    rng, t = np.random.default_rng(2), np.arange(600) * 0.01
+    q = np.c_[0.5 * np.sin(2.3 * t + 1.5) - 0.2, 0.5 * np.cos(1.9 * t)] + rng.normal(0, 1e-5, (600, 2))
+    dq = np.c_[1.15 * np.cos(2.3 * t + 1.5), -0.95 * np.sin(1.9 * t)] + rng.normal(0, 2e-3, (600, 2))
+    for knock, word in ((0.03, "OK"), (1.0, "UNSURE")):
+        knocked = dq.copy()
+        knocked[300, 0] += knock
+        result = bench.torques(bench.file(t, q, knocked, head=["shoulder.vel", "elbow.vel"]))
+        assert first_word(result) == word, result.output
+        assert "smoothing flattened samples" in " ".join(result.output.split())
