@@ -127,7 +127,7 @@ def test_torques_that_friction_explains_are_unsure(arm, tmp_path):
 def test_a_dead_torque_column_is_noted_and_not_compared(run, arm, tmp_path):
     path = with_torques(tmp_path / "m.csv", arm, np.zeros((len(swing()[0]), 2)))
     code, text = run("torques", "planar_2r", "--trajectory", path)
-    assert code == 0, text
+    assert (code, "UNSURE: no torque limit for 2 of 2 joints" in text) == (1, True), text
     assert "never changes, and is not compared, for joint1, joint2" in " ".join(text.split())
 
 
@@ -155,7 +155,8 @@ def test_a_peak_that_is_mostly_noise_is_unsure_where_no_limit_is_known(arm, tmp_
     assert report.verdict.word == "UNSURE"
     assert "noise is too much of the peak" in str(report.verdict)
     clean = write_positions(tmp_path / "c.csv", arm, *swing()[:2])
-    assert report_of(arm, clean, limits=free).verdict.ok
+    [reason] = report_of(arm, clean, limits=free).verdict.reasons
+    assert reason.startswith("no torque limit for 2 of 2 joints")
 
 
 @pytest.mark.parametrize("sigma", [1e-5, 1e-3, 1e-2])
@@ -300,7 +301,7 @@ def test_a_unit_that_is_odd_and_may_be_meant_is_asked_about_in_the_first_lines(r
     t, q, *_ = swing()
     path = write_positions(tmp_path / "m.csv", arm, t, q)
     code, text = run("torques", "planar_2r", "--trajectory", path, "--degrees")
-    assert code == 0, text
+    assert (code, "UNSURE: no torque limit for 2 of 2 joints" in text) == (1, True), text
     assert "IS THE UNIT RIGHT?" in first_lines(text)
     assert "seems to be in radians" in first_lines(text)
 
