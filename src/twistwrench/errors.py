@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from .listing import listed
+from .listing import clipped, listed
 
 __all__ = [
     "CacheWarning",
@@ -54,10 +54,6 @@ __all__ = [
     "UnknownNameError",
     "ValueRangeError",
 ]
-
-
-_LONGEST = 200
-"""Characters of a name that an error shows."""
 
 
 class TwistWrenchError(Exception):
@@ -113,9 +109,9 @@ class UnknownNameError(TwistWrenchError, KeyError):
         import difflib
 
         known, text = list(choices), repr(str(name) if isinstance(name, str) else name)
-        text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
-        near = difflib.get_close_matches(str(name)[:_LONGEST], known, n=3, cutoff=0.5)
-        hint = f" Did you mean {' or '.join(repr(n) for n in near)}?" if near else ""
+        text = clipped(text)
+        near = difflib.get_close_matches(clipped(str(name)), known, n=3, cutoff=0.5)
+        hint = f" Did you mean {' or '.join(repr(clipped(n)) for n in near)}?" if near else ""
         return cls(f"no {kind} named {text}.{hint} Known: {listed(known, 40) or '(none)'}.")
 
 

@@ -2,10 +2,35 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 MOST = 12
 """Names that are listed where no other count is asked for."""
+
+
+_LONGEST = 200
+"""Characters of others' text that a message quotes."""
+_QUOTED = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_LONGEST}}}(?:[^{q}\\]|\\.)+{q}" for q in "'\"")
+"""Text between quotation marks, as repr writes it; not from an apostrophe on."""
+
+
+def clipped(text: str) -> str:
+    """The text of somebody else's file as messages quote it.
+
+    >>> len(clipped("0 " * 100_000))
+    201
+    """
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def with_clipped_quotations(message: str) -> str:
+    """The message with everything in it that stands in quotation marks cut short.
+
+    >>> len(with_clipped_quotations(f"link {'a' * 1000!r} is not there"))
+    221
+    """
+    return re.sub(_QUOTED, lambda found: f"{found[0][: _LONGEST + 1]}…{found[0][-1]}", message)
 
 
 def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> str:
@@ -14,7 +39,7 @@ def listed(items: Iterable[object], most: int = MOST, between: str = ", ") -> st
     >>> listed(["elbow", "wrist"]), listed("abcde", 2), listed("abcde", 2, "; ")
     ('elbow, wrist', 'a, b and 3 more', 'a; b; and 3 more')
     """
-    texts = [*map(str, items)]
+    texts = [clipped(str(item)) for item in items]
     more = len(texts) - most
     tail = f"{between.rstrip().strip(',')} and {more} more" if more > 0 else ""
     return between.join(texts[:most]) + tail

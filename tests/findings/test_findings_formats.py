@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
@@ -215,3 +216,83 @@ def test_finding_48_the_limit_on_bodies_holds_for_their_parts(tag):
 def test_finding_48_a_million_elements_are_refused_before_they_are_read():
     with pytest.raises(tw.RobotFileError, match=r"about 1,200,0.. elements; more than 1,000,000"):
         tw.load(_urdf(1).replace("</robot>", "<a/>" * 1_200_000 + "</robot>"))
+
+
+MJCF = """<mujoco model="m"><compiler angle="radian"/><default><default class="c"><geom size="0.1"/></default></default>
+<worldbody><body name="b" pos="0 0 1" childclass="c"><joint name="j" axis="0 1 0" range="-1 1" damping="0.1"/><geom type="sphere" size="0.1"/>
+<site name="s" pos="0 0 1"/></body></worldbody><actuator><motor name="m" joint="j" gear="1"/></actuator>
+<equality><joint joint1="j" polycoef="0 1 0 0 0"/></equality><keyframe><key name="k" qpos="0"/></keyframe></mujoco>"""
+LONG = {"numbers": "1 " * 10_000, "one number": "1" * 20_000, "a word": "x" * 20_000, "quotes": "x'" * 10_000}
+
+
+def every_text_replaced(text: str, by: str) -> list[str]:
+    """The file with one attribute or text after the other replaced."""
+    root = ET.fromstring(text)
+    found = []
+    for element in root.iter():
+        for name, value in list(element.attrib.items()):
+            element.set(name, by)
+            found.append(ET.tostring(root, encoding="unicode"))
+            element.set(name, value)
+        if element.text and element.text.strip():
+            element.text, value = by, element.text
+            found.append(ET.tostring(root, encoding="unicode"))
+            element.text = value
+    return found
+
+
+@pytest.mark.parametrize("by", LONG)
+@pytest.mark.parametrize("text", [one_joint(), sdf(), MJCF], ids=["URDF", "SDF", "MJCF"])
+def test_finding_50_messages_quote_two_hundred_characters_at_most(text, by):
+    errors = 0
+    for changed in every_text_replaced(text, LONG[by]):
+        try:
+            said = quiet(changed).defects
+        except tw.TwistWrenchError as error:
+            said, errors = (str(error),), errors + 1
+        for sentence in said:
+            assert len(sentence) < 2000, sentence[:300]
+    assert errors > 10
+
+
+def test_finding_50_elements_of_long_names_are_quoted_in_part():
+    text = one_joint(rest=f"<{'x' * 100_000}/>", placement=f'{"y" * 100_000}="1"')
+    assert [len(sentence) < 400 for sentence in quiet(text).defects] == [True, True]
+
+
+TRIANGLES = "solid t\n" + "".join(
+    f"facet normal 0 0 0\nouter loop\nvertex 0 0 {k}\nvertex 1 0 {k}\nvertex 0 1 {k}\nendloop\nendfacet\n"
+    for k in (0, 1)
+)
+
+
+@pytest.mark.parametrize(
+    ("uri", "shown"),
+    [
+        ("package://arm/meshes/part.stl", True),
+        ("package://arm/urdf/../meshes/part.stl", True),
+        ("file://{}/arm/meshes/part.stl", True),
+        ("../meshes/part.stl", True),
+        ("package://../secret.stl", False),
+        ("package://arm/../secret.stl", False),
+        ("package://arm/%2e%2e/secret.stl", False),
+        ("package://arm//{}/secret.stl", False),
+        ("package:///secret.stl", False),
+        ("file://{}/secret.txt", False),
+        ("package://arm/notes", False),
+        ("{}/secret.txt", False),
+    ],
+)
+def test_finding_60_a_robot_file_names_meshes_within_packages_only(tmp_path, uri, shown):
+    pytest.importorskip("trimesh")
+    (tmp_path / "arm/meshes").mkdir(parents=True)
+    (tmp_path / "arm/urdf").mkdir()
+    for name in ("arm/meshes/part.stl", "secret.stl", "secret.txt", "arm/notes"):
+        (tmp_path / name).write_text(TRIANGLES + "endsolid\n")
+    robot_file = tmp_path / "arm/urdf/arm.urdf"
+    mesh = f'<visual><geometry><mesh filename="{uri.format(tmp_path)}"/></geometry></visual>'
+    robot_file.write_text(one_joint(link=mesh))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        tw.viz.write_page(tw.load(robot_file), tmp_path / "page.html")
+    assert any("meshes cannot be drawn" in str(one.message) for one in said) is not shown

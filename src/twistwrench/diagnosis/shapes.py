@@ -16,9 +16,8 @@ from ..errors import ModelWarning, TwistWrenchError
 from ..formats.element import Element
 from ..typing import Array
 from ..viz import surface
-from ..viz.resources import find_resource
+from ..viz.resources import MESHES, find_resource
 
-_MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
 _LARGEST = 200 * 2**20
 """Bytes of a mesh file that is opened."""
 
@@ -138,7 +137,7 @@ class ShapeReader:
     def _read(self, name: str) -> Array | None:
         path = self._find(name)
         try:
-            if path is None or path.suffix.lower() not in _MESHES or path.stat().st_size > _LARGEST:
+            if path is None or path.stat().st_size > _LARGEST:
                 return None
             points = np.concatenate([part.vertices for part, _ in surface.read_mesh(path)])
         except (TwistWrenchError, OSError):
@@ -156,7 +155,7 @@ class ShapeReader:
         for folder in self.folders:
             for k in range(len(parts)):
                 place = folder.joinpath(*parts[k:])
-                if place.is_file():
+                if place.suffix.lower() in MESHES and place.is_file():
                     return place
         return None
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from ..errors import ModelError, RobotFileError, ValueRangeError
+from ..listing import with_clipped_quotations
 from ..model.model import Model
 from ..model.rounding import DEFAULT_SNAP
 from .element import Element
@@ -98,7 +99,7 @@ def load_model(
         )  # fmt: skip
     except ModelError as error:
         # What is wrong is known deep inside, and which file it is only here.
-        raise type(error)(f"{origin}: {error}") from None
+        raise type(error)(f"{origin}: {with_clipped_quotations(str(error))}") from None
 
 
 def format_of_file(path: Path) -> str:

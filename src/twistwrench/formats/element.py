@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import RobotFileError
+from ..listing import clipped
 from ..typing import Array
 
 _WORD = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
@@ -19,19 +20,8 @@ _SHORT = 60
 """Texts of fewer characters hold no number that is too large, unless by an exponent."""
 
 
-_LONGEST = 200
-"""Characters of a file's text that a message quotes."""
 _NAMES = {"name", "reference"}
 """Attributes that tell an element from others of its tag; Gazebo's refer to a link or joint."""
-
-
-def clipped(text: str) -> str:
-    """The text of a file as messages quote it.
-
-    >>> len(clipped("0 " * 100_000))
-    201
-    """
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 @dataclass(eq=False, slots=True)
@@ -57,13 +47,13 @@ class Element:
     def __str__(self) -> str:
         """``<mass> of link 'arm' (line 12)``: what messages call it."""
         if "name" in self.attributes:
-            return f"<{self.tag} name={clipped(self.attributes['name'])!r}> ({self.place})"
+            return f"<{clipped(self.tag)} name={clipped(self.attributes['name'])!r}> ({self.place})"
         owner = self.parent
         while owner is not None and not _NAMES & owner.attributes.keys():
             owner = owner.parent
         name = None if owner is None else owner.attributes.get("name", owner.attributes.get("reference", ""))
-        of = f" of {owner.tag} {clipped(name)!r}" if owner is not None and name is not None else ""
-        return f"<{self.tag}>{of} ({self.place})"
+        of = f" of {clipped(owner.tag)} {clipped(name)!r}" if owner is not None and name is not None else ""
+        return f"<{clipped(self.tag)}>{of} ({self.place})"
 
     def add(self, child: Element) -> None:
         """Append a child."""
@@ -135,7 +125,7 @@ class Element:
         text = self.text(attribute)
         values = self._numbers(attribute, text)
         if len(values) != count:
-            raise RobotFileError(f'{self} has {attribute}="{text}": {len(values)} numbers, expected {count}.')
+            raise RobotFileError(f'{self} has {attribute}="{clipped(text)}": {len(values)} numbers, expected {count}.')
         return values
 
     def floats(self, attribute: str, default: Sequence[float]) -> list[float]:
@@ -145,8 +135,8 @@ class Element:
         values = self._numbers(attribute, self.attributes[attribute].strip())
         if len(values) > len(default):
             raise RobotFileError(
-                f'{self} has {attribute}="{self.attributes[attribute].strip()}": {len(values)} numbers, expected at most '
-                f"{len(default)}."
+                f'{self} has {attribute}="{clipped(self.attributes[attribute].strip())}": {len(values)} numbers, expected at '
+                f"most {len(default)}."
             )
         return values + list(default[len(values) :])
 
@@ -154,7 +144,7 @@ class Element:
         """An attribute that is one of some words."""
         value = self.attributes.get(attribute, default).strip()
         if value not in choices:
-            raise RobotFileError(f'{self} has {attribute}="{value}". Allowed: {", ".join(choices)}.')
+            raise RobotFileError(f'{self} has {attribute}="{clipped(value)}". Allowed: {", ".join(choices)}.')
         return value
 
     def flag(self, attribute: str, *, default: bool) -> bool:
@@ -177,12 +167,13 @@ class Element:
         value = float(word) if _NUMBER.fullmatch(word) else None
         if value is not None and abs(value) <= _LARGEST:
             return value
+        shown = repr(clipped(word))
         if value is not None:
-            problem = f"{word!r} is too large to be meant. Write a finite number in SI units"
+            problem = f"{shown} is too large to be meant. Write a finite number in SI units"
         elif word.lower().lstrip("+-").startswith(("nan", "inf")):
-            problem = f"{word!r} is not a finite number. Write a finite one, or leave the attribute out"
+            problem = f"{shown} is not a finite number. Write a finite one, or leave the attribute out"
         elif "," in word:
-            problem = f"{word!r} is not a number. Write a decimal point, as in 0.5, and blanks between numbers"
+            problem = f"{shown} is not a number. Write a decimal point, as in 0.5, and blanks between numbers"
         else:
-            problem = f"{word!r} is not a number. Write digits with one decimal point at most, as in 0.5 or -1.2e-3"
-        raise RobotFileError(f'{self} has {attribute}="{self.attributes[attribute].strip()}": {problem}.')
+            problem = f"{shown} is not a number. Write digits with one decimal point at most, as in 0.5 or -1.2e-3"
+        raise RobotFileError(f'{self} has {attribute}="{clipped(self.attributes[attribute].strip())}": {problem}.')

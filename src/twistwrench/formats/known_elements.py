@@ -14,7 +14,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from .element import Element, clipped
+from ..listing import clipped
+from .element import Element
 
 READ = "read"
 NO_MECHANICS = "no mechanics"

@@ -17,6 +17,7 @@ from ..core.printed_numbers import printed
 from ..errors import RobotFileError
 from ..lie import quaternion
 from ..lie.identity import IDENTITY, UPRIGHT, pose_rows
+from ..listing import clipped
 from ..model.builder import ModelBuilder
 from ..model.description import Mimic
 from ..model.rounding import DEFAULT_SNAP, snap_rotation
@@ -93,8 +94,8 @@ def _rows_of_quaternion(origin: Element) -> list[list[float]]:
     length = math.hypot(x, y, z, w)
     if abs(length - 1.0) > _UNIT_LENGTH:
         raise RobotFileError(
-            f'{origin} has quat_xyzw="{origin.attributes["quat_xyzw"]}" of length {printed(length)}; a rotation has length 1. '
-            "Divide the four numbers by their length, or check that they stand in the order x y z w."
+            f'{origin} has quat_xyzw="{clipped(origin.attributes["quat_xyzw"])}" of length {printed(length)}; a rotation has '
+            "length 1. Divide the four numbers by their length, or check that they stand in the order x y z w."
         )
     return quaternion.rotation([w, x, y, z]).tolist()
 

@@ -16,6 +16,7 @@ from ..errors import InertiaError, ModelError
 from ..joints import JOINT_TYPES, Fixed, Joint
 from ..joints.axes import number, numbers
 from ..lie.identity import IDENTITY, UPRIGHT
+from ..listing import clipped
 from ..typing import Array
 from .limits import Limits
 from .remark import Remark
@@ -32,6 +33,7 @@ TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
 
 def label(kind: str, name: str, where: str) -> str:
     """How messages call a link or joint: ``joint 'elbow' (line 12)``."""
+    name = clipped(name) if isinstance(name, str) else name
     return f"{kind} {name!r} ({where})" if where else f"{kind} {name!r}"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.printed_numbers import number
 from ..errors import ModelError, UnknownNameError
+from ..listing import listed
 from .description import JointEntry, Mimic
 from .limits import TOLERANCE, Limits
 
@@ -40,7 +41,7 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
             path[joint.name] = joint, joint.mimic
             if leader in path:
                 names = [*path]
-                loop = " → ".join(map(repr, [*names[names.index(leader) :], leader]))
+                loop = listed(map(repr, [*names[names.index(leader) :], leader]), between=" → ")
                 raise ModelError(
                     f"{path[names[0]][0]} is part of a mimic cycle, {loop}. Remove the <mimic> of one of them."
                 )

@@ -86,6 +86,6 @@ def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
     loop = [*path[path.index(above) :], above][::-1]
     joints = ", ".join(str(parent_joint[name]) for name in loop[1:])
     return (
-        f"the links {' → '.join(map(repr, loop))} form a cycle, through {joints}. A robot must be a tree; "
+        f"the links {listed(map(repr, loop), between=' → ')} form a cycle, through {joints}. A robot must be a tree; "
         "remove one of these joints."
     )

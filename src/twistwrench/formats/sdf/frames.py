@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import RobotFileError
 from ...lie import se3
+from ...listing import listed
 from ...typing import Array
 from ..element import Element
 from .values import pose, word
@@ -50,7 +51,9 @@ class SdfModel:
         at = name
         while at not in self._poses and at != MODEL:
             if at in path:
-                raise RobotFileError(f"{asked}: the frames {' → '.join([*path, at])} are given relative to each other.")
+                raise RobotFileError(
+                    f"{asked}: the frames {listed([*path, at], between=' → ')} are given relative to each other."
+                )
             path[at] = None
             at = self.frame(at, asked).relative_to
         T = self._poses.get(at, np.eye(4))
@@ -64,7 +67,9 @@ class SdfModel:
         path: dict[str, None] = {}
         while name not in self.links and name not in self._carriers:
             if name in path:
-                raise RobotFileError(f"{asked}: the frames {' → '.join([*path, name])} are attached to each other.")
+                raise RobotFileError(
+                    f"{asked}: the frames {listed([*path, name], between=' → ')} are attached to each other."
+                )
             path[name] = None
             name = self.frame(name, asked).attached_to
         link = self._carriers.get(name, name)
