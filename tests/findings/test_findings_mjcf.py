@@ -159,9 +159,10 @@ def test_findings_39_and_40_efforts_are_those_of_the_compiled_model(name):
     ball = '<body><joint name="k" type="ball"/><geom size=".1"/></body>'
     text = hinge(inside=ball, rest=f"<actuator>{DRIVES[name]}</actuator>")
     try:
-        filed, compiled, model = doors(text)
+        mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
         pytest.skip(f"this version of MuJoCo does not read it: {error}")
+    filed, compiled, model = doors(text)
     total = np.zeros(2)
     for k in range(len(model.actuator_trntype)):
         if model.actuator_trnid[k, 0] == 0:
@@ -309,7 +310,7 @@ def test_finding_14_the_distance_left_is_that_between_the_origins(rows):
     turned = near @ tw.se3.exp([0.9, 0.4, 0, 0, 0, 0])
     loose = panda.inverse_kinematics(turned, angle=3.0, distance=0.05, restarts=20)
     assert loose.converged
-    assert loose.distance <= 0.05 * max(1.0, 2.0)
+    assert loose.distance < 0.1  # the tolerance times the arm's size
 
 
 def test_finding_14_two_frames_each_have_their_own_distance():
