@@ -276,3 +276,28 @@ def test_finding_44_more_axes_than_numpy_has_are_an_error_of_ours(name):
     assert most.shape == (1,) * 62 + (6, 6)
     with pytest.raises(tw.ShapeError, match="q has 63 batch axes"):
         getattr(robot, name)(np.zeros((1,) * 63 + (6,)))
+
+
+# ── the first call of a long program ──
+
+LONG_COMPILATION = """
+import numpy as np
+import twistwrench as tw
+panda = tw.robots.panda()
+kernel = panda.kernel("inverse_dynamics", by=("q", "dq", "ddq"), form="hessian")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_finding_71_a_terminal_is_told_what_is_compiled_after_a_second():
+    import pty
+
+    ours, theirs = pty.openpty()
+    here = {**os.environ, "TWISTWRENCH_CACHE_DIR": "off"}
+    subprocess.run([sys.executable, "-c", LONG_COMPILATION], env=here, stderr=theirs, check=True)
+    os.close(theirs)
+    assert b"compiling a kernel of tau_hessian" in os.read(ours, 10_000)
+    os.close(ours)
+    piped = subprocess.run([sys.executable, "-c", LONG_COMPILATION], env=here, stderr=subprocess.PIPE, check=True)
+    assert piped.stderr == b""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import os
+import sys
 import threading
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core import cache
@@ -17,6 +19,10 @@ from .placed_code import placed
 
 if TYPE_CHECKING:
     from ..program.forms import Form
+
+
+PATIENCE = 1.0
+"""Seconds of compilation without a word to the terminal."""
 
 
 class Code(NamedTuple):
@@ -49,9 +55,10 @@ class _Jit:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
         llvm.initialize_native_asmparser()
-        # The small code model lets constants be operands in memory; the default for JITs fetches each one's address.
+        # The small code model lets constants be operands in memory; the default for JITs fetches each one's address. Level 2
+        # takes half as long again for code that is no faster (bench/NOTES.md).
         return llvm.Target.from_triple(machine.triple).create_target_machine(
-            cpu=machine.cpu, features=machine.features, opt=2, reloc="pic", codemodel="small"
+            cpu=machine.cpu, features=machine.features, opt=1, reloc="pic", codemodel="small"
         )
 
     def link(self, objects: Sequence[bytes], symbol: str, machine: Machine) -> Any:
@@ -71,12 +78,26 @@ LOCK = _JIT.lock
 
 
 def compiled(program: Form, precision: Precision, machine: Machine | None = None) -> Code:
-    """Code for ``program`` on the machine, or the chosen one, from the cache if it is there."""
+    """Code for ``program`` on the machine, or the chosen one, from the cache if it is there.
+
+    If it takes more than a second, a terminal is told what is being compiled.
+    """
     from ..targets.emitter_choice import modules
 
     machine = machine or chosen()
     with _JIT.lock:
-        return _linked(lambda: modules(program, precision, machine), LOOP, machine)
+        return _linked(lambda: _announced(program, modules(program, precision, machine)), LOOP, machine)
+
+
+def _announced(program: Form, texts: Iterable[str]) -> Iterator[str]:
+    """The texts; once the first ones have taken long, a line on stderr says what they are of."""
+    began, said = time.perf_counter(), False
+    for text in texts:
+        if not said and time.perf_counter() - began > PATIENCE and sys.stderr is not None and sys.stderr.isatty():
+            results = ", ".join(port.name for port in program.outputs)
+            sys.stderr.write(f"twistwrench: compiling a kernel of {results}; the cache keeps it for the next time.\n")
+            said = True
+        yield text
 
 
 def found(keys: Sequence[str], machine: Machine) -> Code | None:
