@@ -96,10 +96,11 @@ class _Pool:
         return Lease(self, block, size)
 
     def _taken(self, size: int) -> _Block | None:
-        """An idle block, the smallest that fits."""
-        for block in sorted(self.idle, key=lambda b: b.size):
-            if size <= block.size <= SLACK * size and self._removed(block):
-                return block
+        """An idle block, the smallest that fits; None only if there was none when last looked."""
+        while fitting := [block for block in list(self.idle) if size <= block.size <= SLACK * size]:
+            for block in sorted(fitting, key=lambda b: b.size):
+                if self._removed(block):
+                    return block
         return None
 
     def _made(self, size: int) -> _Block | None:
