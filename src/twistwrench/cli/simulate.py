@@ -101,7 +101,8 @@ def answer_simulate(
 
     load = LoadedRobot(robot, tuple(map(parse_payload, payloads)), parse_wrenches(wrenches))
     loaded = load.loaded
-    friction, failure = not no_friction, None
+    friction = not no_friction
+    failure: BaseException | None = None
     q0 = parse_configuration(loaded, at, configuration, degrees=degrees)
     if hint := degrees_hint(loaded, q0):
         show(f"! {hint}")
