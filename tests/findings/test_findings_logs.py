@@ -350,10 +350,11 @@ def payload_log():
     x = [(0.35 * w**k * np.sin(w * t[:, None, None] + phase + k * np.pi / 2)).sum(axis=2) for k in range(3)]
     ur5 = tw.robots.ur5()
     loaded = ur5.with_payload(tw.SpatialInertia.from_com(2.0, [0.05, 0.02, 0.1]))
-    tau = np.asarray(loaded.inverse_dynamics(*x))
+    q, dq, ddq = x
+    tau = np.asarray(loaded.inverse_dynamics(q, dq, ddq))
     size = tau.std(axis=0)
-    tau = tau + 0.1 * size * np.tanh(x[1] / 0.05) + np.random.default_rng(0).normal(0, 0.02 * size, tau.shape)
-    return ur5, tw.Motion(t, *x, tau, robot=ur5, in_seconds=True)
+    tau = tau + 0.1 * size * np.tanh(dq / 0.05) + np.random.default_rng(0).normal(0, 0.02 * size, tau.shape)
+    return ur5, tw.Motion(t, q, dq, ddq, tau, robot=ur5, in_seconds=True)
 
 
 @pytest.mark.parametrize(
