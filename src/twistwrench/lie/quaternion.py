@@ -25,12 +25,13 @@ def rotation(quat: ArrayLike) -> Array:
         square = w * w + x * x + y * y + z * z
         if square == 0.0:
             _turning(np.zeros(()), "quaternion.rotation: quat")
-        return np.array(entries(w, x, y, z, 2.0 / square)).reshape(3, 3)
+        return np.array(entries(w, x, y, z, 2.0 / square * (square / square))).reshape(3, 3)
     w, x, y, z = np.moveaxis(quat, -1, 0)
     square = w * w + x * x + y * y + z * z
     if quat.dtype != object:
         _turning(square, "quaternion.rotation: quat")
-    return np.stack(entries(w, x, y, z, 2.0 / square), axis=-1).reshape(*quat.shape[:-1], 3, 3)
+    # inf / inf: NaN where the square overflows, in place of the rotation of another quaternion
+    return np.stack(entries(w, x, y, z, 2.0 / square * (square / square)), axis=-1).reshape(*quat.shape[:-1], 3, 3)
 
 
 def entries(w: Any, x: Any, y: Any, z: Any, s: Any) -> list[Any]:
