@@ -85,17 +85,21 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
 def _panels(result: SimulationResult) -> dict[str, list[int]]:
     """What each panel of coordinates is called, and which of them it shows."""
     units = result.coordinate_units or (None,) * len(result.coordinate_names)
-    found = {said: [k for k, u in enumerate(units) if u == unit] for unit, said in _PANELS.items()}
-    return {said: places for said, places in found.items() if places}
+    found = {}
+    for unit, said in _PANELS.items():
+        places = [k for k, u in enumerate(units) if u == unit]
+        count = -(-len(places) // _MOST)  # panels, all about as full
+        for n in range(count):
+            first, last = (len(places) * k // count for k in (n, n + 1))
+            found[said if count == 1 else f"{said}, {first + 1} to {last} of {len(places)}"] = places[first:last]
+    return found
 
 
 def _draw_coordinates(axis: Axes, result: SimulationResult, said: str, places: list[int]) -> None:
-    shown = places[:_MOST]
-    for n, (k, colour) in enumerate(zip(shown, _colours(len(shown)), strict=True)):
-        style = "--" if n % 2 and len(shown) > len(_COLOURS) else "-"
+    for n, (k, colour) in enumerate(zip(places, _colours(len(places)), strict=True)):
+        style = "--" if n % 2 and len(places) > len(_COLOURS) else "-"
         axis.plot(result.times, result.q[:, k], style, color=colour, label=result.coordinate_names[k])
-    more = f", the first {len(shown)} of {len(places)}" if len(shown) < len(places) else ""
-    axis.set_title(f"{said}{more}", loc="left")
+    axis.set_title(said, loc="left")
     _legend(axis)
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from .drawn_motion import DrawnMotion
 
-_TRIANGLES = 150_000
+_TRIANGLES = 300_000
 _SCRIPTS = (
     "matrices.js",
     "coordinates.js",
@@ -152,7 +152,9 @@ def page_text(
         torque["peak"] = peak
     data["book"] = None if book is None else book_data(book, robot, start)
     data["motion"] = None if motion is None else _motion_data(robot, motion, box)
-    data["notes"] = [*scene.notes, *(motion.warnings if motion is not None else ())]
+    # A section of the book is about mechanics, and its arms are examples: what their inertias look like is no part of it.
+    of_scene = scene.notes if book is None else scene.remarks
+    data["notes"] = [*_left_out(robot), *of_scene, *(motion.warnings if motion is not None else ())]
     data["subtitle"] = _subtitle(robot, motion)
     data["shown"], data["switches"] = _switches(data, scene, book)
     parts = resources.files(__package__) / "player"
@@ -258,6 +260,23 @@ def _motion_data(robot: Robot, motion: DrawnMotion, box: _Box) -> dict[str, Any]
         "torques": box.put(motion.torques, "f4"),
         "path": path,
     }
+
+
+def _left_out(robot: Robot) -> list[str]:
+    """Notes on what the page leaves out: loops that the file closes, and everything at the tip where none is named."""
+    model, notes = robot.model, []
+    if model.closures:
+        loops = ", ".join(list(model.closures)[:4]) + (", …" if len(model.closures) > 4 else "")
+        notes.append(
+            f"Loops left open: {loops}. Torques and motion are those of the open tree, not of the closed mechanism."
+        )
+    if model.tip is None and model.nv and model.leaves:
+        ends = ", ".join(model.leaves[:6]) + (", …" if len(model.leaves) > 6 else "")
+        notes.append(
+            f"No tip: the moving joints end in several places, so payload, push, dragging and the ellipsoids at the tip are "
+            f"left out. Name one of the {len(model.leaves)} ends with --tip: {ends}."
+        )
+    return notes
 
 
 def _subtitle(robot: Robot, motion: DrawnMotion | None) -> str:

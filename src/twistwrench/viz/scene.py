@@ -58,9 +58,22 @@ class Scene:
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Links whose ellipsoid is about as long as the robot is: no body in it has such an inertia."""
+        """Links whose ellipsoid of inertia is about as long as the robot, and longer than that of any body of their own shape.
+
+        Mass within a distance ρ of its centre has semi-axes of at most √5 ρ: all of it at both ends of a rod. A slender uniform
+        rod has 1.29 ρ.
+        """
         long = {s.body: float(np.ptp(s.surface.vertices, axis=0).max()) for s in self.shapes if s.layer == "inertia"}
-        return tuple(self.robot.model.bodies[k].link for k, length in long.items() if length > 0.8 * self.size)
+        bodies, reach = self.robot.model.bodies, dict[int, float]()
+        for s in self.shapes:
+            if s.layer == "looks" and s.body in long and s.body != BASE:
+                out = s.surface.vertices @ s.pose[:3, :3].T + s.pose[:3, 3] - bodies[s.body].inertia.com
+                reach[s.body] = max(reach.get(s.body, 0.0), float(np.linalg.norm(out, axis=1).max()))
+        return tuple(
+            bodies[k].link
+            for k, length in long.items()
+            if k != BASE and length > max(0.8 * self.size, 2.0 * math.sqrt(5.0) * reach.get(k, 0.0))
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -169,8 +169,9 @@ class NumberTable {
     this.heat = heat;
     this.place = document.createElement("div");
     add_(this.place, "p", caption).className = "caption";
-    this.place.appendChild(table);
-    table.style.width = `min(100%, ${70 + 64 * columns.length}px)`;
+    const scroll = this.place.appendChild(document.createElement("div")); // wide numbers scroll, whatever the font
+    scroll.className = "scroll";
+    scroll.appendChild(table);
     add_(head, "th");
     columns.forEach(([name, unit_]) => add_(head, "th", `${name}${unit_ ? `<small>${unit_}</small>` : ""}`));
     this.cells = rows.map(([name, xs]) => {

@@ -12,6 +12,7 @@ class LoadPanel {
       this.slider(robot.payloadName, 0, robot.payload, "kg", (x) => { mechanics.mass = x; });
       if (this.kind === "all") ["x", "y", "z"].forEach((axis, k) => this.slider(`push on tip, ${axis}`, -robot.push, robot.push, "N", (x) => { mechanics.push[k] = x; }));
     }
+    this.stored = document.getElementById("stored");
     this.button = document.getElementById("let-go");
     this.said = document.getElementById("fall");
     this.felt = document.getElementById("felt");
@@ -31,8 +32,10 @@ class LoadPanel {
     const tell = () => { number.textContent = `${signed(Number(slider.value), digits)} ${unit_}`; };
     slider.addEventListener("input", () => { set(Number(slider.value)); tell(); this.viewer.loaded(); });
     tell();
-    this.sliders.push(slider);
+    this.sliders.push({ slider, clear: () => { slider.value = 0; set(0); tell(); } });
   }
+
+  clear() { this.sliders.forEach(({ clear }) => clear()); } // stored torques do not contain what the sliders put on it
 
   feel() { // beside the mass ellipsoid: how heavy the tip is
     const { viewer, felt: said } = this;
@@ -46,6 +49,9 @@ class LoadPanel {
   update() {
     const { fall, robot } = this.viewer;
     this.feel();
+    const stored = this.sliders.length > 0 && Boolean(this.viewer.motion) && !this.viewer.posed;
+    document.querySelector("#load ul").hidden = stored;
+    this.stored.hidden = !stored;
     if (this.button.hidden) return;
     this.button.textContent = fall ? "Stop" : "Let go";
     if (!fall) this.said.textContent = robot.book ? "With these torques and velocities, without friction and stops." : "From rest, without torques, friction and stops.";

@@ -38,6 +38,8 @@ class Viewer {
     this.playing = false;
     this.speed = 1;
     this.sharpness = new Sharpness();
+    this.dark = matchMedia("(prefers-color-scheme: dark)");
+    this.dark.addEventListener("change", () => { this.changes += 1; });
     this.changes = 0; // of what is drawn
     this.panel = new Panel(this);
     this.grasp = new Grasp(this);
@@ -79,6 +81,7 @@ class Viewer {
     while (high - low > 1) { const middle = (low + high) >> 1; if (t[middle] <= this.time) low = middle; else high = middle; }
     high = Math.min(high, t.length - 1);
     const share = high > low ? (this.time - t[low]) / (t[high] - t[low]) : 0;
+    if (this.posed) this.panel.load.clear();
     this.posed = false;
     this.fall = null;
     this.q = between(this.robot, this.motion.q(low), this.motion.q(high), share);
@@ -150,6 +153,8 @@ class Viewer {
     return from.map((c, i) => c + ((x - a) / (b - a)) * (to[i] - c));
   }
 
+  seen(colour) { return this.dark.matches ? colour.map((x) => 0.7 + 0.3 * x) : colour; } // dark marks, on a dark stage
+
   cached(key, make) { // arrows and arcs come in some hundred sizes
     if (!this.made.has(key)) {
       if (this.made.size > 600) { this.made.forEach((kept) => this.stage.forget(kept)); this.made.clear(); }
@@ -175,7 +180,7 @@ class Viewer {
     if (shown.mass) this.massMarks(items);
     if (this.book) this.book.marks(items);
     if (this.grasp.can) items.push({ kept: this.cached("knob", () => ball(8)), model: mul(shifted(this.grasp.tip), scaling(0.016 * size)), colour: [...robot.colours.grasp, 1], over: true });
-    if (shown.path && this.motion && this.motion.path) lines.push({ kept: this.motion.path, colour: [...robot.colours.path, 0.9], strip: true });
+    if (shown.path && this.motion && this.motion.path) lines.push({ kept: this.motion.path, colour: [...this.seen(robot.colours.path), 0.9], strip: true });
     this.stage.draw(items, lines, robot.floor, this.sticks(), fineness);
   }
 
@@ -218,10 +223,10 @@ class Viewer {
     const p = this.mechanics.centre(this.q);
     if (!p) return;
     const at = shifted(p);
-    items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...this.robot.colours.com, 1], shadow: true, over: true });
+    items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...this.seen(this.robot.colours.com), 1], shadow: true, over: true });
     const low = shifted([p[0], p[1], this.robot.floor]), flat = scaling(0.02 * this.robot.size);
     flat[10] = 1e-4 * this.robot.size;
-    items.push({ kept: this.ball, model: mul(low, flat), colour: [...this.robot.colours.com, 0.7] });
+    items.push({ kept: this.ball, model: mul(low, flat), colour: [...this.seen(this.robot.colours.com), 0.7] });
   }
 
   wrenchMarks(items) {

@@ -20,14 +20,17 @@ class Panel {
     robot.switches.forEach(([key, label]) => this.switch(key, label));
     this.load = new LoadPanel(this);
     if (viewer.motion) this.playBar(of);
-    new ResizeObserver(() => this.cover(of)).observe(of("stage"));
+    const resized = new ResizeObserver(() => this.cover(of));
+    [of("stage"), document.querySelector("header")].forEach((part) => resized.observe(part));
   }
 
   cover(of) { // where the panel stands beside the stage, the view is in the middle of the rest
     const beside = window.innerWidth > 760 && !matchMedia("print").matches;
     const right = beside ? document.querySelector("aside").offsetWidth + 12 : 0;
     const bar = this.viewer.motion ? of("player").offsetHeight + 12 : 0;
-    const shown = of("shown"), top = beside || !shown.offsetHeight ? 0 : shown.offsetTop + shown.offsetHeight;
+    const shown = of("shown"), header = document.querySelector("header");
+    shown.style.top = beside ? "" : `${header.offsetTop + header.offsetHeight + 6}px`; // below the title, however many lines it takes
+    const top = beside || !shown.offsetHeight ? 0 : shown.offsetTop + shown.offsetHeight;
     this.viewer.stage.covered = { right, top, bottom: beside ? bar + shown.offsetHeight + 16 : 0 };
   }
 
