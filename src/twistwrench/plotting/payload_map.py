@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,17 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array) -> None:
     axes[0].set_ylabel(f"{names[1]} [m]")
     figure.legend([cross], ["the pose above"], loc="outside lower center", frameon=False, fontsize=SMALL)
     bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
-    ticks = [x for x in np.unique([float(number(x, 1)) for x in np.geomspace(low, high, 6)]) if low <= x <= high]
+    ticks = _round_ticks(low, high)
     bar.set_ticks(ticks, labels=[number(x) for x in ticks], minor=False)
     bar.minorticks_off()
+
+
+def _round_ticks(low: float, high: float) -> list[float]:
+    """Round numbers from low to high, a few of them: steps of 1, 2, 5, or finer where these are fewer than three."""
+    ticks: list[float] = []
+    for steps in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0), tuple(0.1 * k for k in range(10, 100))):
+        decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        ticks = [float(x) for x in np.outer(decades, steps).ravel() if low <= x <= high]
+        if len(ticks) >= 3:
+            break
+    return ticks

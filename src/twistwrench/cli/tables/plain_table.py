@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -18,6 +21,8 @@ from ...verdict import Word
 
 _NEAR = 0.8
 """Share of a limit from which it is worth a colour."""
+_ANY = 10_000
+"""Characters, more than any table has."""
 _LEAST = 8
 """Characters of a word that stay together in any case: names fold where there is no room."""
 
@@ -36,27 +41,67 @@ class PlainTable(Table):
         super().__init__(box=SIMPLE_HEAD, title=heading, title_justify="left", pad_edge=False)
         self._whole: list[bool] = []
         """By column, whether its cells are never broken. Rich's own option for this takes all room from other columns."""
+        self._folding: list[list[Text]] = []
+        """By column, its cells if they may be folded."""
 
     def words(self, *heads: str, fold: bool = True, style: str = "") -> None:
         """Columns of words, which fold where there is no room unless told not to."""
         for head in heads:
             self.add_column(Text(head), overflow="fold", style=style)
             self._whole.append(not fold)
+            self._folding.append([])
 
     def numbers(self, *heads: str, min_width: int | None = None) -> None:
         """Columns of numbers, which are never cut; those with a width may break between numbers."""
         for head in heads:
-            self.add_column(Text(head), justify="right", min_width=min_width)
+            least = max(map(cell_len, head.split()), default=0) if min_width is None else min_width
+            self.add_column(Text(head), justify="right", min_width=least)
             self._whole.append(min_width is None)
+            self._folding.append([])
 
     def row(self, *cells: Any, style: str = "") -> None:
         """Words as they are, numbers as :func:`~twistwrench.core.printed_numbers.number` has them, whole ones in full."""
         texts = [_cell(cell) for cell in cells]
-        for column, whole, text in zip(self.columns, self._whole, texts, strict=False):
+        for column, whole, folding, text in zip(self.columns, self._whole, self._folding, texts, strict=False):
             text.no_wrap = whole or None
+            if column.justify == "left" and not whole:
+                folding.append(text)
             needs = [cell_len(text.plain)] if whole else [min(cell_len(part), _LEAST) for part in text.plain.split()]
             column.min_width = max([column.min_width or 0, *needs])
         self.add_row(*texts, style=style)
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """The table; wider than the console, with less room between columns and names folded at their separators."""
+        for padding in (self.padding, (0, 0)):
+            self.padding = padding
+            excess = Measurement.get(console, options.update(max_width=_ANY), self).maximum - options.max_width
+            if excess <= 0:
+                break
+            for texts in filter(None, self._folding):
+                longest = max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""])
+                least = max(cell_len(part) for text in texts for part in _parts(text.plain))
+                width = max(least, longest - excess)
+                for text in texts:
+                    text.plain = _folded(text.plain, width)
+                excess -= max(longest - width, 0)
+        yield from super().__rich_console__(console, options)
+
+
+def _parts(name: str) -> list[str]:
+    """Parts of a name that stay together, with the separator that ends each."""
+    return re.findall(r"[^_\-./\s]*[_\-./]|[^_\-./\s]+", name) or [""]
+
+
+def _folded(name: str, width: int) -> str:
+    """The name in lines of at most that width, broken between its parts alone; one that is short as it is."""
+    if cell_len(name) <= width or " " in name:
+        return name
+    lines = [""]
+    for part in _parts(name):
+        if lines[-1] and cell_len(lines[-1] + part) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines)
 
 
 def _cell(value: Any) -> Text:

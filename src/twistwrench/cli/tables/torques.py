@@ -25,7 +25,7 @@ from .plain_table import PlainTable, friction_words, limit_style, remarks, share
 from .torque_notes import notes
 
 _BAR = 12
-_BAR_FROM = 104
+_BAR_FROM = 80
 """Columns of the console from which there is room for bars."""
 
 
@@ -155,13 +155,14 @@ def _why(report: TorqueReport, k: int) -> PlainTable:
         why = why.and_also("noise", np.where(np.arange(len(report.joints)) == k, joint.chance, 0.0))
     heads, *rows, together = why.rows(why.joints[k])
     apart = ", what the payload adds under the term it is" if report.load.payloads else ""
-    title = f"Why {joint.joint} at t = {seconds(joint.time)} s{apart}"
-    table = PlainTable(title)
-    table.words(heads[0], fold=False)
-    table.numbers(*heads[1:])
+    unit = heads[-1].partition("[")[2].rstrip("]")
+    told = [k for k, cells in enumerate(zip(*rows, together, strict=True)) if set(cells) != {"·"}]
+    table = PlainTable(f"Why {joint.joint} at t = {seconds(joint.time)} s{apart} [{unit}]")
+    table.words(heads[0])
+    table.numbers(*(heads[k].partition(" [")[0] for k in told[1:]))
     for row in rows:
-        table.row(*row)
-    table.row(*together, style="bold")
+        table.row(*(row[k] for k in told))
+    table.row(*(together[k] for k in told), style="bold")
     return table
 
 
