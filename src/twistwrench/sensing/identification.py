@@ -113,8 +113,8 @@ def identify(
         found, kept = unless_drift(problem, *trimmed(problem))
     else:
         found = fit(problem, keep=kept)
-    orientation = problem.label
-    white = whiteness(found, kept, orientation)
+    label = problem.label
+    white = whiteness(found, kept, label)
     again = len(np.unique(problem.label)) < len(kept)
     if white is not None and white.length > 1 and not again:  # neighbours that hang together are one witness
         problem = replace(problem, label=np.arange(len(kept)) // white.length, state=found.state)
@@ -122,7 +122,7 @@ def identify(
     left_out, between = ~used, np.zeros(len(log), bool)
     between[used] = witness.row < 0
     left_out[used] = ~witness.spread(kept) & ~between[used]
-    return judged(Diagnosis(sign, found, kept), confidence, problem, log, Use(left_out, between, orientation, white))
+    return judged(Diagnosis(sign, found, kept), confidence, problem, log, Use(left_out, between, label, white))
 
 
 def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:

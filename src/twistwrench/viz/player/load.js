@@ -13,6 +13,7 @@ class LoadPanel {
       if (this.kind === "all") ["x", "y", "z"].forEach((axis, k) => this.slider(`push on tip, ${axis}`, -robot.push, robot.push, "N", (x) => { mechanics.push[k] = x; }));
     }
     this.stored = document.getElementById("stored");
+    this.rows = document.querySelector("#load ul");
     this.button = document.getElementById("let-go");
     this.said = document.getElementById("fall");
     this.felt = document.getElementById("felt");
@@ -50,7 +51,7 @@ class LoadPanel {
     const { fall, robot } = this.viewer;
     this.feel();
     const stored = this.sliders.length > 0 && Boolean(this.viewer.motion) && !this.viewer.posed;
-    document.querySelector("#load ul").hidden = stored;
+    this.rows.hidden = stored;
     this.stored.hidden = !stored;
     if (this.button.hidden) return;
     this.button.textContent = fall ? "Stop" : "Let go";
