@@ -78,6 +78,7 @@ class CapsuleRoom:
     floor : float or None, height [m]
     overlapping : tuple of pairs of str, links whose capsules are too near by how the robot is built, and that are not looked at
     itself : bool, whether links are looked at together
+    margins : (m,) array, what pairs stay away from each other [m]; None: MARGIN
     low : tuple of str, links fixed at a height that are not looked at, as the floor is too near wherever the joints are
     """
 
@@ -89,6 +90,7 @@ class CapsuleRoom:
     overlapping: tuple[tuple[str, str], ...] = ()
     itself: bool = True
     low: tuple[str, ...] = ()
+    margins: Array | None = None
 
     @classmethod
     def of(cls, robot: Robot, capsules: LinkCapsules, *, floor: float | None, itself: bool) -> CapsuleRoom:
@@ -116,7 +118,10 @@ class CapsuleRoom:
         pairs = np.stack([i, j], axis=1)[apart]
         q = robot.random_configuration(0, _SAMPLES)
         every = cls(robot, capsules, pairs, np.zeros(0, int), None)
-        built = (every.distances(q) < MARGIN).mean(axis=0) >= _ALWAYS
+        apart = every.distances(q)
+        near = (apart < MARGIN).mean(axis=0) >= _ALWAYS
+        built = near if capsules.assumed else (apart <= 0.0).mean(axis=0) >= _ALWAYS
+        margins = np.where(near, 0.0, MARGIN)[~built]  # true shapes that are near by design must not touch
         poses = robot.link_poses(q)
         heights = capsules.placed(poses)[:, 2].min(axis=0)
         above, low = np.zeros(0, int), np.zeros(0, int)
@@ -128,7 +133,7 @@ class CapsuleRoom:
             above, low = np.flatnonzero(moves & ~(fixed & near)), np.flatnonzero(moving & fixed & near)
         over = sorted({(names[capsules.links[a]], names[capsules.links[b]]) for a, b in pairs[built]})
         under = tuple(dict.fromkeys(names[capsules.links[k]] for k in low))
-        return cls(robot, capsules, pairs[~built], above, floor, tuple(over), itself, under)
+        return cls(robot, capsules, pairs[~built], above, floor, tuple(over), itself, under, margins)
 
     @property
     def unwatched(self) -> tuple[str, ...]:

@@ -17,7 +17,6 @@ from ..motion.motion import Motion
 from ..robot import Robot
 from ..typing import Array
 from ..verdict import Verdict
-from .capsule_distances import MARGIN
 from .motion_information import MotionInformation
 from .motion_room import DENSE, MotionRoom
 from .rest_series import RestSeries
@@ -149,8 +148,8 @@ class ExcitingMotion:
                 f"{listed(capsules.assumed, 4)}; a file with <collision> or <visual> shapes gives true ones"
             )
         unsure += [f"not looked at: {sentence}" for sentence in self.unwatched]
-        near = {name: value for name, value in self.clearances.items() if value < MARGIN}
-        unsure += [f"it comes within {number(1000.0 * value)} mm of {NAMES[name]}" for name, value in near.items()]
+        near = {name: value for name, value in self.clearances.items() if value <= 0.0}
+        unsure += [f"it comes to {number(1000.0 * value)} mm from {NAMES[name]}" for name, value in near.items()]
         return Verdict.of(unsure=unsure)
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:

@@ -93,11 +93,18 @@ class MotionRoom:
             _both_ways(b.acceleration),
             _both_ways(b.effort),
             Band(
-                np.where(np.arange(count) < self.capsules.count, MARGIN, 0.0),
+                self._margins(count),
                 np.full(count, np.inf),
                 np.full(count, _NEAR),
             ),
         )
+
+    def _margins(self, count: int) -> Array:
+        """Least of each of the clearances (count,) [m]: what the user tells may come to 0."""
+        found = np.where(np.arange(count) < self.capsules.count, MARGIN, 0.0)
+        if self.capsules.margins is not None:
+            found[: len(self.capsules.margins)] = self.capsules.margins
+        return found
 
     def clearances(self, q: Array) -> Array:
         """(n, m) distances [m]: those of the capsules, and those of ``clear``."""
