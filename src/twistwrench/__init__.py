@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib as _importlib
 import typing as _typing
 
+from . import interrupts as _interrupts  # noqa: F401  before all that takes time
 from .errors import (
     CacheWarning,
     ConstraintError,

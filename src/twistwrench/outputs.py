@@ -6,7 +6,7 @@ import contextlib
 import os
 import secrets
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from .core.files import as_path
@@ -122,12 +122,49 @@ def replacing(path: str | Path) -> Iterator[Path]:
     A file that is replaced keeps its mode, and its owner and group where the system allows it; a new one gets the mode that
     the process gives to new files. :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
     """
-    path = as_path(path)
+    with replacing_together([path]) as (scratch,):
+        yield scratch
+
+
+@contextlib.contextmanager
+def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]]:
+    """Scratch names for files that belong together, as :func:`replacing` has one: all are on the disk before one is renamed."""
+    files: list[tuple[Path, Path, os.stat_result | None]] = []  # scratch, what it becomes, and what is there
+    at = as_path(paths[0])
+    try:
+        for path in map(as_path, paths):
+            at = path
+            files.append(_begun(path))
+        yield tuple(scratch for scratch, _, _ in files)
+        for path, (scratch, target, before) in zip(map(as_path, paths), files, strict=True):
+            at = path
+            if scratch != target:
+                if before is not None:
+                    _keep(scratch, before)
+                with scratch.open("rb+") as file:
+                    os.fsync(file.fileno())
+        for path, (scratch, target, _) in zip(map(as_path, paths), files, strict=True):
+            at = path
+            if scratch != target:
+                os.replace(scratch, target)  # noqa: PTH105  the atomic one, by its plain name
+    except BrokenPipeError:
+        raise
+    except OSError as problem:
+        raise ValueRangeError(
+            f"cannot write {str(at)!r}: {problem.strerror}. Free space, or give another name."
+        ) from None
+    finally:
+        for scratch, target, _ in files:
+            if scratch != target:
+                scratch.unlink(missing_ok=True)
+
+
+def _begun(path: Path) -> tuple[Path, Path, os.stat_result | None]:
+    """An empty scratch file, what it will become, and what is there; a pipe or a device is written to, never replaced."""
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
-    if path.exists() and not path.is_file():  # a pipe or a device is written to, never replaced
-        yield path
-        return
+    if path.exists() and not path.is_file():
+        return path, path, None
     advice = "Name a file in a folder that exists and is writable."
     try:
         target = path.resolve()  # a link stays a link
@@ -137,21 +174,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
         raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. {advice}") from None
     scratch = target.with_name(f".{target.stem[:20]}.{secrets.token_hex(8)}{target.suffix[-20:]}")
     try:
-        try:
-            # With the mode of new files the system itself takes the umask off; what will be private is so from the start.
-            os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666 if before is None else 0o600))
-        except OSError as problem:
-            raise ValueRangeError(f"cannot write {str(path)!r}: {problem.strerror}. {advice}") from None
-        yield scratch
-        if before is not None:
-            _keep(scratch, before)
-        os.replace(scratch, target)  # noqa: PTH105  the atomic one, by its plain name
+        # With the mode of new files the system itself takes the umask off; what will be private is so from the start.
+        os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666 if before is None else 0o600))
     except OSError as problem:
-        raise ValueRangeError(
-            f"cannot write {str(path)!r}: {problem.strerror}. Free space, or give another name."
-        ) from None
-    finally:
-        scratch.unlink(missing_ok=True)
+        raise ValueRangeError(f"cannot write {str(path)!r}: {problem.strerror}. {advice}") from None
+    return scratch, target, before
 
 
 def _keep(scratch: Path, before: os.stat_result) -> None:

@@ -225,3 +225,251 @@ def test_finding_40_columns_of_lists_are_remarked(tmp_path):
         (found,) = json.loads(run("log", "info", "--json", tmp_path / name).stdout)
         assert "torque" in found["notes"][0]
         assert "'torque'" in run("torques", "planar_2r", "--trajectory", tmp_path / name).output
+
+
+# ── exit codes: a fault of the system is not one of the program ──
+
+ARM = """<robot name="arm"><link name="base"/>
+<link name="l"><inertial><origin xyz=".5 0 0"/><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="revolute"><parent link="base"/><child link="l"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="5" effort="30"/></joint>
+</robot>"""
+
+COMMANDS = (
+    "--help", "--version", "info ur5", "info ur5 --json", "robots", "torques ur5 --trajectory demo", "torques ur5 --trajectory demo --csv /dev/full",
+    "payload planar_2r --at 0,0", "simulate pendulum --duration 0.01", "simulate pendulum --duration 0.01 --npz /dev/full",
+    "simulate pendulum --duration 0.01 --csv /dev/full", "move planar_2r --to 1,1 --duration 2", "move planar_2r --to 1,1 --duration 2 --csv /dev/full", "derive pendulum",
+    "doctor arm.urdf", "doctor arm.urdf --json", "verify pendulum", "log info log.csv", "log info log.csv --json",
+    "export pendulum --c FOLDER", "view pendulum --html FOLDER/p.html", "plot pendulum --trajectory log.csv --what power --out FOLDER/p.png",
+    "sensor --help", "identify --help", "excite --help",
+)  # fmt: skip
+
+
+class Full:
+    """A standard output on a full disk."""
+
+    encoding, errors = "utf-8", "strict"
+
+    def write(self, text):
+        raise OSError(28, "No space left on device")
+
+    flush = fileno = lambda self: self.write("")
+
+    def isatty(self):
+        return False
+
+
+@LINUX
+@pytest.mark.parametrize("command", COMMANDS)
+def test_finding_47_a_full_disk_ends_every_command_with_2(command, tmp_path, monkeypatch, capsys):
+    (tmp_path / "arm.urdf").write_text(ARM)
+    (tmp_path / "log.csv").write_text("time,joint1\n" + "".join(f"{k / 100},{k / 100}\n" for k in range(50)))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdout", Full())
+    with pytest.raises(SystemExit) as ended:
+        main(command.replace("FOLDER", ".").split(), prog_name="twistwrench")
+    said = [x for x in capsys.readouterr().err.splitlines() if x.startswith("error:")]
+    assert ended.value.code == 2 and len(said) == 1 and "No space left" in said[0], said
+
+
+@LINUX
+def test_finding_47_a_full_disk_and_a_process(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "twistwrench", "info", "pendulum"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("length", [256, 300, 5_000])
+@pytest.mark.parametrize("command", ["info {}", "doctor {}", "torques ur5 --trajectory {}", "log info {}", "derive {}"])
+def test_finding_47_names_that_are_too_long(command, length):
+    one_error(run(*command.format("a" * length).split()))
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [[0, 1e-300, *(0.01 * np.arange(1, 60))], [*(0.01 * np.arange(60)), 1e300], [0, 5e-324, 1, 2, 3, 4, 5, 6, 7]],
+)
+def test_finding_47_stamps_that_no_curve_leads_through(stamps, tmp_path):
+    rows = "".join(f"{t!r},{np.sin(k / 9)!r},0.5\n" for k, t in enumerate(map(float, stamps)))
+    (tmp_path / "log.csv").write_text(f"time,joint1,joint2\n{rows}")
+    for command in ("torques", "plot"):
+        found = run(
+            command,
+            "planar_2r",
+            "--trajectory",
+            tmp_path / "log.csv",
+            *(["--what", "power", "--out", tmp_path / "p.png"] * (command == "plot")),
+        )
+        assert found.exit_code in (1, 2), found.output
+
+
+# ── others' text ──
+
+EVIL = "\x1b[31mjoint\x1b[2J1\x9b\u202e\u2066"
+
+
+def test_finding_49_control_characters_reach_no_terminal(tmp_path):
+    (tmp_path / "e.csv").write_text(f"time,{EVIL},\x1b]0;owned\x07x\n0,1,2\n1,2,3\n")
+    (tmp_path / "r.urdf").write_text(
+        ARM.replace('"j"', '"j&#x9b;2J&#x202e;&#x2066;"').replace('"arm"', '"a&#x9b;&#x202e;"')
+    )
+    out = tmp_path / "out"
+    out.mkdir()
+    for command in (
+        "log info e.csv", "torques r.urdf --trajectory e.csv", "info r.urdf", "info r.urdf --json", "info r.urdf --csv", "doctor r.urdf",
+        "payload r.urdf --at 0", "simulate r.urdf --duration 0.01", "derive r.urdf", "export r.urdf --c out", "verify r.urdf",
+        "move r.urdf --to 1",
+    ):  # fmt: skip
+        words = [str(tmp_path / w) if (tmp_path / w).exists() else w for w in command.split()]
+        found = run(*words)
+        assert found.exit_code in (0, 1, 2), (command, found.exception)
+        bad = [c for c in found.output if c in "\x1b\x07\x9b\u202e\u2066" or (c < " " and c not in "\n\t")]
+        assert not bad, (command, bad)
+    for file in out.iterdir():
+        assert file.read_text().isascii()
+    for name, made in (("c", "eq.c"), ("md", "eq.md")):
+        found = run("derive", tmp_path / "r.urdf", "--out", out / made)
+        if found.exit_code == 0:
+            text = (out / made).read_text()
+            assert not set(text) & set("\x9b\u202e\u2066"), name
+
+
+# ── interrupts and whole files ──
+
+
+def test_finding_53_slices_of_steps_change_no_bit():
+    """A rollout that is long enough to be cut, against one that is taken piece by piece."""
+    robot, q, dq = tw.robots.planar_2r(), [0.3, 0.2], [0.0, 0.0]
+    for method in ("semi_implicit", "rk4"):
+        whole = robot.rollout(q, dq, steps=1_200_000, dt=1e-5, every=600_000, method=method)
+        half = robot.rollout(q, dq, steps=600_000, dt=1e-5, every=600_000, method=method)
+        rest = robot.rollout(half.q[-1], half.dq[-1], steps=600_000, dt=1e-5, every=300_000, method=method)
+        assert (whole.q[1] == half.q[1]).all() and (whole.q[2] == rest.q[2]).all() and (whole.dq[2] == rest.dq[2]).all()
+
+
+@LINUX
+@pytest.mark.parametrize("method", ["semi_implicit", pytest.param("rk4", marks=SLOW)])
+def test_finding_53_ctrl_c_is_answered_by_a_rollout(method):
+    """In processor time: machines may be busy."""
+    code = (
+        (
+            "import signal, sys, time, twistwrench as tw\n"
+            "robot = tw.robots.panda(); robot.rollout(robot.q, robot.q * 0, steps=5, method=sys.argv[1])\n"
+            "signal.signal(signal.SIGVTALRM, signal.default_int_handler); signal.setitimer(signal.ITIMER_VIRTUAL, 0.3)\n"
+            "begin = time.process_time()\n"
+            "try: robot.rollout(robot.q, robot.q * 0, steps=20_000_000, dt=1e-3, every=1_000_000, method=sys.argv[1])\n"
+            "except KeyboardInterrupt: print(time.process_time() - begin - 0.3)\n"
+        )
+        .replace("robot.q,", "robot.neutral,")
+        .replace("robot.q *", "robot.zero_velocity *")
+    )
+    code = code.replace("robot.neutral", "[0, -.5, 0, -1.5, 0, 1.5, .5]").replace("robot.zero_velocity * 0", "[0] * 7")
+    done = in_child(code, method)
+    assert done.returncode == 0 and float(done.stdout) < 0.5, done.stderr  # 14 s before
+
+
+@LINUX
+def test_finding_53_ctrl_c_during_imports_gives_no_traceback():
+    """The signal arrives as soon as NumPy begins to be imported."""
+    code = (
+        "import builtins, os, runpy, signal, sys\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == sys.argv_module: sys.meta_path.remove(self); os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.argv_module = sys.argv[1]; sys.argv = ['/usr/bin/twistwrench', 'info', 'pendulum']\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "from twistwrench.cli.main import main; main()\n"
+    )
+    for module in ("numpy", "click", "twistwrench.robot", "twistwrench.robots.finding"):
+        done = in_child(code, module)
+        assert done.returncode == 130 and done.stderr == "interrupted\n", (module, done.stderr)
+
+
+def test_finding_47_an_interrupt_that_a_library_swallows(monkeypatch, tmp_path):
+    """As Matplotlib's own code may: what it raises in its place is not an error of the program."""
+    import signal
+
+    def draws(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ValueError("Invalid bounding box") from None
+
+    monkeypatch.setattr(tw.simulation.SimulationResult, "plot", draws)
+    found = run("simulate", "pendulum", "--duration", "0.01", "--plot", tmp_path / "p.png")
+    assert found.exit_code == 130 and "interrupted" in found.output
+
+
+def test_finding_51_a_whole_file_is_not_replaced_by_part_of_one(tmp_path, monkeypatch):
+    path, begun = tmp_path / "run.csv", ["simulate", "pendulum", "--duration", "0.05", "--csv"]
+    assert run(*begun, path).exit_code == 0
+    whole, real = path.read_bytes(), tw.Robot.simulate
+
+    def interrupted(*given, **options):
+        stop = KeyboardInterrupt()
+        stop.result = real(*given, **options)
+        raise stop
+
+    monkeypatch.setattr(tw.Robot, "simulate", interrupted)
+    found = run(*begun, path)
+    assert found.exit_code == 130 and path.read_bytes() == whole and "is kept" in found.output
+    assert run(*begun, tmp_path / "new.csv").exit_code == 130 and (tmp_path / "new.csv").read_bytes() == whole
+
+
+def test_finding_52_files_are_on_the_disk_before_they_are_renamed(tmp_path, monkeypatch):
+    did, sync, replace = [], os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda handle: (did.append("sync"), sync(handle))[1])
+    monkeypatch.setattr(os, "replace", lambda a, b: (did.append("rename"), replace(a, b))[1])
+    assert run("export", "pendulum", "--c", tmp_path).exit_code == 0
+    assert did == ["sync"] * 3 + ["rename"] * 3
+    did.clear()
+    (tmp_path / "arm.urdf").write_text(ARM.replace('mass value="1"', 'mass value="-1"'))
+    run("doctor", tmp_path / "arm.urdf", "--fix", tmp_path / "arm.urdf", "--force")
+    assert not did or did == ["sync", "rename"]
+
+
+def test_finding_52_a_failure_between_leaves_the_old_files(tmp_path, monkeypatch):
+    assert run("export", "pendulum", "--c", tmp_path).exit_code == 0
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    monkeypatch.setattr(os, "fsync", lambda handle: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    one_error(run("export", "pendulum", "--c", tmp_path, "--quantity", "gravity_forces"))
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+# ── the environment ──
+
+
+@LINUX
+def test_finding_54_where_executable_memory_is_forbidden_numpy_serves():
+    code = (
+        "import ctypes, sys; assert ctypes.CDLL(None).prctl(65, 1, 0, 0, 0) == 0\n"
+        "import twistwrench as tw, numpy as np\n"
+        "robot = tw.robots.panda(); q = [0, -.5, 0, -1.5, 0, 1.5, .5]\n"
+        "print(robot.inverse_dynamics(q, q, q).tolist()); print(robot.rollout(q, [0] * 7, steps=3).q[-1].tolist())\n"
+        "print(robot.mass_matrix(q).tolist())\n"
+    )
+    done = in_child(code)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("executable memory") == 1 and "JIT session" not in done.stderr
+    robot, q = tw.robots.panda(), [0, -0.5, 0, -1.5, 0, 1.5, 0.5]
+    tau = json.loads(done.stdout.splitlines()[0])
+    assert np.allclose(tau, robot.inverse_dynamics(q, q, q), rtol=1e-12, atol=1e-12)
+
+
+CACHED = "import warnings, sys, os, twistwrench as tw; warnings.simplefilter('always'); tw.robots.pendulum().mass_matrix([0.3])"
+
+
+@LINUX
+def test_finding_57_a_cache_below_a_folder_that_others_can_write_to_is_not_used(tmp_path):
+    open_to_all = tmp_path / "open"
+    open_to_all.mkdir()
+    open_to_all.chmod(0o777)
+    for place, used in ((open_to_all / "cache", False), (tmp_path / "own" / "cache", True)):
+        done = in_child(CACHED, env=os.environ | {"TWISTWRENCH_CACHE_DIR": str(place)})
+        assert done.returncode == 0, done.stderr
+        assert ("others can rename" in done.stderr) is not used and any(place.iterdir()) is used
+    entry = next((tmp_path / "own" / "cache").iterdir())
+    entry.chmod(0o666)
+    in_child(CACHED, env=os.environ | {"TWISTWRENCH_CACHE_DIR": str(tmp_path / "own" / "cache")})
+    assert not entry.exists() or entry.stat().st_mode & 0o022 == 0  # written afresh

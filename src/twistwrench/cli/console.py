@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ..core.arguments import visible
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -15,8 +17,13 @@ _WIDTH = 110
 def console() -> Console:
     """A console of the terminal's width. What needs more runs over it and is never cut; a broken pipe ends the program."""
     from rich.console import Console
+    from rich.segment import Segment
 
     class Output(Console):
+        def render(self, renderable: Any, options: Any = None) -> Any:
+            for segment in super().render(renderable, options):
+                yield segment if segment.control else Segment(visible(segment.text), segment.style)
+
         def on_broken_pipe(self) -> None:
             raise
 

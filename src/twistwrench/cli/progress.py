@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from ..core.arguments import visible
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -22,7 +24,7 @@ def _bar() -> Progress:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeRemainingColumn(),
@@ -37,7 +39,7 @@ def frames_drawn(what: str) -> Iterator[Callable[[int, int], None] | None]:
         yield None
         return
     with _bar() as bar:
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(visible(what), total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)
 
 
@@ -48,7 +50,7 @@ def share_done(what: str) -> Iterator[Callable[[float], None] | None]:
         yield None
         return
     bar, due, begun = _bar(), time.monotonic() + _PATIENCE, False
-    task = bar.add_task(what, total=1.0)
+    task = bar.add_task(visible(what), total=1.0)
 
     def tick(share: float) -> None:
         nonlocal due, begun

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from contextlib import suppress
 from pathlib import Path
 
 from ..errors import NotFoundError
@@ -23,8 +24,9 @@ def robot_source(source: str) -> str | Path:
         return standard_input_text()
     if is_stream(Path(source)):
         return read_robot_text(source)[0]
-    if Path(source).exists():
-        return source
+    with suppress(OSError):  # a name too long for a file
+        if Path(source).exists():
+            return source
     known, wanted = known_robots(), plain_name(source)
     if wanted in known:
         return known[wanted].path

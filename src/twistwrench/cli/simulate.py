@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -131,7 +132,11 @@ def answer_simulate(
     show(simulation_view(loaded, result, degrees=degrees, friction=friction))
     to_csv = partial(result.to_csv, degrees=degrees)
     for path, write in ((csv_path, to_csv), (npz_path, result.to_npz), (plot_path, result.plot)):
-        if path is not None:
+        if path is not None and failure is not None and Path(path).is_file():
+            click.echo(
+                f"note: {path} is kept as it was: the motion is not complete. Name another file for it.", err=True
+            )
+        elif path is not None:
             show(f"wrote {write(path)}")
     if isinstance(failure, KeyboardInterrupt):
         raise failure

@@ -4,7 +4,39 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
+
+from ..core.arguments import visible
+
+
+class VisibleStream:
+    """Standard output or error on which others' text cannot steer the terminal: control characters come as escapes."""
+
+    def __init__(self, stream: Any) -> None:
+        self.rich_proxied_file = (
+            stream  # Rich writes past this one: its colours are ours, and its text is escaped before
+        )
+
+    def write(self, text: str) -> int:
+        """Write with escapes."""
+        self.rich_proxied_file.write(visible(text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
+@contextmanager
+def visible_streams() -> Iterator[None]:
+    """Standard output and error as :class:`VisibleStream` meanwhile."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (VisibleStream(stream) if stream is not None else None for stream in before)  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
 
 
 def take_every_sign() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shlex
@@ -15,12 +16,23 @@ from typing import Any
 
 import click
 
+from ..interrupts import end_at_once
 from ..verdict import ExitCode
 from .help import OwnOptionsFirst
-from .streams import take_every_sign
+from .streams import take_every_sign, visible_streams
 
 _KEYWORD = re.compile(r"\b(?P<name>[a-z]\w*)=(?:'(?P<word>[^']*)'|(?P<truth>True|False)|…|(?=[\s.,;]))")
 """A keyword argument in a sentence of the library: ``tip=…``, ``inertia='repair'``, ``overwrite=True``."""
+
+_REFUSED = tuple(
+    getattr(errno, name)
+    for name in ["ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "ENAMETOOLONG", "ENOMEM", "EMFILE", "ENFILE"]
+)
+"""What the system says where it cannot go on, through no fault of the program: full disks, names too long, and the like."""
+
+_LONGEST = 80
+_HEARD: list[bool] = []
+"""Whether Ctrl-C was heard."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """The environment variable that shows where a fault of the program arose."""
@@ -34,7 +46,7 @@ class Commands(click.Group):
     def main(self, *args: Any, **options: Any) -> Any:
         """Run as a program that cleans up behind itself when it is told to end."""
         take_every_sign()
-        with _terminable():
+        with _terminable(), _interruptible(), visible_streams():
             return super().main(*args, **options)
 
     def make_context(self, *args: Any, **options: Any) -> click.Context:
@@ -45,7 +57,9 @@ class Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Run, with errors in one line."""
         with _own_endings(), _short_usage():
-            return super().invoke(ctx)
+            answer = super().invoke(ctx)
+            sys.stdout.flush()  # while a full disk can still be said
+            return answer
 
 
 class _UsageLine(click.ClickException):
@@ -74,24 +88,67 @@ def _own_endings() -> Iterator[None]:
     except (click.ClickException, click.exceptions.Exit, click.Abort):
         raise
     except KeyboardInterrupt:
-        click.echo("interrupted", err=True)
+        _say("interrupted")
         sys.exit(ExitCode.INTERRUPTED)
     except BrokenPipeError:
-        with suppress(OSError, ValueError):  # what is left in the buffer has nowhere to go
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         sys.exit(ExitCode.PIPE_CLOSED)
     except Exception as fault:
+        if _HEARD:  # by a library that made an error of its own of it
+            _say("interrupted")
+            sys.exit(ExitCode.INTERRUPTED)
+        if isinstance(fault, MemoryError) or (isinstance(fault, OSError) and fault.errno in _REFUSED):
+            place = getattr(fault, "filename", None)
+            what = getattr(fault, "strerror", None) or "more memory is needed than there is"
+            _say(f"error: {what}{'' if place is None else f': {str(place)[:_LONGEST]}'}.")
+            if isinstance(fault, OSError):
+                _drop_output()
+            sys.exit(ExitCode.BAD_INPUT)
         asked = os.environ.get(TRACEBACK, "").lower() not in ("", "0", "off", "false")
         if asked:
-            click.echo("".join(traceback.format_exception(fault)).rstrip(), err=True)
+            _say("".join(traceback.format_exception(fault)).rstrip())
         said = " ".join(str(fault).split())
         what = f"{type(fault).__name__}: {said[:300]}" if said else type(fault).__name__
         hint = "" if asked else f"; {TRACEBACK}=1 shows where it arose"
-        click.echo(
-            f"error: a fault of twistwrench itself, not of your input: {what}. Please report it with the command{hint}.",
-            err=True,
+        _say(
+            f"error: a fault of twistwrench itself, not of your input: {what}. Please report it with the command{hint}."
         )
         sys.exit(ExitCode.FAULT)
+
+
+def _say(text: str) -> None:
+    """On standard error, if it still takes anything."""
+    with suppress(OSError, ValueError):
+        click.echo(text, err=True)
+
+
+def _drop_output() -> None:
+    """Let what is left in the buffer of standard output, which has nowhere to go, not fail again at the end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt and is remembered, should a library swallow it. What the caller set for it stays."""
+    _HEARD.clear()
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before not in (
+        signal.default_int_handler,
+        end_at_once,
+    ):
+        yield
+        return
+
+    def heard(*_: Any) -> None:
+        _HEARD.append(True)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, heard)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from numbers import Rational
@@ -25,6 +26,7 @@ from .rotation_checks import last_row, rotation
 
 _LONGEST = 60
 """Characters of what was given that an error shows."""
+_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 _NO_ARRAY = "is not an array of real numbers"
 _FLOATS = (np.dtype(np.float64), np.dtype(np.float32))
 _PYTHON = (int, float, np.floating, np.integer, Rational)
@@ -186,6 +188,15 @@ def shown(x: Any) -> str:
         return f"a {type(x).__name__}"
     text = repr(x.item() if isinstance(x, np.generic) else x)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def visible(text: str) -> str:
+    r"""A text with control characters, and those that change the direction of writing, as escapes; lines and tabs stay.
+
+    >>> print(visible("joint\x1b[2J \u202e1"))
+    joint\x1b[2J \u202e1
+    """
+    return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def as_matrix(x: Any, what: str, kind: str) -> Array:

@@ -48,7 +48,10 @@ def folder() -> Path | None:
         return None
     try:
         place = Path(chosen).expanduser() if chosen else _usual()
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for missing in [p for p in (place, *place.parents) if not p.exists()][::-1]:
+            missing.mkdir(mode=0o700, exist_ok=True)
+        if not place.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
         about = place.stat()
     except (OSError, RuntimeError) as problem:  # RuntimeError: no home for ~
         if chosen:  # a home that is not there or cannot be written to is nobody's mistake
@@ -57,6 +60,10 @@ def folder() -> Path | None:
             )
         return None
     if hasattr(os, "getuid"):  # code is run from here: nobody else may put any
+        for parent in place.resolve().parents:
+            if not _is_ours_alone(parent.stat()):
+                _remark(f"others can rename what is in {parent}. Set {VARIABLE} to a folder of your own, or to off.")
+                return None
         if about.st_uid != os.getuid():
             _remark(
                 f"{place} belongs to another user (uid {about.st_uid}). Set {VARIABLE} to a folder of your own, or to off."
@@ -67,6 +74,17 @@ def folder() -> Path | None:
             _remark(f"others can write to {place} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder.")
             return None
     return place
+
+
+def _is_ours_alone(about: os.stat_result) -> bool:
+    """Whether nobody but this user and the system's can rename what is in a folder.
+
+    A group that has the user's own number is the user's alone, as distributions make it.
+    """
+    if about.st_uid not in (0, os.getuid()):
+        return False
+    by_others, by_group = about.st_mode & stat.S_IWOTH, about.st_mode & stat.S_IWGRP
+    return bool(about.st_mode & stat.S_ISVTX) or not (by_others or (by_group and about.st_gid != about.st_uid))
 
 
 def digest(*parts: bytes | str) -> bytes:
@@ -118,7 +136,8 @@ def _bytes_of(entry: Path) -> bytes:
     """The bytes of an entry; OSError for a link, a pipe, a folder, a device, and what is larger than code ever is."""
     handle = os.open(entry, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY)
     about = os.fstat(handle)
-    if not stat.S_ISREG(about.st_mode) or about.st_size > MOST_BYTES:
+    foreign = hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o022)
+    if not stat.S_ISREG(about.st_mode) or about.st_size > MOST_BYTES or foreign:
         os.close(handle)
         raise OSError(errno.EINVAL, "no entry of the cache", str(entry))
     with os.fdopen(handle, "rb") as file:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import ValueRangeError
-from ..outputs import check_outputs, replacing
+from ..outputs import check_outputs, replacing_together
 from .document import header, source
 from .request import Quantities, prefix_of, requests
 
@@ -72,9 +71,9 @@ def export_c(
         from .self_test import self_test
 
         texts["_test.c"] = self_test(robot, wanted, plain.stem)
-    with ExitStack() as stack:
-        for end, file in paths.items():
-            stack.enter_context(replacing(file)).write_text(texts[end], encoding="utf-8", newline="\n")
+    with replacing_together(list(paths.values())) as scratch:
+        for end, file in zip(paths, scratch, strict=True):
+            file.write_text(texts[end], encoding="utf-8", newline="\n")
     return tuple(paths.values())
 
 

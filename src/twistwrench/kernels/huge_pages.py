@@ -14,6 +14,7 @@ import mmap
 import os
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from ..errors import ValueRangeError
@@ -27,7 +28,7 @@ MOST = 1 << 30
 """Bytes of all blocks together, lent and idle, on a machine with memory enough; :func:`most` says how much on this one."""
 
 SHARE = 16
-"""Of a machine's memory, this part at most."""
+"""Of the memory of a machine, or of a container, this part at most."""
 
 SLACK = 1.25
 """A block may be so many times as large as what it is lent for."""
@@ -171,4 +172,22 @@ def allowed() -> bool:
 def most() -> int:
     """Bytes of all blocks together."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return min(MOST, memory // SHARE)
+    return min(MOST, min([memory, *_limits()]) // SHARE)
+
+
+def _limits() -> list[int]:
+    """Bytes that the control groups of this process may have, in either version of them; none outside of Linux."""
+    found = []
+    with suppress(OSError, ValueError):
+        for line in Path("/proc/self/cgroup").read_text().splitlines():
+            _, kinds, own = line.split(":", 2)
+            if kinds and "memory" not in kinds.split(","):
+                continue
+            root, name = (
+                ("/sys/fs/cgroup/memory", "memory.limit_in_bytes") if kinds else ("/sys/fs/cgroup", "memory.max")
+            )
+            group = Path(root + own)
+            for place in (group, *group.parents):
+                with suppress(OSError, ValueError):
+                    found.append(int((place / name).read_text()))  # "max" is not a number
+    return found

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
+import mmap
 import os
 import sys
+import warnings
 from functools import cache
 
+import numpy as np
+
 from ..errors import ValueRangeError
+from .code_pages import CodePages
+from .object_file import Unplaced
 
 VARIABLE = "TWISTWRENCH_JIT"
 
@@ -24,12 +30,28 @@ def compiles() -> bool:
             f"{VARIABLE}: {os.environ[VARIABLE]!r} is not understood. Set 0 or off to run programs on NumPy; 1, on or nothing "
             "to compile them."
         )
-    return text in ("1", "on") and runs_machine_code()
+    return text in ("1", "on") and runs_machine_code() and _may_run_pages()
 
 
 def runs_machine_code() -> bool:
     """Whether programs can be compiled for it: CPython of 64 bits, whose objects lie where their ``id`` says, and llvmlite."""
     return sys.implementation.name == "cpython" and sys.maxsize > 2**32 and _has_llvmlite()
+
+
+@cache
+def _may_run_pages() -> bool:
+    """Whether the system runs code from memory that was written to; SELinux and MemoryDenyWriteExecute of systemd forbid it."""
+    try:
+        CodePages.of(np.zeros(mmap.PAGESIZE, np.uint8))
+    except Unplaced:
+        warnings.warn(
+            "The system forbids executable memory, so programs run on NumPy, which is slower. Allow it to this process "
+            f"(MemoryDenyWriteExecute=no in systemd, execmem in SELinux), or set {VARIABLE}=0.",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return False
+    return True
 
 
 @cache

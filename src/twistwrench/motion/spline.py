@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..algorithms.coordinate_rates import brackets
+from ..core.printed_numbers import printed
+from ..errors import TrajectoryError
 from ..model.model import Model
 from ..typing import Array
 from .coordinates import Coordinates
@@ -51,7 +53,21 @@ def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
 
     # Time from the window's middle, so that large clock readings (seconds since 1970) cost no digits.
     local = t - t[len(t) // 2]
-    spline = make_interp_spline(local, x, k=DEGREE)
+    close = np.diff(local) <= 0
+    if close.any():
+        k = int(close.argmax())
+        raise TrajectoryError(
+            f"time stamps of rows {k + 1} and {k + 2}, {float(t[k])!r} and {float(t[k + 1])!r} s, differ by less than a number "
+            f"resolves beside the {printed(float(t[-1] - t[0]))} s of the motion. Remove one of the rows."
+        )
+    try:
+        spline = make_interp_spline(local, x, k=DEGREE)
+    except (np.linalg.LinAlgError, ValueError):
+        steps = np.diff(local)
+        raise TrajectoryError(
+            f"no smooth curve leads through the samples: their time stamps are {printed(float(steps.min()))} to "
+            f"{printed(float(steps.max()))} s apart. Remove the rows whose stamps are wrong."
+        ) from None
     return spline(local, 1), spline(local, 2)
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 IN_ONE_CALL = 5e9
 """Operations between two looks at whether the user wants to stop: some 0.3 s."""
+ALONE = 3
+"""So many times slower are the operations of a few samples, which leave most lanes idle."""
 LANES = 16
 """Samples are shared out in multiples of this: whole blocks on every processor."""
 
@@ -50,7 +52,38 @@ def computed(robot: Robot, given: Inputs, results: list[Array]) -> None:
 def take(kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int) -> None:
     """Take the steps of a recurrence, in parts of the batch; the first axis of all outputs counts the samples."""
     with np.errstate(all="ignore"):  # what a step too long makes of the numbers is found and said
-        threads.share(kernel, _parts(kernel, arrays, ranks, outputs, steps))
+        for some, places, count in _slices(kernel, arrays, ranks, outputs, steps):
+            threads.share(kernel, _parts(kernel, some, ranks, places, count))
+
+
+def _slices(
+    kernel: Any, arrays: Sequence[Array], ranks: Sequence[int], outputs: tuple[Array, ...], steps: int
+) -> Iterator[tuple[Sequence[Array], tuple[Array, ...], int]]:
+    """Of the steps: so that Ctrl-C is heard between two. Each begins with the states that the one before it ended with."""
+    owner = owner_of(kernel)
+    made = owner.given if owner is not None else None
+    samples, kept = outputs[0].shape[:2]
+    if not (owner is not None and isinstance(made, Recurrence) and samples and kept) or (
+        made.hidden and len(made.table) == 1
+    ):
+        yield arrays, outputs, steps
+        return
+    most = max(1, int(IN_ONE_CALL / (owner.effort * len(made.table) * LANES * ALONE)))
+    every, states, rest = steps // kept, list(arrays[: made.visible]), arrays[made.visible :]
+    rows = max(1, most // every)  # kept ones in a slice; a long way from one to the next is cut itself
+    for row in range(0, kept, rows):
+        begin, end = row * every, min(kept, row + rows) * every
+        places = tuple(x[:, row : row + rows] for x in outputs)
+        portion = end - begin if every <= most else most
+        for first in range(begin, end, portion):
+            last = min(end, first + portion)
+            given = (
+                x[(slice(None),) * (x.ndim - rank) + (slice(first, last),)]
+                for x, rank in zip(rest, ranks[made.visible :], strict=True)
+            )
+            said = places[made.visible :] if first == begin else tuple(map(np.empty_like, places[made.visible :]))
+            yield (*states, *given), (*places[: made.visible], *said), last - first
+            states = [x[:, -1].copy() for x in places[: made.visible]]
 
 
 def _parts(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.arguments import visible
 from ..errors import ValueRangeError
 from .printed_code import FUNCTIONS, Routine, constants, header, ordered_names, routine, unused
 from .source_expression import written
@@ -35,7 +36,7 @@ def c_source(equations: Equations, prefix: str | None = None) -> str:
     if symbols:
         about.append(f"p = ({', '.join(s.name for s in symbols)})")
     comment = "\n".join(
-        f" * {line}" for line in "\n".join(about).replace("*/", "* /").replace("/*", "/ *").splitlines()
+        f" * {line}" for line in visible("\n".join(about)).replace("*/", "* /").replace("/*", "/ *").splitlines()
     )
     parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
     signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..core.arguments import visible
 from ..core.printed_numbers import printed
 from .latex import Latex
 from .line_breaks import TEXT_WIDTH, broken, latex_width
@@ -74,14 +75,22 @@ def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Late
 
 def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: Notation) -> str:
     """Headings, a table of symbols, formulas between dollars."""
-    parts = [f"# Equations of motion of {equations.name}", *remarks_of(equations)]
+    parts = [f"# Equations of motion of {_in_markdown(equations.name)}", *map(_in_markdown, remarks_of(equations))]
     if legend := _legend(equations):
-        rows = [f"| ${notation.symbol(name)}$ | {meaning.replace('|', chr(92) + '|')} |" for name, meaning in legend]
+        rows = [
+            f"| ${notation.symbol(name)}$ | {_in_markdown(meaning).replace('|', chr(92) + '|')} |"
+            for name, meaning in legend
+        ]
         parts.append("\n".join(["| symbol | meaning |", "|---|---|", *rows]))
     for step in steps:
         parts.append(f"## {heading(step)}\n\n{sentence(step.remark)}")
         parts.extend(f"$$\n\\begin{{aligned}} {line} \\end{{aligned}}\n$$" for line in _aligned(step, notation))
     return "\n\n".join(parts) + "\n"
+
+
+def _in_markdown(text: str) -> str:
+    """Names and sentences, which make no links and no elements of HTML."""
+    return visible(text).replace("](", "]\\(").replace("<", "&lt;")
 
 
 def _legend(equations: Equations) -> list[tuple[str, str]]:
