@@ -136,15 +136,22 @@ def failing(monkeypatch):
     return invoke
 
 
+@pytest.mark.parametrize("problem", [MemoryError(), OSError(28, "No space left on device"), OSError(5, "no")])
+def test_what_the_system_refuses_is_2_in_one_line(failing, problem):
+    result = failing(problem)
+    assert (
+        result.exit_code == ExitCode.BAD_INPUT and result.stderr.startswith("error:") and result.stderr.count("\n") == 1
+    )
+
+
 @pytest.mark.parametrize(
     "problem",
     [
         ZeroDivisionError("by\nzero"),
-        MemoryError(),
         KeyError("x"),
         AssertionError(),
         RecursionError("deep"),
-        OSError(5, "no"),
+        OSError(22, "no"),
     ],
 )
 def test_a_fault_of_the_program_is_70_in_one_line_that_asks_for_a_report(failing, problem):
