@@ -88,11 +88,20 @@ class Contradictions:
             return
         self.look_at_steps(t, q)
         self._glitches.add(t, q)
-        curves = q.copy()
-        curves[:, self._turns] = np.unwrap(q[:, self._turns], axis=0)
-        dq, ddq = motion.dq, motion.ddq
-        if dq is not None:
-            self._delay.add(t, curves, dq[:, self._single])
+        if motion.dq is not None:
+            self._delay.add(t, self._curves(motion), motion.dq[:, self._single])
+        self.look_at_rates(motion)
+
+    def _curves(self, motion: LogRows) -> Array:
+        """Coordinates ``at`` (n, m) without the steps of a turn."""
+        curves = motion.q[:, self.at].copy()
+        curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
+        return curves
+
+    def look_at_rates(self, motion: LogRows) -> None:
+        """Take in the sizes of velocities and accelerations beside the slopes of what they belong to."""
+        t, dq, ddq = motion.time, motion.dq, motion.ddq
+        curves = self._curves(motion)
         for s in segments(t) if dq is not None or ddq is not None else ():
             if dq is not None:
                 self._velocity.add(t[s], curves[s], dq[s][:, self._single])
@@ -146,12 +155,15 @@ class Contradictions:
         wrapped = (self._wraps > 0) & self._within_a_turn()
         turns = () if limits is None else self._turned.sentences(wrapped, self._single, self._names, limits)
         jumps = () if angles else (*self._of_jumps(limits), *turns, *(self._of_glitches() if glitches else ()))
-        return (*of_time, *angles, *jumps, *self.of_rates(time_told=bool(of_time)))
+        delays = self._delay.result() if not of_time else np.zeros(len(self._single))
+        of_rates = self.of_rates(time_told=bool(of_time), late=delays != 0.0)
+        return (*of_time, *angles, *jumps, *of_rates, *self._of_delays(delays))
 
-    def of_rates(self, *, time_told: bool = False) -> tuple[str, ...]:
-        """A sentence for each rate that is not the slope of what it belongs to, and for each that is late."""
-        delays = np.zeros(len(self._single)) if time_told else self._delay.result()
-        return (*self._of_rates(time_told=time_told, late=delays != 0.0), *self._of_delays(delays))
+    def of_rates(self, *, time_told: bool = False, late: Array | None = None) -> tuple[str, ...]:
+        """A sentence for each rate that is not the slope of what it belongs to; those of ``late`` joints (k,) aside."""
+        return tuple(
+            self._of_rates(time_told=time_told, late=np.zeros(len(self._single), bool) if late is None else late)
+        )
 
     def hints(self, limits: Limits | None = None) -> tuple[str, ...]:
         """A sentence for each thing that is odd, and may yet be meant."""

@@ -118,7 +118,7 @@ class Motion(MotionFiles):
         believed = bool(self.notes) or self.in_seconds or (given["dq"] is None and given["ddq"] is None)
         for label, x in {"time": t, "q": q, **rates}.items():
             object.__setattr__(self, label, x)
-        if not believed and (said := self._tally.of_rates()):
+        if not believed and (said := self._doubts_of_rates()):
             for doubt in said:
                 warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
             object.__setattr__(self, "notes", tuple(f"LOOK AGAIN: {doubt}" for doubt in said))
@@ -295,17 +295,20 @@ class Motion(MotionFiles):
         >>> [said[:31] for said in motion.contradictions]
         ['the usual step of time is 10 s,']
         """
-        stamps = self._tally.stamps()
-        said = self._tally.sentences(self.robot.limits)
-        return (*said, *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
-
-    @cached_property
-    def _tally(self) -> Contradictions:
         from .motion_log import LogRows
 
         tally = Contradictions(self.coordinates, time_stated=False)
         tally.add(LogRows(self.time, self.q, self.dq, self.ddq, self.tau))
-        return tally
+        stamps = tally.stamps()
+        return (*tally.sentences(self.robot.limits), *([f"{stamp_words(stamps)}: remove the row"] if stamps else []))
+
+    def _doubts_of_rates(self) -> tuple[str, ...]:
+        """Those of :attr:`contradictions` that are about the sizes of rates, which take little time to find."""
+        from .motion_log import LogRows
+
+        tally = Contradictions(self.coordinates, time_stated=False)
+        tally.look_at_rates(LogRows(self.time, self.q, self.dq, self.ddq))
+        return tally.of_rates()
 
     @cached_property
     def coordinates(self) -> Coordinates:
