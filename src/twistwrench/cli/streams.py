@@ -32,7 +32,7 @@ class VisibleStream:
 def visible_streams() -> Iterator[None]:
     """Standard output and error as :class:`VisibleStream` meanwhile."""
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (VisibleStream(stream) if stream is not None else None for stream in before)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = (VisibleStream(stream) if stream is not None else None for stream in before)
     try:
         yield
     finally:
