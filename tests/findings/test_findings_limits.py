@@ -315,3 +315,39 @@ def test_finding_66_the_doctor_prints_each_finding_once(run, tmp_path):
         assert said.count(f"{finding.check}, {finding.where}") == sum(
             (f.check, f.where) == (finding.check, finding.where) for f in findings
         )
+
+
+# ── robots without a joint that moves ──
+
+STILL = (
+    ("payload", "still.urdf"),
+    ("payload", "still.urdf", "--map", "rz"),
+    ("torques", "still.urdf", "--trajectory", "ok.csv"),
+    ("move", "still.urdf", "--to", "home"),
+    ("move", "still.urdf", "--by", "0,0,0.1"),
+    ("excite", "still.urdf"),
+    ("simulate", "still.urdf"),
+    ("identify", "still.urdf", "ok.csv"),
+    ("plot", "still.urdf", "--what", "split", "--trajectory", "ok.csv"),
+)
+
+
+@pytest.mark.parametrize("command", STILL, ids=" ".join)
+def test_a_robot_that_cannot_move_is_refused_in_one_line(run, tmp_path, command):
+    (tmp_path / "still.urdf").write_text(f'<robot name="still">{link("base")}</robot>')
+    code, said = run(*command)
+    assert code == 2 and said.count("error: ") == 1 and "a fault of twistwrench" not in said, said
+
+
+def test_in_python_a_robot_that_cannot_move_is_refused_too(tmp_path):
+    (tmp_path / "still.urdf").write_text(f'<robot name="still">{link("base")}</robot>')
+    robot = tw.load(tmp_path / "still.urdf")
+    for ask in (
+        lambda: tw.statics.largest_payload(robot, []),
+        lambda: tw.statics.payload_map(robot, "rz"),
+        lambda: tw.trajectories.follow_poses(
+            robot, tw.trajectories.straight_path(np.eye(4), tw.se3.exp([0, 0, 0, 0, 0, 0.1])), []
+        ),
+    ):
+        with pytest.raises(tw.errors.ValueRangeError, match="no joint that moves"):
+            ask()

@@ -74,9 +74,9 @@ def degrees_hint(robot: Robot, q: Array) -> str:
     ''
     """
     angular = np.where(Coordinates.of(robot.model).angular, np.abs(q), 0.0)
-    k = int(np.argmax(angular))
-    if angular[k] < _PLAINLY_DEGREES:
+    if angular.max(initial=0.0) < _PLAINLY_DEGREES:
         return ""
+    k = int(np.argmax(angular))
     name = robot.coordinate_names[k]
     return f"{name} is at {printed(q[k])} rad, {number(angular[k] / math.tau, 3)} turns. For degrees add --degrees."
 

@@ -179,7 +179,9 @@ def require_path(path: Any, what: str) -> JointPath:
 
 
 def one_degree_joints(robot: Robot, what: str) -> None:
-    """Raise ValueRangeError, naming them, for a robot with joints of several degrees of freedom."""
+    """Raise ValueRangeError for a robot with joints of several degrees of freedom, naming them, and for one without joints."""
+    if not robot.nv:
+        raise ValueRangeError(f"{what} has no answer: robot {robot.name!r} has no joint that moves.")
     others = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
     if others:
         raise ValueRangeError(

@@ -182,24 +182,19 @@ def write_payload(
     Without limits to judge by, columns that need them are left out. Numbers have all their digits, and what
     rounding left in place of a zero is zero. ValueRangeError if the file cannot be written.
     """
-    columns = (
-        "q_degrees" if degrees else "q",
-        "alone",
-        "per_kilogram",
-        "with_payload",
-        "limit",
-        "holds_up_to",
-        "share",
-    )
-    torques = (without_noise(x) for x in (found.unloaded, found.per_kilogram, found.torques))
-    data = (_places(robot, q, degrees=degrees), *torques, found.limits, found.per_joint, without_noise(found.share))
-    if not judged:
-        columns, data = (columns[0], "alone", "per_kilogram", "limit"), (*data[:3], found.limits)
+    columns = {
+        "q_degrees" if degrees else "q": _places(robot, q, degrees=degrees),
+        "alone": without_noise(found.unloaded),
+        "per_kilogram": without_noise(found.per_kilogram),
+        **({"with_payload": without_noise(found.torques)} if judged else {}),
+        "limit": found.limits,
+        **({"holds_up_to": found.per_joint, "share": without_noise(found.share)} if judged else {}),
+    }
     with replacing(path) as scratch, scratch.open("wb") as file:
         writer = CsvWriter(file)
         writer.row(("joint", *columns))
         for k, name in enumerate(found.joint_names):
-            row = (float(column[k]) for column in data)
+            row = (float(column[k]) for column in columns.values())
             writer.row((name, *(None if math.isnan(x) else x for x in row)))
 
 
