@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import sys
 from pathlib import Path
@@ -351,3 +352,71 @@ def test_in_python_a_robot_that_cannot_move_is_refused_too(tmp_path):
     ):
         with pytest.raises(tw.errors.ValueRangeError, match="no joint that moves"):
             ask()
+
+
+# ── 21: what mimic joints bear ──
+
+
+def with_follower(effort, mass=5.0, *, multiplier=1):
+    follower = joint("fj", "l2", "f", effort, x=1, inside=f'<mimic joint="elbow" multiplier="{multiplier}"/>')
+    return arm((300, 100), extra=link("f", mass, 0.4) + follower)
+
+
+@pytest.mark.parametrize(("effort", "code"), [(0.5, 1), (8.0, 1), (20, 0), (0, 0), (1e30, 0)])
+def test_finding_21_a_follower_beyond_its_own_effort_is_over_its_limit(run, tmp_path, effort, code):
+    (tmp_path / "arm.urdf").write_text(with_follower(effort))
+    for name in ("torques", "move"):
+        found, said = run(*COMMANDS[name])
+        assert found == code and said.startswith("OVER LIMIT: fj" if code else "OK: "), said
+    if code:
+        assert f"fj: torque -9.81 beyond -{effort:g} at 0 s" in said  # of the motion that begins stretched out
+        said = run(*COMMANDS["torques"])[1]
+        assert f"fj, which follows elbow, at t = 3.990 s bears 8.392 N m, limit {effort:g}" in said, said
+    motion = tw.Motion(T, np.c_[S, 0.3 + 0.5 * S], robot=tw.load(tmp_path / "arm.urdf"))
+    assert [v.joint for v in motion.violations()] == ["fj"] * code
+
+
+@pytest.mark.parametrize("multiplier", [1, -2.5])
+def test_finding_21_it_bears_what_a_motor_in_its_place_would_give(tmp_path, multiplier):
+    """The oracle is the same robot with the follower as a joint of its own; edits and files keep its effort."""
+    (tmp_path / "arm.urdf").write_text(with_follower(1e-6, multiplier=multiplier))
+    robot, free = (tw.load(tmp_path / "arm.urdf", mimic=mimic) for mimic in ("follow", "independent"))
+    t = np.linspace(0, 1, 21)
+    q = np.c_[0.4 * t**3, 0.3 - 0.7 * t**2]
+    motion = tw.Motion(t, q, robot=robot)
+    every = [np.c_[x, multiplier * x[:, 1]] for x in (motion.q, motion.dq, motion.ddq)]
+    tau = free.inverse_dynamics(*every)[:, 2]
+    for written in ("urdf", "sdf", "xml"):
+        tw.save(robot, tmp_path / f"again.{written}")
+    loaded = [tw.load(tmp_path / f"again.{written}") for written in ("urdf", "sdf", "xml")]
+    edited = [robot.with_payload(tw.SpatialInertia.from_com(0.0), frame="tool"), pickle.loads(pickle.dumps(robot))]
+    for one in (robot, *loaded, *edited):
+        found = next(v for v in tw.Motion(t, q, robot=one).violations() if v.joint == "fj")
+        assert found.limit == np.copysign(1e-6, found.value)
+        assert abs(found.value) == pytest.approx(np.abs(tau).max(), rel=1e-9)
+
+
+def test_finding_21_the_largest_payload_is_limited_by_a_follower(run, tmp_path):
+    """Per kilogram at the follower's end, 0.4 m from its axis, it bears 3.924 N m besides its own 1 kg at 0.2 m."""
+    (tmp_path / "arm.urdf").write_text(with_follower(5.0, 1.0))
+    (tmp_path / "weak.urdf").write_text(with_follower(1.0, 1.0))
+    robot = tw.load(tmp_path / "arm.urdf")
+    found = tw.statics.largest_payload(robot, [0.0, 0.0], [0.4, 0, 0], frame="f")
+    assert float(found.mass) == pytest.approx((5 - 0.2 * 9.81) / (0.4 * 9.81), rel=1e-5)
+    assert found.joint_names[int(found.joint)] == "fj" and found.limits.tolist() == [300, 100, 5]
+    code, said = run("payload", "arm.urdf", "--frame", "f", "--com", "0.4,0,0", "--csv", "out.csv")
+    assert code == 0 and said.startswith("0.7742 kg: the largest payload held at rest, limited by fj"), said
+    assert [row.split(",")[0] for row in (tmp_path / "out.csv").read_text().split()] == [
+        "joint",
+        "shoulder",
+        "elbow",
+        "fj",
+    ]
+    many = tw.statics.largest_payload(robot, [[0.0, 0.0], [0.3, 0.2]], [0.4, 0, 0], frame="f")
+    assert many.mass[0] == found.mass and many.torques.shape == (2, 3)
+    code, said = run("payload", "weak.urdf", "--frame", "f")
+    assert code == 1 and said.startswith("NONE: fj needs 1.962 of 1 to hold the robot alone"), said
+    at_tip = tw.statics.largest_payload(robot, [0.0, 0.0], frame="tool")  # which the follower does not carry
+    assert at_tip.joint_names == robot.model.velocity_names
+    code, said = run("torques", "arm.urdf", "--trajectory", "ok.csv", "--payload", "0.2,0.4,0,0@f")
+    assert code == 0 and "fj reaches its limit" in said, said

@@ -101,7 +101,7 @@ def answer_payload(
     where, carried = place_words(name, place), carried_words(robot, load.payloads)
     if beyond:
         show(stops_view(beyond, degrees=degrees))
-    loads = np.abs(found.unloaded) + np.abs(found.per_kilogram)
+    loads = (np.abs(found.unloaded) + np.abs(found.per_kilogram))[: robot.nv]
     judged = not unlimited(robot.model, limits, loads)
     doubts = limit_doubts(load.bare, allowed, loads)
     if lacking := model_doubts(robot.model):

@@ -92,6 +92,7 @@ def assemble(
                 ratio=drive.ratio,
                 offset=drive.offset,
                 follows=entry.name in drives,
+                effort=float(entry.limits.effort[0]) if entry.name in drives and entry.joint.nv else np.inf,
             )
         )
     model = Model(

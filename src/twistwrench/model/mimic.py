@@ -10,8 +10,10 @@ import numpy as np
 from ..core.printed_numbers import number
 from ..errors import ModelError, UnknownNameError
 from ..listing import listed
+from ..typing import Array
 from .description import JointEntry, Mimic
 from .limits import TOLERANCE, Limits
+from .model import Model
 
 MIMIC_POLICIES = ("follow", "independent")
 """``follow``: mimic joints share their leader's coordinate. ``independent``: they are joints like any other."""
@@ -69,7 +71,7 @@ def shared_limits(
 ) -> tuple[Limits, list[str]]:
     """The limits of a leader in which its followers keep theirs, and a remark on each follower that none would suit.
 
-    Limits of position and velocity are shared. A limit of effort is none of the leader's: a follower has no drive.
+    Limits of position and velocity are shared. A limit of effort stays the follower's own: see :func:`follower_torques`.
     """
     limits, remarks = leader.limits, []
     for joint in followers:
@@ -91,3 +93,12 @@ def shared_limits(
         speed = joint.limits.velocity / abs(drive.ratio)
         limits = replace(limits, velocity=np.where(speed < (1 - TOLERANCE) * limits.velocity, speed, limits.velocity))
     return limits, remarks
+
+
+def follower_torques(model: Model, F: Array) -> Array:
+    """What followers that have a limit of effort bear, (..., k) [N m or N], of wrenches across the joints (..., nbodies, 6).
+
+    τ = S' F for each of ``model.limited_followers``: the torque that a motor in its place would give, friction left out.
+    """
+    which = model.limited_followers
+    return np.stack([F[..., i, :] @ model.bodies[i].joint.axes[0] for i in which], axis=-1)

@@ -54,6 +54,8 @@ class Body:
     """Of a mimic joint: its coordinate where its leader's is 0 [rad or m]."""
     follows: bool = False
     """Whether the joint mimics another, whose coordinate it shares."""
+    effort: float = np.inf
+    """Of a mimic joint: the largest torque that it bears [N m or N]; inf where none is given, and for other joints."""
 
     @property
     def places(self) -> tuple[slice, slice]:
@@ -179,6 +181,11 @@ class Model:
     def leaders(self) -> tuple[Body, ...]:
         """The bodies whose joints have coordinates of their own, in the order of q: all but followers of mimic joints."""
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
+
+    @cached_property
+    def limited_followers(self) -> tuple[int, ...]:
+        """Numbers of the bodies whose joints follow others and have a limit of effort of their own."""
+        return tuple(i for i, b in enumerate(self.bodies) if b.follows and np.isfinite(b.effort))
 
     @cached_property
     def moving_mass(self) -> float:

@@ -192,7 +192,8 @@ class _Outliner:
         leader = self.by_column[body.v_index]
         ends = np.sort(body.ratio * np.array([limits.lower, limits.upper]) + body.offset, axis=0)
         free = np.full(1, np.inf)
-        reach = Limits(ends[0], ends[1], free, free) if body.ratio else Limits(-free, free, free, free)
+        effort = np.array([body.effort])
+        reach = Limits(ends[0], ends[1], free, effort) if body.ratio else Limits(-free, free, free, effort)
         return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=reach)
 
     def _note(self, found: Outline, body: Body) -> None:

@@ -439,6 +439,7 @@ class Motion(MotionFiles):
         check = LimitCheck(self.robot.model, bounds_or_own(self.robot, bounds))
         if tau is None:
             tau = self.torques(friction=friction)
+            check.add_dynamics(self.robot, self.time, self.q, self.dq, self.ddq)
         elif np.shape(tau) != self.dq.shape:
             raise ShapeError(
                 f"violations: tau has shape {np.shape(tau)}, and the motion {self.dq.shape}: a row for each state."

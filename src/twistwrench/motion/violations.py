@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.printed_numbers import number
+from ..model.limits import margin
+from ..model.mimic import follower_torques
 from ..typing import Array
 from .bounds import Bounds
 from .column_extremes import Extreme
 
 if TYPE_CHECKING:
     from ..model.model import Model
+    from ..robot import Robot
 
 KINDS = ("position", "velocity", "acceleration", "torque")
 
@@ -55,6 +58,8 @@ class LimitCheck:
         self.model, self.bounds = model, bounds
         self._worst = {kind: Extreme(model.nv) for kind in KINDS}
         self._values = {kind: np.zeros(model.nv) for kind in KINDS}
+        self._followers = [model.bodies[i] for i in model.limited_followers]
+        self._borne, self._borne_signed = Extreme(len(self._followers)), np.zeros(len(self._followers))
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
         """States at times (n,): q (n, nq), dq, ddq and torques (n, nv); None: not looked at."""
@@ -63,6 +68,14 @@ class LimitCheck:
                 continue
             for joint, row in self._worst[kind].add(time, self.bounds.excess(kind, values)):
                 self._values[kind][joint] = values[row, joint]
+
+    def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
+        """Take in what mimic joints with a limit of effort bear in these states, friction left out."""
+        if not self._followers:
+            return
+        borne = follower_torques(self.model, np.asarray(robot.joint_wrenches(q, dq, ddq)))
+        for k, row in self._borne.add(time, np.abs(borne)):
+            self._borne_signed[k] = borne[row, k]
 
     def violations(self) -> tuple[Violation, ...]:
         """The limits passed, worst first by their share of the limit."""
@@ -75,6 +88,12 @@ class LimitCheck:
                 limit = self._limit(kind, int(k), value)
                 name = self.model.velocity_names[k]
                 found.append((share, Violation(name, kind, value, limit, float(worst.time[k]))))
+        for i, body in enumerate(self._followers):
+            value, beyond = float(self._borne_signed[i]), float(self._borne.value[i] - body.effort)
+            slack = float(margin(body.effort))
+            if beyond > slack:
+                limit, time = float(np.copysign(body.effort, value)), float(self._borne.time[i])
+                found.append((beyond / slack, Violation(body.joint.name, "torque", value, limit, time)))
         return tuple(v for _, v in sorted(found, key=lambda item: -item[0]))
 
     def _limit(self, kind: str, k: int, value: float) -> float:

@@ -12,6 +12,7 @@ from ..algorithms.motor_side import MotorLoads, motor_loads
 from ..bodies.inertia import SpatialInertia
 from ..core.printed_numbers import number, printed
 from ..errors import ValueRangeError
+from ..model.mimic import follower_torques
 from ..model.model import BASE
 from ..motion.complete_states import States
 from ..typing import Array
@@ -95,9 +96,16 @@ class LoadedRobot:
 
     def torques(self, s: States) -> Array:
         """Inverse dynamics with everything included; (n,) states → (n, nv)."""
-        on = {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
-        tau = self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=on)
+        tau = self.loaded.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
+
+    def follower_torques(self, s: States) -> Array:
+        """What mimic joints with a limit of effort bear, (n, k), friction left out."""
+        F = self.loaded.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        return follower_torques(self.loaded.model, np.asarray(F))
+
+    def _wrenches(self, s: States) -> dict[str, Array] | None:
+        return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
 
     @property
     def carries(self) -> bool:
@@ -134,8 +142,7 @@ class LoadedRobot:
 
     def motor_loads(self, s: States) -> MotorLoads:
         """What the motors of the robot and its payloads must give; (n, actuators) each."""
-        on = {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
-        carried, rotor = self.loaded.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=on)
+        carried, rotor = self.loaded.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         friction = self._friction(s, carried + rotor) if self.friction else 0.0
         moving = np.where(s.still, 0.0, s.dq)  # at rest, noise must not say which way power goes through a gear
         return motor_loads(self.loaded.model, moving, carried + friction, rotor)
@@ -149,6 +156,11 @@ class LoadedRobot:
     def payload_torques(self, s: States) -> Array:
         """What the payloads add to the torques; (n, nv)."""
         return np.asarray(self.loaded.inverse_dynamics(s.q, s.dq, s.ddq) - self.bare.inverse_dynamics(s.q, s.dq, s.ddq))
+
+    def follower_payload_torques(self, s: States) -> Array:
+        """What the payloads add to :meth:`follower_torques`; (n, k)."""
+        F, alone = (np.asarray(robot.joint_wrenches(s.q, s.dq, s.ddq)) for robot in (self.loaded, self.bare))
+        return follower_torques(self.bare.model, F - alone)
 
 
 def reach(model: Model) -> float:

@@ -62,6 +62,9 @@ class MotionTally:
         self.carried = 0.0
         """The largest torque that the payloads make, in some of the states."""
         self.room = PayloadRoomTally(load, limits.effort)
+        self.followers = [load.loaded.model.bodies[i] for i in load.loaded.model.limited_followers]
+        self.borne, self.borne_signed = Extreme(len(self.followers)), np.zeros(len(self.followers))
+        """By mimic joints with a limit of effort."""
         self.largest = np.zeros(load.bare.nq)
         self.strays = Strays()
         self.search = PeakSearch(plan, load) if estimating else None
@@ -104,8 +107,16 @@ class MotionTally:
             M = self.load.loaded.mass_matrix(some.q)
             spread = np.sqrt((M * M) @ (self.plan.sigma_ddq**2))
             self.noise = np.maximum(self.noise, spread.max(axis=0))
+        borne = np.zeros((len(s), 0))
+        if self.followers:
+            borne = self.load.follower_torques(s)
+            for k, row in self.borne.add(s.time, np.abs(borne)):
+                self.borne_signed[k] = borne[row, k]
         if self.room.asked:
-            self.room.add(s.time, torques, self.load.payload_torques(s))
+            added = self.load.payload_torques(s)
+            if self.followers:
+                torques, added = np.hstack([torques, borne]), np.hstack([added, self.load.follower_payload_torques(s)])
+            self.room.add(s.time, torques, added)
         if self.load.payloads:
             self.carried = max(self.carried, float(np.abs(self.load.payload_torques(some)).max(initial=0.0)))
 
@@ -170,6 +181,11 @@ class MotionTally:
                 unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
                 value, limit, time = float(self.signed[kind][k]), float(bound[k]), float(extreme.time[k])
                 found.append(Excess(c.velocity_names[k], kind, value, limit, time, unit, angular))
+        for i, body in enumerate(self.followers):
+            value, time, angular = float(self.borne_signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
+            if abs(value) > body.effort + margin(body.effort):
+                unit = unit_of("tau", angular)
+                found.append(Excess(body.joint.name, "effort", value, body.effort, time, unit, angular))
         return tuple(
             sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0))
         )

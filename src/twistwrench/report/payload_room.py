@@ -42,14 +42,16 @@ class PayloadRoomTally:
     def __init__(self, load: LoadedRobot, effort: Array) -> None:
         laws = load.bare.model.friction
         self.asked = len(load.payloads) == 1 and load.payloads[0].mass > 0 and not (load.friction and laws.load.any())
-        self._load, self._effort = load, np.asarray(effort, float)
+        followers = [load.bare.model.bodies[i] for i in load.bare.model.limited_followers]
+        self._names = (*load.bare.model.velocity_names, *(body.joint.name for body in followers))
+        self._load, self._effort = load, np.array([*effort, *(body.effort for body in followers)], float)
         self._share, self._joint, self._time = math.inf, 0, math.nan
         self._alone = True
-        self._carried = np.zeros(load.bare.nv)
+        self._carried = np.zeros(len(self._names))
         self._least = load.payloads[0].mass * least_torque_per_kilogram(load.bare.model) if self.asked else 0.0
 
     def add(self, time: Array, torques: Array, carried: Array) -> None:
-        """Torques (n, nv) at times (n,), and what the payload adds to them (n, nv)."""
+        """Torques (n, nv + k) at times (n,), of joints and of followers with limits, and what the payload adds to them."""
         alone = torques - carried
         self._carried = np.maximum(self._carried, np.abs(carried).max(axis=0, initial=0.0))
         self._alone = self._alone and bool((np.abs(alone) <= self._effort).all())
@@ -66,7 +68,7 @@ class PayloadRoomTally:
         """None where it cannot be told: a joint that it loads has no limit, or the robot alone is beyond one."""
         if not self.asked or not self._alone or not math.isfinite(self._share):
             return None
-        if unlimited(self._load.bare.model, self._effort, self._carried):
+        nv = self._load.bare.nv
+        if unlimited(self._load.bare.model, self._effort[:nv], self._carried[:nv]):
             return None
-        names = self._load.bare.model.velocity_names
-        return PayloadRoom(self._share * self._load.payloads[0].mass, names[self._joint], self._time)
+        return PayloadRoom(self._share * self._load.payloads[0].mass, self._names[self._joint], self._time)

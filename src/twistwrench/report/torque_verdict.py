@@ -87,12 +87,27 @@ def _judge_torques(report: TorqueReport, over: list[tuple[Excess, str]], unsure:
             )
         elif _is_wide(report, j):
             wide.append(j)
+    for name in excesses.keys() - {j.joint for j in report.joints}:  # followers, as unsure as their leaders
+        _judge_follower(report, excesses[name], factor, over, unsure)
     wide += [j for j in report.joints if not math.isfinite(j.limit) and _is_wide(report, j)]
     if wide:
         unsure.append(
             "noise is too much of the peak to say how large it is: "
             f"{listed([_in_words(report, j) for j in wide], _MOST_LISTED, '; ')}"
         )
+
+
+def _judge_follower(
+    report: TorqueReport, e: Excess, factor: float, over: list[tuple[Excess, str]], unsure: list[str]
+) -> None:
+    body = next(b for b in report.load.bare.model.bodies if b.joint.name == e.joint)
+    reach = report.reach(report.joints[body.v_index]) / abs(body.ratio) if body.ratio else 0.0
+    takes = f"{torque(e.value)} {e.unit}, limit {number(e.limit)} ({percent_of_limit(abs(e.value) / e.limit)})"
+    if abs(e.value) - factor * reach > e.limit:
+        leader = report.joints[body.v_index].joint
+        over.append((e, f"{e.joint}, which follows {leader}, at t = {seconds(e.time)} s bears {takes}"))
+    else:
+        unsure.append(f"noise leaves open whether {e.joint} is over its limit: {takes}")
 
 
 def _is_wide(report: TorqueReport, j: JointTorque) -> bool:

@@ -12,6 +12,7 @@ from ..core import arguments
 from ..core.printed_numbers import number, printed
 from ..errors import ShapeError
 from ..model.limits import margin
+from ..model.mimic import follower_torques
 from ..report.loaded_robot import least_torque_per_kilogram
 from ..typing import Array
 from .pose_arguments import one_configuration, same_batch
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 class LargestPayload:
     """Largest payload: the largest mass held at rest, and the joint that is then at its limit.
 
-    Leading axes are the poses'.
+    Leading axes are the poses'. Mimic joints that have a limit of effort and bear the payload, or more than their limit
+    without it, are joints like others here, after those of dq.
     """
 
     mass: Array
@@ -108,12 +110,36 @@ def torques_per_kilogram(
     >>> torques_per_kilogram(tw.robots.planar_2r(), [0.0, 0.0]).round(2).tolist()
     [19.62, 9.81]
     """
+    return robot.wrench_torques(q, _wrench_per_kilogram(robot, q, com, frame), frame)
+
+
+def _wrench_per_kilogram(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None) -> Array:
+    """The wrench (..., 6) that carries a kilogram at a point of a frame, in the frame."""
     c = points(com)
     R = np.asarray(robot.forward_kinematics(q, frame))[..., :3, :3]
     same_batch(q=R[..., 0], com=c)
     f = -np.einsum("...ji,j->...i", R, robot.gravity)
-    F = np.concatenate([np.cross(c, f), np.broadcast_to(f, np.broadcast_shapes(c.shape, f.shape))], axis=-1)
-    return robot.wrench_torques(q, F, frame)
+    return np.concatenate([np.cross(c, f), np.broadcast_to(f, np.broadcast_shapes(c.shape, f.shape))], axis=-1)
+
+
+def _followers(
+    robot: Robot, q: ArrayLike, com: ArrayLike, frame: str | None
+) -> tuple[Array, Array, Array, tuple[str, ...]]:
+    """What mimic joints with a limit of effort bear alone and per kilogram, (..., k) each, their limits (k,), their names.
+
+    Of those that the payload loads, or that are beyond their limits without one.
+    """
+    model, zero = robot.model, np.zeros(robot.nv)
+    where, F = robot.tip if frame is None else frame, _wrench_per_kilogram(robot, q, com, frame)
+    alone = np.asarray(robot.joint_wrenches(q, zero, zero))
+    alone, loaded = np.broadcast_arrays(alone, robot.joint_wrenches(q, zero, zero, wrench_by_robot={str(where): F}))
+    unloaded, added = follower_torques(model, alone), follower_torques(model, loaded - alone)
+    added = np.where(np.abs(added) < least_torque_per_kilogram(model), 0.0, added)
+    bodies = [model.bodies[i] for i in model.limited_followers]
+    limits = np.array([body.effort for body in bodies])
+    matters = (added != 0) | (np.abs(unloaded) > limits + margin(limits))
+    kept = np.flatnonzero(matters.reshape(-1, len(bodies)).any(axis=0))
+    return unloaded[..., kept], added[..., kept], limits[kept], tuple(bodies[k].joint.name for k in kept)
 
 
 def largest_payload(
@@ -163,6 +189,11 @@ def largest_payload(
     per_kilogram = torques_per_kilogram(robot, q, com, frame)
     per_kilogram = np.where(np.abs(per_kilogram) < least_torque_per_kilogram(robot.model), 0.0, per_kilogram)
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
+    names = robot.model.velocity_names
+    if robot.model.limited_followers:
+        alone, added, theirs, followers = _followers(robot, q, com, frame)
+        unloaded, per_kilogram = np.concatenate([unloaded, alone], -1), np.concatenate([per_kilogram, added], -1)
+        L, names = np.concatenate([L, theirs]), (*names, *followers)
     s = growth(unloaded, per_kilogram, L)
     holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
     unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
@@ -176,7 +207,7 @@ def largest_payload(
         per_kilogram,
         s.per_joint,
         L,
-        robot.model.velocity_names,
+        names,
     )
 
 

@@ -68,6 +68,7 @@ def violations(
     q, dq, ddq = trajectory(t)
     check = LimitCheck(robot.model, bounds_or_own(robot, bounds))
     check.add(t, q, dq, ddq, robot.inverse_dynamics(q, dq, ddq, friction=friction))
+    check.add_dynamics(robot, t, q, dq, ddq)
     return check.violations()
 
 

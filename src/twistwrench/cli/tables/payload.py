@@ -59,7 +59,7 @@ def payload_view(
     table.numbers(f"q [{heading_unit('q', turning, degrees=degrees)}]", "alone", "per kg")
     table.numbers(*(("loaded", "limit", "up to [kg]", "share") if judged else ("limit",)))
     table.words(*([""] if judged else []), fold=False)
-    places = _places(robot, q, degrees=degrees)
+    places = _places(robot, found.joint_names, q, degrees=degrees)
     for k, name in enumerate(found.joint_names):
         share, worst = float(found.share[k]), k == int(found.joint)
         over, limited = bool(over_limit(share)), math.isfinite(found.limits[k])
@@ -108,14 +108,14 @@ def caution() -> Text:
     )
 
 
-def _places(robot: Robot, q: Array, *, degrees: bool = False) -> Array:
-    """(nv,): where each joint is [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
-    places = np.full(robot.nv, np.nan)
-    for b in robot.model.leaders:
+def _places(robot: Robot, names: Sequence[str], q: Array, *, degrees: bool = False) -> Array:
+    """Where each joint of ``names`` is [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
+    places = dict.fromkeys(names, math.nan)
+    for b in robot.model.bodies:
         if b.joint.nq == b.joint.nv == 1:
             turns = b.joint.turning[0]
-            places[b.v_index] = q[b.q_index] * (180 / math.pi if degrees and turns else 1.0)
-    return places
+            places[b.joint.name] = (b.ratio * q[b.q_index] + b.offset) * (180 / math.pi if degrees and turns else 1.0)
+    return np.array([places[name] for name in names])
 
 
 def _forces(robot: Robot, q: Array, frame: str, limits: ArrayLike | None) -> list[Text]:
@@ -183,7 +183,7 @@ def write_payload(
     rounding left in place of a zero is zero. ValueRangeError if the file cannot be written.
     """
     columns = {
-        "q_degrees" if degrees else "q": _places(robot, q, degrees=degrees),
+        "q_degrees" if degrees else "q": _places(robot, found.joint_names, q, degrees=degrees),
         "alone": without_noise(found.unloaded),
         "per_kilogram": without_noise(found.per_kilogram),
         **({"with_payload": without_noise(found.torques)} if judged else {}),
