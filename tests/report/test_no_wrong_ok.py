@@ -12,7 +12,7 @@ pytest_plugins = ("torque_fixtures",)
 LINK = """<link name="l{0}"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>
 <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.05"/></inertial></link>"""
 JOINT = """<joint name="{0}" type="revolute"><parent link="l{1}"/><child link="l{2}"/><axis xyz="0 1 0"/>
-<limit lower="{3}" upper="{4}" velocity="{5}" effort="1000"/>{6}</joint>"""
+<limit lower="{3}" upper="{4}" velocity="{5}" effort="900"/>{6}</joint>"""
 
 
 def arm(*joints: str) -> str:
