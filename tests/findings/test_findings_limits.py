@@ -372,6 +372,8 @@ def test_finding_21_a_follower_beyond_its_own_effort_is_over_its_limit(run, tmp_
         assert f"fj: torque -9.81 beyond -{effort:g} at 0 s" in said  # of the motion that begins stretched out
         said = run(*COMMANDS["torques"])[1]
         assert f"fj, which follows elbow, at t = 3.990 s bears 8.392 N m, limit {effort:g}" in said, said
+    found, said = run("view", "arm.urdf", "--trajectory", "ok.csv", "--html", "page.html")
+    assert found == 0 and ("fj passes its torque limit" in said) == bool(code), said
     motion = tw.Motion(T, np.c_[S, 0.3 + 0.5 * S], robot=tw.load(tmp_path / "arm.urdf"))
     assert [v.joint for v in motion.violations()] == ["fj"] * code
 

@@ -71,9 +71,11 @@ class LimitCheck:
 
     def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
         """Take in what mimic joints with a limit of effort bear in these states, friction left out."""
-        if not self._followers:
-            return
-        borne = follower_torques(self.model, np.asarray(robot.joint_wrenches(q, dq, ddq)))
+        if self._followers:
+            self.add_borne(time, follower_torques(self.model, np.asarray(robot.joint_wrenches(q, dq, ddq))))
+
+    def add_borne(self, time: Array, borne: Array) -> None:
+        """Take in what those joints bear (n, k) at times (n,)."""
         for k, row in self._borne.add(time, np.abs(borne)):
             self._borne_signed[k] = borne[row, k]
 

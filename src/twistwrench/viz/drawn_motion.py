@@ -241,6 +241,8 @@ def _gathered(load: LoadedRobot, every: Iterator[States]) -> DrawnMotion:
         torques = load.torques(s)
         peaks.add(s.time, np.abs(torques))
         check.add(s.time, s.logged, s.dq, tau=torques)
+        if load.bare.model.limited_followers:
+            check.add_borne(s.time, load.follower_torques(s))
         power = (torques * s.dq).sum(axis=1)
         kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.still]))
     time, _, torques, dq, q, ddq, still = np.split(kept.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
