@@ -27,7 +27,7 @@ from .errors import (
     UnknownNameError,
     ValueRangeError,
 )
-from .robot import Robot, from_dh, from_drake, from_mujoco, from_pinocchio, from_rtb, from_screws, load, save
+from .robot import Robot, from_dh, from_mujoco, from_pinocchio, from_screws, load, save
 
 __version__ = "0.1.0"
 
@@ -64,10 +64,8 @@ __all__ = [
     "doctor",
     "find",
     "from_dh",
-    "from_drake",
     "from_mujoco",
     "from_pinocchio",
-    "from_rtb",
     "from_screws",
     "get_threads",
     "load",

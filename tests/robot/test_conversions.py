@@ -32,7 +32,7 @@ def test_halves_of_what_has_none_or_too_many_are_refused(shape, said):
 
 
 @pytest.mark.parametrize(
-    "function", ["to_pinocchio", "from_pinocchio", "pinocchio_rates", "to_mujoco", "from_mujoco", "to_drake"]
+    "function", ["to_pinocchio", "from_pinocchio", "pinocchio_rates", "to_mujoco", "from_mujoco"]
 )
 def test_arguments_in_the_wrong_places_are_named(function):
     robot = tw.robots.ur5()

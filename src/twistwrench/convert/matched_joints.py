@@ -18,7 +18,7 @@ Turning = Callable[[Robot, Array], Array]
 """What P ddq lacks of d(P dq)/dt, in our axes (nv,), of a robot and dq."""
 
 
-_MARKS = {"Pinocchio": "getJointId", "MuJoCo": "njnt", "Drake": "num_positions"}
+_MARKS = {"Pinocchio": "getJointId", "MuJoCo": "njnt"}
 """What the models of each library have."""
 
 
