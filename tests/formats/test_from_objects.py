@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from pinocchio_models import TOLERANCE, same_torques
+from pinocchio_models import same_torques
 from robot_files import FILES, NONE
 from written_robots import differences
 

@@ -252,7 +252,6 @@ WITHOUT_EXAMPLE = {
     "plotting.motors.": "takes a report, which the command makes of a file",
     "plotting.torques.": "takes a report, which the command makes of a file",
     "simulation.torque_laws.": "called with symbols while a rollout is traced",
-    "viz.live.LiveView.": "opens a page until it is closed",
     "viz.drawn_motion.read_motion": "takes a file that is open, as the command view has it",
 }
 """Functions without an example, by how their names begin, and why."""

@@ -31,9 +31,7 @@ def test_halves_of_what_has_none_or_too_many_are_refused(shape, said):
         tw.convert.swap_halves(np.zeros(shape))
 
 
-@pytest.mark.parametrize(
-    "function", ["to_pinocchio", "from_pinocchio", "pinocchio_rates", "to_mujoco", "from_mujoco"]
-)
+@pytest.mark.parametrize("function", ["to_pinocchio", "from_pinocchio", "pinocchio_rates", "to_mujoco", "from_mujoco"])
 def test_arguments_in_the_wrong_places_are_named(function):
     robot = tw.robots.ur5()
     for given in ((object(), robot), (robot, "ur5")):

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -450,6 +451,28 @@ def test_outputs_never_overwrite_inputs(tmp_path):
 def test_what_is_heavy_is_left_for_later():
     code = "import sys, twistwrench.viz, twistwrench.cli.main; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"viser", "trimesh", "matplotlib", "scipy", "PIL", "llvmlite"} & {
+    assert not {"trimesh", "matplotlib", "scipy", "PIL", "llvmlite"} & {
         m.partition(".")[0] for m in done.stdout.split()
     }
+
+
+def test_without_a_file_the_page_is_written_and_opened(monkeypatch):
+    opened = []
+    monkeypatch.setenv("BROWSER", "some")
+    monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or True)
+    result = run("view", "pendulum")
+    page = Path(result.stdout.removeprefix("wrote ").strip())
+    assert result.exit_code == 0
+    assert opened == [page.as_uri()]
+    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_without_a_browser_the_path_is_printed(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("webbrowser.open", lambda _url: False)
+    result = run("view", "pendulum")
+    assert result.exit_code == 0
+    assert "Open the file in one" in result.stderr
+    assert Path(result.stdout.removeprefix("wrote ").strip()).exists()
+    assert run("view", "pendulum", "--no-browser").stderr == ""

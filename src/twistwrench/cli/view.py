@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import tempfile
+import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +14,6 @@ import click
 
 from ..errors import ValueRangeError
 from ..verdict import ExitCode
-from .live_page import PORT, require_viser, serve, served_port
 from .motion_options import Load, loaded_motion_options, open_motion
 from .progress import frames_drawn
 from .shared_options import option_group
@@ -22,16 +25,12 @@ _KINDS = ("split", "power", "phase")
 
 
 view_options = option_group(
-    click.option("--no-browser", is_flag=True, help="Serve the page, and open no browser."),
-    click.option(
-        "--host", default="127.0.0.1", show_default=True, help="Address to serve at; 0.0.0.0 lets others look."
-    ),
-    click.option("--port", type=int, metavar="N", help=f"Port to serve at, 0 for any that is free.  [default: {PORT}]"),
+    click.option("--no-browser", is_flag=True, help="Write the page, print its path, and open no browser."),
     click.option(
         "--speed", type=float, default=1.0, show_default=True, help="Of the film: seconds of motion a second."
     ),
-    click.option("--movie", "movie", metavar="OUT.gif|OUT.mp4", help="Film the motion instead of serving it."),
-    click.option("--html", "html", metavar="OUT.html", help="Write one file that plays offline instead of serving it."),
+    click.option("--movie", "movie", metavar="OUT.gif|OUT.mp4", help="Film the motion instead of opening a page."),
+    click.option("--html", "html", metavar="OUT.html", help="Write the page to this file, and open no browser."),
     click.option(
         "--section",
         metavar="N",
@@ -65,19 +64,16 @@ def answer_view(
     html: str | None,
     movie: str | None,
     speed: float,
-    port: int | None,
-    host: str,
     no_browser: bool,
     no_meshes: bool,
     section: str | None,
     **given: Any,
 ) -> ExitCode:
-    """Write the files asked for; without any, serve the page until interrupted. Everything that can be refused is, first.
+    """Write the page or film given by ``html`` and ``movie``; without either, a page in a temporary folder, and open it.
 
     Returns NO where the motion contradicts itself, which is shown all the same.
     """
     from ..outputs import check_outputs
-    from ..viz.live import LiveView
     from ..viz.movie import film, movie_path
     from ..viz.page import write_page
     from ..viz.scene import scene_of
@@ -89,10 +85,6 @@ def answer_view(
     check_outputs({"--html": html, "--movie": movie}, {"--trajectory": path, **files})
     if section is not None:
         _require_page(section, html, path)
-    serves = html is None and movie is None
-    if serves:
-        require_viser()
-        port = served_port(port, host)
     robot, wrenches, motion = _loaded(load, path, **given)
     scene = scene_of(robot, meshes=not no_meshes)
     about: dict[str, Any] = {"motion": motion, "wrench_on_robot": wrenches, "scene": scene}
@@ -102,8 +94,12 @@ def answer_view(
         with frames_drawn("filming") as progress:
             film(motion, movie, scene=scene, speed=speed, progress=progress)
         click.echo(f"wrote {movie}")
-    if serves:
-        serve(LiveView(robot, **about, port=port or 0, host=host), browse=not no_browser)
+    if html is None and movie is None:
+        path_of_page = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
+        write_page(robot, path_of_page, **about)
+        click.echo(f"wrote {path_of_page}")
+        if not no_browser and not _open_browser(path_of_page.as_uri()):
+            click.echo("note: no browser could be opened. Open the file in one.", err=True)
     return ExitCode.FINE if motion is None else motion.verdict.exit_code
 
 
@@ -168,6 +164,16 @@ def _loaded(
         for sentence in (*trajectory.notes, *motion.warnings):
             click.echo(f"note: {sentence}", err=True)
     return loaded.loaded, loaded.wrenches, motion
+
+
+def _open_browser(url: str) -> bool:
+    """True if a browser with windows opened the address; a browser of the terminal is not started."""
+    if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
+        return False
+    try:
+        return webbrowser.open(url)
+    except (webbrowser.Error, OSError):
+        return False
 
 
 def _require_page(section: str, html: str | None, path: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Seeing a robot: a live page, a page in one file, films, and pictures of a motion. docs/viewer.md shows each."""
+"""Pictures of a robot: a page in one file, films, and plots of a motion. docs/viewer.md shows each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from .camera import Camera
 from .drawn_motion import DrawnMotion, motion_of, read_motion
-from .live import LiveView
 from .movie import film, movie
 from .page import write_page
 from .scene import Scene, Shape, scene_of
@@ -16,7 +15,6 @@ __all__ = [
     "Camera",
     "DrawnMotion",
     "Energies",
-    "LiveView",
     "Scene",
     "Shape",
     "draw",
