@@ -14,8 +14,8 @@ _HEAD = """# Quantities
 
 What a robot can be asked for, from the table in `src/twistwrench/robot/quantities.py`; `python docs/quantities.py` writes
 this page. Each is a method of the robot, for arrays with any leading batch shape; a kernel, `robot.kernel(name)`, a
-`numpy.ufunc` with the robot's own sizes; a function of [exported C](export.md); and a [CUDA kernel](cuda.md). Those marked °
-are kernels only, of which methods are made. Words are those of the [glossary](glossary.md).
+`numpy.ufunc` with the robot's own sizes; a function of [exported C](export.md); and a [CUDA kernel](export.md#cuda).
+Those marked ° are kernels only, of which methods are made. Words are those of the [glossary](glossary.md).
 
 ```python
 import twistwrench as tw

@@ -79,7 +79,6 @@ __all__ = [
 if _typing.TYPE_CHECKING:
     from . import control as control
     from . import convert as convert
-    from . import cuda as cuda
     from . import diagnosis as diagnosis
     from . import identification as identification
     from . import modern_robotics as modern_robotics
@@ -114,7 +113,6 @@ _MODULES = {
         for name in (
             "control",
             "convert",
-            "cuda",
             "diagnosis",
             "identification",
             "modern_robotics",

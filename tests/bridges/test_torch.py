@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fake_gpu import NEEDS_COMPILERS, Bare
 
 import twistwrench as tw
-from twistwrench.bridges.quantity import BridgedQuantity
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_types import CONFIGURATIONS
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make bridges")
-pytest_plugins = ("cuda_fixtures",)
 NEEDS_A_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU that PyTorch can use")
 
 
@@ -185,32 +182,6 @@ def some_states(**options):
     numbers = torch.Generator().manual_seed(0)
     shapes = (4, 1, 2), (3, 2), (2,)
     return [torch.randn(*shape, generator=numbers, dtype=torch.float64).to(**options) for shape in shapes]
-
-
-@NEEDS_COMPILERS
-def test_kernels_of_a_gpu_compute_values_and_both_derivatives(gpu, monkeypatch):
-    """On the stand-in for a GPU: its kernels in place of the processor's, which are good to some 1000 roundings."""
-    from twistwrench.bridges.torch import _laid_out
-
-    robot = tw.robots.planar_2r()
-    wanted = slopes(robot.to_torch("inverse_dynamics"), *some_states())
-    launched = []
-
-    def kernel(quantity):
-        def run(*arrays):
-            tensors = _laid_out([torch.as_tensor(a) for a in arrays], quantity.program)
-            found = quantity.cuda_kernel(*(Bare(gpu, t.numpy().copy()) for t in tensors))
-            launched.append(quantity.options.get("form"))
-            return tuple(x.to_numpy() for x in found) if isinstance(found, tuple) else found.to_numpy()
-
-        return run
-
-    monkeypatch.setattr(BridgedQuantity, "kernel", property(kernel))
-    found = slopes(robot.to_torch("inverse_dynamics"), *some_states())
-    assert set(launched) == {None, "weighted", "hessian_along", "along"}
-    for x, y in zip(found, wanted, strict=True):
-        assert x.shape == y.shape
-        np.testing.assert_allclose(x, y, rtol=0, atol=1e-11 * float(y.abs().max()))
 
 
 @NEEDS_A_GPU

@@ -220,4 +220,5 @@ def test_it_is_locked_shown_and_exported(tmp_path):
     ]  # fmt: skip
     header, *_ = robot.export_c(["inverse_dynamics", "add", "subtract"], tmp_path)
     assert f"{name}.qw" in header.read_text()
-    assert ".cu" not in header.name and "extern" in robot.cuda.source("forward_dynamics")
+    (cuda,) = robot.export_cuda("forward_dynamics", tmp_path)
+    assert "__global__" in cuda.read_text()

@@ -151,8 +151,7 @@ def test_every_quantity_is_a_method_or_a_part_of_one():
     assert set(QUANTITIES) - parts <= methods
     derivatives = {"inverse_dynamics_gradient", "inverse_dynamics_hessian_product", "mass_matrix_derivative"}
     assert methods <= set(QUANTITIES) | derivatives
-    for robot in (tw.Robot, tw.cuda.CudaRobot):
-        assert all(getattr(robot, name) is METHODS[name] for name in methods)
+    assert all(getattr(tw.Robot, name) is METHODS[name] for name in methods)
 
 
 def test_the_readme_names_every_method_of_a_quantity():

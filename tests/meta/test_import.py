@@ -109,7 +109,6 @@ def test_dir_has_every_public_name_and_nothing_else():
     later = {
         "control",
         "convert",
-        "cuda",
         "diagnosis",
         "identification",
         "modern_robotics",

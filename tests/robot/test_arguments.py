@@ -216,11 +216,6 @@ def test_results_are_fresh(robot, states):
         assert table.equals(before)
 
 
-def test_a_gpu_takes_no_table():
-    with pytest.raises(tw.ValueRangeError, match="which is not in a GPU's memory"):
-        robots.planar_2r().cuda.gravity_forces(pd.DataFrame([[0.0, 0.0]], columns=["joint1", "joint2"]))
-
-
 def test_every_quantity_has_a_door():
     """A method of every quantity brings its arrays in: the table of quantities grows, and this list with it."""
     known = {name for name, _ in QUANTITY} | {"mass_matrix", "momentum", "add", "subtract", "coordinate_rates"}
@@ -261,7 +256,6 @@ def test_a_robot_without_mass_has_no_centre_of_mass():
         lambda: empty.momentum([0.0], [1.0], "com"),
         lambda: empty.reference("center_of_mass", [0.0]),
         lambda: empty.kernel("center_of_mass", by="q"),
-        lambda: empty.cuda.source("center_of_mass"),
     ):
         with pytest.raises(tw.ValueRangeError, match=r"no moving body of robot 'empty' has mass \(b\)"):
             call()

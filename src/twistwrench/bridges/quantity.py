@@ -61,11 +61,6 @@ class BridgedQuantity:
         """The compiled function of the same program."""
         return self.engine.kernel((self.name,), self.options)
 
-    @cached_property
-    def cuda_kernel(self) -> Any:
-        """The same program as a kernel of a GPU."""
-        return self.robot.cuda.kernel(self.name, **self.options)
-
     def derivative(self, by: Sequence[str], form: str = "jacobian", *, values: bool = False) -> BridgedQuantity:
         """The same quantity's derivative by some of its inputs, along :meth:`twistwrench.Robot.add` on configurations."""
         key = tuple(by), form, values

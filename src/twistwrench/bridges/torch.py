@@ -157,22 +157,14 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
 
 def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
-    """The kernel on tensors, whose memory NumPy shares; on a GPU, the GPU's kernel."""
+    """Results of the kernel, whose arrays share the tensors' memory; on a GPU those of the program in PyTorch's operations."""
     if tensors[0].device.type == "cuda":
-        return quantity.cuda_kernel(*_laid_out(tensors, quantity.program))
+        found = _on_tensors(torch, quantity.program, tensors)
+        return tuple(found) if len(found) > 1 else found[0]
     found = quantity.kernel(*(t.numpy(force=True) for t in tensors))  # a conjugate's imaginary part is no plain memory
     if isinstance(found, tuple):
         return tuple(torch.as_tensor(x) for x in found)
     return torch.as_tensor(found)
-
-
-def _laid_out(tensors: Sequence[Any], program: Program) -> list[Any]:
-    """Tensors as the GPU's kernels take them: one sample after another, or one for all."""
-    batch, found = batch_shape(tensors, program), []
-    for t, port in zip(tensors, program.inputs, strict=True):
-        wide = t if t.ndim == len(port.shape) else t.expand((*batch, *port.shape))
-        found.append(wide.detach().contiguous())
-    return found
 
 
 def _on_tensors(torch: Any, program: Program, tensors: Sequence[Any]) -> list[Any]:

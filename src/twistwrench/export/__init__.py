@@ -1,7 +1,7 @@
-"""A robot's quantities as C99 functions in files of their own: one header, one source, and a program that checks them."""
+"""Export of a robot's quantities as C99 functions with a program that checks them, and as CUDA kernels."""
 
 from __future__ import annotations
 
-from .package import export_c
+from .package import export_c, export_cuda
 
-__all__ = ["export_c"]
+__all__ = ["export_c", "export_cuda"]

@@ -276,3 +276,53 @@ class CommonMethods:
 
         asked = [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
         return export_c(self._open(), asked, path, precision=precision, prefix=prefix, test=test)
+
+    def export_cuda(
+        self,
+        quantities: Quantities,
+        path: str | Path,
+        *,
+        precision: Literal["double", "float"] = "double",
+        prefix: str | None = None,
+    ) -> tuple[Path, ...]:
+        """CUDA source export: quantities as CUDA C++ kernels with a thread for each sample.
+
+        Parameters
+        ----------
+        quantities : names as for :meth:`kernel`, with options as ``(name, {option: value})``
+        path : str or Path, a folder, which gets a file for each kernel; or the .cu file of one kernel
+        precision : "double" or "float"
+        prefix : str, optional, first part of the kernels' names; None: the robot's name
+
+        Returns
+        -------
+        paths : tuple of Path, the files written
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such quantity.
+        KernelError
+            An option does not apply, no program without branches computes the quantity, or the program is too long.
+        SingularMassMatrixError
+            A quantity needs M⁻¹, and M has none.
+        ValueRangeError
+            ``path`` cannot be written.
+
+        Notes
+        -----
+        docs/export.md describes the launch. Compiled by nvcc and NVRTC in the tests, not yet run on a GPU.
+
+        Examples
+        --------
+        >>> import tempfile, twistwrench as tw
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     (file,) = tw.robots.panda().export_cuda("inverse_dynamics", folder, precision="float")
+        ...     print("void __launch_bounds__(THREADS) panda_inverse_dynamics" in file.read_text())
+        True
+        """
+        from ..export import export_cuda
+        from ..export.request import named
+
+        asked = [(name, {**self._constraint_options(name), **options}) for name, options in named(quantities)]
+        return export_cuda(self._open(), asked, path, precision=precision, prefix=prefix)

@@ -1,15 +1,18 @@
-"""Derivatives of quantities as methods, for arrays of NumPy's and of a GPU."""
+"""Derivatives of quantities as methods."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic
+from typing import Any
 
-from .quantity_types import In, Kind, Out, Wrenches
+from numpy.typing import ArrayLike
+
+from ..typing import Array
+from .quantity_types import Kind, Wrenches
 
 
-class DerivativeMethods(Generic[In, Out]):
-    """The derivatives of a robot's dynamics and kinematics; ``In`` is what they take as an array, ``Out`` what they give."""
+class DerivativeMethods:
+    """Derivatives of a robot's dynamics and kinematics."""
 
     _call: Callable[..., Any]
     """(name, *arrays, out=, **options), results."""
@@ -18,14 +21,14 @@ class DerivativeMethods(Generic[In, Out]):
 
     def inverse_dynamics_derivatives(
         self,
-        q: In,
-        dq: In,
-        ddq: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> tuple[Out, Out]:
+    ) -> tuple[Array, Array]:
         """Derivatives of inverse dynamics, ∂τ/∂q and ∂τ/∂dq; ∂τ/∂ddq is M.
 
         Parameters
@@ -67,14 +70,14 @@ class DerivativeMethods(Generic[In, Out]):
 
     def forward_dynamics_derivatives(
         self,
-        q: In,
-        dq: In,
-        tau: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> tuple[Out, Out, Out]:
+    ) -> tuple[Array, Array, Array]:
         """Derivatives of forward dynamics, ∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹.
 
         Parameters
@@ -120,15 +123,15 @@ class DerivativeMethods(Generic[In, Out]):
 
     def inverse_dynamics_gradient(
         self,
-        q: In,
-        dq: In,
-        ddq: In,
-        weights: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        weights: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> tuple[Out, Out, Out]:
+    ) -> tuple[Array, Array, Array]:
         """Gradient of a weighted sum of torques, ∂(w·τ)/∂(q, dq, ddq), by reverse mode.
 
         Parameters
@@ -174,18 +177,18 @@ class DerivativeMethods(Generic[In, Out]):
 
     def inverse_dynamics_hessian_product(
         self,
-        q: In,
-        dq: In,
-        ddq: In,
-        weights: In,
-        along_q: In,
-        along_dq: In,
-        along_ddq: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        weights: ArrayLike,
+        along_q: ArrayLike,
+        along_dq: ArrayLike,
+        along_ddq: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> tuple[Out, Out, Out]:
+    ) -> tuple[Array, Array, Array]:
         """Hessian of a weighted sum of torques, ∂²(w·τ)/∂(q, dq, ddq)², times a direction.
 
         Parameters
@@ -230,7 +233,9 @@ class DerivativeMethods(Generic[In, Out]):
         )
         return by_q, by_dq, by_ddq
 
-    def jacobian_derivative(self, q: In, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Out:
+    def jacobian_derivative(
+        self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None
+    ) -> Array:
         """Derivative of the Jacobian by the configuration, ∂J/∂q; its product with dq is dJ/dt.
 
         Parameters
@@ -263,7 +268,7 @@ class DerivativeMethods(Generic[In, Out]):
         """
         return self._call("jacobian_derivative", q, frame=frame, kind=kind, out=out)
 
-    def mass_matrix_derivative(self, q: In, *, out: Any = None) -> Out:
+    def mass_matrix_derivative(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Derivative of the mass matrix by the configuration, ∂M/∂q; its product with dq is dM/dt.
 
         Parameters

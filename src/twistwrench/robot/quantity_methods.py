@@ -1,4 +1,4 @@
-"""One method for each quantity, written out once: for arrays of NumPy's, and for arrays in the memory of a GPU.
+"""One method for each quantity.
 
 Shapes in docstrings are those of one state; any leading batch shape goes, and batch shapes broadcast as NumPy's do.
 """
@@ -7,24 +7,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import ArrayLike
+
 from ..errors import UnknownNameError
+from ..typing import Array
 from .derivative_methods import DerivativeMethods
-from .quantity_types import In, Kind, Out, Wrenches
+from .quantity_types import Kind, Wrenches
 
 if TYPE_CHECKING:
     from ..screws.wrench import Wrench
 
 
-class QuantityMethods(DerivativeMethods[In, Out]):
+class QuantityMethods(DerivativeMethods):
     """The quantities of a robot as methods: kinematics, dynamics, statics, energies and their derivatives.
 
-    ``In`` is what they take as an array, ``Out`` what they give. Shapes are those of one state; any leading batch shape
-    goes, and batch shapes broadcast as NumPy's do.
+    Shapes are those of one state; any leading batch shape goes, and batch shapes broadcast as NumPy's do.
     """
 
     # ── configurations ──
 
-    def add(self, q: In, dv: In, *, out: Any = None) -> Out:
+    def add(self, q: ArrayLike, dv: ArrayLike, *, out: Any = None) -> Array:
         """Configuration plus joint twists, q ⊕ dv: each joint moves along its constant twist for unit time.
 
         Parameters
@@ -51,7 +53,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("add", q, dv, out=out)
 
-    def subtract(self, q1: In, q0: In, *, out: Any = None) -> Out:
+    def subtract(self, q1: ArrayLike, q0: ArrayLike, *, out: Any = None) -> Array:
         """Difference of configurations, q1 ⊖ q0: the dv with ``add(q0, dv)`` at the pose of q1.
 
         Parameters
@@ -78,7 +80,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     # ── kinematics ──
 
-    def forward_kinematics(self, q: In, frame: str | None = None, *, out: Any = None) -> Out:
+    def forward_kinematics(self, q: ArrayLike, frame: str | None = None, *, out: Any = None) -> Array:
         """Forward kinematics: T_s,frame, the pose of a frame in the base frame {s}.
 
         Parameters
@@ -113,7 +115,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("forward_kinematics", q, frame=frame, out=out)
 
-    def link_poses(self, q: In, *, out: Any = None) -> Out:
+    def link_poses(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Forward kinematics of all links at once: T_s,link, each in the base frame {s}.
 
         Parameters
@@ -139,7 +141,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("link_poses", q, out=out)
 
-    def jacobian(self, q: In, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Out:
+    def jacobian(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Array:
         """Geometric Jacobian J of a frame, with V = J dq its twist (omega, v).
 
         Parameters
@@ -177,7 +179,9 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("jacobian", q, frame=frame, kind=kind, out=out)
 
-    def jacobian_rate(self, q: In, dq: In, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Out:
+    def jacobian_rate(
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None
+    ) -> Array:
         """Time derivative dJ/dt of the Jacobian, as in dV/dt = J ddq + (dJ/dt) dq.
 
         Parameters
@@ -210,7 +214,9 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("jacobian_rate", q, dq, frame=frame, kind=kind, out=out)
 
-    def frame_velocity(self, q: In, dq: In, frame: str | None = None, kind: Kind = "body", *, out: Any = None) -> Out:
+    def frame_velocity(
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None
+    ) -> Array:
         """Velocity of a frame: its twist (omega, v) = J dq.
 
         Parameters
@@ -245,14 +251,14 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     def frame_acceleration(
         self,
-        q: In,
-        dq: In,
-        ddq: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
         frame: str | None = None,
         kind: Kind = "body",
         *,
         out: Any = None,
-    ) -> Out:
+    ) -> Array:
         """Acceleration of a frame: the rate dV/dt of its twist, gravity not included.
 
         Parameters
@@ -295,15 +301,15 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     def inverse_dynamics(
         self,
-        q: In,
-        dq: In,
-        ddq: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
         out: Any = None,
-    ) -> Out:
+    ) -> Array:
         """Inverse dynamics: joint torques τ = M q̈ + h + Σ J'F_by - Σ J'F_on of a motion.
 
         Parameters
@@ -344,15 +350,15 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     def forward_dynamics(
         self,
-        q: In,
-        dq: In,
-        tau: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        tau: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         friction: bool = False,
         out: Any = None,
-    ) -> Out:
+    ) -> Array:
         """Forward dynamics: joint accelerations q̈ = M⁻¹ (τ - h - Σ J'F_by + Σ J'F_on) under torques.
 
         Parameters
@@ -393,7 +399,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         given = q, dq, tau
         return self._with_wrenches("forward_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
 
-    def mass_matrix(self, q: In, *, out: Any = None) -> Out:
+    def mass_matrix(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Mass matrix M (joint-space inertia), symmetric and full.
 
         Parameters
@@ -423,7 +429,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("mass_matrix", q, out=out)
 
-    def bias_forces(self, q: In, dq: In, *, out: Any = None) -> Out:
+    def bias_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
         """Bias forces h = c + g: what remains of the joint torques τ at q̈ = 0.
 
         Parameters
@@ -454,7 +460,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("bias_forces", q, dq, out=out)
 
-    def coriolis_forces(self, q: In, dq: In, *, out: Any = None) -> Out:
+    def coriolis_forces(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
         """Coriolis and centripetal torques c, the velocity-product terms.
 
         Parameters
@@ -485,7 +491,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("coriolis_forces", q, dq, out=out)
 
-    def coriolis_matrix(self, q: In, dq: In, *, out: Any = None) -> Out:
+    def coriolis_matrix(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Array:
         """Coriolis matrix C, with C dq = c and dM/dt - 2C skew-symmetric.
 
         Parameters
@@ -516,7 +522,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("coriolis_matrix", q, dq, out=out)
 
-    def christoffel(self, q: In, *, out: Any = None) -> Out:
+    def christoffel(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Christoffel symbols of the first kind Γ_ijk of the mass matrix: c_i = Σ Γ_ijk dq_j dq_k.
 
         Parameters
@@ -548,7 +554,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("christoffel", q, out=out)
 
-    def gravity_forces(self, q: In, *, out: Any = None) -> Out:
+    def gravity_forces(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Gravity torques g, which hold the robot at rest against gravity.
 
         Parameters
@@ -578,7 +584,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("gravity_forces", q, out=out)
 
-    def friction_forces(self, dq: In, *, load: In | None = None, out: Any = None) -> Out:
+    def friction_forces(self, dq: ArrayLike, *, load: ArrayLike | None = None, out: Any = None) -> Array:
         """Joint friction: the torques that overcome it at the velocities dq.
 
         Parameters
@@ -612,7 +618,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
             return self._call("friction_forces", dq, out=out)
         return self._call("friction_under_load", dq, load, out=out)
 
-    def regressor(self, q: In, dq: In, ddq: In, *, out: Any = None) -> Out:
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Any = None) -> Array:
         """Regressor Y of the inertial parameters: τ = Y π, π being :attr:`parameters`.
 
         Parameters
@@ -647,14 +653,14 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     def drive_torques(
         self,
-        q: In,
-        dq: In,
-        ddq: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> tuple[Out, Out]:
+    ) -> tuple[Array, Array]:
         """Torques in the drives, as felt at the joints: what the gears carry, and what the rotors take before them.
 
         Parameters
@@ -697,7 +703,9 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     # ── statics ──
 
-    def wrench_torques(self, q: In, wrench_by_robot: In | Wrench, frame: str | None = None, *, out: Any = None) -> Out:
+    def wrench_torques(
+        self, q: ArrayLike, wrench_by_robot: ArrayLike | Wrench, frame: str | None = None, *, out: Any = None
+    ) -> Array:
         """Joint torques of one wrench alone, τ = J_b' F (Jacobian transpose).
 
         Parameters
@@ -744,12 +752,12 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     def holding_torques(
         self,
-        q: In,
+        q: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> Out:
+    ) -> Array:
         """Holding torques of static equilibrium, g + Σ J'F_by - Σ J'F_on, with what springs take.
 
         Parameters
@@ -785,14 +793,14 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     def joint_wrenches(
         self,
-        q: In,
-        dq: In,
-        ddq: In,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
         *,
         wrench_by_robot: Wrenches | None = None,
         wrench_on_robot: Wrenches | None = None,
         out: Any = None,
-    ) -> Out:
+    ) -> Array:
         """Wrenches across the joints (bearing loads): what each moving body receives across its joint.
 
         Parameters
@@ -826,7 +834,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
 
     # ── energies, momentum, centre of mass ──
 
-    def kinetic_energy(self, q: In, dq: In, *, out: Any = None) -> Any:
+    def kinetic_energy(self, q: ArrayLike, dq: ArrayLike, *, out: Any = None) -> Any:
         """Kinetic energy of the moving bodies, ½ dq' M dq.
 
         Parameters
@@ -857,7 +865,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("kinetic_energy", q, dq, out=out)
 
-    def potential_energy(self, q: In, *, out: Any = None) -> Any:
+    def potential_energy(self, q: ArrayLike, *, out: Any = None) -> Any:
         """Potential energy of the moving bodies under gravity, zero with their centre of mass at the base origin.
 
         Parameters
@@ -883,7 +891,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("potential_energy", q, out=out)
 
-    def momentum(self, q: In, dq: In, frame: str = "base", *, out: Any = None) -> Out:
+    def momentum(self, q: ArrayLike, dq: ArrayLike, frame: str = "base", *, out: Any = None) -> Array:
         """Spatial momentum (angular, linear) of the moving bodies, at the base origin or centroidal.
 
         Parameters
@@ -917,7 +925,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
             raise UnknownNameError.of("momentum frame", frame, ("base", "com"))
         return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq, out=out)
 
-    def center_of_mass(self, q: In, *, out: Any = None) -> Out:
+    def center_of_mass(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Centre of mass of the moving bodies in the base frame.
 
         Parameters
@@ -945,7 +953,7 @@ class QuantityMethods(DerivativeMethods[In, Out]):
         """
         return self._call("center_of_mass", q, out=out)
 
-    def com_jacobian(self, q: In, *, out: Any = None) -> Out:
+    def com_jacobian(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Jacobian of the centre of mass: d(center_of_mass)/dt = J dq.
 
         Parameters

@@ -1,12 +1,10 @@
-"""Types of what the methods of quantities take and give."""
+"""Types of arguments of the methods of quantities."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
-In = TypeVar("In")
-Out = TypeVar("Out")
 Kind = Literal["body", "space", "world_aligned"]
 Rows = str | Iterable[int | str] | None
 """Rows of a twist, by name, ``"vx vz"``, or number, 0 to 5; None is all six."""

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class Robot(
-    QuantityMethods[ArrayLike, Array],
+    QuantityMethods,
     TaskSpaceMethods,
     ActuationMethods,
     LinearizationMethods,

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ..simulation import SimulationBatch, SimulationResult
     from ..simulation.rollout import Rollout
     from .closed_robot import ClosedRobot
-    from .cuda_robot import CudaRobot
     from .explanation import Explanation
     from .reached_poses import InverseKinematics
     from .robot import Robot
@@ -258,14 +257,6 @@ class Shortcuts(CommonMethods, SimulationMethods[Method, "SimulationResult", "Ro
         from ..algorithms.closed_form import closed_form
 
         return closed_form(self.model, q, dq, wrenches)
-
-    @property
-    def cuda(self: Any) -> CudaRobot:
-        """The same quantities for arrays in a GPU's memory (CuPy, PyTorch); see :class:`~twistwrench.cuda.CudaRobot`."""
-        from .cuda_robot import CudaRobot
-
-        found: CudaRobot = self.engine.kept("cuda", lambda: CudaRobot(self))
-        return found
 
 
 def _on_numpy(robot: Any) -> Any:

@@ -10,12 +10,12 @@ import math
 import re
 import shutil
 import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.kernels import nvrtc
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.targets.cuda_text import OPTIONS, SHARED, CudaFunction
 
@@ -210,7 +210,8 @@ def test_every_quantity_compiles_as_cpp_without_a_warning(compiler, name, precis
         if "constraints" in row.options or (quantity == "christoffel" and robot.nq != robot.nv):
             continue
         source = tmp_path / f"{quantity}.cpp"
-        source.write_text(robot.cuda.source(quantity, precision, **options))
+        robot.export_cuda([(quantity, options)], source.with_suffix(".cu"), precision=precision)
+        source.with_suffix(".cu").rename(source)
         assert source.read_text().isascii()
     command = [compiler, "-std=c++17", *WARNINGS, "-fsyntax-only", *map(str, sorted(tmp_path.glob("*.cpp")))]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -250,35 +251,42 @@ def assert_good_assembly(ptx, program, precision):
         assert len(re.findall(r"\b(add|sub|fma)\S*\.f64\b", ptx)) == 0
 
 
+NVRTC = """
+import ctypes, importlib.util, pathlib, sys
+folder = pathlib.Path(importlib.util.find_spec("nvidia.cuda_nvrtc").submodule_search_locations[0]) / "lib"
+library = ctypes.CDLL(str(next(folder.glob("libnvrtc.so*"))))
+program, source = ctypes.c_void_p(), pathlib.Path(sys.argv[1]).read_bytes()
+assert library.nvrtcCreateProgram(ctypes.byref(program), source, b"kernel.cu", 0, None, None) == 0
+options = (ctypes.c_char_p * (len(sys.argv) - 2))(*(a.encode() for a in sys.argv[2:]))
+print(library.nvrtcCompileProgram(program, len(options), options))
+"""
+
+
 @pytest.mark.parametrize("precision", ["double", "float"])
-def test_nvrtc_compiles_it(precision, bundled):
-    try:
-        compiler = nvrtc.compiler()
-    except tw.MissingExtraError:
-        pytest.skip("NVRTC is not installed: pip install 'twistwrench[cuda]'")
-    function = CudaFunction("kernel", bundled("panda").program("inverse_dynamics"), precision)
-    known = compiler.capabilities
-    code = compiler.compile(function.source, "kernel", OPTIONS, divmod(known[-1], 10))
-    assert code[:4] == b"\x7fELF" and b"kernel" in code
-    beyond = compiler.compile(function.source, "kernel", OPTIONS, (99, 0))
-    assert f".target sm_{known[-1]}".encode() in beyond  # assembly, for the driver to compile
-    with pytest.raises(tw.KernelError, match=r"no code for a GPU of compute capability 1\.0"):
-        compiler.compile(function.source, "kernel", OPTIONS, (1, 0))
-    with pytest.raises(tw.KernelError, match=r"refused the kernel broken(?s:.*)error(?s:.*)nonsense"):
-        compiler.compile("nonsense", "broken", OPTIONS, divmod(known[-1], 10))
+def test_nvrtc_compiles_it(precision, bundled, tmp_path):
+    pytest.importorskip("nvidia.cuda_nvrtc", reason="NVRTC is not installed: pip install nvidia-cuda-nvrtc-cu12")
+    (source,) = bundled("panda").export_cuda("inverse_dynamics", tmp_path, precision=precision)
+    command = [sys.executable, "-c", NVRTC, str(source), "--gpu-architecture=compute_80", *OPTIONS]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == "0"
 
 
-# ── robot.cuda.source ──
+# ── robot.export_cuda ──
 
 
-def test_source_needs_no_gpu_and_says_what_it_is(bundled):
-    text = bundled("panda").cuda.source("inverse_dynamics", precision="float")
-    assert text == bundled("panda").cuda.source("inverse_dynamics", "float")
+def text_of(robot, quantity, folder, precision="double", **options):
+    """The exported source of one quantity."""
+    (file,) = robot.export_cuda([(quantity, options)], folder, precision=precision)
+    return file.read_text()
+
+
+def test_the_source_names_robot_and_quantity(bundled, tmp_path):
+    text = text_of(bundled("panda"), "inverse_dynamics", tmp_path, "float")
+    assert text == text_of(bundled("panda"), "inverse_dynamics", tmp_path, "float")
     assert "inverse_dynamics of the robot panda as a CUDA kernel, numbers of type float" in text
     assert "panda_inverse_dynamics(\n    long long samples,\n    const float *q, long long q_step," in text
     assert "double" not in text.split("*/", 1)[1]
-    assert "panda_jacobian_panda_hand_tcp_space" in bundled("panda").cuda.source(
-        "jacobian", frame="panda_hand_tcp", kind="space"
+    assert "panda_jacobian_panda_hand_tcp_space" in text_of(
+        bundled("panda"), "jacobian", tmp_path, frame="panda_hand_tcp", kind="space"
     )
 
 
@@ -292,25 +300,29 @@ def test_source_needs_no_gpu_and_says_what_it_is(bundled):
         (("constraint_jacobian",), {}, tw.KernelError, ["constraints="]),
     ],
 )
-def test_what_has_no_kernel_is_refused(arguments, options, error, words, bundled):
+def test_a_quantity_without_kernel_is_refused(arguments, options, error, words, bundled, tmp_path):
+    name, *precision = arguments
     with pytest.raises(error) as caught:
-        bundled("ur5").cuda.source(*arguments, **options)
+        text_of(bundled("ur5"), name, tmp_path, *precision, **options)
     assert all(word in str(caught.value) for word in words), caught.value
+    assert not list(tmp_path.iterdir())
 
 
-def test_robots_without_a_program_are_refused(bundled):
+def test_robots_without_a_program_are_refused(bundled, tmp_path):
     arm = bundled("planar_2r")
     with pytest.raises(tw.KernelError, match="no joint that moves"):
-        arm.lock({"joint1": 0.0, "joint2": 0.0}).cuda.source("mass_matrix")
+        arm.lock({"joint1": 0.0, "joint2": 0.0}).export_cuda("mass_matrix", tmp_path)
     heavy = arm.with_payload(tw.SpatialInertia.from_com(1e39))
     with pytest.raises(tw.KernelError, match="no finite float"):
-        heavy.cuda.source("mass_matrix", "float")
+        heavy.export_cuda("mass_matrix", tmp_path, precision="float")
     massless = '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="continuous"><parent link="b"/><child link="c"/></joint></robot>'
     with pytest.raises(tw.SingularMassMatrixError):
-        tw.load(massless).cuda.kernel("forward_dynamics")
+        tw.load(massless).export_cuda("forward_dynamics", tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
-def test_programs_that_are_too_long_are_refused(bundled, monkeypatch):
-    monkeypatch.setattr("twistwrench.kernels.cuda_kernel.LARGEST", 500)
-    with pytest.raises(tw.KernelError, match=r"inverse_dynamics takes 5\d\d instructions, more than the 500"):
-        tw.robots.panda().cuda.kernel("inverse_dynamics")
+def test_several_kernels_need_a_folder(bundled, tmp_path):
+    with pytest.raises(tw.ValueRangeError, match=r"ends in \.cu, for one kernel"):
+        bundled("planar_2r").export_cuda(["mass_matrix", "momentum"], tmp_path / "all.cu")
+    with pytest.raises(tw.ValueRangeError, match=r"ends in \.cu, for one kernel"):
+        bundled("planar_2r").export_cuda("mass_matrix", tmp_path / "M.txt")
