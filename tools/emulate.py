@@ -49,7 +49,7 @@ EMULATIONS = (
         "qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross",
     ),
     Emulation(  # what Microsoft's linker and library bring, by their names in MinGW
-        "Windows", Machine("x86_64-pc-windows-msvc", host().cpu, host().features, host().vector_bits, host().fused),
+        "Windows", Machine("x86_64-pc-windows-msvc-elf", host().cpu, host().features, host().vector_bits, host().fused),
         "x86_64-w64-mingw32-gcc", "wine", ("-Wl,--defsym,__chkstk=___chkstk_ms", "-Wl,--defsym,_fltused=0"),
         "gcc-mingw-w64-x86-64 wine wine64",
     ),

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from ..typing import Array
-from .object_file import Unplaced
+from .elf_file import Unplaced
 
 _RESERVE_AND_COMMIT, _RELEASE = 0x3000, 0x8000
 _READ_WRITE, _EXECUTE_READ = 0x04, 0x20
@@ -23,7 +23,7 @@ class CodePages:
 
     @staticmethod
     def of(image: Array) -> CodePages:
-        """Pages of those bytes. Raises :class:`~.object_file.Unplaced` where the system runs no code from such pages."""
+        """Pages of those bytes. Raises :class:`~.elf_file.Unplaced` where the system runs no code from such pages."""
         return _WindowsPages(image) if sys.platform == "win32" else _MappedPages(image)
 
 

@@ -1,10 +1,54 @@
-"""Object files of Linux and the BSDs: 64-bit ELF for x86-64."""
+"""Reader of object files: 64-bit ELF for x86-64, as LLVM writes them for Linux, the BSDs and, by its triple, Windows."""
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from .object_file import PAGE, CodeSection, ObjectFile, Relocations, Unplaced, table, text_at
+from ..typing import Array
+
+PAGE = 4096
+"""Bytes that sections are aligned to at most."""
+
+
+class Unplaced(Exception):
+    """Code that is not placed here, or a system that runs no code from such pages."""
+
+
+class CodeSection(NamedTuple):
+    """Bytes that are read or run, never written."""
+
+    contents: bytes
+    align: int
+
+
+class Relocations(NamedTuple):
+    """Places in a section where the distance to a symbol goes, in four bytes: symbol + addend - place."""
+
+    section: int
+    places: Array
+    symbols: Array
+    addends: Array
+
+
+class ObjectFile(NamedTuple):
+    """An object file, as far as it is loaded."""
+
+    sections: dict[int, CodeSection]
+    names: list[bytes]
+    """Of each symbol; empty for those that are local to the file."""
+    homes: list[int]
+    """The section of each symbol; 0 where it is undefined."""
+    values: Array
+    """Where each symbol is in its section."""
+    relocations: list[Relocations]
+
+    def undefined(self) -> set[bytes]:
+        """Names that relocations want and the file has not."""
+        wanted = {int(k) for r in self.relocations for k in np.unique(r.symbols)}
+        return {self.names[k] for k in wanted if self.names[k] and not self.homes[k]}
+
 
 MAGIC = b"\x7fELF\x02\x01"
 """What a file of 64 bits in little-endian order begins with."""
@@ -36,7 +80,7 @@ _RELATIVE = (2, 4)
 
 
 def read_elf(raw: bytes) -> ObjectFile:
-    """What a file has. Raises :class:`~.object_file.Unplaced` for what kernels do not need."""
+    """What a file has. Raises :class:`Unplaced` for what kernels do not need."""
     _, kind, machine, _, first, _, count, _ = table(raw, _FILE, 0, 1)[0].item()
     if not raw.startswith(MAGIC) or kind != _RELOCATABLE or machine != _X86_64:
         raise Unplaced
@@ -66,3 +110,15 @@ def read_elf(raw: bytes) -> ObjectFile:
         places = entries["place"].astype(np.int64)
         relocations.append(Relocations(int(header["info"]), places, entries["symbol"], entries["addend"]))
     return ObjectFile(sections, names, symbols["section"].tolist(), symbols["value"].astype(np.int64), relocations)
+
+
+def table(raw: bytes, kind: np.dtype[Any], offset: int, count: int) -> Array:
+    """Rows of a table in a file; raises :class:`Unplaced` where the file ends before them."""
+    if offset + count * kind.itemsize > len(raw):
+        raise Unplaced
+    return np.frombuffer(raw, kind, count, offset)
+
+
+def text_at(texts: bytes, at: int) -> bytes:
+    """The text that begins at a place and ends before a zero."""
+    return texts[at : texts.index(b"\0", at)]

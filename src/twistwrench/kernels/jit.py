@@ -14,7 +14,7 @@ from ..core import cache
 from ..errors import KernelError
 from ..targets.compiler import LOOP, compiler
 from ..targets.processor import Machine, Precision, chosen
-from .object_file import Unplaced
+from .elf_file import Unplaced
 from .placed_code import placed
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Object code put into memory without LLVM: what kernels from the cache need, and no more.
 
-Serves ELF and COFF for x86-64, the code of kernels alone: sections that are only read or run, relocations relative to the
+Serves ELF for x86-64, the code of kernels alone: sections that are only read or run, relocations relative to the
 code, and functions of the C library. What has more is refused, and left to LLVM's linker, as is the code of macOS. Pages are
 written first and run later, never both at once. All sections of a kernel lie in one block, so that every distance fits into
 four bytes; LLVM's linker for Windows puts each where the system has room, and ends the process where one is too far off.
@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from ..typing import Array
-from . import coff_file, elf_file
 from .code_pages import CodePages
-from .object_file import ObjectFile, Unplaced
+from .elf_file import ObjectFile, Unplaced, read_elf
 
 _JUMP = b"\xff\x25\x02\x00\x00\x00\x90\x90"
 """``jmp [rip+2]`` and two idle bytes: to the address in the eight bytes that follow."""
@@ -43,18 +42,10 @@ def placed(objects: Sequence[bytes]) -> Placed:
     Raises :class:`Unplaced` for what LLVM's linker is to try, RuntimeError for what it must not see.
     """
     try:
-        image, known = linked([_read(raw) for raw in objects])
+        image, known = linked([read_elf(raw) for raw in objects])
     except (IndexError, KeyError, OverflowError, ValueError):  # a file that is none, or is cut
         raise Unplaced from None
     return Placed(CodePages.of(image), known)
-
-
-def _read(raw: bytes) -> ObjectFile:
-    if raw.startswith(elf_file.MAGIC):
-        return elf_file.read_elf(raw)
-    if raw.startswith(coff_file.MAGIC):
-        return coff_file.read_coff(raw)
-    raise Unplaced
 
 
 def linked(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:

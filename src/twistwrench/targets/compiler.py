@@ -43,7 +43,10 @@ def _asked() -> CompilerFacts:
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()
-    return CompilerFacts(str(llvm.llvm_version_info), llvm.get_process_triple(), llvm.get_host_cpu_name(), features)
+    triple = llvm.get_process_triple()
+    if sys.platform == "win32" and not triple.endswith("-elf"):
+        triple += "-elf"  # the calling convention of Windows in object files that our loader reads
+    return CompilerFacts(str(llvm.llvm_version_info), triple, llvm.get_host_cpu_name(), features)
 
 
 @cache
