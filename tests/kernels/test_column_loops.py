@@ -32,7 +32,6 @@ def tree(seed: int, floating: bool, more: tuple[str, ...] = ()) -> Robot:
 def kernel_of(robot: Robot, monkeypatch: pytest.MonkeyPatch, least: int):
     """A kernel with a loop from so many pairs of joints on."""
     monkeypatch.setattr(column_loops, "FROM", least)
-    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", least)
     kernel = tw.Robot(robot.model).kernel(NAME)
     assert isinstance(owner_of(kernel).given, ColumnGroups) == (least == 0)
     return kernel
@@ -68,7 +67,6 @@ def test_columns_of_one_state_side_by_side_have_the_bits_they_have_one_by_one(
 ):
     """In rows that held other numbers before, and in arrays of the caller's."""
     monkeypatch.setattr(column_loops, "FROM", 0)
-    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
     robot = tree(seed, floating, more)
     alone_as_in_a_batch(robot, [x.astype(precision) for x in states(robot)])
 
@@ -76,7 +74,6 @@ def test_columns_of_one_state_side_by_side_have_the_bits_they_have_one_by_one(
 def test_more_columns_side_by_side_than_a_vector_has_lanes(monkeypatch):
     """Ten of one matrix follow each other, and eight numbers are a vector: none is left out."""
     monkeypatch.setattr(column_loops, "FROM", 0)
-    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
     bodies = "".join(
         f'<body pos="0 0 0.1"><joint type="hinge" axis="{k % 2} {1 - k % 2} 0"/><geom type="sphere" size="0.1" mass="1"/>'
         for k in range(10)
@@ -101,7 +98,6 @@ def alone_as_in_a_batch(robot: Robot, arrays) -> None:
 def test_columns_that_follow_each_other_in_two_matrices_are_no_run(monkeypatch):
     """Torques of a sprung hinge depend on its angle alone as they do on the velocity of the slide behind it."""
     monkeypatch.setattr(column_loops, "FROM", 0)
-    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
     hinge, slide = '<joint type="hinge" axis="0 0 1" stiffness="40"/>', '<joint type="slide" axis="1 0 0"/>'
     ball = '<geom type="sphere" size="0.1" mass="2"/>'
     robot = tw.load(
@@ -201,7 +197,6 @@ def test_numpy_works_on_the_same_columns(monkeypatch):
 def test_the_frame_has_room_for_all_that_sections_put_into_it(name, bits, precision, monkeypatch):
     """In the text, for a few bytes beyond a frame are seldom missed: the last place ends where it does, or a line before."""
     monkeypatch.setattr(column_loops, "FROM", 0)
-    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", 0)
     monkeypatch.setattr(batch_loop, "ON_STACK", 1 << 30)  # what is taken elsewhere has its size in other words
     engine = tw.Robot(tree(3, False).model).engine
     program = column_loops.columns_of(engine.model, {NAME: {}}) if name == NAME else engine.program((name,), {})
@@ -219,14 +214,12 @@ def test_a_wrench_is_felt(monkeypatch):
     found = []
     for one, least in ((plain, 10**9), (loop, 0)):
         monkeypatch.setattr(column_loops, "FROM", least)
-        monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", least)
         found.append(one.forward_dynamics_derivatives(*states(robot), wrench_on_robot={frame: F}))
     assert off(found[1], found[0]) <= 1e-12
     assert off(found[1], loop.forward_dynamics_derivatives(*states(robot))) > 1e-6
 
 
-def test_arms_have_loops_and_small_robots_have_none(bundled, monkeypatch):
-    monkeypatch.setattr(column_loops, "FROM_WITH_AVX2", column_loops.FROM)
+def test_arms_have_loops_and_small_robots_have_none(bundled):
     assert column_loops.columns_of(bundled("panda").model, {NAME: {}}) is not None
     assert column_loops.columns_of(bundled("pendulum").model, {NAME: {}}) is None
     assert column_loops.columns_of(bundled("panda").model, {"mass_matrix": {}}) is None

@@ -18,7 +18,7 @@ from twistwrench.model.builder import ModelBuilder
 from twistwrench.program.program import Program
 from twistwrench.program.trace import trace
 from twistwrench.robot import large_derivatives
-from twistwrench.targets import avx2_module, batch_loop, emitter_choice, llvm, sections
+from twistwrench.targets import batch_loop, emitter_choice, llvm, sections
 from twistwrench.targets.processor import DOUBLE, SINGLE, Machine, host
 from twistwrench.targets.spill_frame import SpillFrame
 from twistwrench.testing.robots import random_inertia, random_pose
@@ -63,12 +63,6 @@ def states(program: Program, count: int, dtype: type) -> list[np.ndarray]:
     return [rng.normal(size=(count, *port.shape)).astype(dtype) for port in program.inputs]
 
 
-@pytest.fixture
-def by_llvm(monkeypatch):
-    """Sections are LLVM's way of long programs, on processors that have no emitter of their own."""
-    monkeypatch.setattr(avx2_module, "serves", lambda *_: False)
-
-
 def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_000):
     """The kernel in one function, and the kernel in sections of so many instructions, five to a module."""
     whole = make_ufunc(program, "whole", "")
@@ -86,7 +80,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
 
 @pytest.mark.parametrize(("name", "quantity"), KERNELS)
 @pytest.mark.parametrize(("section", "on_stack"), [(50, 100_000), (170, 0)], ids=["short", "in memory"])
-def test_sections_change_no_bit(bundled, monkeypatch, by_llvm, name, quantity, section, on_stack):
+def test_sections_change_no_bit(bundled, monkeypatch, name, quantity, section, on_stack):
     program = bundled(name).program(quantity)
     monkeypatch.setattr(emitter_choice, "LONG", len(program.instructions))
     whole, cut = both_ways(monkeypatch, program, section, on_stack)
@@ -101,7 +95,7 @@ def test_sections_change_no_bit(bundled, monkeypatch, by_llvm, name, quantity, s
         assert same_bits(cut(*(np.asfortranarray(a) for a in arrays)), expected)
 
 
-def test_sections_keep_huge_angles_and_nan(bundled, monkeypatch, by_llvm):
+def test_sections_keep_huge_angles_and_nan(bundled, monkeypatch):
     program = bundled("panda").program("mass_matrix")
     whole, cut = both_ways(monkeypatch, program, 60)
     q = np.random.default_rng(1).normal(size=(COUNT, 7))
@@ -110,7 +104,7 @@ def test_sections_keep_huge_angles_and_nan(bundled, monkeypatch, by_llvm):
         assert same_bits(cut(q), whole(q))
 
 
-def test_sections_share_threads(bundled, monkeypatch, by_llvm):
+def test_sections_share_threads(bundled, monkeypatch):
     program = bundled("panda").program("inverse_dynamics")
     whole, cut = both_ways(monkeypatch, program, 60, on_stack=0)
     arrays = states(program, 5000, np.float64)
@@ -166,7 +160,7 @@ def test_a_frame_keeps_what_crosses_and_nothing_twice(bundled, length):
 # ── memory and stack ──
 
 
-def test_without_memory_results_are_nan(bundled, monkeypatch, by_llvm):
+def test_without_memory_results_are_nan(bundled, monkeypatch):
     program = bundled("panda").program("mass_matrix")
     monkeypatch.setattr(batch_loop, "ON_STACK", 0)
     text = llvm.assembly(program, DOUBLE, host())
@@ -203,7 +197,6 @@ def wide() -> Program:
 def test_wide_results_need_no_large_stack(monkeypatch, way):
     program = wide()
     if way != "usual":
-        monkeypatch.setattr(avx2_module, "serves", lambda *_: False)
         monkeypatch.setattr(emitter_choice, "LONG", 0 if way == "cut" else 10**9)
     kernel = make_ufunc(program, "wide", "")
     x = np.random.default_rng(2).normal(size=(COUNT, 4))
@@ -243,11 +236,8 @@ USUAL = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", USUAL)
-@pytest.mark.parametrize("way", ["usual", "sections"])
-def test_a_chain_of_a_hundred_joints(monkeypatch, quantity, way):
+def test_a_chain_of_a_hundred_joints(quantity):
     """Against the algorithm itself on floats; order and fusing differ, hence 1e-9 of the largest entry, cond M of it for q̈."""
-    if way == "sections":
-        monkeypatch.setattr(avx2_module, "serves", lambda *_: False)
     robot = tw.robot.Robot(long_chain().model)
     arrays = [0.3 * a for a in states(robot.program(quantity), 2, np.float64)]
     kernel = robot.kernel(quantity)
@@ -261,12 +251,9 @@ def test_a_chain_of_a_hundred_joints(monkeypatch, quantity, way):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("way", ["usual", "sections"])
-def test_a_long_chain_s_mass_matrix_gives_its_forces_and_agrees_with_pinocchio(monkeypatch, way):
+def test_a_long_chain_s_mass_matrix_gives_its_forces_and_agrees_with_pinocchio():
     """145,000 instructions. M against CRBA of the same chain, built joint by joint in Pinocchio."""
     pin = pytest.importorskip("pinocchio")
-    if way == "sections":
-        monkeypatch.setattr(avx2_module, "serves", lambda *_: False)
     robot = tw.robot.Robot(long_chain().model)
     kernel = robot.kernel("mass_matrix")
     assert isinstance(kernel, np.ufunc)
@@ -336,8 +323,7 @@ def test_memory_of_a_long_program_is_bounded():
     script = """
         import resource, sys
         sys.path.insert(0, "tests/kernels")
-        from test_large_robots import avx2_module, chain
-        avx2_module.serves = lambda *_: False
+        from test_large_robots import chain
         kernel = chain(100).kernel("mass_matrix")
         assert type(kernel).__name__ == "ufunc"
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20 if sys.platform == "darwin" else 1 << 10)
@@ -368,7 +354,7 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
     subprocess.run([sys.executable, "-c", textwrap.dedent(script)], check=True)
 
 
-def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch, by_llvm):
+def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch):
     program = bundled("planar_2r").program("forward_dynamics")
     for name, value in (("LONG", 0), ("SECTION", 10), ("EACH", 2)):
         monkeypatch.setattr(emitter_choice if name == "LONG" else sections, name, value)

@@ -316,11 +316,6 @@ def test_every_processor_takes_the_same_steps(name, method, monkeypatch):
         if machine.fused == fused:
             assert np.array_equal(found.q, wanted.q) and np.array_equal(found.dq, wanted.dq)
         assert np.abs(found.dq - wanted.dq).max() < tolerance
-    with monkeypatch.context() as by_llvm:
-        by_llvm.setattr("twistwrench.targets.avx2_module.serves", lambda *_: False)
-        by_llvm.delenv("TWISTWRENCH_CPU")
-        found = tw.Robot(robot.model).rollout(q0, dq0, dt=H, steps=STEPS, method=method)
-        assert np.array_equal(found.q, wanted.q) and np.array_equal(found.dq, wanted.dq)
     monkeypatch.setenv("TWISTWRENCH_JIT", "0")
     plain = tw.Robot(robot.model).rollout(q0, dq0, dt=H, steps=STEPS, method=method, every=3, torques=True)
     assert np.abs(plain.q - wanted.q[:, ::3]).max() < tolerance and not plain.tau.any()

@@ -22,9 +22,8 @@ from ..typing import Array
 from .quantities import QUANTITIES
 from .quantity_programs import evaluated, inputs_of
 
-FROM, FROM_WITH_AVX2 = 20, 250
-"""Pairs of a velocity and one of another joint that it carries, from which on a loop is faster (bench/NOTES.md): on most
-processors, and on those for which unrolled programs are emitted with registers of our own choosing."""
+FROM = 20
+"""Pairs of a velocity and one of another joint that it carries, from which on a loop is faster (bench/NOTES.md)."""
 
 NAME = "forward_dynamics_derivatives"
 
@@ -34,11 +33,8 @@ def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnGr
     plain = all(set(options) <= {"wrenches"} for options in asked.values())
     if not plain or tuple(asked) != (NAME,):
         return None
-    from ..targets import avx2_module
-    from ..targets.processor import chosen
-
     carries, bodies = relations(model)
-    if int((carries & (bodies[:, None] != bodies)).sum()) < (FROM_WITH_AVX2 if avx2_module.runs(chosen()) else FROM):
+    if int((carries & (bodies[:, None] != bodies)).sum()) < FROM:
         return None
     quantity = replace(QUANTITIES[NAME], algorithm=torque_derivatives_and_factors)
     mine, options = regrouped(model), asked[NAME]

@@ -1,6 +1,6 @@
-"""Which emitter serves: our own for processors with AVX2, else LLVM's, in sections if the program is long.
+"""LLVM assembly of a program with its loop: one function, or sections if the program is long.
 
-Only those that serve are imported: the first kernel of an arm needs few.
+Loops are imported when first needed: the first kernel of an arm needs few modules.
 """
 
 from __future__ import annotations
@@ -13,12 +13,8 @@ from ..program.products import Products
 from ..program.program import Program
 from ..program.recurrence import Recurrence
 from .batch_loop import Loop, loop
-from .compiler import LOOP
 from .llvm import assembly
 from .processor import Machine, Precision
-
-SHORT, SHORT_WITH_DIVISIONS = 400, 1500
-"""Programs below these are LLVM's everywhere: it hides the waiting for a division, and finds registers for few values."""
 
 LONG = 2000
 """Programs beyond this many instructions are emitted in sections; from here on they run faster, too (bench/NOTES.md)."""
@@ -28,12 +24,6 @@ def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str
     """The texts to compile and to link together."""
     program, around = program_of(given), _around(given, machine)
     cut = given if isinstance(given, ColumnGroups) else program
-    if cut is program and _is_long_enough(program):
-        from . import avx2_module
-
-        if avx2_module.serves(program, machine):
-            yield avx2_module.module(program, precision, machine, LOOP, around)
-            return
     if cut is not program or len(program.instructions) > LONG:
         from .sections import in_sections
 
@@ -57,9 +47,3 @@ def _around(given: Form, machine: Machine) -> Loop:
     from .search_loop import search_over
 
     return search_over(given)
-
-
-def _is_long_enough(program: Program) -> bool:
-    """Whether registers of our own choosing pay; measured, see bench/NOTES.md."""
-    divides = any(i.op == "div" for i in program.instructions)
-    return len(program.instructions) >= (SHORT_WITH_DIVISIONS if divides else SHORT)
