@@ -1,21 +1,28 @@
-"""Checking a robot's dynamics by what knows nothing of the code that computes it: laws, closed forms, other libraries.
+"""Checks of a robot's dynamics: laws of mechanics, the algorithms on plain floats, another library on the same file.
 
-Residuals are relative by norm: the largest difference over the largest entry of what is compared, worst of all states.
+Residuals are relative by norm: the largest difference over the largest entry of what is compared, worst of all states. Where
+one side is a derivative by differences it is good to some 1e-12 of the function differentiated.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from . import laws
+from .algorithms.closed_form import closed_form
 from .convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
-from .errors import TwistWrenchError
-from .peers import file_gap, mujoco_model, pinocchio_model
+from .core.foreign_output import captured_stderr
+from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError, TwistWrenchError
+from .formats import format_of_file, load_model
+from .lie.adjoint import ad
+from .model.assembly import ROOT_JOINT
 from .robot import Robot
-from .testing import State, random_state, relative_gap
+from .testing import State, derivative, derivative_along, random_state, relative_gap
 from .typing import Array
 
 Residual = Callable[[Robot, State], float]
@@ -25,7 +32,7 @@ __all__ = ["Check", "VerifyReport", "verify"]
 ROUNDING = 1e-10
 """Two ways of computing one thing in float64: some thousand operations each, 1e-16 apart, and room for cancellation."""
 DIFFERENCES = 1e-9
-"""Where one side is a derivative by differences, good to some 1e-12 of what is differentiated."""
+"""Where one side is a derivative by differences."""
 
 
 @dataclass(frozen=True)
@@ -33,24 +40,24 @@ class Check:
     """Check of a robot's dynamics: what was compared, how far apart it was and might be."""
 
     name: str
-    """Of the check."""
+    """Name of the check."""
     compares: str
-    """What is compared, in words."""
+    """Both sides of the comparison, in words."""
     residual: float = np.nan
-    """The largest relative difference of all states."""
+    """Largest relative difference of all states."""
     tolerance: float = ROUNDING
-    """The largest that is allowed."""
+    """Largest residual that passes."""
     skipped: str = ""
-    """Why nothing was compared; empty if it was."""
+    """Reason why nothing was compared; empty if it was."""
 
     @property
     def passed(self) -> bool:
-        """Whether the check was done and agreed."""
+        """True if the check was done and agreed."""
         return not self.skipped and bool(self.residual <= self.tolerance)
 
     @property
     def failed(self) -> bool:
-        """Whether the check was done and disagreed; a residual that is no number disagrees."""
+        """True if the check was done and disagreed; a residual of NaN disagrees."""
         return not self.skipped and not self.passed
 
 
@@ -59,22 +66,22 @@ class VerifyReport:
     """Report of :func:`verify` on one robot."""
 
     robot: str
-    """The robot's name."""
+    """Name of the robot."""
     states: int
-    """How many random states."""
+    """Number of random states."""
     seed: int
-    """Of the random states."""
+    """Seed of the random states."""
     checks: tuple[Check, ...]
-    """The rows."""
+    """One entry a check."""
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed; skipped ones do not count."""
+        """True if no check failed; skipped ones do not count."""
         return not any(check.failed for check in self.checks)
 
 
 def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
-    """Compare the robot's dynamics with independent formulas, and with Pinocchio and MuJoCo where they are installed.
+    """Compare the robot's dynamics with independent formulas, and with Pinocchio or MuJoCo on its file where installed.
 
     Parameters
     ----------
@@ -95,7 +102,12 @@ def verify(robot: Robot, states: int = 4, seed: int = 0) -> VerifyReport:
     rng = np.random.default_rng(seed)
     motions = [random_state(robot, rng) for _ in range(max(states, 1))]
     checks = [_check(robot, motions, *row) for row in _LAWS]
-    checks += [_check_peer(robot, motions, *row) for row in _PEERS]
+    for name, prepare in _PEERS:
+        compares = f"inverse dynamics and mass matrix, {name}'s"
+        try:  # a difference between the file's nine digits and rotations made exact by loading is not one of dynamics
+            checks.append(_check(robot, motions, name, compares, ROUNDING + 100.0 * file_gap(robot), prepare(robot)))
+        except TwistWrenchError as problem:
+            checks.append(Check(name, compares, skipped=str(problem)))
     return VerifyReport(robot.name, len(motions), seed, tuple(checks))
 
 
@@ -109,25 +121,176 @@ def _check(robot: Robot, motions: list[State], name: str, compares: str, toleran
     return Check(name, compares, worst, tolerance)
 
 
-def _check_peer(robot: Robot, motions: list[State], name: str, prepare: Callable[[Robot], Residual]) -> Check:
-    compares = f"inverse dynamics and mass matrix, {name}'s"
-    try:
-        # What the file says to nine digits and loading made exact is a difference no dynamics can be blamed for.
-        tolerance = ROUNDING + 100.0 * file_gap(robot)
-        residual = prepare(robot)
-    except TwistWrenchError as problem:
-        return Check(name, compares, skipped=str(problem))
-    return _check(robot, motions, name, compares, tolerance, residual)
+# ── laws ──
+
+
+def torque_size(robot: Robot, at: State, tau: Array) -> float:
+    """Size of the terms that add up to τ: where they cancel, the rest is their rounding.
+
+    A joint that turns or slides alone has c = 0, the difference of terms as large as M dq².
+    """
+    M = np.abs(robot.mass_matrix(at.q))
+    products = M.max(initial=0.0) * float(np.max(np.abs(at.dq), initial=0.0)) ** 2
+    return float(max(np.abs(tau).max(initial=0.0), (M @ np.abs(at.ddq)).max(initial=0.0), products))
+
+
+def closed_form_gap(robot: Robot, at: State) -> float:
+    """Gap of inverse dynamics to the block matrices of MR section 8.4."""
+    tau = closed_form(robot.model, at.q, at.dq).inverse_dynamics(at.ddq)
+    return relative_gap(robot.inverse_dynamics(*at), tau, torque_size(robot, at, tau))
+
+
+def lagrange_gap(robot: Robot, at: State) -> float:
+    """Gap of inverse dynamics to :func:`lagrange_torques`, relative to torques or energies, whichever are larger."""
+    tau = lagrange_torques(robot, at)
+    return relative_gap(robot.inverse_dynamics(*at), tau, max(float(np.abs(tau).max()), _energies(robot, at)))
+
+
+def lagrange_torques(robot: Robot, at: State) -> Array:
+    """Joint torques (nv,) from the kinetic and potential energy alone: Lagrange's equations, MR section 8.1.
+
+    With p = ∂K/∂dq, which the quadratic K gives without error as K(dq + e) - K(dq) - K(e),
+
+        τ = dp/dt - ∂(K - P)/∂q - [V, ·]' p,
+
+    derivatives with respect to q along ``robot.add``. The last term accounts for velocities of planar and floating joints,
+    which are not rates of coordinates (Hamel, 1904); [V, ·] is the bracket of the joint's own twists.
+    """
+    q, dq, ddq = at
+    unit = np.eye(robot.nv)
+
+    def momenta(t: Array) -> Array:
+        x, v = robot.add(q, np.multiply.outer(t, dq))[:, None], (dq + np.multiply.outer(t, ddq))[:, None]
+        K = robot.kinetic_energy
+        return np.asarray(K(x, v + unit) - K(x, v) - K(x, unit))
+
+    def lagrangian(x: Array) -> Array:
+        return np.asarray(robot.kinetic_energy(x, dq) - robot.potential_energy(x))
+
+    p = momenta(np.zeros(1))[0]
+    tau = derivative(momenta, _rate(dq)) - derivative_along(robot, lagrangian, q, unit)
+    for body in robot.model.leaders:
+        mine, axes = body.places[1], body.joint.axes
+        if body.joint.nv > 1:
+            bracket = np.array([axes @ (ad(dq[mine] @ axes) @ S) for S in axes])  # row a: [V, S_a] in the joint's axes
+            tau[mine] -= bracket @ p[mine]
+    return tau
+
+
+def power_gap(robot: Robot, at: State) -> float:
+    """Gap of the power of the joints to the rate of the energy, relative to the powers or the energies."""
+    q, dq, ddq = at
+
+    def energy(t: Array) -> Array:
+        x = robot.add(q, np.multiply.outer(t, dq))
+        return np.asarray(robot.kinetic_energy(x, dq + np.multiply.outer(t, ddq)) + robot.potential_energy(x))
+
+    powers = robot.inverse_dynamics(*at) * dq
+    size = max(float(np.abs(powers).max()), _energies(robot, at))
+    return relative_gap(powers.sum(), derivative(energy, _rate(dq)), size)
+
+
+def skewness_gap(robot: Robot, at: State) -> float:
+    """Gap of dM/dt - 2C from skew, dM/dt = C + C', relative to their entries and those of M."""
+    M, C = robot.mass_matrix(at.q), robot.coriolis_matrix(at.q, at.dq)
+    dM = derivative_along(robot, robot.mass_matrix, at.q, at.dq)
+    return relative_gap(C + C.T, dM, float(max(np.abs(dM).max(), np.abs(C).max(), np.abs(M).max())))
+
+
+def coriolis_gap(robot: Robot, at: State) -> float:
+    """Gap of C dq to the velocity-product terms of inverse dynamics, relative to the summands of C dq and to M dq²."""
+    C = robot.coriolis_matrix(at.q, at.dq)
+    at_rest = at._replace(ddq=np.zeros(robot.nv))
+    return relative_gap(C @ at.dq, robot.coriolis_forces(at.q, at.dq), torque_size(robot, at_rest, C * at.dq))
+
+
+def round_trip_gap(robot: Robot, at: State) -> float:
+    """Gap of torques after forward and inverse dynamics: a nearly massless finger makes M⁻¹ large, but not M q̈."""
+    tau = robot.inverse_dynamics(*at)
+    ddq = robot.forward_dynamics(at.q, at.dq, tau)
+    size = float(np.abs(robot.mass_matrix(at.q) * ddq).max() + np.abs(tau).max())
+    return relative_gap(robot.inverse_dynamics(at.q, at.dq, ddq), tau, size)
 
 
 def _compiled(robot: Robot, at: State) -> float:
     return _against(robot, at, robot.reference("inverse_dynamics", *at), robot.reference("mass_matrix", at.q))
 
 
-def _pinocchio(robot: Robot) -> Residual:
-    model = pinocchio_model(robot)
-    import pinocchio
+def _against(robot: Robot, at: State, tau: Array, M: Array) -> float:
+    size = torque_size(robot, at, tau)
+    return max(relative_gap(robot.inverse_dynamics(*at), tau, size), relative_gap(robot.mass_matrix(at.q), M))
 
+
+def _rate(dq: Array) -> float:
+    return max(1.0, float(np.abs(dq).sum()))
+
+
+def _energies(robot: Robot, at: State) -> float:
+    return abs(float(robot.kinetic_energy(at.q, at.dq))) + abs(float(robot.potential_energy(at.q)))
+
+
+_LAWS: tuple[tuple[str, str, float, Residual], ...] = (
+    ("closed form", "inverse dynamics, block matrices of MR section 8.4", ROUNDING, closed_form_gap),
+    ("energies", "inverse dynamics, Lagrange's equations from K and P", DIFFERENCES, lagrange_gap),
+    ("power", "torques times velocities, rate of K + P", DIFFERENCES, power_gap),
+    ("Ṁ − 2C skew", "Coriolis matrix, rate of the mass matrix", DIFFERENCES, skewness_gap),
+    ("C dq = c", "Coriolis matrix, inverse dynamics", ROUNDING, coriolis_gap),
+    ("forward∘inverse", "forward dynamics, inverse dynamics", ROUNDING, round_trip_gap),
+    ("compiled", "kernels, the algorithms on plain floats", ROUNDING, _compiled),
+)
+
+# ── other libraries ──
+
+
+def _file_of(robot: Robot, library: str, kind: str) -> Path:
+    """Path of the robot's file. Raises NotFoundError without one, RobotFileError if it is of another format."""
+    path = Path(robot.model.source)
+    if not robot.model.source or not path.is_file():
+        raise NotFoundError(f"robot {robot.name!r} has no file that another library could read; load it from a path.")
+    if (found := format_of_file(path)) != kind:
+        raise RobotFileError(f"{path.name} is {found.upper()}; with {library}, {kind.upper()} files are compared.")
+    return path
+
+
+def _floats(robot: Robot) -> bool:
+    return any(body.joint.name == ROOT_JOINT for body in robot.model.bodies)
+
+
+def file_gap(robot: Robot) -> float:
+    """Distance of the robot's numbers from those of its file: at most some 1e-9, by which loading snaps rotations.
+
+    Raises ModelError for a robot edited since, or loaded with locked joints or repaired inertias.
+    """
+    model = robot.model
+    mimic = "follow" if any(body.follows for body in model.bodies) else "independent"
+    if not model.source or not Path(model.source).is_file():
+        return 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        filed = load_model(
+            Path(model.source), floating_base=_floats(robot) or None, mimic=mimic, inertia="accept", snap=0.0
+        )
+    if [b.joint.name for b in filed.bodies] != [b.joint.name for b in model.bodies]:
+        raise ModelError("joints differ from those of the file: some are locked, or driven by actuators with rotors.")
+    gaps = [0.0]
+    for mine, theirs in zip(model.bodies, filed.bodies, strict=True):
+        size = np.abs(theirs.inertia.parameters).max() or 1.0
+        gaps.append(float(np.abs(mine.placement - theirs.placement).max()))
+        gaps.append(float(np.abs(mine.inertia.parameters - theirs.inertia.parameters).max() / size))
+    if max(gaps) > 1e-7:
+        raise ModelError("numbers differ from those of the file: a payload is carried, or inertias were repaired.")
+    return max(gaps)
+
+
+def _pinocchio(robot: Robot) -> Residual:
+    path = _file_of(robot, "Pinocchio", "urdf")
+    try:
+        import pinocchio
+    except ImportError:
+        raise MissingExtraError.of("pin", "peers", "Comparing with Pinocchio") from None
+    root = [pinocchio.JointModelFreeFlyer()] if _floats(robot) else []
+    model = _read_by("Pinocchio", path, lambda: pinocchio.buildModelFromUrdf(str(path), *root))
+    model.gravity.linear = robot.gravity
     data, P = model.createData(), pinocchio_rates(robot, model)
 
     def residual(robot: Robot, at: State) -> float:
@@ -140,11 +303,20 @@ def _pinocchio(robot: Robot) -> Residual:
 
 
 def _mujoco(robot: Robot) -> Residual:
-    model = mujoco_model(robot)
-    import mujoco
-
+    path = _file_of(robot, "MuJoCo", "mjcf")
+    try:
+        import mujoco
+    except ImportError:
+        raise MissingExtraError.of("mujoco", "peers", "Comparing with MuJoCo") from None
+    model = _read_by("MuJoCo", path, lambda: mujoco.MjModel.from_xml_path(str(path)))
+    kept = ("mjDSBL_GRAVITY", "mjDSBL_EULERDAMP", "mjDSBL_SPRING")
+    for name, flag in mujoco.mjtDisableBit.__members__.items():  # contacts, limits, friction: not of the mechanics
+        model.opt.disableflags |= 0 if name in kept else int(flag.value)
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    model.opt.gravity[:] = robot.gravity
+    model.opt.density = model.opt.viscosity = 0.0  # fluids are remarked on when the file is read
     data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
-    mujoco_rates(robot, model, robot.neutral)  # says now whether the joints match
+    mujoco_rates(robot, model, robot.neutral)  # raises if the joints do not match
 
     def residual(robot: Robot, at: State) -> float:
         data.qpos[:], data.qvel[:], data.qacc[:] = to_mujoco(robot, model, *at)
@@ -156,18 +328,16 @@ def _mujoco(robot: Robot) -> Residual:
     return residual
 
 
-def _against(robot: Robot, at: State, tau: Array, M: Array) -> float:
-    size = laws.torque_size(robot, at, tau)
-    return max(relative_gap(robot.inverse_dynamics(*at), tau, size), relative_gap(robot.mass_matrix(at.q), M))
+def _read_by(library: str, path: Path, read: Callable[[], Any]) -> Any:
+    """Result of another library's reader; RobotFileError for whatever it raises, with what it wrote to standard error."""
+    problem: Exception | None = None
+    with captured_stderr() as written:
+        try:
+            return read()
+        except Exception as raised:  # whatever its parsers raise
+            problem = raised
+    more = f"; it wrote: {written}" if str(written) else ""
+    raise RobotFileError(f"{library} does not read {path.name}: {' '.join(str(problem).split())[:200]}{more}")
 
 
-_LAWS: tuple[tuple[str, str, float, Residual], ...] = (
-    ("closed form", "inverse dynamics, block matrices of MR section 8.4", ROUNDING, laws.closed_form_gap),
-    ("energies", "inverse dynamics, Lagrange's equations from K and P", DIFFERENCES, laws.lagrange_gap),
-    ("power", "torques times velocities, rate of K + P", DIFFERENCES, laws.power_gap),
-    ("Ṁ − 2C skew", "Coriolis matrix, rate of the mass matrix", DIFFERENCES, laws.skewness_gap),
-    ("C dq = c", "Coriolis matrix, inverse dynamics", ROUNDING, laws.coriolis_gap),
-    ("forward∘inverse", "forward dynamics, inverse dynamics", ROUNDING, laws.round_trip_gap),
-    ("compiled", "kernels, the algorithms on plain floats", ROUNDING, _compiled),
-)
 _PEERS: tuple[tuple[str, Callable[[Robot], Residual]], ...] = (("Pinocchio", _pinocchio), ("MuJoCo", _mujoco))

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from random_trees import DIFFERENCES, ROUNDING, frames, tree
 
-from twistwrench import Robot, SpatialInertia, laws
+from twistwrench import Robot, SpatialInertia
+from twistwrench import verify as laws
 from twistwrench.algorithms.closed_form import closed_form
 from twistwrench.errors import ValueRangeError
 from twistwrench.testing import assert_close, derivative_along, random_robot, random_state, strategies

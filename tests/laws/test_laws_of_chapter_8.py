@@ -17,7 +17,8 @@ from chains import chain
 from random_trees import DIFFERENCES, ONE_DEGREE, ROUNDING, driven, frames
 
 import twistwrench as tw
-from twistwrench import Ad, ad, laws, se3, so3
+from twistwrench import Ad, ad, se3, so3
+from twistwrench import verify as laws
 from twistwrench.testing import (
     assert_close,
     derivative,

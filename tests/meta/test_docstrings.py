@@ -25,7 +25,7 @@ from twistwrench.robot.quantity_methods import METHODS
 
 SOURCE = Path(tw.__file__).parent
 OWN_PATHS = (
-    "export", "joints", "laws", "model.actuator", "model.builder", "model.edit", "model.limits", "motion",
+    "export", "joints", "model.actuator", "model.builder", "model.edit", "model.limits", "motion",
     "plotting.explanation", "plotting.joint_curves", "plotting.motion", "plotting.motors", "plotting.payload", "plotting.robot", "plotting.sensor",
     "plotting.simulation", "plotting.style", "plotting.torques", "plotting.trajectory", "report", "screws.axis", "screws.wrench",
     "verdict", "verify",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench import laws
+from twistwrench import verify as laws
 from twistwrench.testing import assert_close, derivative, random_robot, random_state
 
 ARMATURE = {"joint1": 0.3, "joint2": 0.05}

@@ -1,7 +1,7 @@
 """Robot files against MuJoCo, an engine of another school, in world axes about the centre of mass.
 
 MuJoCo keeps each body's inertia as principal moments and a quaternion, found by an eigenvalue iteration; what it keeps
-agrees with the file to 1e-9 or the robot is not compared (`twistwrench.peers`), because MuJoCo bounds and changes bodies
+agrees with the file to 1e-9 or the robot is not compared (`peers`), because MuJoCo bounds and changes bodies
 that cannot exist and drops massless ones. So TOLERANCE is 1e-8: 1e-9 in the inertias, with room for a chain of them. What
 is measured lies near 1e-15.
 """
@@ -12,11 +12,11 @@ import re
 
 import numpy as np
 import pytest
+from peers import mujoco_model
 from robot_files import FILES, NONE, load
 
 from twistwrench import ModelError, RobotFileError
 from twistwrench.convert import from_mujoco, mujoco_rates, to_mujoco
-from twistwrench.peers import mujoco_model
 from twistwrench.testing import assert_close, random_state
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed", exc_type=ImportError)

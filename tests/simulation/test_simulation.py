@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from peers import mujoco_model
 from simulated import dop853
 
 import twistwrench as tw
-from twistwrench.peers import mujoco_model
 from twistwrench.simulation import METHODS, Event
 from twistwrench.testing import random_robot, random_state
 

@@ -8,11 +8,11 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import pytest
+from peers import pinocchio_model
 from places import SHARED
 
 import twistwrench as tw
 from twistwrench.errors import TwistWrenchError
-from twistwrench.peers import pinocchio_model
 
 BESIDE = SHARED / "robots"
 

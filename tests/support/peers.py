@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from .bodies.inertia import SpatialInertia
-from .core.foreign_output import captured_stderr
-from .core.printed_numbers import printed
-from .errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
-from .formats import format_of_file, load_model
-from .formats.source import read_robot_text
-from .formats.xml_parser import parse
-from .lie import quaternion
-from .model.assembly import ROOT_JOINT
-from .robot import Robot
+from twistwrench.bodies.inertia import SpatialInertia
+from twistwrench.core.foreign_output import captured_stderr
+from twistwrench.core.printed_numbers import printed
+from twistwrench.errors import MissingExtraError, ModelError, ModelWarning, NotFoundError, RobotFileError
+from twistwrench.formats import format_of_file, load_model
+from twistwrench.formats.source import read_robot_text
+from twistwrench.formats.xml_parser import parse
+from twistwrench.lie import quaternion
+from twistwrench.model.assembly import ROOT_JOINT
+from twistwrench.robot import Robot
 
 
 def pinocchio_model(robot: Robot) -> Any:
