@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import ValueRangeError
 from .code_pages import CodePages
-from .object_file import Unplaced
+from .elf_file import Unplaced
 
 VARIABLE = "TWISTWRENCH_JIT"
 
