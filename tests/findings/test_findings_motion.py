@@ -323,3 +323,16 @@ def test_finding_28_identify_writes_the_robot_that_explains_a_log_already(run, t
     code, said = run("identify", "arm.urdf", "log.csv", "--out", "new.urdf")
     assert (code, said[:3]) == (0, "OK "), said[-600:]
     assert (tmp_path / "new.urdf").exists() and "error" not in said
+
+
+def test_simulate_with_friction_of_a_joint_without_inertia_is_one_error(run):
+    text = arm(dynamics='<dynamics friction="1"/>').replace('value="1"', 'value="0"').replace('".01"', '"0"')
+    code, said = run("simulate", _written("hollow.urdf", text), "--duration", 0.05)
+    assert code == 2 and "has no inverse" in said
+
+
+def _written(name, text):
+    """Path of a file in the present folder with that text."""
+    with open(name, "w") as file:
+        file.write(text)
+    return name

@@ -196,6 +196,7 @@ def _creep(robot: Robot, y0: Array, h: float, asked: float | None) -> Array:
     if asked is not None:
         return np.full(robot.nv, positive(asked, "creep", "rad/s or m/s"))
     friction = robot.model.friction
+    robot.engine.require_invertible()
     return creep_speeds(robot.mass_matrix(y0[: robot.nq]), np.maximum(friction.static, friction.coulomb), h)
 
 
